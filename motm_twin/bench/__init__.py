@@ -1,0 +1,1 @@
+"""Experiments, reference tours and benchmarks."""

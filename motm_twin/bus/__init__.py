@@ -1,0 +1,1 @@
+"""Zenoh: keys, messages, the twin server and its client."""

@@ -1,0 +1,1 @@
+"""Arm reference, redundancy resolution, task sequence, monitor and the period itself."""

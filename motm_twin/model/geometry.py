@@ -1,0 +1,79 @@
+"""Planar poses and angles.
+
+A planar pose is an array ``(x, y, heading)`` in [m], [m], [rad]. ``T_a_b`` maps points of frame b to frame a.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap_angle(angle: float) -> float:
+    """Map an angle [rad] to (-pi, pi]."""
+    wrapped = math.remainder(angle, 2.0 * math.pi)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def compose(pose_a_b: Array, pose_b_c: Array) -> Array:
+    """Pose of c in a, from the pose of b in a and the pose of c in b; shapes (3,)."""
+    c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
+    return np.array(
+        [
+            pose_a_b[0] + c * pose_b_c[0] - s * pose_b_c[1],
+            pose_a_b[1] + s * pose_b_c[0] + c * pose_b_c[1],
+            wrap_angle(pose_a_b[2] + pose_b_c[2]),
+        ]
+    )
+
+
+def inverse(pose_a_b: Array) -> Array:
+    """Pose of a in b, from the pose of b in a; shape (3,)."""
+    c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
+    x, y, heading = pose_a_b
+    return np.array([-c * x - s * y, s * x - c * y, wrap_angle(-heading)])
+
+
+def to_frame(pose_a_b: Array, points_a: Array) -> Array:
+    """Points given in frame a, expressed in frame b; z is kept when there is one. Shapes (..., 2) or (..., 3)."""
+    c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
+    points_b = np.array(points_a, dtype=float)
+    dx, dy = points_a[..., 0] - pose_a_b[0], points_a[..., 1] - pose_a_b[1]
+    points_b[..., 0] = c * dx + s * dy
+    points_b[..., 1] = -s * dx + c * dy
+    return points_b
+
+
+def from_frame(pose_a_b: Array, points_b: Array) -> Array:
+    """Points given in frame b, expressed in frame a; z is kept when there is one. Shapes (..., 2) or (..., 3)."""
+    c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
+    points_a = np.array(points_b, dtype=float)
+    x, y = points_b[..., 0], points_b[..., 1]
+    points_a[..., 0] = pose_a_b[0] + c * x - s * y
+    points_a[..., 1] = pose_a_b[1] + s * x + c * y
+    return points_a
+
+
+def drive(pose: Array, v: float, w: float, dt: float) -> Array:
+    """Pose after driving the arc of constant forward speed v [m/s] and yaw rate w [rad/s] for dt [s]."""
+    x, y, heading = pose
+    turned = w * dt
+    if abs(turned) < 1e-9:
+        return np.array([x + v * dt * math.cos(heading), y + v * dt * math.sin(heading), wrap_angle(heading + turned)])
+    radius = v / w
+    return np.array(
+        [
+            x + radius * (math.sin(heading + turned) - math.sin(heading)),
+            y - radius * (math.cos(heading + turned) - math.cos(heading)),
+            wrap_angle(heading + turned),
+        ]
+    )
+
+
+def frozen(values: object) -> Array:
+    """A read-only float64 copy of anything array-like."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array

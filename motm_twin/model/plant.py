@@ -1,0 +1,121 @@
+"""The robot as the control loop sees it: a Plant with three verbs, what it reports, and what it is told."""
+
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array
+
+
+class Scan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One sweep of the lidar; beam i points at ``angle_min + i * angle_step`` in the base frame."""
+
+    stamp: float  # [s]
+    ranges: Array  # [m], shape (n,); inf = no return within range_max
+    angle_min: float  # [rad]
+    angle_step: float  # [rad]
+    origin: Array  # sensor position in the base frame [m], shape (2,)
+    range_min: float
+    range_max: float
+    pose: Array  # localised base pose at the stamp, world frame, shape (3,)
+
+
+class Detection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """An object seen by the gripper camera, at the stamp."""
+
+    stamp: float  # [s]
+    name: str
+    p_base: Array  # centre of the object in the base frame at the stamp [m], shape (3,)
+    yaw_base: float  # [rad] in the base frame, modulo 90 deg for a cube
+    position_sd: float  # [m] per axis, what the sensor promises at this distance
+    odometry: Array  # odometry pose at the stamp, shape (3,)
+
+
+class Observation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What the robot reports at one instant. Scan and detections are the newest ones, each with its own stamp."""
+
+    time: float  # [s]
+    pose: Array  # localised base pose in the world [m, m, rad], shape (3,)
+    odometry: Array  # dead-reckoned base pose: smooth, drifts, shape (3,)
+    twist: Array  # measured base forward speed and yaw rate [m/s, rad/s], shape (2,)
+    q: Array  # arm joints [rad], shape (7,)
+    dq: Array  # arm joint rates [rad/s], shape (7,)
+    gripper_width: float  # [m] between the finger pads
+    gripper_moving: bool
+    scan: Scan | None
+    detections: tuple[Detection, ...]
+
+
+class Actuation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What the robot is told, held until the next one."""
+
+    twist: Array  # base forward speed and yaw rate [m/s, rad/s], shape (2,)
+    joint_velocity: Array  # arm joint rates [rad/s], shape (7,)
+    gripper: str  # "open" | "close"
+
+    def __post_init__(self) -> None:
+        if self.twist.shape != (2,) or self.joint_velocity.shape != (7,):
+            raise ValueError(f"actuation shapes {self.twist.shape}, {self.joint_velocity.shape}: need (2,) and (7,)")
+        if not (np.isfinite(self.twist).all() and np.isfinite(self.joint_velocity).all()):
+            raise ValueError("actuation is not finite: send a damped stop instead")
+        if self.gripper not in ("open", "close"):
+            raise ValueError(f"gripper command {self.gripper!r}: use 'open' or 'close'")
+
+
+class Plant(Protocol):
+    """A robot: simulated, external or recorded. Control cannot tell which."""
+
+    def observe(self) -> Observation:
+        """What the sensors say now."""
+        ...
+
+    def command(self, actuation: Actuation) -> None:
+        """Set what the robot does from now on."""
+        ...
+
+    def step(self, dt: float) -> None:
+        """Let dt [s] pass."""
+        ...
+
+
+class BodyTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """True pose of an object or agent."""
+
+    name: str
+    kind: str  # cube | temi | box | ...
+    position: tuple[float, float, float]  # centre (objects) or floor point (agents) [m]
+    yaw: float
+    state: str = ""  # objects: resting | held | binned:<bin> | dropped; agents: driving | waiting | ...
+    size: tuple[float, float, float] = (0.0, 0.0, 0.0)  # extents x, y, z [m]
+
+
+class Contact(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One contact episode, as the referee saw it."""
+
+    time: float  # [s] when it began
+    body: str  # robot body: base, panda_link5, panda_hand, held:<cube>, ...
+    other: str
+    depth: float  # [m] largest
+    closing_speed: float  # [m/s] of the contact point of the robot body towards the other, when it began
+    other_speed: float  # [m/s] of the other towards the robot body
+    caused_by_robot: bool
+    duration: float  # [s]
+
+
+class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Ground truth of a simulated plant, for readers of Ticks; the loop never sees it."""
+
+    pose: Array  # true base pose, shape (3,)
+    objects: tuple[BodyTruth, ...]
+    agents: tuple[BodyTruth, ...]
+    obstacles: tuple[BodyTruth, ...]  # added by a person during the run
+    contacts: tuple[Contact, ...]  # so far
+    picks: int
+    places: int
+    drops: int
+    min_base_clearance: float  # [m] so far
+    min_arm_clearance: float
+    min_ee_obstacle: float  # gripper centre to anything that is not in the map, so far
+    ee_obstacle: float  # the same now [m]
+    plant_faults: tuple[str, ...]  # limits the plant itself broke: must stay empty

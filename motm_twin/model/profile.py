@@ -1,0 +1,81 @@
+"""The robot profile: footprint, limits and sensors of one mobile manipulator.
+
+Defaults are Frankie (LD-60 base, Panda arm) with the limits of ``shared/data/experiment1.json``: the speeds reproduce
+the paper's Bezier figure and task times; accelerations and lags are this project's choice.
+"""
+
+import math
+
+import msgspec
+
+DEG = math.pi / 180.0
+
+
+class Footprint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Rectangle of the base body in the base frame, centred at ``(offset_x, 0)``."""
+
+    length: float = 0.70  # [m] along x
+    width: float = 0.50  # [m] along y
+    height: float = 0.38  # [m] top of the body above the floor
+    offset_x: float = 0.0  # [m]
+
+
+class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Limits of the differential drive, and the lag of its velocity loop."""
+
+    forward_speed: float = 0.5  # [m/s] v_f
+    reverse_speed: float = 0.25  # [m/s] v_r, a magnitude
+    yaw_rate: float = 100.0 * DEG  # [rad/s]
+    linear_acceleration: float = 0.5  # [m/s^2]
+    yaw_acceleration: float = 1.75  # [rad/s^2]
+    velocity_lag: float = 0.1  # [s] first-order time constant, known to the controller
+
+
+class ArmSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where the arm stands on the base and how fast its joints follow. Joint limits are in ``frankie.urdf``."""
+
+    mount_x: float = 0.15  # [m] arm base in the base frame
+    mount_y: float = 0.0
+    mount_z: float = 0.38
+    velocity_lag: float = 0.01  # [s] first-order time constant
+
+
+class Gripper(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parallel gripper (Franka Hand)."""
+
+    max_width: float = 0.08  # [m] between the finger pads when open
+    closing_time: float = 0.8  # [s] from the command to a firm hold; the paper's 0.8 s
+    opening_time: float = 0.2  # [s] from the command until the object is free
+
+
+class Lidar(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Planar lidar of the base."""
+
+    x: float = 0.30  # [m] in the base frame
+    y: float = 0.0
+    z: float = 0.20  # [m] above the floor: it sees only what is at this height
+    field_of_view: float = 270.0 * DEG  # [rad] symmetric about x
+    beams: int = 541
+    range_min: float = 0.05  # [m]
+    range_max: float = 15.0  # [m]
+    rate: float = 20.0  # [Hz]
+
+
+class GripperCamera(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Palm camera: at the origin of ``panda_hand``, looking along its z axis."""
+
+    half_cone: float = 45.0 * DEG  # [rad]
+    range: float = 1.2  # [m]
+    rate: float = 20.0  # [Hz]
+
+
+class RobotProfile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything that planning, control and simulation must know about the robot."""
+
+    name: str = "frankie"
+    footprint: Footprint = Footprint()
+    base: BaseLimits = BaseLimits()
+    arm: ArmSpec = ArmSpec()
+    gripper: Gripper = Gripper()
+    lidar: Lidar = Lidar()
+    camera: GripperCamera = GripperCamera()

@@ -1,0 +1,133 @@
+"""The resolved scene: one variant and seed of a scene file, in plain numbers [m, rad, s], world frame.
+
+``scene_file.py`` holds the YAML schema and makes these; everything else in the project reads only these.
+"""
+
+import msgspec
+
+from motm_twin.model.profile import RobotProfile
+
+Point = tuple[float, float]
+PlanarPose = tuple[float, float, float]  # x, y, heading
+
+
+class Box(msgspec.Struct, frozen=True, kw_only=True, tag="box"):
+    """A rectangle: centre, size along its own axes, yaw."""
+
+    centre: Point
+    size: Point
+    yaw: float = 0.0
+
+
+class Cylinder(msgspec.Struct, frozen=True, kw_only=True, tag="cylinder"):
+    """A disc."""
+
+    centre: Point
+    radius: float
+
+
+class Prism(msgspec.Struct, frozen=True, kw_only=True, tag="prism"):
+    """A simple polygon, corners counter-clockwise."""
+
+    corners: tuple[Point, ...]
+
+
+class Solid(msgspec.Struct, frozen=True, kw_only=True):
+    """A piece of furniture between two heights. A table is a slab and its posts: several solids of one ``group``."""
+
+    name: str
+    shape: Box | Cylinder | Prism
+    z_min: float
+    z_max: float
+    mapped: bool  # known to the pre-made map
+    group: str = ""  # furniture piece this belongs to, for drawing and reports
+    style: str = "plain"  # how the page draws it: table, desk, cabinet, box, wall, plain
+
+
+class SceneObject(msgspec.Struct, frozen=True, kw_only=True):
+    """A cube to be picked; position is its centre, in truth. What the robot believes at first differs (Noise)."""
+
+    name: str
+    position: tuple[float, float, float]
+    yaw: float = 0.0
+    side: float = 0.04
+    colour: str = "red"
+
+
+class Bin(msgspec.Struct, frozen=True, kw_only=True):
+    """An open square box that objects are dropped into."""
+
+    name: str
+    centre: Point
+    yaw: float = 0.0
+    side: float = 0.4  # outer
+    wall: float = 0.01
+    rim_z: float = 0.72
+    floor_z: float = 0.62
+
+
+class Agent(msgspec.Struct, frozen=True, kw_only=True):
+    """A moving obstacle: drives round its waypoints for ever (or stands, when it has none)."""
+
+    name: str
+    start: PlanarPose
+    waypoints: tuple[Point, ...] = ()
+    speed: float = 0.4
+    radius: float = 0.25
+    height: float = 1.0
+    behaviour: str = "yield"  # yield | blind
+    kind: str = "temi"  # how it is drawn
+
+
+class Pick(msgspec.Struct, frozen=True, kw_only=True, tag="pick"):
+    """Pick an object up."""
+
+    object: str
+
+
+class Place(msgspec.Struct, frozen=True, kw_only=True, tag="place"):
+    """Drop what is held into a bin."""
+
+    bin: str
+
+
+class DriveTo(msgspec.Struct, frozen=True, kw_only=True, tag="drive_to"):
+    """Drive to a point, or to a pose when a heading is given. Done within ``tolerance`` [m] (and 20 deg)."""
+
+    point: Point
+    heading: float | None = None
+    tolerance: float = 0.15
+
+
+Task = Pick | Place | DriveTo
+
+
+class Noise(msgspec.Struct, frozen=True, kw_only=True):
+    """Errors of sensors and localisation; 0 switches one off. Lags are in the robot profile."""
+
+    localisation_position_sd: float = 0.01  # [m] per axis, correlated over localisation_correlation_time
+    localisation_heading_sd: float = 0.5 * 3.141592653589793 / 180.0  # [rad]
+    localisation_correlation_time: float = 5.0  # [s]
+    lidar_range_sd: float = 0.01  # [m]
+    slot_error_until_seen: float = 0.03  # [m] sd per axis of what is believed of an object before it is seen
+    camera_position_sd_at_1m: float = 0.02  # [m], linear in distance between the two
+    camera_position_sd_at_01m: float = 0.002  # [m]
+
+
+class Scene(msgspec.Struct, frozen=True, kw_only=True):
+    """One variant and seed of a scene file."""
+
+    name: str
+    variant: str
+    seed: int
+    title: str
+    robot: RobotProfile
+    start: PlanarPose
+    solids: tuple[Solid, ...]
+    objects: tuple[SceneObject, ...]
+    bins: tuple[Bin, ...]
+    agents: tuple[Agent, ...]
+    tasks: tuple[Task, ...]
+    noise: Noise
+    bounds: tuple[float, float, float, float]  # x_min, y_min, x_max, y_max of the map
+    time_limit: float = 300.0  # [s] of simulated time, after which a run has failed

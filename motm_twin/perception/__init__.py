@@ -1,0 +1,1 @@
+"""From scans to an occupancy grid, distances, proximity cost and obstacle polygons."""

@@ -1,0 +1,1 @@
+"""PathRTR, Bezier heuristic, global path, local plan and base placement."""

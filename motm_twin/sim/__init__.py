@@ -1,0 +1,1 @@
+"""The simulated plant: base, arm, gripper, sensors, agents, and the referee."""
