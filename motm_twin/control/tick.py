@@ -1,0 +1,60 @@
+"""The Tick: the one immutable record of what a control period saw, decided and why."""
+
+import msgspec
+
+from motm_twin.control.types import ArmStep
+from motm_twin.model.edits import WorldEdit
+from motm_twin.model.geometry import Array
+from motm_twin.model.plant import Observation, Truth
+from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.types import BasePlan, Placement
+
+
+class TaskState(msgspec.Struct, frozen=True, kw_only=True):
+    """One entry of the task list."""
+
+    kind: str  # pick | place | drive_to
+    target: str  # object, bin, or "(x, y)"
+    status: str  # waiting | active | done | failed
+    attempts: int
+
+
+class ObjectBelief(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where the robot believes an object is, world frame."""
+
+    name: str
+    position: Array  # [m], shape (3,)
+    yaw: float
+    position_sd: float  # [m]
+    seen: bool
+    held: bool
+
+
+class Event(msgspec.Struct, frozen=True, kw_only=True):
+    """Something worth telling: picked, placed, missed, lost, arrived, stopped, contact."""
+
+    time: float
+    kind: str
+    text: str
+
+
+class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One control period (20 Hz), from observation to command."""
+
+    index: int
+    time: float  # [s] at the observation
+    observation: Observation
+    map: WorldMap
+    tasks: tuple[TaskState, ...]
+    task_index: int  # of the active task; len(tasks) when all is done
+    beliefs: tuple[ObjectBelief, ...]
+    placement: Placement
+    plan: BasePlan
+    arm: tuple[ArmStep, ...]  # the arm steps of this period, oldest first
+    stop_reason: str  # one sentence whenever the robot stands or is slowed by the monitor; else ""
+    events: tuple[Event, ...]
+    edits: tuple[WorldEdit, ...]  # applied at the start of this period
+    stage_ms: dict[str, float]  # wall time of each stage [ms]; not part of any hash
+    truth: Truth | None  # simulated plants only
+    done: bool
+    success: bool

@@ -1,0 +1,75 @@
+"""What goes into and comes out of one step of the arm (100 Hz or faster)."""
+
+from typing import Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.plant import Actuation, Observation
+
+
+class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What the hand has to do next. Positions are in the odometry frame: smooth, and refreshed by the camera."""
+
+    kind: str  # "pick" | "place" | "none" (drive only: carry or stow)
+    name: str  # object or bin
+    position: Array  # pick: centre of the object; place: bin centre at the rim height [m], shape (3,)
+    yaw: float  # [rad] of the object (modulo 90 deg) or bin, odometry frame
+    side: float  # [m] of the object to grasp or being held
+    position_sd: float  # [m] per axis of the estimate
+    last_seen: float | None  # [s]; None: never seen, position is the prior
+    release_half_width: float = 0.0  # [m] place: half of the square in which the released object must be
+
+
+class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Lidar obstacles outside the map, in the odometry frame; any is assumed tall (Paper, Sec. V)."""
+
+    points: Array  # [m], shape (m, 2)
+    static: NDArray[np.bool_]  # occupied unbroken for 3 s, shape (m,)
+
+
+class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Everything one arm step reads."""
+
+    observation: Observation
+    dt: float  # [s] of this step
+    goal: ArmGoal
+    base_twist: Array  # v_B the base controller wants at the end of this step [m/s, rad/s], shape (2,)
+    time_to_range: float  # [s] until the target is in range
+    plan_times: Array  # [s] from now, local plan of the base, shape (j,)
+    plan_poses: Array  # odometry frame: x, y, heading, v, w, shape (j, 5)
+    obstacles: ArmObstacles
+    T_odom_world: Array  # planar pose of the world frame in the odometry frame, for mapped furniture, shape (3,)
+
+
+class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What one arm step decided, and why."""
+
+    time: float  # [s]
+    phase: str  # "stow" | "transit" | "final" | "closing" | "lift" | "carry" | "release" | "retry" | ...
+    actuation: Actuation  # QP answer: base twist, joint velocities, gripper
+    reference: Array  # desired tool centre point, odometry frame [m], shape (3,)
+    error: float  # [m] distance from tool centre point to reference
+    tilt: float  # [rad] of the tool axis from vertical
+    slack: Array  # end-effector velocity slack, shape (6,)
+    manipulability: float
+    active: tuple[str, ...]  # names of active QP rows and bounds
+    limiter: str  # obstacle that limits the gripper now, "" when none
+    obstacle_distance: float  # [m] gripper centre to the nearest seen obstacle, inf when none
+    allowed_approach: float  # [m/s] damper line value, inf when not limited
+    qp_status: str  # "solved" | "damped stop: <reason>"
+    holding: bool  # the gripper believes that it holds the object
+    engaged: bool  # final approach to lift: the base must keep the object in reach
+    dwell: float  # [s] that the job still needs in reach
+    outcome: str  # "" | "picked" | "placed" | "missed" (a grasp failed and will be retried) | "lost" (held object gone)
+    reason: str  # one sentence when waiting, retrying or stopping; else ""
+
+
+class ArmTiming(Protocol):
+    """When the arm leaves for the target, and how fast it goes (MotM transit rule by default)."""
+
+    def transit_duration(self, distance: float, speed: float, time_to_range: float) -> float | None:
+        """Seconds to take for the remaining distance [m] at base speed [m/s]; None: do not start yet."""
+        ...

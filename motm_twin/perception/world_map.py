@@ -1,0 +1,24 @@
+"""The map of one period, as planning and arm avoidance read it."""
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+
+
+class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Occupancy, distance, proximity cost and polygons; row index = y, column index = x; arrays are read-only.
+
+    Cell (row, col) covers ``origin + resolution * (col, row)`` to ``+ resolution``.
+    """
+
+    stamp: float  # [s]
+    resolution: float  # [m]
+    origin: Array  # world corner of cell (0, 0) [m], shape (2,)
+    occupied: NDArray[np.uint8]  # 1 occupied (mapped or seen), shape (ny, nx)
+    distance: NDArray[np.float32]  # [m] to the nearest obstacle; exact for mapped furniture; 0 inside
+    proximity: NDArray[np.float32]  # blurred, inflated occupancy 0..1 (STAA*'s grid penalty)
+    polygons: tuple[Array, ...]  # obstacle outlines, counter-clockwise, not inflated, each shape (n, 2)
+    seen_points: Array  # centres of cells occupied by lidar outside the mapped furniture [m], shape (m, 2)
+    seen_static: NDArray[np.bool_]  # occupied unbroken for 3 s or longer, shape (m,)

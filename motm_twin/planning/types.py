@@ -1,0 +1,97 @@
+"""What goes into and comes out of base placement and base control."""
+
+from typing import Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+from motm_twin.perception.world_map import WorldMap
+
+
+class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where something is to be done, in the world frame."""
+
+    kind: str  # "pick" | "place" | "drive"
+    name: str
+    position: Array  # [m], shape (2,)
+    heading: float | None = None  # [rad], drive targets only
+    tolerance: float = 0.15  # [m], drive targets only
+    dwell: float = 0.0  # [s] uninterrupted time in reach that the job still needs from now (0 for drive)
+
+
+class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One period's question to the base: where to stand, and how to accelerate."""
+
+    time: float  # [s]
+    world: WorldMap
+    pose: Array  # base pose from which the next command acts (lag compensated), shape (3,)
+    twist: Array  # base speed and yaw rate commanded now [m/s, rad/s], shape (2,)
+    target: Target | None  # None: nothing to do, come to rest
+    next_target: Target | None
+    engaged: bool  # the arm is at the object (final approach to lift): keep it in reach until done
+    period: float = 0.05  # [s] for which the answer is applied
+
+
+class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
+    """Bounds of one search: expansions always; `clock` and `seconds` only where real time counts."""
+
+    expansions: int = 400
+    seconds: float | None = None  # [s]; None: only expansions count (deterministic)
+
+
+class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """All candidates of a period with their costs, and the choice."""
+
+    mode: str  # "ring" | "reach" (free pose, any heading, arm reaches) | "closest" (closest free place) | "drive" | "none"
+    radius: float  # [m] of the ring; 0 when there is none
+    poses: Array  # candidate base poses, shape (n, 3)
+    cost_current: Array  # C_iC [s], inf when rejected, shape (n,)
+    cost_next: Array  # C_iN [s], shape (n,)
+    cost: Array  # C_i [s], shape (n,)
+    rejected: tuple[str, ...]  # "" when viable, else the reason, length n
+    chosen: int  # index into poses; -1: `goal` is not one of them
+    goal: Array  # pose to drive to, shape (3,)
+    goal_has_heading: bool
+    reason: str  # one sentence: why this goal
+    next_goal: Array | None  # pose or point of the next target used for C_iN, shape (3,) or (2,)
+
+
+class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What the base does in this period, and the plan behind it."""
+
+    acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
+    status: str  # "goal" (a node satisfied the termination) | "aborted" (best heuristic) | "braking" (queue dry) | "idle"
+    reason: str  # one sentence whenever the robot brakes, waits or idles; else ""
+    global_path: Array  # robot to goal, shape (m, 2)
+    next_path: Array  # goal to next target, shape (k, 2)
+    intermediate_goal: Array  # shape (3,)
+    local_poses: Array  # x, y, heading, v, w at each node of the local plan, shape (j, 5)
+    local_times: Array  # [s] from now, shape (j,)
+    bezier: Array  # sampled Bezier of the chosen branch's last node, shape (b, 2); may be empty
+    expansions: int
+    cut_by_clock: bool
+    t_h: float  # [s] estimated time until the goal is achieved
+    k: float  # proximity penalty scale max(0.1, min(t_h/3, 1))
+    time_to_range: float  # [s] estimated until the target is in reach of the arm; 0 when it is, inf when unknown
+
+
+class PlacementStrategy(Protocol):
+    """Chooses where the base should stand for the target."""
+
+    def place(self, problem: BaseProblem) -> Placement: ...
+
+
+class BaseController(Protocol):
+    """Chooses how the base accelerates in this period."""
+
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan: ...
+
+
+def empty_path() -> Array:
+    """A path without points, shape (0, 2)."""
+    return np.zeros((0, 2))
+
+
+BoolArray = NDArray[np.bool_]
