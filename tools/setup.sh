@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# Make or update .venv from the hashed locks: `tools/setup.sh run` for users, `tools/setup.sh dev` for tests and checks.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+kind=${1:?run or dev}
+
+find_python() {
+  local name
+  for name in ${PYTHON:-} python3 python3.13 python3.12 python3.11; do
+    if "$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+      command -v "$name"
+      return
+    fi
+  done
+  echo "motm_twin needs Python 3.11 or newer; set PYTHON=/path/to/python3 if it is not on the PATH." >&2
+  return 1
+}
+
+if [ ! -x .venv/bin/python ]; then
+  python=$(find_python)
+  if ! "$python" -c 'import ensurepip' 2>/dev/null; then
+    echo "setup: Python has no venv; installing Debian's python3-venv"
+    tools/apt.sh python3-venv
+  fi
+  echo "setup: making .venv with $("$python" --version)"
+  "$python" -m venv .venv
+fi
+
+pip() { .venv/bin/python -m pip --disable-pip-version-check "$@"; }
+echo "setup: installing the locked packages (about $([ "$kind" = dev ] && echo 350 || echo 200) MB the first time)"
+if [ "$kind" = dev ]; then
+  pip install --quiet --require-hashes --only-binary :all: -r requirements-dev.lock
+else
+  pip install --quiet --require-hashes --only-binary :all: -r requirements.lock
+  pip install --quiet --require-hashes --only-binary :all: -r requirements-build.lock
+fi
+pip install --quiet --no-deps --no-build-isolation --editable .
+touch .venv/.ready-run
+if [ "$kind" = dev ]; then touch .venv/.ready-dev; fi
+echo "setup: done"
