@@ -1,0 +1,127 @@
+"""The command line: `motm-twin serve | run | scene`."""
+
+import json as json_module
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+from tyro.conf import Positional
+
+from motm_twin.model.scene_load import SceneError
+
+BAD_INPUT = 2
+
+
+def run(
+    scene: Positional[str] = "exp1",
+    /,
+    variant: str | None = None,
+    seed: int | None = None,
+    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
+) -> int:
+    """Run a scene headless, as fast as the processor allows.
+
+    Exit code 0: the task was completed with no contact caused by the robot; 1: not; 2: bad input.
+
+    Args:
+        scene: Shipped scene or path to a scene file.
+        variant: Named variant of the scene.
+        seed: Seed of noise and random arrangements.
+        json: Write the report to a file, or to standard output with '-'.
+    """
+    from motm_twin.trial import run_trial  # noqa: PLC0415 - keeps `--help` fast
+
+    result = run_trial(scene, variant, seed)
+    if json is not None:
+        _write(result, json)
+    if json != "-":
+        _print(result)
+    return 0 if result["success"] else 1
+
+
+def serve(  # noqa: PLR0913 - options of a command
+    scene: Positional[str] = "exp1",
+    /,
+    variant: str | None = None,
+    seed: int | None = None,
+    port: int = 8080,
+    headless: bool = False,
+    host: str = "127.0.0.1",
+    token: str | None = None,
+) -> int:
+    """Serve the twin in the browser, and its state on Zenoh.
+
+    Args:
+        scene: Shipped scene or path to a scene file.
+        variant: Named variant of the scene.
+        seed: Seed of noise and random arrangements.
+        port: TCP port of the page.
+        headless: Only the Zenoh server, no page.
+        host: Address to listen on; anything but loopback needs a token.
+        token: Secret of at least 32 characters that the page asks for.
+    """
+    from motm_twin.cli_serve import serve as serve_twin  # noqa: PLC0415
+
+    return serve_twin(scene, variant=variant, seed=seed, port=port, headless=headless, host=host, token=token)
+
+
+def scene(action: Positional[Literal["list", "check", "schema"]], path: Positional[str | None] = None, /) -> int:
+    """List the shipped scenes, check a scene file, or print the JSON Schema of scene files.
+
+    Args:
+        action: What to do.
+        path: Scene name or file, for check.
+    """
+    from motm_twin import cli_scene  # noqa: PLC0415
+
+    if action == "list":
+        return cli_scene.list_scenes()
+    if action == "schema":
+        return cli_scene.print_schema()
+    if path is None:
+        raise SceneError("scene check: name a shipped scene or a file to check")
+    return cli_scene.check_scene(path)
+
+
+def main() -> None:
+    """Entry point of `motm-twin`."""
+    try:
+        code = tyro.extras.subcommand_cli_from_dict(
+            {"serve": serve, "run": run, "scene": scene},
+            prog="motm-twin",
+            description="Reactive manipulation on the move, as a digital twin.",
+        )
+    except SceneError as error:
+        Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)
+        code = BAD_INPUT
+    sys.exit(code)
+
+
+def _write(result: dict, target: str) -> None:
+    text = json_module.dumps(result, indent=2)
+    if target == "-":
+        print(text)  # noqa: T201 - the answer of the command
+    else:
+        Path(target).write_text(text + "\n", encoding="utf-8")
+
+
+def _print(result: dict) -> None:
+    console = Console(highlight=False)
+    console.print(f"[bold]{result['scene']} / {result['variant']}[/bold], seed {result['seed']}: ", end="")
+    console.print("[green]completed[/green]" if result["success"] else f"[red]failed[/red]: {result['reason']}")
+    console.print(
+        f"time {result['time_s']:.1f} s (reference tour {result['reference_tour_s']:.1f} s), "
+        f"picked {result['picks_done']}/{result['picks_total']}, placed {result['places_done']}/{result['places_total']}, "
+        f"contacts {result['contacts_caused_by_robot']} caused of {len(result['contacts'])}"
+    )
+    tick = result["tick_ms"]
+    console.print(
+        f"period p50 {tick['p50']:.1f} ms, p99 {tick['p99']:.1f} ms, max {tick['max']:.1f} ms; "
+        f"{result['realtime_factor']:.1f} x real time; state {result['state_hash'][:12]}"
+    )
+
+
+if __name__ == "__main__":
+    main()

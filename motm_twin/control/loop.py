@@ -1,0 +1,209 @@
+"""The control period: observe, map, place the base, plan, reach, check, command. One street, one Tick."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.monitor import Monitor
+from motm_twin.control.sequence import TaskSequence
+from motm_twin.control.targets import Targets, odometry_to_world
+from motm_twin.control.tick import Event, Tick
+from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
+from motm_twin.model.edits import WorldEdit
+from motm_twin.model.geometry import Array, drive, from_frame, wrap_angle
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Observation, Plant, Truth
+from motm_twin.model.state import Stateful
+from motm_twin.perception.mapper import Mapper
+from motm_twin.perception.objects import ObjectTracker
+from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.base_planner import BasePlanner
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget
+
+PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
+ARM_STEPS = 5  # arm steps in a period: 100 Hz
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True):
+    """How a loop runs; what it decides is set by the parameters of its parts."""
+
+    budget: SearchBudget = SearchBudget()
+    arm_steps: int = ARM_STEPS
+
+
+@dataclass
+class LoopState:
+    """What the period itself remembers."""
+
+    index: int = 0
+    dwell: float | None = None  # [s] that the active job still needs in reach, as the arm said last
+    engaged: bool = False
+
+
+class ControlLoop(Stateful[LoopState]):
+    """Runs a Plant through its tasks, period by period; every decision is in the Tick it returns."""
+
+    def __init__(  # noqa: PLR0913 - the parts of the street, each replaceable
+        self,
+        known: KnownWorld,
+        plant: Plant,
+        planner: BasePlanner,
+        manipulator: Manipulator,
+        *,
+        settings: Settings | None = None,
+        truth: Callable[[], Truth | None] = lambda: None,
+        clock: Callable[[], float] = lambda: 0.0,
+    ) -> None:
+        self.known = known
+        self.plant = plant
+        self.settings = settings or Settings()
+        self.mapper = Mapper(known)
+        self.tracker = ObjectTracker(known)
+        self.targets = Targets(known, self.tracker)
+        self.sequence = TaskSequence(known)
+        self.planner = planner
+        self.manipulator = manipulator
+        self.monitor = Monitor(known.robot)
+        self._truth = truth
+        self._clock = clock
+        self._state = LoopState()
+
+    def parts(self) -> dict[str, Stateful]:
+        """Everything of the loop that has state."""
+        return {
+            "loop": self,
+            "mapper": self.mapper,
+            "tracker": self.tracker,
+            "sequence": self.sequence,
+            "planner": self.planner,
+            "manipulator": self.manipulator,
+            "monitor": self.monitor,
+        }
+
+    def period(self, edits: tuple[WorldEdit, ...] = (), budget: SearchBudget | None = None) -> Tick:
+        """One period of 50 ms. `budget` replaces the setting (a rerun gives a recorded expansion count)."""
+        marks = [self._clock()]
+        observation = self.plant.observe()
+        marks.append(self._clock())
+        world = self.mapper.update(observation)
+        self.tracker.update(observation)
+        marks.append(self._clock())
+        problem = self._problem(observation, world)
+        placement, plan = self.planner.plan(problem, budget or self.settings.budget)
+        marks.append(self._clock())
+        in_reach = plan.time_to_range == 0.0
+        events = list(self.sequence.watch(observation.time, in_reach, observation.pose))
+        steps, arm_events, reason, arm_seconds = self._arm_steps(observation, world, plan)
+        events += arm_events
+        truth = self._truth()
+        state = self._state
+        tick = Tick(
+            index=state.index,
+            time=observation.time,
+            observation=observation,
+            map=world,
+            tasks=self.sequence.report(),
+            task_index=self.sequence.index,
+            beliefs=self.targets.beliefs(observation, odometry_to_world(observation), self.sequence.held),
+            placement=placement,
+            plan=plan,
+            arm=tuple(steps),
+            stop_reason=reason or _standing(plan, steps[-1], observation),
+            events=tuple(events),
+            edits=edits,
+            stage_ms=_stages(marks, arm_seconds),
+            truth=truth,
+            done=self.sequence.done,
+            success=self.sequence.done and not self.sequence.failures,
+        )
+        state.index += 1
+        return tick
+
+    def _problem(self, observation: Observation, world: WorldMap) -> BaseProblem:
+        """The base's question, from where the commands already given will have taken it."""
+        twist = self.monitor.twist
+        lead = (observation.twist - twist) * self.known.robot.base.velocity_lag
+        pose = drive(observation.pose, lead[0], lead[1], 1.0)
+        return BaseProblem(
+            time=observation.time,
+            world=world,
+            pose=pose,
+            twist=twist,
+            target=self.targets.base_target(self.sequence.active, observation, self._state.dwell),
+            next_target=self.targets.base_target(self.sequence.following, observation, None),
+            engaged=self._state.engaged,
+            period=PERIOD,
+        )
+
+    def _arm_steps(
+        self, observation: Observation, world: WorldMap, plan: BasePlan
+    ) -> tuple[list[ArmStep], list[Event], str, float]:
+        """The arm steps of this period; the plant moves on between them."""
+        dt = PERIOD / self.settings.arm_steps
+        T_odom_world = odometry_to_world(observation)
+        plan_poses = _to_odometry(T_odom_world, plan.local_poses)
+        obstacles = ArmObstacles(points=from_frame(T_odom_world, world.seen_points), static=world.seen_static)
+        start = self.monitor.twist
+        steps: list[ArmStep] = []
+        events: list[Event] = []
+        reason = ""
+        seconds = 0.0
+        for k in range(self.settings.arm_steps):
+            if k:
+                observation = self.plant.observe()
+                self.tracker.update(observation)
+            began = self._clock()
+            inputs = ArmInputs(
+                observation=observation,
+                dt=dt,
+                goal=self.targets.arm_goal(self.sequence.active, self.sequence.held, observation, T_odom_world),
+                base_twist=start + plan.acceleration * (k + 1) * dt,
+                time_to_range=max(0.0, plan.time_to_range - k * dt),
+                plan_times=np.maximum(0.0, plan.local_times - k * dt),
+                plan_poses=plan_poses,
+                obstacles=obstacles,
+                T_odom_world=T_odom_world,
+            )
+            step = self.manipulator.step(inputs)
+            verdict = self.monitor.check(step.actuation, observation, dt)
+            seconds += self._clock() - began
+            steps.append(step)
+            reason = verdict.reason or reason
+            self._state.dwell, self._state.engaged = step.dwell, step.engaged
+            if step.outcome:
+                index = self.sequence.index
+                events += self.sequence.apply(step.outcome, observation.time)
+                if self.sequence.index != index:
+                    self._state.dwell, self._state.engaged = None, False
+            self.plant.command(verdict.actuation)
+            self.plant.step(dt)
+        return steps, events, reason, seconds
+
+
+def _to_odometry(T_odom_world: Array, poses: Array) -> Array:
+    """Local plan nodes (x, y, heading, v, w), world frame, in the odometry frame; shape (j, 5)."""
+    moved = np.array(poses, dtype=float)
+    if len(moved):
+        moved[:, :2] = from_frame(T_odom_world, moved[:, :2])
+        moved[:, 2] = [wrap_angle(heading + T_odom_world[2]) for heading in moved[:, 2]]
+    return moved
+
+
+def _standing(plan: BasePlan, step: ArmStep, observation: Observation) -> str:
+    """Why the base stands, when it does."""
+    if abs(observation.twist[0]) > 0.03 or abs(observation.twist[1]) > 0.05:  # noqa: PLR2004 - visibly moving
+        return plan.reason if plan.status == "braking" else ""
+    return plan.reason or step.reason
+
+
+def _stages(marks: list[float], arm_seconds: float) -> dict[str, float]:
+    """Wall time of each stage [ms]; `period` is observation to last command, without the plant's own time."""
+    observe, mapping, planning = (1e3 * (b - a) for a, b in zip(marks, marks[1:], strict=False))
+    arm = 1e3 * arm_seconds
+    return {"observe": observe, "map": mapping, "plan": planning, "arm": arm, "period": mapping + planning + arm}
+
+
+__all__ = ["ARM_STEPS", "PERIOD", "ControlLoop", "LoopState", "Placement", "Settings"]

@@ -1,0 +1,175 @@
+"""The monitor: the last word before the plant. It knows limits and raw scan points, and nothing of plans.
+
+It passes an actuation on, or slows it, with a reason: not finite, above a limit, scan too old, or a stop from the
+commanded speed would end in something the lidar sees.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+from numba import njit
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.plant import Actuation, Observation
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import Stateful
+
+
+class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
+    """When the monitor acts."""
+
+    slow_age: float = 0.15  # [s] scan older than this: half speed
+    stop_age: float = 0.30  # [s] scan older than this: stand
+    stop_margin: float = 0.01  # [m] kept between the stopped footprint and scan points
+    minimum_points: int = 2  # scan points inside the stopping footprint before it counts: one may be noise
+
+
+class Verdict(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What may be sent to the plant, and why it differs from what was asked."""
+
+    actuation: Actuation
+    reason: str
+
+
+@dataclass
+class MonitorState:
+    """The last twist that was let through."""
+
+    twist: Array = field(default_factory=lambda: np.zeros(2))
+
+
+class Monitor(Stateful[MonitorState]):
+    """Checks every actuation against finite numbers, limits, scan age and a stop in time."""
+
+    def __init__(self, profile: RobotProfile, parameters: MonitorParameters | None = None) -> None:
+        self.profile = profile
+        self.parameters = parameters or MonitorParameters()
+        self._state = MonitorState()
+
+    @property
+    def twist(self) -> Array:
+        """The base twist commanded last, shape (2,)."""
+        return self._state.twist.copy()
+
+    def check(self, actuation: Actuation, observation: Observation, dt: float) -> Verdict:
+        """The actuation for the next dt [s], slowed where it must be."""
+        if not _healthy(observation):
+            return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
+        twist, reason = self._scan_age(actuation.twist, observation)
+        twist = self._within_limits(twist, dt)
+        if self._hits(twist, observation):
+            twist, reason = self._brake(dt), "braking: the lidar sees something within the stopping distance"
+        rates = np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)
+        return self._let_through(twist, rates, actuation.gripper, reason)
+
+    def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
+        self._state.twist = twist
+        return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
+
+    def _scan_age(self, twist: Array, observation: Observation) -> tuple[Array, str]:
+        age = math.inf if observation.scan is None else observation.time - observation.scan.stamp
+        if age > self.parameters.stop_age:
+            return np.zeros(2), f"stopped: lidar stale {age:.2f} s"
+        if age > self.parameters.slow_age:
+            return 0.5 * twist, f"slowed: lidar stale {age:.2f} s"
+        return twist, ""
+
+    def _within_limits(self, twist: Array, dt: float) -> Array:
+        limits = self.profile.base
+        last = self._state.twist
+        dv, dw = limits.linear_acceleration * dt, limits.yaw_acceleration * dt
+        v = min(max(twist[0], last[0] - dv), last[0] + dv)
+        w = min(max(twist[1], last[1] - dw), last[1] + dw)
+        return np.array(
+            [
+                min(max(v, -limits.reverse_speed), limits.forward_speed),
+                min(max(w, -limits.yaw_rate), limits.yaw_rate),
+            ]
+        )
+
+    def _brake(self, dt: float) -> Array:
+        return self._within_limits(np.zeros(2), dt)
+
+    def _hits(self, twist: Array, observation: Observation) -> bool:
+        scan, base, body = observation.scan, self.profile.base, self.profile.footprint
+        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):  # noqa: PLR2004 - standing
+            return False
+        count = points_in_stop(
+            scan.ranges,
+            scan.angle_min,
+            scan.angle_step,
+            scan.origin,
+            twist[0],
+            twist[1],
+            base.linear_acceleration,
+            base.yaw_acceleration,
+            base.velocity_lag,
+            0.5 * body.length,
+            0.5 * body.width,
+            body.offset_x,
+            self.parameters.stop_margin,
+        )
+        return count >= self.parameters.minimum_points
+
+
+def _healthy(observation: Observation) -> bool:
+    values = (observation.pose, observation.odometry, observation.twist, observation.q, observation.dq)
+    return all(bool(np.isfinite(value).all()) for value in values)
+
+
+@njit(cache=True)
+def points_in_stop(  # noqa: PLR0913 - a kernel takes plain numbers
+    ranges: Array,
+    angle_min: float,
+    angle_step: float,
+    origin: Array,
+    v: float,
+    w: float,
+    a: float,
+    b: float,
+    lag: float,
+    half_length: float,
+    half_width: float,
+    offset: float,
+    margin: float,
+) -> int:
+    """Most scan points that enter the footprint while the base stops from (v, w) and are not inside it already.
+
+    The stop: constant twist for the lag, then deceleration at a [m/s^2] and b [rad/s^2].
+    """
+    dt = 0.05
+    worst = 0
+    x = 0.0
+    y = 0.0
+    heading = 0.0
+    time = 0.0
+    while True:
+        if time >= lag:
+            v = math.copysign(max(abs(v) - a * dt, 0.0), v)
+            w = math.copysign(max(abs(w) - b * dt, 0.0), w)
+        if v == 0.0 and w == 0.0:
+            return worst
+        heading += w * dt
+        x += v * dt * math.cos(heading)
+        y += v * dt * math.sin(heading)
+        time += dt
+        c = math.cos(heading)
+        s = math.sin(heading)
+        count = 0
+        for i in range(ranges.shape[0]):
+            r = ranges[i]
+            if not r < 3.0:
+                continue
+            angle = angle_min + i * angle_step
+            px = origin[0] + r * math.cos(angle)
+            py = origin[1] + r * math.sin(angle)
+            if abs(px - offset) <= half_length + margin and abs(py) <= half_width + margin:
+                continue
+            dx = px - x
+            dy = py - y
+            if abs(c * dx + s * dy - offset) <= half_length + margin and abs(c * dy - s * dx) <= half_width + margin:
+                count += 1
+        worst = max(worst, count)

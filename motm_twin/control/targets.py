@@ -1,0 +1,97 @@
+"""From tasks and beliefs to what the base and the hand have to do, each in its own frame."""
+
+import numpy as np
+
+from motm_twin.control.tick import ObjectBelief
+from motm_twin.control.types import ArmGoal
+from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame, wrap_angle
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Observation
+from motm_twin.model.scene import DriveTo, Pick, Task
+from motm_twin.perception.objects import ObjectTracker
+from motm_twin.planning.types import Target
+
+DWELL = {"pick": 1.3, "place": 0.7, "drive": 0.0}  # [s] in reach that a job needs before the arm has begun it
+
+
+def odometry_to_world(observation: Observation) -> Array:
+    """Planar pose of the world frame in the odometry frame, shape (3,)."""
+    return compose(observation.odometry, inverse(observation.pose))
+
+
+class Targets:
+    """Looks up where the targets of tasks are."""
+
+    def __init__(self, known: KnownWorld, tracker: ObjectTracker) -> None:
+        self.known = known
+        self.tracker = tracker
+        self.objects = {item.name: item for item in known.objects}
+        self.bins = {item.name: item for item in known.bins}
+
+    def base_target(self, task: Task | None, observation: Observation, dwell: float | None) -> Target | None:
+        """What the base sees of a task, in the world frame; dwell [s] as the arm reports it, or the usual one."""
+        if task is None:
+            return None
+        if isinstance(task, DriveTo):
+            return Target(
+                kind="drive",
+                name="drive_to",
+                position=np.array(task.point),
+                heading=task.heading,
+                tolerance=task.tolerance,
+            )
+        if isinstance(task, Pick):
+            kind, name = "pick", task.object
+            position = self.tracker.world_position(name, observation)[:2]
+        else:
+            kind, name = "place", task.bin
+            position = np.array(self.bins[name].centre)
+        return Target(kind=kind, name=name, position=position, dwell=DWELL[kind] if dwell is None else dwell)
+
+    def arm_goal(self, task: Task | None, held: str, observation: Observation, T_odom_world: Array) -> ArmGoal:
+        """What the hand has to do for a task, in the odometry frame."""
+        side = self.objects[held].side if held else 0.0
+        if isinstance(task, Pick):
+            position, yaw, sd, last_seen = self.tracker.belief(task.object, observation)
+            return ArmGoal(
+                kind="pick",
+                name=task.object,
+                position=position,
+                yaw=yaw,
+                side=self.objects[task.object].side,
+                position_sd=sd,
+                last_seen=last_seen,
+            )
+        if task is None or isinstance(task, DriveTo):
+            return ArmGoal(
+                kind="none", name="", position=np.zeros(3), yaw=0.0, side=side, position_sd=0.0, last_seen=None
+            )
+        place = self.bins[task.bin]
+        position = from_frame(T_odom_world, np.array([*place.centre, place.rim_z]))
+        return ArmGoal(
+            kind="place",
+            name=place.name,
+            position=position,
+            yaw=wrap_angle(place.yaw + T_odom_world[2]),
+            side=side,
+            position_sd=0.0,
+            last_seen=observation.time,
+            release_half_width=place.side / 2.0 - place.wall,
+        )
+
+    def beliefs(self, observation: Observation, T_odom_world: Array, held: str) -> tuple[ObjectBelief, ...]:
+        """Every object's belief in the world frame, for the Tick."""
+        beliefs = []
+        for name in self.objects:
+            position, yaw, sd, last_seen = self.tracker.belief(name, observation)
+            beliefs.append(
+                ObjectBelief(
+                    name=name,
+                    position=to_frame(T_odom_world, position),
+                    yaw=wrap_angle(yaw - T_odom_world[2]),
+                    position_sd=sd,
+                    seen=last_seen is not None,
+                    held=name == held,
+                )
+            )
+        return tuple(beliefs)

@@ -1,0 +1,128 @@
+"""One headless trial: run a scene to its end and report it in numbers."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from motm_twin.bench.reference_tour import reference_tour_s
+from motm_twin.control.sequence import name_of
+from motm_twin.control.tick import Tick
+from motm_twin.model.scene import Pick, Place, Scene
+from motm_twin.model.scene_file import load_scene
+from motm_twin.planning.types import SearchBudget
+from motm_twin.twin import Twin
+
+SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest
+
+
+@dataclass
+class Tally:
+    """What is added up over the Ticks of a trial."""
+
+    path_length: float = 0.0
+    closing_speed: list[float] = field(default_factory=list)
+    period_ms: list[float] = field(default_factory=list)
+    last_pose: Any = None
+    attempts: int = 0
+
+    def add(self, tick: Tick) -> None:
+        """Take one Tick into account."""
+        assert tick.truth is not None  # noqa: S101 - a simulated plant always has it
+        pose = tick.truth.pose
+        if self.last_pose is not None:
+            self.path_length += float(np.hypot(*(pose[:2] - self.last_pose[:2])))
+        self.last_pose = pose.copy()
+        closing = sum(step.phase == "closing" for step in tick.arm)
+        self.closing_speed += [abs(float(tick.observation.twist[0]))] * closing
+        self.period_ms.append(tick.stage_ms["period"])
+
+
+def run_trial(scene: str, variant: str | None = None, seed: int | None = None) -> dict[str, Any]:
+    """Load and run a scene; the dictionary that `motm-twin run --json` prints."""
+    return run_scene(load_scene(scene, variant, seed))
+
+
+def run_scene(
+    scene: Scene, budget: SearchBudget | None = None, on_tick: Callable[[Tick], None] | None = None
+) -> dict[str, Any]:
+    """Run a scene to the end of its task list or its time limit."""
+    twin = Twin(scene, budget=budget, clock=time.perf_counter)
+    places_total = sum(isinstance(task, Place) for task in scene.tasks)
+    tally = Tally()
+    began = time.perf_counter()
+    settle = SETTLE_PERIODS
+    while True:
+        tick = twin.advance()
+        tally.add(tick)
+        if on_tick is not None:
+            on_tick(tick)
+        assert tick.truth is not None  # noqa: S101
+        finished = tick.done and (tick.truth.places >= places_total or settle == 0)
+        settle -= int(tick.done)
+        if finished or tick.time >= scene.time_limit:
+            break
+    return report(twin, tick, tally, time.perf_counter() - began)
+
+
+def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, Any]:
+    """The trial in numbers, from its last Tick and what was added up."""
+    scene, truth, sequence = twin.scene, tick.truth, twin.loop.sequence
+    assert truth is not None  # noqa: S101
+    places_total = sum(isinstance(task, Place) for task in scene.tasks)
+    caused = [contact for contact in truth.contacts if contact.caused_by_robot]
+    completed = tick.success and truth.places == places_total
+    p50, p99 = np.percentile(tally.period_ms, [50, 99])
+    attempts = sum(
+        task.attempts for task, spec in zip(tick.tasks, scene.tasks, strict=True) if isinstance(spec, Pick)
+    )
+    return {
+        "scene": scene.name,
+        "variant": scene.variant,
+        "seed": scene.seed,
+        "success": bool(completed and not caused),
+        "time_s": round(tick.time, 3),
+        "reference_tour_s": round(reference_tour_s(scene), 2),
+        "picks_done": truth.picks,
+        "picks_attempted": attempts,
+        "picks_total": sum(isinstance(task, Pick) for task in scene.tasks),
+        "places_done": truth.places,
+        "places_total": places_total,
+        "drops": truth.drops,
+        "contacts": [msgspec.to_builtins(contact) for contact in truth.contacts],
+        "contacts_caused_by_robot": len(caused),
+        "min_base_clearance_m": _finite(truth.min_base_clearance),
+        "min_arm_clearance_m": _finite(truth.min_arm_clearance),
+        "min_ee_obstacle_m": _finite(truth.min_ee_obstacle),
+        "path_length_m": round(tally.path_length, 3),
+        "mean_closing_base_speed_mps": round(float(np.mean(tally.closing_speed)), 4) if tally.closing_speed else None,
+        "plant_faults": list(truth.plant_faults),
+        "reason": failure(twin, tick, completed, len(caused), sequence.failures),
+        "tick_ms": {"p50": round(p50, 3), "p99": round(p99, 3), "max": round(max(tally.period_ms), 3)},
+        "realtime_factor": round(tick.time / seconds, 2),
+        "state_hash": twin.state_hash(),
+    }
+
+
+def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tuple[str, ...]) -> str:
+    """Why a trial did not succeed, in one sentence; '' when it did."""
+    if failures:
+        return "; ".join(failures)
+    if not tick.done:
+        task = twin.loop.sequence.active
+        doing = f"{tick.tasks[tick.task_index].kind} {name_of(task)}" if task is not None else "the last task"
+        why = tick.stop_reason or tick.arm[-1].reason or tick.plan.reason
+        return f"time limit {twin.scene.time_limit:.0f} s reached during {doing}" + (f": {why}" if why else "")
+    if not completed:
+        return "the referee counts fewer objects in their bins than the robot believes to have placed"
+    if caused:
+        return f"{caused} contact(s) caused by the robot"
+    return ""
+
+
+def _finite(value: float) -> float | None:
+    """JSON has no infinity: None means that there was nothing to be near."""
+    return round(value, 4) if np.isfinite(value) else None
