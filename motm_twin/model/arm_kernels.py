@@ -1,0 +1,152 @@
+"""Kinematics of the Panda arm as compiled kernels over arrays.
+
+Transforms are relative to the arm mount (= ``panda_link0``). `motm_twin.model.kinematics.Frankie` adds the base; tests
+compare every kernel with pinocchio on ``frankie.urdf``, so that the two descriptions of the arm cannot drift apart.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from motm_twin.model.geometry import Array
+
+ARM_FRAMES = (*(f"panda_link{i}" for i in range(9)), "panda_hand", "panda_tcp")
+HAND, TCP = ARM_FRAMES.index("panda_hand"), ARM_FRAMES.index("panda_tcp")
+
+_JOINTS = 7
+_FIXED = (  # joint i in link i - 1: x, y, z [m] and the sine of its turn about x (0 or a quarter turn)
+    (0.0, 0.0, 0.333, 0.0),
+    (0.0, 0.0, 0.0, -1.0),
+    (0.0, -0.316, 0.0, 1.0),
+    (0.0825, 0.0, 0.0, 1.0),
+    (-0.0825, 0.384, 0.0, -1.0),
+    (0.0, 0.0, 0.0, 1.0),
+    (0.088, 0.0, 0.0, 1.0),
+)
+_ORIGINS = np.array(_FIXED)
+_FLANGE = 0.107  # [m] link 8 beyond link 7
+_TCP = 0.1034  # [m] tool centre point beyond the hand
+_HAND_TURN = math.sqrt(0.5)  # the hand is turned by -45 deg about the flange axis
+_SINGULAR = 1e-14  # smallest pivot of J J^T that counts as positive
+
+
+@njit(cache=True)
+def fk_arm(q: Array) -> Array:
+    """Transforms of `ARM_FRAMES` relative to the arm mount for joints q [rad], shapes (7,) -> (11, 4, 4)."""
+    T = np.zeros((11, 4, 4))
+    for k in range(4):
+        T[0, k, k] = 1.0
+    for i in range(_JOINTS):
+        x, y, z, sa = _ORIGINS[i, 0], _ORIGINS[i, 1], _ORIGINS[i, 2], _ORIGINS[i, 3]
+        ca = 1.0 - abs(sa)
+        c, s = math.cos(q[i]), math.sin(q[i])
+        for r in range(3):
+            x_axis, y_axis, z_axis = T[i, r, 0], T[i, r, 1], T[i, r, 2]
+            turned_y = ca * y_axis + sa * z_axis
+            T[i + 1, r, 0] = c * x_axis + s * turned_y
+            T[i + 1, r, 1] = c * turned_y - s * x_axis
+            T[i + 1, r, 2] = ca * z_axis - sa * y_axis
+            T[i + 1, r, 3] = T[i, r, 3] + x * x_axis + y * y_axis + z * z_axis
+        T[i + 1, 3, 3] = 1.0
+    for r in range(3):
+        x_axis, y_axis, z_axis = T[7, r, 0], T[7, r, 1], T[7, r, 2]
+        flange = T[7, r, 3] + _FLANGE * z_axis
+        T[8, r, 0], T[8, r, 1], T[8, r, 2], T[8, r, 3] = x_axis, y_axis, z_axis, flange
+        for frame in (9, 10):
+            T[frame, r, 0] = _HAND_TURN * (x_axis - y_axis)
+            T[frame, r, 1] = _HAND_TURN * (x_axis + y_axis)
+            T[frame, r, 2] = z_axis
+        T[9, r, 3] = flange
+        T[10, r, 3] = flange + _TCP * z_axis
+    T[8, 3, 3] = T[9, 3, 3] = T[10, 3, 3] = 1.0
+    return T
+
+
+@njit(cache=True)
+def point_jacobian(T: Array, joints: int, point: Array) -> Array:
+    """Jacobian of a point fixed to link ``joints``; point [m] in the mount frame, T from `fk_arm`; shape (6, 7).
+
+    Rows: linear, angular, along the axes of the mount. Columns of joints behind that link are zero.
+    """
+    J = np.zeros((6, 7))
+    for i in range(joints):
+        ax, ay, az = T[i + 1, 0, 2], T[i + 1, 1, 2], T[i + 1, 2, 2]
+        rx, ry, rz = point[0] - T[i + 1, 0, 3], point[1] - T[i + 1, 1, 3], point[2] - T[i + 1, 2, 3]
+        J[0, i], J[1, i], J[2, i] = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
+        J[3, i], J[4, i], J[5, i] = ax, ay, az
+    return J
+
+
+@njit(cache=True)
+def arm_jacobian(q: Array) -> Array:
+    """Jacobian of the tool centre point in the axes of the mount; rows linear [m/rad], angular; shape (6, 7)."""
+    T = fk_arm(q)
+    return point_jacobian(T, _JOINTS, T[10, :3, 3])
+
+
+@njit(cache=True)
+def _cholesky(J: Array) -> tuple[Array, float]:
+    """Lower factor of J J^T and the root of its determinant; 0 and zeros when singular."""
+    L = np.zeros((6, 6))
+    root = 1.0
+    for i in range(6):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(7):
+                total += J[i, k] * J[j, k]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i == j:
+                if total <= _SINGULAR:
+                    return np.zeros((6, 6)), 0.0
+                L[i, i] = math.sqrt(total)
+                root *= L[i, i]
+            else:
+                L[i, j] = total / L[j, j]
+    return L, root
+
+
+@njit(cache=True)
+def manipulability(q: Array) -> float:
+    """Yoshikawa's measure sqrt(det(J J^T)) of the seven arm joints at the tool centre point."""
+    return _cholesky(arm_jacobian(q))[1]
+
+
+@njit(cache=True)
+def manipulability_gradient(q: Array) -> Array:
+    """Derivative of `manipulability` with respect to q, shape (7,); zero at a singularity.
+
+    dm/dq_i = m trace((dJ/dq_i) P) with P = J^T (J J^T)^-1 the pseudo-inverse, and the columns of dJ/dq_i by cross
+    products of the columns of J: w_i x (v_j, w_j) for i <= j, (w_j x v_i, 0) for i > j.
+    """
+    J = arm_jacobian(q)
+    L, m = _cholesky(J)
+    gradient = np.zeros(7)
+    if m == 0.0:
+        return gradient
+    P = np.empty((7, 6))
+    for k in range(7):
+        y = np.empty(6)
+        for i in range(6):
+            total = J[i, k]
+            for j in range(i):
+                total -= L[i, j] * y[j]
+            y[i] = total / L[i, i]
+        for i in range(5, -1, -1):
+            total = y[i]
+            for j in range(i + 1, 6):
+                total -= L[j, i] * P[k, j]
+            P[k, i] = total / L[i, i]
+    for i in range(7):
+        total = 0.0
+        for j in range(7):
+            low, high = min(i, j), max(i, j)
+            wx, wy, wz = J[3, low], J[4, low], J[5, low]
+            vx, vy, vz = J[0, high], J[1, high], J[2, high]
+            total += (wy * vz - wz * vy) * P[j, 0] + (wz * vx - wx * vz) * P[j, 1] + (wx * vy - wy * vx) * P[j, 2]
+            if i < j:
+                ux, uy, uz = J[3, j], J[4, j], J[5, j]
+                total += (wy * uz - wz * uy) * P[j, 3] + (wz * ux - wx * uz) * P[j, 4] + (wx * uy - wy * ux) * P[j, 5]
+        gradient[i] = m * total
+    return gradient

@@ -1,0 +1,16 @@
+"""Limits of the arm's joints.
+
+Source: Franka Control Interface documentation, "Robot and interface specifications", Panda column.
+Positions and speeds stand in ``frankie.urdf`` too (a test keeps them equal); accelerations have no place in a URDF.
+"""
+
+import math
+
+from motm_twin.model.geometry import frozen
+
+Q_MIN = frozen([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])  # [rad], shape (7,)
+Q_MAX = frozen([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])  # [rad], shape (7,)
+DQ_MAX = frozen([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # [rad/s], shape (7,)
+DDQ_MAX = frozen([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])  # [rad/s^2], shape (7,)
+
+READY = frozen([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, math.pi / 4])  # [rad] hand down in front of the arm, shape (7,)
