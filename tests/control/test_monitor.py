@@ -1,0 +1,112 @@
+"""The monitor: limits, scan age and the stop in time."""
+
+import math
+
+import numpy as np
+import pytest
+
+from motm_twin.control.monitor import Monitor
+from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.plant import Actuation, Observation, Scan
+from motm_twin.model.profile import RobotProfile
+
+DT = 0.01
+BEAMS = 541
+
+
+def observation(time=1.0, stamp=1.0, wall=math.inf, pose=(0.0, 0.0, 0.0)):
+    """A robot at rest in front of a wall at x = `wall` [m]."""
+    step = math.radians(270.0) / (BEAMS - 1)
+    angles = -math.radians(135.0) + step * np.arange(BEAMS)
+    with np.errstate(divide="ignore"):
+        ranges = np.where(np.cos(angles) > 0.05, (wall - 0.3) / np.cos(angles), math.inf)
+    scan = Scan(
+        stamp=stamp,
+        ranges=ranges,
+        angle_min=angles[0],
+        angle_step=step,
+        origin=np.array([0.3, 0.0]),
+        range_min=0.05,
+        range_max=15.0,
+        pose=np.zeros(3),
+    )
+    return Observation(
+        time=time,
+        pose=np.array(pose),
+        odometry=np.zeros(3),
+        twist=np.zeros(2),
+        q=np.zeros(7),
+        dq=np.zeros(7),
+        gripper_width=0.08,
+        gripper_moving=False,
+        scan=scan,
+        detections=(),
+    )
+
+
+def asking(v=0.0, w=0.0, rates=None):
+    rates = np.zeros(7) if rates is None else rates
+    return Actuation(twist=np.array([v, w]), joint_velocity=rates, gripper="open")
+
+
+def speed_up(monitor, seen, v, w, periods=400):
+    for _ in range(periods):
+        verdict = monitor.check(asking(v, w), seen, DT)
+    return verdict
+
+
+def test_a_good_actuation_passes_unchanged():
+    verdict = Monitor(RobotProfile()).check(asking(0.004, 0.01), observation(), DT)
+    assert verdict.reason == ""
+    assert np.allclose(verdict.actuation.twist, [0.004, 0.01])
+
+
+def test_speed_and_acceleration_never_exceed_the_profile():
+    profile = RobotProfile()
+    monitor = Monitor(profile)
+    last = np.zeros(2)
+    for _ in range(300):
+        twist = monitor.check(asking(9.0, -9.0), observation(), DT).actuation.twist
+        assert abs(twist[0] - last[0]) <= profile.base.linear_acceleration * DT + 1e-12
+        assert abs(twist[1] - last[1]) <= profile.base.yaw_acceleration * DT + 1e-12
+        last = twist
+    assert np.allclose(last, [profile.base.forward_speed, -profile.base.yaw_rate])
+
+
+def test_joint_rates_are_clipped_to_their_limits():
+    verdict = Monitor(RobotProfile()).check(asking(rates=np.full(7, 99.0)), observation(), DT)
+    assert np.all(verdict.actuation.joint_velocity <= DQ_MAX)
+
+
+@pytest.mark.parametrize(("age", "word"), [(0.10, ""), (0.20, "slowed"), (0.35, "stopped")])
+def test_an_old_scan_slows_and_then_stops_the_base(age, word):
+    monitor = Monitor(RobotProfile())
+    speed_up(monitor, observation(), 0.5, 0.0)
+    verdict = speed_up(monitor, observation(time=1.0, stamp=1.0 - age), 0.5, 0.0)
+    assert verdict.reason.startswith(word)
+    assert verdict.actuation.twist[0] == pytest.approx({"": 0.5, "slowed": 0.25, "stopped": 0.0}[word])
+
+
+def test_a_wall_within_the_stopping_distance_brakes():
+    monitor = Monitor(RobotProfile())
+    speed_up(monitor, observation(), 0.5, 0.0)
+    stopping = 0.5 * 0.1 + 0.5**2 / (2 * 0.5)
+    free = monitor.check(asking(0.5), observation(wall=0.35 + stopping + 0.10), DT)
+    assert free.reason == ""
+    near = monitor.check(asking(0.5), observation(wall=0.35 + stopping - 0.05), DT)
+    assert "braking" in near.reason
+    assert near.actuation.twist[0] < 0.5
+
+
+def test_backing_away_from_a_wall_that_touches_is_allowed():
+    monitor = Monitor(RobotProfile())
+    verdict = speed_up(monitor, observation(wall=0.355), -0.2, 0.0)
+    assert verdict.reason == ""
+    assert verdict.actuation.twist[0] == pytest.approx(-0.2)
+
+
+def test_numbers_that_are_not_finite_stop_the_robot():
+    verdict = Monitor(RobotProfile()).check(asking(0.1), observation(pose=(math.nan, 0.0, 0.0)), DT)
+    assert "not finite" in verdict.reason
+    assert np.all(verdict.actuation.joint_velocity == 0.0)
+    assert np.all(verdict.actuation.twist == 0.0)
