@@ -1,0 +1,85 @@
+"""Shipped meshes by name: what to draw, what to draw as a ghost, what the referee takes as solid."""
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.geometry import Array
+from motm_twin.model.kinematics import LINKS
+
+Faces = NDArray[np.uint32]
+
+_SHAPED = {link: "base" if link == "base_link" else link.removeprefix("panda_") for link in LINKS}
+PROPS = ("temi", "cube", "bin")  # modelled things of a scene, origin on the floor (temi) or at the centre (cube)
+
+VISUAL = {**{link: f"visual/{name}.glb" for link, name in _SHAPED.items()}, **{n: f"visual/{n}.glb" for n in PROPS}}
+GHOST = {link: f"ghost/{name}.glb" for link, name in _SHAPED.items()}
+COLLISION = {f"panda_{name}": f"collision/{name}.stl" for name in (*(f"link{i}" for i in range(8)), "hand")}
+
+_FINGER_BOXES = (  # in the left finger's frame: centre x, y, z and size x, y, z [m]; the URDF has the same boxes
+    ((0.0, 0.0146, 0.0150), (0.0220, 0.0236, 0.0300)),
+    ((0.0, 0.0084, 0.0420), (0.0210, 0.0168, 0.0240)),
+)
+
+
+def asset_path(table: dict[str, str], name: str) -> Path:
+    """File of an asset from `VISUAL`, `GHOST` or `COLLISION`; raises KeyError that names what there is."""
+    if name not in table:
+        raise KeyError(f"no asset {name!r}: choose one of {', '.join(table)}")
+    return web_assets_dir() / table[name]
+
+
+@functools.cache
+def load_mesh(name: str) -> trimesh.Trimesh:
+    """Coloured mesh of a link or prop in its own frame, as one mesh; cached, so copy it before changing it."""
+    return _load(asset_path(VISUAL, name))
+
+
+@functools.cache
+def glb_bytes(name: str) -> bytes:
+    """The GLB file of a link or prop, as a viewer takes it; cached."""
+    return asset_path(VISUAL, name).read_bytes()
+
+
+@functools.cache
+def ghost_mesh(link: str) -> tuple[Array, Faces]:
+    """Vertices [m] (n, 3) and faces (m, 3) of a link's light mesh in its own frame, for batched drawing; read-only."""
+    mesh = _load(asset_path(GHOST, link))
+    return _read_only(mesh.vertices, mesh.faces)
+
+
+@functools.cache
+def collision_hull(link: str) -> tuple[Array, Faces]:
+    """Vertices [m] (n, 3) and faces (m, 3) of a link's convex hull in its own frame; read-only.
+
+    Links of the arm and the hand only: the base follows from the profile's footprint, fingers are `finger_boxes`.
+    """
+    mesh = _load(asset_path(COLLISION, link))
+    return _read_only(mesh.vertices, mesh.faces)
+
+
+def finger_boxes(link: str) -> tuple[tuple[Array, Array], ...]:
+    """Boxes of a finger in its own frame: centre [m] (3,) and full size [m] (3,) each."""
+    sides = {"panda_leftfinger": 1.0, "panda_rightfinger": -1.0}
+    if link not in sides:
+        raise KeyError(f"no finger {link!r}: choose one of {', '.join(sides)}")
+    mirror = np.array([1.0, sides[link], 1.0])
+    return tuple((np.array(centre) * mirror, np.array(size)) for centre, size in _FINGER_BOXES)
+
+
+def _load(path: Path) -> trimesh.Trimesh:
+    loaded = trimesh.load(path, force="mesh")
+    if not isinstance(loaded, trimesh.Trimesh) or loaded.is_empty:
+        raise ValueError(f"{path.name} holds no mesh: make it again with tools/make_assets.py")
+    return loaded
+
+
+def _read_only(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
+    vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.uint32)
+    vertices.setflags(write=False)
+    faces.setflags(write=False)
+    return vertices, faces
