@@ -29,7 +29,7 @@ test: .venv/.ready-dev ## set up (Chromium too, where it can be installed) and r
 check: .venv/.ready-dev ## formatting, lint and types; changes nothing
 	@$(BIN)/ruff format --check .
 	@$(BIN)/ruff check .
-	@$(BIN)/pyright --warnings-as-info 2>/dev/null || $(BIN)/pyright
+	@$(BIN)/pyright
 
 format: .venv/.ready-dev ## format and apply the safe fixes
 	@$(BIN)/ruff format .

@@ -29,12 +29,12 @@ fi
 pip() { .venv/bin/python -m pip --disable-pip-version-check "$@"; }
 echo "setup: installing the locked packages (about $([ "$kind" = dev ] && echo 350 || echo 200) MB the first time)"
 if [ "$kind" = dev ]; then
-  pip install --quiet --require-hashes --only-binary :all: -r requirements-dev.lock
+  pip install -qq --require-hashes --only-binary :all: -r requirements-dev.lock
 else
-  pip install --quiet --require-hashes --only-binary :all: -r requirements.lock
-  pip install --quiet --require-hashes --only-binary :all: -r requirements-build.lock
+  pip install -qq --require-hashes --only-binary :all: -r requirements.lock
+  pip install -qq --require-hashes --only-binary :all: -r requirements-build.lock
 fi
-pip install --quiet --no-deps --no-build-isolation --editable .
+pip install -qq --no-deps --no-build-isolation --editable .
 touch .venv/.ready-run
 if [ "$kind" = dev ]; then touch .venv/.ready-dev; fi
 echo "setup: done"
