@@ -1,0 +1,212 @@
+"""Is every value of a scene file of the right kind? Walks the tree along the types of ``scene_format.py``.
+
+msgspec would refuse the same values; this walk says where they stand, what is allowed, and which key was meant.
+"""
+
+import math
+import re
+from typing import Any
+
+from msgspec import inspect
+
+from motm_twin.model.scene_error import near
+from motm_twin.model.scene_yaml import Node
+
+UNITS = {"deg": "degrees", "mps": "m/s", "dps": "deg/s", "mps2": "m/s^2", "dps2": "deg/s^2", "hz": "Hz"}
+_KINDS = {bool: "true or false", int: "a number", float: "a number", str: "text", list: "a list", dict: "a mapping"}
+_NAMED_TYPE = {
+    inspect.FloatType: "a number",
+    inspect.IntType: "a whole number",
+    inspect.StrType: "text",
+    inspect.BoolType: "true or false",
+    inspect.TupleType: "a list",
+    inspect.VarTupleType: "a list",
+    inspect.DictType: "a mapping of names",
+    inspect.StructType: "a mapping",
+    inspect.NoneType: "null",
+}
+_SHOWN = 60
+
+
+def check_types(node: Node, struct: type) -> None:
+    """Raise SceneError at the first value of the tree that does not fit the struct."""
+    _check(node, inspect.type_info(struct))
+
+
+def show(value: Any) -> str:
+    """A value as it is quoted in a message: short, and without its insides."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
+
+
+def _check(node: Node, info: Any) -> None:
+    if isinstance(info, inspect.Metadata):
+        _check(node, info.type)
+    elif isinstance(info, inspect.UnionType):
+        _check_union(node, info)
+    elif isinstance(info, inspect.StructType):
+        _check_struct(node, info)
+    elif isinstance(info, inspect.DictType):
+        _check_dict(node, info)
+    elif isinstance(info, (inspect.TupleType, inspect.VarTupleType)):
+        _check_list(node, info)
+    elif isinstance(info, inspect.LiteralType):
+        if not isinstance(node.value, str) or node.value not in info.values:
+            raise node.error(f"{show(node.value)} is not allowed; {near(str(node.value), info.values)}")
+    else:
+        _check_scalar(node, info)
+
+
+def _expect(node: Node, kind: type, info: Any) -> None:
+    if not isinstance(node.value, kind):
+        raise node.error(f"expected {_NAMED_TYPE[type(info)]}, got {show(node.value)}")
+
+
+def _check_scalar(node: Node, info: Any) -> None:
+    value = node.value
+    if isinstance(info, inspect.NoneType):
+        fits = value is None
+    elif isinstance(info, inspect.BoolType):
+        fits = isinstance(value, bool)
+    elif isinstance(info, inspect.StrType):
+        fits = isinstance(value, str)
+    else:
+        fits = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not fits:
+        raise node.error(f"expected {_NAMED_TYPE[type(info)]}, got {show(value)}{_advice(value, info)}")
+    if isinstance(info, inspect.StrType):
+        _check_text(node, info)
+    elif isinstance(info, (inspect.FloatType, inspect.IntType)):
+        _check_number(node, info)
+
+
+def _advice(value: Any, info: Any) -> str:
+    if isinstance(info, inspect.StrType) and isinstance(value, (int, float)):
+        return ": put it in quotes, if it is a name it must begin with a letter"
+    if isinstance(info, inspect.FloatType) and isinstance(value, str):
+        return ": write the bare number; the unit is fixed by the key"
+    return ""
+
+
+def _check_text(node: Node, info: inspect.StrType) -> None:
+    text = node.value
+    if info.pattern and not re.fullmatch(info.pattern.strip("^$"), text):
+        raise node.error(f"{show(text)} is not allowed here: {_pattern_words(info.pattern)}")
+    if not (info.min_length or 0) <= len(text) <= (info.max_length or len(text)):
+        raise node.error(f"needs {info.min_length or 0} to {info.max_length} characters, got {len(text)}")
+
+
+def _pattern_words(pattern: str) -> str:
+    if "#" in pattern:
+        return "a colour is a lower-case name or '#rrggbb'"
+    return "a name begins with a letter and goes on with letters, digits, _ or -, at most 40"
+
+
+def _check_number(node: Node, info: Any) -> None:
+    value = node.value
+    if not math.isfinite(value):
+        raise node.error(f"{value} is not a usable number: write a finite one")
+    if isinstance(info, inspect.IntType) and not float(value).is_integer():
+        raise node.error(f"expected a whole number, got {value}")
+    if isinstance(info, inspect.IntType) and isinstance(value, float):
+        raise node.error(f"expected a whole number, got {value}: write it without a point")
+    bounds = ((info.gt, ">"), (info.ge, ">="), (info.lt, "<"), (info.le, "<="))
+    wrong = {
+        ">": info.gt is not None and value <= info.gt,
+        ">=": info.ge is not None and value < info.ge,
+        "<": info.lt is not None and value >= info.lt,
+        "<=": info.le is not None and value > info.le,
+    }
+    if any(wrong.values()):
+        allowed = " and ".join(f"{sign} {limit:g}" for limit, sign in bounds if limit is not None)
+        raise node.error(f"must be {allowed}, got {value:g}")
+
+
+def _check_list(node: Node, info: Any) -> None:
+    _expect(node, list, info)
+    count = len(node.value)
+    if isinstance(info, inspect.TupleType):
+        if count != len(info.item_types):
+            raise node.error(f"needs exactly {len(info.item_types)} values, got {count}")
+        types = info.item_types
+    else:
+        _check_length(node, info, "entries")
+        types = (info.item_type,) * count
+    for item, item_type in zip(node.value, types, strict=True):
+        _check(item, item_type)
+
+
+def _check_length(node: Node, info: Any, what: str) -> None:
+    count = len(node.value)
+    if info.min_length is not None and count < info.min_length:
+        raise node.error(f"needs at least {info.min_length} {what}, got {count}")
+    if info.max_length is not None and count > info.max_length:
+        raise node.error(f"too many {what}: at most {info.max_length}, got {count}")
+
+
+def _check_dict(node: Node, info: inspect.DictType) -> None:
+    _expect(node, dict, info)
+    _check_length(node, info, "entries")
+    for key, item in node.value.items():
+        if isinstance(info.key_type, inspect.StrType) and not re.fullmatch(info.key_type.pattern.strip("^$"), key):
+            raise item.error(f"the name {show(key)} is not allowed: {_pattern_words(info.key_type.pattern)}")
+        _check(item, info.value_type)
+
+
+def _check_union(node: Node, info: inspect.UnionType) -> None:
+    if node.value is None and any(isinstance(kind, inspect.NoneType) for kind in info.types):
+        return
+    kinds = [kind for kind in info.types if not isinstance(kind, inspect.NoneType)]
+    tagged = [kind for kind in kinds if isinstance(kind, inspect.StructType) and kind.tag is not None]
+    if tagged:
+        _check_tagged(node, tagged)
+        return
+    bare = [kind.type if isinstance(kind, inspect.Metadata) else kind for kind in kinds]
+    wanted = {dict: inspect.StructType, list: inspect.VarTupleType}.get(type(node.value))
+    chosen = [kind for kind in bare if wanted is not None and isinstance(kind, wanted)]
+    other = [kind for kind in bare if not isinstance(kind, (inspect.StructType, inspect.VarTupleType))]
+    _check(node, (chosen or other or bare)[0])
+
+
+def _check_tagged(node: Node, kinds: list[Any]) -> None:
+    _expect(node, dict, kinds[0])
+    field, tags = kinds[0].tag_field, {kind.tag: kind for kind in kinds}
+    if field not in node.value:
+        raise node.error(f"the key '{field}' is missing: one of {', '.join(tags)}")
+    tag = node.value[field]
+    if tag.value not in tags:
+        raise tag.error(f"{show(tag.value)} is not a {field}; {near(str(tag.value), tags)}")
+    _check_struct(node, tags[tag.value])
+
+
+def _check_struct(node: Node, info: inspect.StructType) -> None:
+    _expect(node, dict, info)
+    fields = {field.encode_name: field for field in info.fields}
+    for key, item in node.value.items():
+        if key == info.tag_field:
+            continue
+        if key not in fields:
+            raise item.error(_unknown_key(key, list(fields)))
+        _check(item, fields[key].type)
+    for key, field in fields.items():
+        if field.required and key not in node.value:
+            raise node.error(f"the key '{key}' is missing")
+
+
+def _unknown_key(key: str, known: list[str]) -> str:
+    stem, _, ending = key.rpartition("_")
+    for name in known:
+        base, _, unit = name.rpartition("_")
+        if unit in UNITS and key == base:
+            return f"missing unit: write '{name}' ({UNITS[unit]})"
+        if unit in UNITS and stem == base and ending != unit:
+            return f"wrong unit '{ending}': write '{name}' ({UNITS[unit]})"
+        if stem == name and ending in ("m", "cm", "mm", "s", "ms", "in"):
+            return f"wrong unit '{ending}': write '{name}'; lengths are in m and times in s"
+    return f"unknown key '{key}'; {near(key, known)}"
