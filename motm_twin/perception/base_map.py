@@ -1,0 +1,69 @@
+"""The pre-made map: furniture the robot knows before it starts. Rays never clear it: they pass under table tops."""
+
+import msgspec
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.scene import Cylinder, Solid
+from motm_twin.perception.footprints import distance_to_solids, merged_outlines, outline
+from motm_twin.perception.grid import Grid, grid_over
+
+OVERHEAD = 1.6  # [m] furniture that begins above this is no obstacle: neither base nor raised arm reaches it
+
+
+class BaseMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Mapped furniture on the grid; arrays are read-only."""
+
+    grid: Grid
+    occupied: NDArray[np.uint8]  # 1 where a mapped footprint covers part of the cell, shape (rows, columns)
+    distance: NDArray[np.float32]  # [m] cell centre to the nearest mapped footprint, exact, 0 inside
+    visible_distance: NDArray[np.float32]  # [m] the same, to what the lidar can see of the furniture
+    polygons: tuple[Array, ...]  # outlines, counter-clockwise, each shape (n, 2)
+
+
+def build_base_map(known: KnownWorld, resolution: float) -> BaseMap:
+    """The pre-made map of the known world; resolution in [m]."""
+    grid = grid_over(known.bounds, resolution)
+    solids = tuple(solid for solid in known.solids if solid.z_min < OVERHEAD)
+    at_lidar = tuple(solid for solid in solids if solid.z_min <= known.robot.lidar.z <= solid.z_max)
+    centres = grid.centres()
+    return BaseMap(
+        grid=grid,
+        occupied=read_only(_covered_cells(solids, grid)),
+        distance=read_only(distance_to_solids(solids, centres).astype(np.float32)),
+        visible_distance=read_only(distance_to_solids(at_lidar, centres).astype(np.float32)),
+        polygons=tuple(read_only(corners) for corners in merged_outlines(solids)),
+    )
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """The same array, from now on not writable."""
+    array.setflags(write=False)
+    return array
+
+
+def _covered_cells(solids: tuple[Solid, ...], grid: Grid) -> NDArray[np.uint8]:
+    """1 where the inside of a footprint meets the inside of the cell."""
+    covered = np.zeros(grid.shape, dtype=np.uint8)
+    half = grid.resolution / 2.0 - 1e-9
+    for solid in solids:
+        footprint = _footprint(solid)
+        shapely.prepare(footprint)
+        x_min, y_min, x_max, y_max = footprint.bounds
+        low = np.clip(grid.cell_of(np.array([x_min, y_min])), 0, np.array(grid.shape))
+        high = np.clip(grid.cell_of(np.array([x_max, y_max])) + 1, 0, np.array(grid.shape))
+        rows, columns = np.arange(low[0], high[0]), np.arange(low[1], high[1])
+        centres = grid.centre_of(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
+        x, y = centres[..., 0], centres[..., 1]
+        cells = shapely.box(x - half, y - half, x + half, y + half)
+        covered[low[0] : high[0], low[1] : high[1]] |= shapely.intersects(footprint, cells).astype(np.uint8)
+    return covered
+
+
+def _footprint(solid: Solid) -> shapely.Polygon:
+    if isinstance(solid.shape, Cylinder):
+        return shapely.Point(solid.shape.centre).buffer(solid.shape.radius, quad_segs=64)
+    return shapely.Polygon(outline(solid.shape))

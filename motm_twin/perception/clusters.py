@@ -1,0 +1,172 @@
+"""Outlines of seen obstacles: cells that lie close together become one convex polygon, or several when it would lie.
+
+The polygons feed the visibility graph only; collision is decided by the distance field, which keeps every cell.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from motm_twin.model.geometry import Array
+
+MERGE_CELLS = 4  # 0.2 m: narrower gaps are impassable for any base, and far beams leave gaps like this on one face
+SPLIT_AREA = 0.4  # [m^2] a hull larger than this ...
+SPLIT_RATIO = 4.0  # ... and than this many times the cells in it covers floor that may be free (an L of two walls)
+MIN_SPLIT = 6  # cells; smaller clusters stay whole
+MAX_CORNERS = 8
+FLAT = 0.02  # [m] corners that stand out less than this are left out
+CALM = 0.075  # [m] an outline is kept while no corner of the new one is further than this from it (1.5 cells)
+
+
+@njit(cache=True)
+def label_cells(cells, rows, columns, reach):
+    """Cluster number of every cell, shape (m,): cells at most ``reach`` apart in row and column belong together."""
+    index = np.full((rows, columns), -1, np.int32)
+    for i in range(cells.shape[0]):
+        index[cells[i, 0], cells[i, 1]] = i
+    label = np.full(cells.shape[0], -1, np.int32)
+    stack = np.empty(cells.shape[0], np.int32)
+    count = 0
+    for first in range(cells.shape[0]):
+        if label[first] >= 0:
+            continue
+        label[first] = count
+        index[cells[first, 0], cells[first, 1]] = -1
+        stack[0] = first
+        size = 1
+        while size > 0:
+            size -= 1
+            row, column = cells[stack[size], 0], cells[stack[size], 1]
+            for r in range(max(0, row - reach), min(rows, row + reach + 1)):
+                for c in range(max(0, column - reach), min(columns, column + reach + 1)):
+                    other = index[r, c]
+                    if other >= 0:
+                        index[r, c] = -1
+                        label[other] = count
+                        stack[size] = other
+                        size += 1
+        count += 1
+    return label, count
+
+
+@njit(cache=True)
+def hull_of_cells(cells):
+    """Convex hull, counter-clockwise, of the squares of cells sorted by row then column; corners in cells, (n, 2) as x, y."""
+    count = cells.shape[0]
+    points = np.empty((2 * (2 + 2 * count), 2), np.int64)  # only the outermost corners of each row matter
+    n = 0
+    i = 0
+    while i < count:
+        j = i
+        while j + 1 < count and cells[j + 1, 0] == cells[i, 0]:
+            j += 1
+        for side in range(2):
+            points[n, 0], points[n, 1] = cells[i, 1], cells[i, 0] + side
+            points[n + 1, 0], points[n + 1, 1] = cells[j, 1] + 1, cells[i, 0] + side
+            n += 2
+        i = j + 1
+    order = np.argsort(points[:n, 1] * 1_000_000 + points[:n, 0])
+    hull = np.empty((n + 1, 2), np.int64)
+    size = 0
+    for turn in range(2):
+        base = size + 1 if turn == 0 else size
+        floor = 0 if turn == 0 else base
+        for step in range(n):
+            p = points[order[step if turn == 0 else n - 1 - step]]
+            if turn == 1 and step == 0:
+                continue
+            while size - floor >= (2 if turn == 0 else 1):
+                a, b = hull[size - 2], hull[size - 1]
+                if (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0:
+                    break
+                size -= 1
+            hull[size] = p
+            size += 1
+    return hull[: size - 1].astype(np.float64)
+
+
+@njit(cache=True)
+def drop_flat_corners(hull, flat, most):
+    """The hull with corners left out that stand out least from the line of their neighbours, until few and sharp."""
+    corners = hull.copy()
+    n = corners.shape[0]
+    while n > 4:
+        best, least = -1, math.inf
+        for i in range(n):
+            a, b, c = corners[i - 1 if i > 0 else n - 1], corners[i], corners[i + 1 if i + 1 < n else 0]
+            cross = abs((c[0] - a[0]) * (b[1] - a[1]) - (c[1] - a[1]) * (b[0] - a[0]))
+            height = cross / math.hypot(c[0] - a[0], c[1] - a[1])
+            if height < least:
+                best, least = i, height
+        if n <= most and least > flat:
+            break
+        for i in range(best, n - 1):
+            corners[i] = corners[i + 1]
+        n -= 1
+    return corners[:n].copy()
+
+
+def area_of(corners: Array) -> float:
+    """Area [m^2] of a polygon, positive when counter-clockwise; shape (n, 2)."""
+    x, y = corners[:, 0], corners[:, 1]
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def seen_outlines(cells: np.ndarray, shape: tuple[int, int], resolution: float, origin: Array) -> list[Array]:
+    """Convex outlines, counter-clockwise [m], of the seen cells (row, col) sorted by row and column; each shape (n, 2)."""
+    labels, count = label_cells(cells, *shape, MERGE_CELLS)
+    outlines: list[Array] = []
+    for number in range(count):
+        pending = [cells[labels == number]]
+        while pending:
+            part = pending.pop()
+            hull = hull_of_cells(part)
+            area = area_of(hull) * resolution**2
+            if len(part) >= MIN_SPLIT and area > max(SPLIT_AREA, SPLIT_RATIO * len(part) * resolution**2):
+                pending.extend(_halves(part))
+            else:
+                outlines.append(origin + resolution * drop_flat_corners(hull, FLAT / resolution, MAX_CORNERS))
+    return outlines
+
+
+def _halves(cells: np.ndarray) -> list[np.ndarray]:
+    """The cells on either side of their centre, along the direction in which they spread most."""
+    offset = cells - cells.mean(axis=0)
+    xx, xy, yy = (offset[:, 1] ** 2).mean(), (offset[:, 0] * offset[:, 1]).mean(), (offset[:, 0] ** 2).mean()
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    ahead = offset[:, 1] * math.cos(angle) + offset[:, 0] * math.sin(angle) > 0.0
+    return [cells[~ahead], cells[ahead]]
+
+
+def calm(outlines: list[Array], before: tuple[Array, ...]) -> tuple[Array, ...]:
+    """The new outlines, each replaced by the one of the period before when they agree within CALM both ways."""
+    kept: list[Array] = []
+    for new in outlines:
+        centre = new.mean(axis=0)
+        same = new
+        for old in before:
+            if np.abs(old.mean(axis=0) - centre).max() < 4 * CALM and outlines_agree(new, old, CALM):
+                same = old
+                break
+        kept.append(same)
+    return tuple(kept)
+
+
+@njit(cache=True)
+def outlines_agree(one, two, tolerance):
+    """Whether every corner of each convex outline is within the tolerance [m] of the other outline's border."""
+    for turn in range(2):
+        corners, border = (one, two) if turn == 0 else (two, one)
+        n = border.shape[0]
+        for i in range(corners.shape[0]):
+            least = math.inf
+            for j in range(n):
+                ax, ay = border[j, 0], border[j, 1]
+                ex, ey = border[(j + 1) % n, 0] - ax, border[(j + 1) % n, 1] - ay
+                px, py = corners[i, 0] - ax, corners[i, 1] - ay
+                t = min(1.0, max(0.0, (px * ex + py * ey) / (ex * ex + ey * ey)))
+                least = min(least, math.hypot(px - t * ex, py - t * ey))
+            if least > tolerance:
+                return False
+    return True

@@ -1,0 +1,117 @@
+"""Distance field and proximity cost of seen cells.
+
+The squared Euclidean distance transform is exact in cells (Felzenszwalb and Huttenlocher 2012: lower envelope of
+parabolas, here over only those columns that hold a seen cell). A hit lies anywhere in its cell, so half a cell is taken
+off: relative to the occupied square the result is never too small, and too large by at most (sqrt(2) - 1)/2 cell = 10 mm;
+relative to the unknown hit itself it errs between -61 and +10 mm for cells of 50 mm.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+FAR = 1 << 28
+
+
+@njit(cache=True)
+def squared_cells(cells, rows, columns):  # noqa: PLR0914
+    """Squared distance in cells from every cell to the nearest of the given (row, col), row by row; int32 (rows, columns).
+
+    Without any cell everything is FAR.
+    """
+    squared = np.full((rows, columns), FAR, np.int32)
+    if cells.shape[0] == 0:
+        return squared
+    slot = np.full(columns, -1, np.int64)
+    for i in range(cells.shape[0]):
+        slot[cells[i, 1]] = 0
+    used = np.flatnonzero(slot == 0)
+    for k in range(used.shape[0]):
+        slot[used[k]] = k
+    along = np.full((rows, used.shape[0]), -1, np.int64)  # distance to the nearest seen cell of the same column
+    for i in range(cells.shape[0]):
+        along[cells[i, 0], slot[cells[i, 1]]] = 0
+    for k in range(used.shape[0]):
+        for row in range(1, rows):
+            if along[row, k] != 0 and along[row - 1, k] >= 0:
+                along[row, k] = along[row - 1, k] + 1
+        for row in range(rows - 2, -1, -1):
+            below = along[row + 1, k]
+            if below >= 0 and (along[row, k] < 0 or below + 1 < along[row, k]):
+                along[row, k] = below + 1
+    vertex = np.empty(used.shape[0], np.int64)  # column of each parabola of the envelope
+    height = np.empty(used.shape[0], np.int64)
+    start = np.empty(used.shape[0], np.float64)  # where it becomes the lowest
+    for row in range(rows):
+        top = -1
+        for k in range(used.shape[0]):
+            q = used[k]
+            f = along[row, k] * along[row, k]
+            at = -math.inf
+            while top >= 0:
+                at = ((f + q * q) - (height[top] + vertex[top] * vertex[top])) / (2.0 * (q - vertex[top]))
+                if at > start[top]:
+                    break
+                top -= 1
+                at = -math.inf
+            top += 1
+            vertex[top], height[top], start[top] = q, f, at
+        part = 0
+        for column in range(columns):
+            while part < top and start[part + 1] < column:
+                part += 1
+            gap = column - vertex[part]
+            squared[row, column] = gap * gap + height[part]
+    return squared
+
+
+@njit(cache=True)
+def seen_distance(squared, resolution):
+    """Distance [m] of cell centres to the edge of the nearest seen cell, inf without any; float32."""
+    rows, columns = squared.shape
+    distance = np.empty((rows, columns), np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            s = squared[row, column]
+            distance[row, column] = np.inf if s >= FAR else max(0.0, (math.sqrt(s) - 0.5) * resolution)
+    return distance
+
+
+@njit(cache=True)
+def proximity_cost(distance, width, blur):
+    """STAA*'s inflated, blurred grid: ``clip(1 - distance/width, 0, 1)``, box-blurred over ``2 blur + 1`` cells; float32.
+
+    ``width`` [m]: cost falls from 1 at an obstacle to 0 there; ``blur``: whole cells each way.
+    """
+    rows, columns = distance.shape
+    across = np.zeros((rows, columns), np.float32)
+    raw = np.empty(columns, np.float32)
+    size = 2 * blur + 1
+    busy = np.zeros(rows, np.uint8)
+    for row in range(rows):
+        near = False
+        for column in range(columns):
+            raw[column] = 0.0
+            if distance[row, column] < width:
+                raw[column] = min(1.0, 1.0 - distance[row, column] / width)
+                near = True
+        if near:
+            busy[row] = 1
+            for column in range(columns):
+                total = 0.0
+                for k in range(-blur, blur + 1):
+                    total += raw[min(max(column + k, 0), columns - 1)]
+                across[row, column] = total / size
+    cost = np.zeros((rows, columns), np.float32)
+    for row in range(rows):
+        near = False
+        for k in range(-blur, blur + 1):
+            near = near or busy[min(max(row + k, 0), rows - 1)] == 1
+        if near:
+            for column in range(columns):
+                total = 0.0
+                for k in range(-blur, blur + 1):
+                    total += across[min(max(row + k, 0), rows - 1), column]
+                cost[row, column] = total / size
+    return cost

@@ -1,0 +1,76 @@
+"""Outlines of solids on the floor, and exact distances to them."""
+
+import math
+
+import numpy as np
+import shapely
+
+from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.scene import Box, Cylinder, Prism, Solid
+
+CIRCLE_CORNERS = 16  # of the polygon round a cylinder
+
+
+def outline(shape: Box | Cylinder | Prism) -> Array:
+    """Corners of a shape, counter-clockwise [m], shape (n, 2); a cylinder becomes a circumscribed 16-gon."""
+    match shape:
+        case Box(centre=(x, y), size=(length, width), yaw=yaw):
+            corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2.0
+            return from_frame(np.array([x, y, yaw]), corners)
+        case Cylinder(centre=(x, y), radius=radius):
+            angles = (np.arange(CIRCLE_CORNERS) + 0.5) * 2.0 * math.pi / CIRCLE_CORNERS
+            reach = radius / math.cos(math.pi / CIRCLE_CORNERS)
+            return np.column_stack([x + reach * np.cos(angles), y + reach * np.sin(angles)])
+        case Prism(corners=corners):
+            return np.array(shapely.orient_polygons(shapely.Polygon(corners)).exterior.coords)[:-1]
+
+
+def merged_outlines(solids: tuple[Solid, ...]) -> tuple[Array, ...]:
+    """One outline per connected furniture group, counter-clockwise, each shape (n, 2).
+
+    A group that encloses free floor (walls of a room) is left as its separate solids: an outline has no holes.
+    """
+    groups: dict[str, list[Array]] = {}
+    for index, solid in enumerate(solids):
+        groups.setdefault(solid.group or f"#{index}", []).append(outline(solid.shape))
+    outlines: list[Array] = []
+    for members in groups.values():
+        union = shapely.union_all([shapely.Polygon(corners) for corners in members])
+        parts = [part for part in shapely.get_parts(union) if part.area > 0.0]
+        if any(len(part.interiors) for part in parts):
+            outlines.extend(members)
+        else:
+            outlines.extend(_corners(part) for part in parts)
+    return tuple(outlines)
+
+
+def _corners(part: shapely.Polygon) -> Array:
+    """Corners of a polygon, counter-clockwise, without those that lie on a straight edge."""
+    ring = shapely.orient_polygons(part.simplify(1e-6)).exterior
+    return np.array(ring.coords)[:-1]
+
+
+def distance_to_shape(shape: Box | Cylinder | Prism, points: Array) -> Array:
+    """Exact distance [m] of points, shape (..., 2), to a shape; 0 inside. Shape (...)."""
+    if isinstance(shape, Cylinder):
+        return np.maximum(np.hypot(points[..., 0] - shape.centre[0], points[..., 1] - shape.centre[1]) - shape.radius, 0.0)
+    corners = outline(shape)
+    best = np.full(points.shape[:-1], np.inf)
+    inside = np.zeros(points.shape[:-1], dtype=bool)
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        edge, offset = end - start, points - start
+        along = np.clip((offset @ edge) / (edge @ edge), 0.0, 1.0)
+        best = np.minimum(best, np.hypot(offset[..., 0] - along * edge[0], offset[..., 1] - along * edge[1]))
+        if start[1] != end[1]:
+            spans = (start[1] > points[..., 1]) != (end[1] > points[..., 1])
+            crossing = start[0] + (points[..., 1] - start[1]) * edge[0] / edge[1]
+            inside ^= spans & (points[..., 0] < crossing)
+    return np.where(inside, 0.0, best)
+
+
+def distance_to_solids(solids: tuple[Solid, ...], points: Array) -> Array:
+    """Exact distance [m] of points, shape (..., 2), to the nearest footprint; inf when there is none. Shape (...)."""
+    best = np.full(points.shape[:-1], np.inf)
+    for solid in solids:
+        best = np.minimum(best, distance_to_shape(solid.shape, points))
+    return best

@@ -1,0 +1,155 @@
+"""The map of a period: the pre-made map and what the lidar has seen besides it (Paper, Sec. III; STAA* for the grid)."""
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Observation, Scan
+from motm_twin.model.state import Stateful
+from motm_twin.perception.base_map import BaseMap, build_base_map, read_only
+from motm_twin.perception.clusters import calm, seen_outlines
+from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
+from motm_twin.perception.occupancy import (
+    Evidence,
+    clear_rays,
+    clear_rectangle,
+    mark_hits,
+    no_evidence,
+    settle,
+)
+from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
+from motm_twin.perception.world_map import WorldMap
+
+NO_CELLS = np.zeros((0, 2), np.int32)
+
+
+class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Parameters of the map. Choices of this project unless a source is named."""
+
+    resolution: float = 0.05  # [m] (STAA*)
+    lidar_reach: float = 8.0  # [m] hits and free space further away are left for later: 16 s of driving
+    explained_margin: float = 0.08  # [m] a hit this close to furniture the lidar can see is that furniture: 3 sd of
+    explained_per_range: float = 0.025  # [m/m] position and range noise, plus 3 sd (1.5 deg) of heading noise
+    forget: float = 3.0  # [s] what was not static and is not seen again goes: the trail of an agent out of sight
+    proximity_width: float = 0.12  # [m] penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)
+    proximity_blur: int = 1  # [cells] each way
+    body_shrink: float = 0.05  # [m] cells this far inside the robot's own footprint are free
+
+
+@dataclass
+class MapperState:
+    """What the mapper remembers."""
+
+    evidence: Evidence
+    cells: np.ndarray  # seen cells (row, col) of the newest map, shape (m, 2)
+    static: np.ndarray  # shape (m,)
+    outlines: tuple[Array, ...]  # of the seen cells
+    scan_stamp: float | None
+    refusal: str  # why the newest scan was refused; "" when it was not
+
+
+class Mapper(Stateful[MapperState]):
+    """Turns observations into the WorldMap, once per period."""
+
+    def __init__(self, known: KnownWorld, settings: MapSettings | None = None) -> None:
+        self._known = known
+        self._settings = settings or MapSettings()
+        self.base: BaseMap = build_base_map(known, self._settings.resolution)
+        grid = self.base.grid
+        self._origin = read_only(np.array(grid.origin))
+        self._frame = np.array([*grid.origin, grid.resolution])
+        self._inside = self.base.distance <= 0.0
+        self._fields_of: np.ndarray | None = None  # the seen cells that the fields below belong to
+        self._fields: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._state = MapperState(no_evidence(grid.shape), NO_CELLS, np.zeros(0, bool), (), None, "")
+
+    @property
+    def refusal(self) -> str:
+        """Why the newest scan was refused, in one sentence; "" when it was used."""
+        return self._state.refusal
+
+    def update(self, observation: Observation) -> WorldMap:
+        """Take in the newest scan and return the map at the observation's time; a refused scan changes nothing."""
+        state = self._state
+        if observation.scan is not None and observation.scan.stamp != state.scan_stamp:
+            self._take(observation.scan, observation.time)
+        occupied, distance, proximity = self._fields_for(state.cells)
+        return WorldMap(
+            stamp=observation.time,
+            resolution=self.base.grid.resolution,
+            origin=self._origin,
+            occupied=occupied,
+            distance=distance,
+            proximity=proximity,
+            polygons=self.base.polygons + state.outlines,
+            seen_points=read_only(self.base.grid.centre_of(state.cells)),
+            seen_static=read_only(state.static.copy()),
+        )
+
+    def _take(self, scan: Scan, now: float) -> None:
+        """Check a scan and put it into the evidence."""
+        checked = check_scan(scan, self._known.robot.lidar, now)
+        state = self._state
+        if isinstance(checked, RefusedScan):
+            state.refusal = checked.reason
+            return
+        state.refusal, state.scan_stamp = "", checked.stamp
+        cells, static = self._integrate(checked)
+        if not np.array_equal(cells, state.cells):
+            outlines = seen_outlines(cells, self.base.grid.shape, self.base.grid.resolution, self._origin)
+            state.outlines = tuple(read_only(corners) for corners in calm(outlines, state.outlines))
+        state.cells, state.static = cells, static
+
+    def _integrate(self, scan: CheckedScan) -> tuple[np.ndarray, np.ndarray]:
+        """Hits, then free space, then memory; the seen cells and whether each is static."""
+        evidence, settings, body = self._state.evidence, self._settings, self._known.robot.footprint
+        now_ms = round(scan.stamp * 1000.0)
+        reach = min(settings.lidar_reach, scan.range_max)
+        hit = scan.ranges < reach
+        ends = scan.origin + np.minimum(scan.ranges, reach)[:, None] * scan.directions
+        hit_now, passed_now = np.zeros((2, *evidence.level.shape), np.uint8)
+        mark_hits(
+            evidence.level,
+            evidence.last_hit,
+            hit_now,
+            self.base.visible_distance,
+            self._inside,
+            ends,
+            np.where(hit, scan.ranges, -1.0),
+            now_ms,
+            self._frame,
+            (settings.explained_margin, settings.explained_per_range),
+        )
+        clear_rays(evidence.level, hit_now, passed_now, scan.origin, ends, self._frame)
+        clear_rectangle(
+            evidence.level,
+            scan.pose,
+            body.length / 2.0 - settings.body_shrink,
+            body.width / 2.0 - settings.body_shrink,
+            body.offset_x,
+            self._frame,
+        )
+        return settle(
+            evidence.level,
+            evidence.last_hit,
+            evidence.near_since,
+            evidence.near_last,
+            evidence.near_hit,
+            now_ms,
+            round(settings.forget * 1000.0),
+        )
+
+    def _fields_for(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Occupied, distance and proximity for these seen cells, from the last call when they have not changed."""
+        if self._fields is None or self._fields_of is None or not np.array_equal(cells, self._fields_of):
+            occupied = self.base.occupied.copy()
+            occupied[cells[:, 0], cells[:, 1]] = 1
+            seen = seen_distance(squared_cells(cells, *self.base.grid.shape), self.base.grid.resolution)
+            distance = np.minimum(self.base.distance, seen)
+            proximity = proximity_cost(distance, self._settings.proximity_width, self._settings.proximity_blur)
+            self._fields = (read_only(occupied), read_only(distance), read_only(proximity))
+            self._fields_of = cells.copy()
+        return self._fields

@@ -1,0 +1,137 @@
+"""Evidence of seen obstacles: hits add, rays that pass through take away, memory fades.
+
+Every cell holds a small integer, in the manner of log-odds cut off at both ends. One hit makes a cell occupied; a cell
+hit again and again needs ``EVIDENCE_MAX`` scans of free sight to be free, so noise at its border does not make it flicker.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+HIT = 3  # evidence of one hit: a cell seen once is cleared by 3 free scans, 0.15 s at 20 Hz
+EVIDENCE_MAX = 6  # at most 6 free scans, 0.3 s at 20 Hz, to clear: a moved obstacle is gone at once for the eye
+STATIC_MS = 3000  # occupied unbroken this long is static (issue: 3 s)
+GRACE_MS = 300  # a break shorter than this is noise at a cell border
+NEVER = -(2**30)  # time stamp of what has not happened [ms]
+
+
+@dataclass
+class Evidence:
+    """What the lidar has told about every cell; time stamps in integer milliseconds, shape (rows, columns) each."""
+
+    level: NDArray[np.int8]  # 0 free or unknown, > 0 occupied
+    last_hit: NDArray[np.int32]  # of this cell
+    near_since: NDArray[np.int32]  # 3x3 neighbourhood occupied without a break since
+    near_last: NDArray[np.int32]  # 3x3 neighbourhood occupied until
+    near_hit: NDArray[np.int32]  # last hit in the 3x3 neighbourhood
+
+
+def no_evidence(shape: tuple[int, int]) -> Evidence:
+    """Nothing seen yet."""
+    stamps = [np.full(shape, NEVER, dtype=np.int32) for _ in range(4)]
+    return Evidence(np.zeros(shape, dtype=np.int8), *stamps)
+
+
+@njit(cache=True)
+def mark_hits(level, last_hit, hit_now, visible_distance, inside, ends, ranges, now_ms, frame, explained):  # noqa: PLR0913, PLR0917
+    """Add evidence in the cells the beams end in, unless the map explains the hit.
+
+    ``ends``: beam end points [m], shape (n, 2); ``ranges``: [m], < 0 where the beam hit nothing usable;
+    ``frame``: (origin x, origin y, resolution); ``explained``: (margin [m], margin per range [m/m]).
+    """
+    rows, columns = level.shape
+    for beam in range(ranges.shape[0]):
+        if ranges[beam] < 0.0:
+            continue
+        row = math.floor((ends[beam, 1] - frame[1]) / frame[2])
+        column = math.floor((ends[beam, 0] - frame[0]) / frame[2])
+        if row < 0 or column < 0 or row >= rows or column >= columns or hit_now[row, column]:
+            continue
+        if inside[row, column] or visible_distance[row, column] < explained[0] + explained[1] * ranges[beam]:
+            continue
+        hit_now[row, column] = 1
+        last_hit[row, column] = now_ms
+        level[row, column] = min(EVIDENCE_MAX, level[row, column] + HIT)
+
+
+@njit(cache=True)
+def clear_rays(level, hit_now, passed_now, sensor, ends, frame):  # noqa: PLR0913, PLR0917
+    """Take evidence away, once per scan, from every cell that a beam passed through before its end."""
+    rows, columns = level.shape
+    x0, y0 = (sensor[0] - frame[0]) / frame[2], (sensor[1] - frame[1]) / frame[2]
+    for beam in range(ends.shape[0]):
+        if math.isnan(ends[beam, 0]):
+            continue
+        dx, dy = (ends[beam, 0] - frame[0]) / frame[2] - x0, (ends[beam, 1] - frame[1]) / frame[2] - y0
+        column, row = math.floor(x0), math.floor(y0)
+        step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+        per_x = abs(1.0 / dx) if dx != 0.0 else math.inf
+        per_y = abs(1.0 / dy) if dy != 0.0 else math.inf
+        next_x = ((column + 1 - x0) if dx > 0.0 else (x0 - column)) * per_x if dx != 0.0 else math.inf
+        next_y = ((row + 1 - y0) if dy > 0.0 else (y0 - row)) * per_y if dy != 0.0 else math.inf
+        while min(next_x, next_y) < 1.0:  # the cell that the beam ends in is never cleared by it
+            if 0 <= row < rows and 0 <= column < columns:
+                if level[row, column] > 0 and hit_now[row, column] == 0 and passed_now[row, column] == 0:
+                    passed_now[row, column] = 1
+                    level[row, column] -= 1
+            if next_x < next_y:
+                column += step_x
+                next_x += per_x
+            else:
+                row += step_y
+                next_y += per_y
+
+
+@njit(cache=True)
+def settle(level, last_hit, near_since, near_last, near_hit, now_ms, forget_ms):  # noqa: PLR0913, PLR0917
+    """Forget what was not confirmed, keep count of how long cells are occupied, and list the occupied cells.
+
+    Returns (cells, static): row and column of each, row by row, shape (m, 2), and whether it is static, shape (m,).
+    """
+    rows, columns = level.shape
+    count = 0
+    for row in range(rows):
+        for column in range(columns):
+            if level[row, column] > 0:
+                lasting = near_hit[row, column] - near_since[row, column] >= STATIC_MS
+                if not lasting and now_ms - last_hit[row, column] > forget_ms:
+                    level[row, column] = 0
+                    continue
+                count += 1
+                hit = last_hit[row, column] == now_ms
+                for r in range(max(0, row - 1), min(rows, row + 2)):
+                    for c in range(max(0, column - 1), min(columns, column + 2)):
+                        if now_ms - near_last[r, c] > GRACE_MS:
+                            near_since[r, c] = now_ms
+                            near_hit[r, c] = now_ms
+                        near_last[r, c] = now_ms
+                        if hit:
+                            near_hit[r, c] = now_ms
+    cells = np.empty((count, 2), np.int32)
+    static = np.empty(count, np.bool_)
+    index = 0
+    for row in range(rows):
+        for column in range(columns):
+            if level[row, column] > 0:
+                cells[index, 0], cells[index, 1] = row, column
+                static[index] = near_hit[row, column] - near_since[row, column] >= STATIC_MS
+                index += 1
+    return cells, static
+
+
+@njit(cache=True)
+def clear_rectangle(level, pose, half_length, half_width, offset_x, frame):  # noqa: PLR0913, PLR0917
+    """Free the cells whose centre is under the robot's body: nothing else can stand there."""
+    rows, columns = level.shape
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    x0, y0 = pose[0] + offset_x * cos, pose[1] + offset_x * sin
+    reach = math.hypot(half_length, half_width)
+    for row in range(max(0, math.floor((y0 - reach - frame[1]) / frame[2])), min(rows, math.floor((y0 + reach - frame[1]) / frame[2]) + 1)):
+        for column in range(max(0, math.floor((x0 - reach - frame[0]) / frame[2])), min(columns, math.floor((x0 + reach - frame[0]) / frame[2]) + 1)):
+            dx = frame[0] + (column + 0.5) * frame[2] - x0
+            dy = frame[1] + (row + 0.5) * frame[2] - y0
+            if abs(cos * dx + sin * dy) < half_length and abs(cos * dy - sin * dx) < half_width:
+                level[row, column] = 0

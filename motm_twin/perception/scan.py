@@ -1,0 +1,80 @@
+"""Checking of lidar scans: only a scan that passed may change the map."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.plant import Scan
+from motm_twin.model.profile import Lidar
+
+MAX_AGE = 0.5  # [s] older scans would draw obstacles where they no longer are
+POSE_SIZE = 3
+_CHECKED = object()
+
+
+@dataclass(frozen=True, eq=False)
+class RefusedScan:
+    """A scan that must not be used, and why."""
+
+    reason: str
+
+
+class CheckedScan:
+    """A scan in the world frame whose every number was checked; built only by `check_scan`."""
+
+    __slots__ = ("directions", "origin", "pose", "range_max", "ranges", "stamp")
+
+    def __init__(self, token: object, scan: Scan) -> None:
+        if token is not _CHECKED:
+            raise TypeError("a CheckedScan is made by check_scan only: unchecked numbers must not reach the map")
+        self.stamp: float = scan.stamp
+        self.pose: Array = scan.pose
+        self.origin: Array = from_frame(scan.pose, scan.origin)
+        bearings = scan.pose[2] + scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
+        self.directions: Array = np.column_stack([np.cos(bearings), np.sin(bearings)])
+        self.ranges: Array = np.where(scan.ranges < scan.range_min, np.nan, scan.ranges)  # nan: says nothing
+        self.range_max: float = scan.range_max
+
+
+def check_scan(scan: Scan, lidar: Lidar, now: float) -> CheckedScan | RefusedScan:
+    """The scan, checked against the lidar of the profile at time now [s]; or the reason why it is refused.
+
+    A beam below ``range_min`` says nothing and is left out; one beyond ``range_max`` (or inf) means "nothing up to
+    there". A scan with any nan or negative range is refused as a whole: a sensor that errs once is not trusted.
+    """
+    reason = _numbers_wrong(scan) or _shape_wrong(scan, lidar) or _time_wrong(scan, now)
+    return RefusedScan(reason) if reason else CheckedScan(_CHECKED, scan)
+
+
+def _numbers_wrong(scan: Scan) -> str:
+    header = (scan.stamp, scan.angle_min, scan.angle_step, scan.range_min, scan.range_max)
+    if not all(math.isfinite(value) for value in header):
+        return "scan refused: its stamp, angles or range limits are not finite"
+    if scan.pose.shape != (POSE_SIZE,) or not np.isfinite(scan.pose).all():
+        return f"scan refused: its pose {scan.pose} is not three finite numbers"
+    if scan.origin.shape != (2,) or not np.isfinite(scan.origin).all():
+        return f"scan refused: its sensor position {scan.origin} is not two finite numbers"
+    bad = np.isnan(scan.ranges) | (scan.ranges < 0.0)
+    if bad.any():
+        return f"scan refused: {int(bad.sum())} of {bad.size} ranges are nan or negative"
+    return ""
+
+
+def _shape_wrong(scan: Scan, lidar: Lidar) -> str:
+    if scan.ranges.shape != (lidar.beams,):
+        return f"scan refused: {scan.ranges.shape} ranges, the profile's lidar has {lidar.beams} beams"
+    if not 0.0 <= scan.range_min < scan.range_max:
+        return f"scan refused: range limits {scan.range_min} to {scan.range_max} m"
+    if not 0.0 < scan.angle_step * (lidar.beams - 1) <= 2.0 * math.pi + 1e-6:
+        return f"scan refused: an angle step of {scan.angle_step} rad does not fit {lidar.beams} beams"
+    return ""
+
+
+def _time_wrong(scan: Scan, now: float) -> str:
+    if scan.stamp > now + 1e-6:
+        return f"scan refused: its stamp {scan.stamp:.3f} s is later than now, {now:.3f} s"
+    if now - scan.stamp > MAX_AGE:
+        return f"scan refused: it is {now - scan.stamp:.2f} s old, more than {MAX_AGE} s"
+    return ""
