@@ -1,0 +1,100 @@
+"""Commands that the twin server takes, their envelope, and its answers.
+
+A command is a query on ``motm/<twin>/cmd/<type>`` whose payload is an `Envelope` as JSON::
+
+    {"sender": "page-1", "seq": 7, "expires": 1763683200.5, "command": {"type": "speed", "factor": 2.0}}
+
+``expires`` is on the clock of the server (``server_time`` of every status and tick; on one machine with a steady clock
+this is Unix time). The answer is an `Answer` as JSON.
+"""
+
+import msgspec
+
+from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveObstacle, WorldEdit
+
+MAX_COMMAND_BYTES = 64 * 1024
+SPEED_MIN, SPEED_MAX = 0.125, 8.0
+
+
+class Play(msgspec.Struct, frozen=True, kw_only=True, tag="play", forbid_unknown_fields=True):
+    """Let time run; after the end of a run, start it again."""
+
+
+class Pause(msgspec.Struct, frozen=True, kw_only=True, tag="pause", forbid_unknown_fields=True):
+    """Stop time."""
+
+
+class Step(msgspec.Struct, frozen=True, kw_only=True, tag="step", forbid_unknown_fields=True):
+    """Stop time, then compute ``count`` periods."""
+
+    count: int = 1
+
+
+class Reset(msgspec.Struct, frozen=True, kw_only=True, tag="reset", forbid_unknown_fields=True):
+    """Back to the start of the loaded scene."""
+
+
+class Speed(msgspec.Struct, frozen=True, kw_only=True, tag="speed", forbid_unknown_fields=True):
+    """Wanted real-time factor, 1/8 to 8."""
+
+    factor: float
+
+
+class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown_fields=True):
+    """Another scene, variant or seed; None keeps what the scene file says."""
+
+    scene: str
+    variant: str | None = None
+    seed: int | None = None
+
+
+Command = Play | Pause | Step | Reset | Speed | Load | AddObstacle | MoveBody | ReleaseBody | RemoveObstacle
+EDITS = (AddObstacle, MoveBody, ReleaseBody, RemoveObstacle)
+COMMAND_NAMES = tuple(kind.__struct_config__.tag for kind in (Play, Pause, Step, Reset, Speed, Load, *EDITS))
+
+
+class Envelope(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Who sends which command, the how-manieth, and until when it is meant."""
+
+    sender: str
+    seq: int
+    expires: float
+    command: Command
+
+
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a command. A refused one had no effect."""
+
+    ok: bool
+    reason: str = ""  # why it was refused
+    server_time: float = 0.0
+    index: int = -1  # last period before the command takes effect
+
+
+def command_name(command: Command) -> str:
+    """The type tag of a command, which is also the last part of its key."""
+    return str(command.__struct_config__.tag)
+
+
+__all__ = [
+    "COMMAND_NAMES",
+    "EDITS",
+    "MAX_COMMAND_BYTES",
+    "SPEED_MAX",
+    "SPEED_MIN",
+    "AddObstacle",
+    "Answer",
+    "Command",
+    "Envelope",
+    "Load",
+    "MoveBody",
+    "Pause",
+    "Play",
+    "ReleaseBody",
+    "RemoveObstacle",
+    "Reset",
+    "Speed",
+    "Step",
+    "WorldEdit",
+    "command_name",
+]

@@ -1,0 +1,192 @@
+"""From the Tick of the control loop to the messages on the bus."""
+
+import msgspec
+import numpy as np
+
+from motm_twin.bus.messages import (
+    GRID_ENCODING,
+    GRID_VERSION,
+    TICK_VERSION,
+    ArmMessage,
+    BeliefMessage,
+    BodyMessage,
+    ContactMessage,
+    EventMessage,
+    GridInfo,
+    PlacementMessage,
+    PlanMessage,
+    RobotMessage,
+    ScoreMessage,
+    TaskMessage,
+    TickMessage,
+)
+from motm_twin.control.tick import Tick
+from motm_twin.control.types import ArmStep
+from motm_twin.model.geometry import Array
+from motm_twin.model.plant import BodyTruth, Observation, Truth
+from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.types import BasePlan, Placement
+
+_DRAWN = 4  # digits after the point of what is only drawn: 0.1 mm
+_EXACT = 9
+
+
+def _numbers(values: object, digits: int = _DRAWN) -> list:
+    return np.round(np.asarray(values, dtype=float), digits).tolist()
+
+
+def _robot(observation: Observation, truth: Truth | None) -> RobotMessage:
+    pose = _numbers(observation.pose, _EXACT)
+    return RobotMessage(
+        pose=pose,
+        true_pose=pose if truth is None else _numbers(truth.pose, _EXACT),
+        twist=_numbers(observation.twist, _EXACT),
+        q=_numbers(observation.q, _EXACT),
+        dq=_numbers(observation.dq, _EXACT),
+        gripper_width=float(observation.gripper_width),
+    )
+
+
+def body_message(body: BodyTruth) -> BodyMessage:
+    """One true body."""
+    return BodyMessage(
+        name=body.name,
+        kind=body.kind,
+        position=_numbers(body.position),
+        yaw=float(body.yaw),
+        state=body.state,
+        size=_numbers(body.size),
+    )
+
+
+def _placement(placement: Placement) -> PlacementMessage:
+    return PlacementMessage(
+        mode=placement.mode,
+        radius=float(placement.radius),
+        poses=_numbers(placement.poses),
+        cost_current=_numbers(placement.cost_current),
+        cost_next=_numbers(placement.cost_next),
+        cost=_numbers(placement.cost),
+        rejected=list(placement.rejected),
+        chosen=int(placement.chosen),
+        goal=_numbers(placement.goal),
+        goal_has_heading=bool(placement.goal_has_heading),
+        reason=placement.reason,
+        next_goal=None if placement.next_goal is None else _numbers(placement.next_goal),
+    )
+
+
+def _plan(plan: BasePlan) -> PlanMessage:
+    return PlanMessage(
+        status=plan.status,
+        reason=plan.reason,
+        acceleration=_numbers(plan.acceleration),
+        global_path=_numbers(plan.global_path),
+        next_path=_numbers(plan.next_path),
+        intermediate_goal=_numbers(plan.intermediate_goal),
+        local_poses=_numbers(plan.local_poses),
+        local_times=_numbers(plan.local_times),
+        bezier=_numbers(plan.bezier),
+        expansions=int(plan.expansions),
+        cut_by_clock=bool(plan.cut_by_clock),
+        t_h=float(plan.t_h),
+        k=float(plan.k),
+        time_to_range=float(plan.time_to_range),
+    )
+
+
+def _arm(step: ArmStep) -> ArmMessage:
+    return ArmMessage(
+        time=float(step.time),
+        phase=step.phase,
+        base_twist=_numbers(step.actuation.twist),
+        joint_velocity=_numbers(step.actuation.joint_velocity),
+        gripper=step.actuation.gripper,
+        reference=_numbers(step.reference),
+        error=float(step.error),
+        tilt=float(step.tilt),
+        slack=_numbers(step.slack, _EXACT),
+        manipulability=float(step.manipulability),
+        active=list(step.active),
+        limiter=step.limiter,
+        obstacle_distance=float(step.obstacle_distance),
+        allowed_approach=float(step.allowed_approach),
+        qp_status=step.qp_status,
+        holding=bool(step.holding),
+        outcome=step.outcome,
+        reason=step.reason,
+    )
+
+
+def _score(truth: Truth) -> ScoreMessage:
+    return ScoreMessage(
+        picks=int(truth.picks),
+        places=int(truth.places),
+        drops=int(truth.drops),
+        contacts=[msgspec.convert(contact, ContactMessage, from_attributes=True) for contact in truth.contacts],
+        min_base_clearance=float(truth.min_base_clearance),
+        min_arm_clearance=float(truth.min_arm_clearance),
+        min_ee_obstacle=float(truth.min_ee_obstacle),
+        ee_obstacle=float(truth.ee_obstacle),
+    )
+
+
+def tick_message(tick: Tick, run: int, server_time: float) -> TickMessage:
+    """The message of one period."""
+    truth = tick.truth
+    return TickMessage(
+        version=TICK_VERSION,
+        run=run,
+        server_time=server_time,
+        index=tick.index,
+        time=float(tick.time),
+        robot=_robot(tick.observation, truth),
+        objects=[] if truth is None else [body_message(body) for body in truth.objects],
+        agents=[] if truth is None else [body_message(body) for body in truth.agents],
+        obstacles=[] if truth is None else [body_message(body) for body in truth.obstacles],
+        tasks=[TaskMessage(kind=t.kind, target=t.target, status=t.status, attempts=t.attempts) for t in tick.tasks],
+        task_index=tick.task_index,
+        beliefs=[
+            BeliefMessage(
+                name=belief.name,
+                position=_numbers(belief.position),
+                yaw=float(belief.yaw),
+                position_sd=float(belief.position_sd),
+                seen=bool(belief.seen),
+                held=bool(belief.held),
+            )
+            for belief in tick.beliefs
+        ],
+        placement=_placement(tick.placement),
+        plan=_plan(tick.plan),
+        arm=[_arm(step) for step in tick.arm],
+        stop_reason=tick.stop_reason,
+        events=[EventMessage(time=event.time, kind=event.kind, text=event.text) for event in tick.events],
+        stage_ms={name: round(float(value), 3) for name, value in tick.stage_ms.items()},
+        score=None if truth is None else _score(truth),
+        done=bool(tick.done),
+        success=bool(tick.success),
+        preview=False,
+    )
+
+
+def grid_bytes(world: WorldMap) -> bytes:
+    """Occupancy and proximity of a map in one byte per cell (see GRID_ENCODING)."""
+    cells = np.clip(world.proximity * 254.0, 0.0, 254.0).astype(np.uint8)
+    cells[world.occupied != 0] = 255
+    return cells.tobytes()
+
+
+def grid_info(world: WorldMap, run: int) -> GridInfo:
+    """The attachment that goes with `grid_bytes`."""
+    height, width = world.occupied.shape
+    return GridInfo(
+        version=GRID_VERSION,
+        run=run,
+        encoding=GRID_ENCODING,
+        resolution=float(world.resolution),
+        origin=[float(world.origin[0]), float(world.origin[1])],
+        width=int(width),
+        height=int(height),
+        stamp=float(world.stamp),
+    )

@@ -1,0 +1,29 @@
+"""Zenoh keys of one twin: everything lives below ``motm/<twin>/``."""
+
+import re
+
+PREFIX = "motm"
+DEFAULT_TWIN = "frankie"
+DEFAULT_PORT = 7447  # Zenoh's own
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
+
+
+class Keys:
+    """Key expressions of the twin with the given name."""
+
+    def __init__(self, twin: str = DEFAULT_TWIN) -> None:
+        if not _NAME.match(twin):
+            raise ValueError(f"twin name {twin!r}: use 1 to 40 letters, digits, '_' or '-'")
+        self.twin = twin
+        root = f"{PREFIX}/{twin}"
+        self.tick = f"{root}/tick"  # JSON, every period
+        self.grid = f"{root}/grid"  # raw bytes with an attachment, on change
+        self.scene = f"{root}/scene"  # JSON, on change; answers queries
+        self.status = f"{root}/status"  # JSON, on change and twice a second; answers queries
+        self.alive = f"{root}/alive"  # liveliness token
+        self.commands = f"{root}/cmd/**"
+        self._command = f"{root}/cmd"
+
+    def command(self, name: str) -> str:
+        """Key that the command of this name is sent to."""
+        return f"{self._command}/{name}"

@@ -1,0 +1,220 @@
+"""What travels on Zenoh, version 1: JSON made from these structs (UTF-8; lengths in [m], angles in [rad], times in [s]).
+
+Numbers that are infinite or undefined (the cost of a rejected candidate) are ``null``. Fields may be added within a
+version; a change of meaning or a removal makes a new one.
+"""
+
+import msgspec
+
+TICK_VERSION = "motm.tick/1"
+STATUS_VERSION = "motm.status/1"
+GRID_VERSION = "motm.grid/1"
+
+Vector = list[float]
+Vectors = list[list[float]]
+MaybeNumber = float | None
+
+
+class RobotMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The robot now."""
+
+    pose: Vector  # localised base pose x, y, heading, world
+    true_pose: Vector  # ground truth where there is one, else the same
+    twist: Vector  # forward speed [m/s], yaw rate [rad/s]
+    q: Vector  # arm joints, 7
+    dq: Vector  # arm joint rates [rad/s], 7
+    gripper_width: float
+
+
+class BodyMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """An object, agent or added obstacle, as it truly is."""
+
+    name: str
+    kind: str
+    position: Vector  # centre of an object, floor point of anything else
+    yaw: float
+    state: str
+    size: Vector
+
+
+class TaskMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """One entry of the task list."""
+
+    kind: str
+    target: str
+    status: str
+    attempts: int
+
+
+class BeliefMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Where the robot believes an object is."""
+
+    name: str
+    position: Vector
+    yaw: float
+    position_sd: float
+    seen: bool
+    held: bool
+
+
+class PlacementMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Candidate base poses with both costs, or why each is rejected."""
+
+    mode: str
+    radius: float
+    poses: Vectors  # (n, 3)
+    cost_current: list[MaybeNumber]  # [s]
+    cost_next: list[MaybeNumber]  # [s]
+    cost: list[MaybeNumber]  # [s]
+    rejected: list[str]
+    chosen: int
+    goal: Vector
+    goal_has_heading: bool
+    reason: str
+    next_goal: Vector | None
+
+
+class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """What the base does and the plan behind it."""
+
+    status: str
+    reason: str
+    acceleration: Vector
+    global_path: Vectors
+    next_path: Vectors
+    intermediate_goal: Vector
+    local_poses: Vectors  # (j, 5)
+    local_times: Vector
+    bezier: Vectors
+    expansions: int
+    cut_by_clock: bool
+    t_h: MaybeNumber
+    k: float
+    time_to_range: MaybeNumber
+
+
+class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """One arm step, and why."""
+
+    time: float
+    phase: str
+    base_twist: Vector
+    joint_velocity: Vector
+    gripper: str
+    reference: Vector
+    error: MaybeNumber
+    tilt: MaybeNumber
+    slack: list[MaybeNumber]
+    manipulability: MaybeNumber
+    active: list[str]
+    limiter: str
+    obstacle_distance: MaybeNumber
+    allowed_approach: MaybeNumber
+    qp_status: str
+    holding: bool
+    outcome: str
+    reason: str
+
+
+class EventMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Something worth telling."""
+
+    time: float
+    kind: str
+    text: str
+
+
+class ContactMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """One contact, as the referee saw it."""
+
+    time: float
+    body: str
+    other: str
+    depth: float
+    closing_speed: float
+    other_speed: float
+    caused_by_robot: bool
+    duration: float
+
+
+class ScoreMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The referee's count so far."""
+
+    picks: int
+    places: int
+    drops: int
+    contacts: list[ContactMessage]
+    min_base_clearance: MaybeNumber
+    min_arm_clearance: MaybeNumber
+    min_ee_obstacle: MaybeNumber
+    ee_obstacle: MaybeNumber
+
+
+class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """One control period without its map, which is sent apart."""
+
+    version: str
+    run: int  # counts loads and resets of this server
+    server_time: float  # [s] when it was sent, on the server's clock
+    index: int
+    time: float  # [s] simulated
+    robot: RobotMessage
+    objects: list[BodyMessage]
+    agents: list[BodyMessage]
+    obstacles: list[BodyMessage]
+    tasks: list[TaskMessage]
+    task_index: int
+    beliefs: list[BeliefMessage]
+    placement: PlacementMessage
+    plan: PlanMessage
+    arm: list[ArmMessage]
+    stop_reason: str
+    events: list[EventMessage]
+    stage_ms: dict[str, float]
+    score: ScoreMessage | None
+    done: bool
+    success: bool
+    preview: bool  # True: paused; bodies stand where posted edits will put them in the next period
+
+
+class SceneChoice(msgspec.Struct, frozen=True, kw_only=True):
+    """One scene that can be loaded."""
+
+    name: str
+    title: str
+    variants: list[str]
+
+
+class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The server itself: sent on every change, and twice a second as a sign of life."""
+
+    version: str
+    twin: str
+    run: int
+    server_time: float  # [s] expiry times of commands are on this clock
+    state: str  # loading | playing | paused | done | error
+    text: str  # one sentence about the state
+    scene: str
+    variant: str
+    seed: int
+    time: float  # [s] simulated
+    speed: float  # wanted real-time factor
+    actual_speed: float  # reached over the last second
+    capped: bool  # the machine can not keep up with the wanted speed
+    scenes: list[SceneChoice]
+
+
+class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """Attachment of a grid: how to read its bytes."""
+
+    version: str
+    run: int
+    encoding: str  # "u8: 255 occupied, else 254 * proximity; rows from y_min to y_max"
+    resolution: float
+    origin: Vector  # world corner of the first cell, shape (2,)
+    width: int
+    height: int
+    stamp: float
+
+
+GRID_ENCODING = "u8: 255 occupied, else 254 * proximity; rows from y_min to y_max"

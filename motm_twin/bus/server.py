@@ -1,0 +1,124 @@
+"""The twin server process: the twin in real time, its state on Zenoh, commands only as checked queries.
+
+Run alone with ``python -m motm_twin.bus.server exp1 --port 7447``.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+
+import msgspec
+import zenoh
+
+from motm_twin.bus.commands import Answer, Load
+from motm_twin.bus.gate import CommandGate, Refused
+from motm_twin.bus.keys import Keys
+from motm_twin.bus.loop import SceneLibrary, TwinLike, TwinLoop
+from motm_twin.bus.publisher import Publisher
+from motm_twin.bus.session import LOOPBACK, free_port, open_server
+from motm_twin.model.scene import Scene
+
+HEARTBEAT = 0.5  # [s] between two status messages
+LAST_WAIT = 1.0  # [s] for the current period to end when the server stops
+
+
+class ServerClock:
+    """Unix time at the start plus monotonic time since: steps of the wall clock do not reach commands."""
+
+    def __init__(self) -> None:
+        self._offset = time.time() - time.monotonic()
+
+    def __call__(self) -> float:
+        """Server time [s]."""
+        return self._offset + time.monotonic()
+
+
+class TwinServer:
+    """A twin on Zenoh. ``with TwinServer(...) as server:`` runs it in a thread until the block ends."""
+
+    def __init__(
+        self,
+        *,
+        library: SceneLibrary,
+        make_twin: Callable[[Scene], TwinLike],
+        first: Load,
+        port: int = 0,
+        host: str = LOOPBACK,
+        twin: str = "frankie",
+        playing: bool = True,
+    ) -> None:
+        self.keys = Keys(twin)
+        self.port = port or free_port(host)
+        self._session = open_server(self.port, host)
+        clock = ServerClock()
+        self._clock, self._gate = clock, CommandGate(clock)
+        self._encode = msgspec.json.Encoder().encode
+        self.loop = TwinLoop(
+            twin_name=twin,
+            library=library,
+            make_twin=make_twin,
+            sink=self,
+            first=first,
+            playing=playing,
+            server_time=clock,
+        )
+        self._publisher = Publisher(self._session, self.keys, self.loop.status)
+        self.tick, self.scene, self.status = self._publisher.tick, self._publisher.scene, self._publisher.status
+        self._queryable = self._session.declare_queryable(self.keys.commands, self._on_command)
+        self._token = self._session.liveliness().declare_token(self.keys.alive)
+        self._stop = threading.Event()
+        self._threads = [
+            threading.Thread(target=self.loop.run, name="twin", daemon=True),
+            threading.Thread(target=self._heartbeat, name="heartbeat", daemon=True),
+        ]
+
+    @property
+    def endpoint(self) -> str:
+        """Where clients on this machine connect to."""
+        return f"tcp/{LOOPBACK}:{self.port}"
+
+    def start(self) -> None:
+        """Begin to run the twin."""
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> bool:
+        """Stop within a second and a half; False when the current period had to be abandoned."""
+        self._stop.set()
+        self.loop.stop()
+        self._token.undeclare()
+        self._queryable.undeclare()
+        for thread in self._threads:
+            thread.join(LAST_WAIT)
+        ended = not any(thread.is_alive() for thread in self._threads)
+        if ended:
+            self._publisher.close()
+            self._session.close()
+        return ended
+
+    def __enter__(self) -> "TwinServer":
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop."""
+        self.close()
+
+    def _heartbeat(self) -> None:
+        while not self._stop.wait(HEARTBEAT):
+            self._publisher.status()
+
+    def _on_command(self, query: zenoh.Query) -> None:
+        name = str(query.key_expr).rsplit("/cmd/", 1)[-1]
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+
+        def reply(reason: str, index: int) -> None:
+            answer = Answer(ok=not reason, reason=reason, server_time=self._clock(), index=index)
+            with query:
+                query.reply(query.key_expr, self._encode(answer))
+
+        try:
+            self.loop.request(self._gate.admit(name, payload).command, reply)
+        except Refused as refusal:
+            reply(str(refusal), -1)
