@@ -10,7 +10,7 @@ from numba import njit
 
 from motm_twin.model.geometry import Array
 
-MERGE_CELLS = 4  # 0.2 m: narrower gaps are impassable for any base, and far beams leave gaps like this on one face
+MERGE_CELLS = 6  # 0.3 m: no base fits through a narrower gap, and grazing beams leave gaps like this on one face
 SPLIT_AREA = 0.4  # [m^2] a hull larger than this ...
 SPLIT_RATIO = 4.0  # ... and than this many times the cells in it covers floor that may be free (an L of two walls)
 MIN_SPLIT = 6  # cells; smaller clusters stay whole
@@ -107,18 +107,25 @@ def drop_flat_corners(hull, flat, most):
     return corners[:n].copy()
 
 
-def area_of(corners: Array) -> float:
-    """Area [m^2] of a polygon, positive when counter-clockwise; shape (n, 2)."""
-    x, y = corners[:, 0], corners[:, 1]
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+@njit(cache=True)
+def area_of(corners):
+    """Area of a polygon, positive when counter-clockwise; corners shape (n, 2)."""
+    n = corners.shape[0]
+    total = 0.0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        total += corners[i, 0] * corners[j, 1] - corners[j, 0] * corners[i, 1]
+    return 0.5 * total
 
 
 def seen_outlines(cells: np.ndarray, shape: tuple[int, int], resolution: float, origin: Array) -> list[Array]:
     """Convex outlines, counter-clockwise [m], of the seen cells (row, col) sorted by row and column; each shape (n, 2)."""
     labels, count = label_cells(cells, *shape, MERGE_CELLS)
+    by_label = cells[np.argsort(labels, kind="stable")]
+    ends = np.cumsum(np.bincount(labels, minlength=count))
     outlines: list[Array] = []
-    for number in range(count):
-        pending = [cells[labels == number]]
+    for start, end in zip(np.concatenate([[0], ends[:-1]]), ends, strict=True) if count else ():
+        pending = [by_label[start:end]]
         while pending:
             part = pending.pop()
             hull = hull_of_cells(part)
@@ -143,13 +150,7 @@ def calm(outlines: list[Array], before: tuple[Array, ...]) -> tuple[Array, ...]:
     """The new outlines, each replaced by the one of the period before when they agree within CALM both ways."""
     kept: list[Array] = []
     for new in outlines:
-        centre = new.mean(axis=0)
-        same = new
-        for old in before:
-            if np.abs(old.mean(axis=0) - centre).max() < 4 * CALM and outlines_agree(new, old, CALM):
-                same = old
-                break
-        kept.append(same)
+        kept.append(next((old for old in before if outlines_agree(new, old, CALM)), new))
     return tuple(kept)
 
 
@@ -162,11 +163,12 @@ def outlines_agree(one, two, tolerance):
         for i in range(corners.shape[0]):
             least = math.inf
             for j in range(n):
-                ax, ay = border[j, 0], border[j, 1]
-                ex, ey = border[(j + 1) % n, 0] - ax, border[(j + 1) % n, 1] - ay
-                px, py = corners[i, 0] - ax, corners[i, 1] - ay
+                k = j + 1 if j + 1 < n else 0
+                ex, ey = border[k, 0] - border[j, 0], border[k, 1] - border[j, 1]
+                px, py = corners[i, 0] - border[j, 0], corners[i, 1] - border[j, 1]
                 t = min(1.0, max(0.0, (px * ex + py * ey) / (ex * ex + ey * ey)))
-                least = min(least, math.hypot(px - t * ex, py - t * ey))
-            if least > tolerance:
+                dx, dy = px - t * ex, py - t * ey
+                least = min(least, dx * dx + dy * dy)
+            if least > tolerance * tolerance:
                 return False
     return True

@@ -10,12 +10,13 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 FAR = 1 << 28
 
 
 @njit(cache=True)
-def squared_cells(cells, rows, columns):  # noqa: PLR0914
+def squared_cells(cells, rows, columns):
     """Squared distance in cells from every cell to the nearest of the given (row, col), row by row; int32 (rows, columns).
 
     Without any cell everything is FAR.
@@ -78,40 +79,27 @@ def seen_distance(squared, resolution):
     return distance
 
 
-@njit(cache=True)
-def proximity_cost(distance, width, blur):
-    """STAA*'s inflated, blurred grid: ``clip(1 - distance/width, 0, 1)``, box-blurred over ``2 blur + 1`` cells; float32.
+def proximity_cost(distance: NDArray[np.float32], width: float, blur: int) -> NDArray[np.float32]:
+    """STAA*'s inflated, blurred grid: ``clip(1 - distance/width, 0, 1)``, box-blurred over ``2 blur + 1`` cells.
 
-    ``width`` [m]: cost falls from 1 at an obstacle to 0 there; ``blur``: whole cells each way.
+    ``width`` [m]: cost falls from 1 at an obstacle to 0 there; ``blur``: whole cells each way. Shape (rows, columns).
     """
     rows, columns = distance.shape
-    across = np.zeros((rows, columns), np.float32)
-    raw = np.empty(columns, np.float32)
     size = 2 * blur + 1
-    busy = np.zeros(rows, np.uint8)
-    for row in range(rows):
-        near = False
-        for column in range(columns):
-            raw[column] = 0.0
-            if distance[row, column] < width:
-                raw[column] = min(1.0, 1.0 - distance[row, column] / width)
-                near = True
-        if near:
-            busy[row] = 1
-            for column in range(columns):
-                total = 0.0
-                for k in range(-blur, blur + 1):
-                    total += raw[min(max(column + k, 0), columns - 1)]
-                across[row, column] = total / size
-    cost = np.zeros((rows, columns), np.float32)
-    for row in range(rows):
-        near = False
-        for k in range(-blur, blur + 1):
-            near = near or busy[min(max(row + k, 0), rows - 1)] == 1
-        if near:
-            for column in range(columns):
-                total = 0.0
-                for k in range(-blur, blur + 1):
-                    total += across[min(max(row + k, 0), rows - 1), column]
-                cost[row, column] = total / size
+    padded = np.empty((rows + 2 * blur, columns + 2 * blur), np.float32)
+    inner = padded[blur : blur + rows, blur : blur + columns]
+    np.multiply(distance, np.float32(-1.0 / width), out=inner)
+    inner += np.float32(1.0)
+    np.maximum(inner, np.float32(0.0), out=inner)
+    for k in range(blur):  # the border continues outwards
+        padded[k], padded[-1 - k] = padded[blur], padded[-1 - blur]
+    for k in range(blur):
+        padded[:, k], padded[:, -1 - k] = padded[:, blur], padded[:, -1 - blur]
+    along = padded[:rows].copy()
+    for k in range(1, size):
+        along += padded[k : k + rows]
+    cost = along[:, :columns].copy()
+    for k in range(1, size):
+        cost += along[:, k : k + columns]
+    cost *= np.float32(1.0 / size**2)
     return cost

@@ -53,7 +53,9 @@ def _corners(part: shapely.Polygon) -> Array:
 def distance_to_shape(shape: Box | Cylinder | Prism, points: Array) -> Array:
     """Exact distance [m] of points, shape (..., 2), to a shape; 0 inside. Shape (...)."""
     if isinstance(shape, Cylinder):
-        return np.maximum(np.hypot(points[..., 0] - shape.centre[0], points[..., 1] - shape.centre[1]) - shape.radius, 0.0)
+        return np.maximum(
+            np.hypot(points[..., 0] - shape.centre[0], points[..., 1] - shape.centre[1]) - shape.radius, 0.0
+        )
     corners = outline(shape)
     best = np.full(points.shape[:-1], np.inf)
     inside = np.zeros(points.shape[:-1], dtype=bool)

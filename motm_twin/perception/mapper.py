@@ -133,6 +133,7 @@ class Mapper(Stateful[MapperState]):
             self._frame,
         )
         return settle(
+            np.flatnonzero(evidence.level.view(bool)),
             evidence.level,
             evidence.last_hit,
             evidence.near_since,

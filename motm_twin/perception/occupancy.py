@@ -36,7 +36,7 @@ def no_evidence(shape: tuple[int, int]) -> Evidence:
 
 
 @njit(cache=True)
-def mark_hits(level, last_hit, hit_now, visible_distance, inside, ends, ranges, now_ms, frame, explained):  # noqa: PLR0913, PLR0917
+def mark_hits(level, last_hit, hit_now, visible_distance, inside, ends, ranges, now_ms, frame, explained):
     """Add evidence in the cells the beams end in, unless the map explains the hit.
 
     ``ends``: beam end points [m], shape (n, 2); ``ranges``: [m], < 0 where the beam hit nothing usable;
@@ -58,7 +58,7 @@ def mark_hits(level, last_hit, hit_now, visible_distance, inside, ends, ranges, 
 
 
 @njit(cache=True)
-def clear_rays(level, hit_now, passed_now, sensor, ends, frame):  # noqa: PLR0913, PLR0917
+def clear_rays(level, hit_now, passed_now, sensor, ends, frame):
     """Take evidence away, once per scan, from every cell that a beam passed through before its end."""
     rows, columns = level.shape
     x0, y0 = (sensor[0] - frame[0]) / frame[2], (sensor[1] - frame[1]) / frame[2]
@@ -86,51 +86,51 @@ def clear_rays(level, hit_now, passed_now, sensor, ends, frame):  # noqa: PLR091
 
 
 @njit(cache=True)
-def settle(level, last_hit, near_since, near_last, near_hit, now_ms, forget_ms):  # noqa: PLR0913, PLR0917
+def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, forget_ms):
     """Forget what was not confirmed, keep count of how long cells are occupied, and list the occupied cells.
 
-    Returns (cells, static): row and column of each, row by row, shape (m, 2), and whether it is static, shape (m,).
+    ``occupied``: flat indices of cells with evidence, ascending. Returns (cells, static): row and column of those that
+    remain, in the same order, shape (m, 2), and whether each is static, shape (m,).
     """
     rows, columns = level.shape
+    cells = np.empty((occupied.shape[0], 2), np.int32)
     count = 0
-    for row in range(rows):
-        for column in range(columns):
-            if level[row, column] > 0:
-                lasting = near_hit[row, column] - near_since[row, column] >= STATIC_MS
-                if not lasting and now_ms - last_hit[row, column] > forget_ms:
-                    level[row, column] = 0
-                    continue
-                count += 1
-                hit = last_hit[row, column] == now_ms
-                for r in range(max(0, row - 1), min(rows, row + 2)):
-                    for c in range(max(0, column - 1), min(columns, column + 2)):
-                        if now_ms - near_last[r, c] > GRACE_MS:
-                            near_since[r, c] = now_ms
-                            near_hit[r, c] = now_ms
-                        near_last[r, c] = now_ms
-                        if hit:
-                            near_hit[r, c] = now_ms
-    cells = np.empty((count, 2), np.int32)
+    for i in range(occupied.shape[0]):
+        row, column = occupied[i] // columns, occupied[i] % columns
+        lasting = near_hit[row, column] - near_since[row, column] >= STATIC_MS
+        if not lasting and now_ms - last_hit[row, column] > forget_ms:
+            level[row, column] = 0
+            continue
+        cells[count, 0], cells[count, 1] = row, column
+        count += 1
+        hit = last_hit[row, column] == now_ms
+        for r in range(max(0, row - 1), min(rows, row + 2)):
+            for c in range(max(0, column - 1), min(columns, column + 2)):
+                if now_ms - near_last[r, c] > GRACE_MS:
+                    near_since[r, c] = now_ms
+                    near_hit[r, c] = now_ms
+                near_last[r, c] = now_ms
+                if hit:
+                    near_hit[r, c] = now_ms
     static = np.empty(count, np.bool_)
-    index = 0
-    for row in range(rows):
-        for column in range(columns):
-            if level[row, column] > 0:
-                cells[index, 0], cells[index, 1] = row, column
-                static[index] = near_hit[row, column] - near_since[row, column] >= STATIC_MS
-                index += 1
-    return cells, static
+    for i in range(count):
+        row, column = cells[i, 0], cells[i, 1]
+        static[i] = near_hit[row, column] - near_since[row, column] >= STATIC_MS
+    return cells[:count].copy(), static
 
 
 @njit(cache=True)
-def clear_rectangle(level, pose, half_length, half_width, offset_x, frame):  # noqa: PLR0913, PLR0917
+def clear_rectangle(level, pose, half_length, half_width, offset_x, frame):
     """Free the cells whose centre is under the robot's body: nothing else can stand there."""
     rows, columns = level.shape
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     x0, y0 = pose[0] + offset_x * cos, pose[1] + offset_x * sin
     reach = math.hypot(half_length, half_width)
-    for row in range(max(0, math.floor((y0 - reach - frame[1]) / frame[2])), min(rows, math.floor((y0 + reach - frame[1]) / frame[2]) + 1)):
-        for column in range(max(0, math.floor((x0 - reach - frame[0]) / frame[2])), min(columns, math.floor((x0 + reach - frame[0]) / frame[2]) + 1)):
+    first_row, last_row = math.floor((y0 - reach - frame[1]) / frame[2]), math.floor((y0 + reach - frame[1]) / frame[2])
+    first_column = math.floor((x0 - reach - frame[0]) / frame[2])
+    last_column = math.floor((x0 + reach - frame[0]) / frame[2])
+    for row in range(max(0, first_row), min(rows, last_row + 1)):
+        for column in range(max(0, first_column), min(columns, last_column + 1)):
             dx = frame[0] + (column + 0.5) * frame[2] - x0
             dy = frame[1] + (row + 0.5) * frame[2] - y0
             if abs(cos * dx + sin * dy) < half_length and abs(cos * dy - sin * dx) < half_width:

@@ -1,0 +1,152 @@
+"""Where the objects are: a rough idea at first, then what the gripper camera says.
+
+Estimates live in the odometry frame: it is smooth, so the arm does not jump when localisation does. Each object has a
+Kalman filter with one variance for its three axes. What an object far from its belief needs to be believed is three
+detections that agree with each other: then somebody has moved it.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array, compose, from_frame, inverse, wrap_angle
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Detection, Observation
+from motm_twin.model.state import Stateful
+
+QUARTER = 0.5 * math.pi  # a cube looks the same after a turn of 90 deg
+
+
+class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Parameters of the filter; choices of this project."""
+
+    drift: float = 0.005  # [m/sqrt(s)] random walk of an object in the odometry frame: odometry drift, small pushes
+    gate: float = 4.0  # standard deviations: detections further off are outliers ...
+    gate_floor: float = 0.01  # [m] ... unless they are this close
+    localisation_sd: float = 0.03  # [m] added to the prior's error: localisation when the object is first seen
+    agreeing: int = 3  # outliers in a row at one place that move the belief there
+    yaw_gain: float = 0.3  # of each detection
+
+
+@dataclass
+class Track:
+    """Estimate of one object, odometry frame."""
+
+    position: Array  # [m], shape (3,)
+    yaw: float  # [rad]
+    variance: float  # [m^2] per axis
+    last_seen: float  # [s]
+    elsewhere: list[Array] = field(default_factory=list)  # outliers since the last accepted detection, newest last
+
+
+@dataclass
+class TrackerState:
+    """What the tracker remembers."""
+
+    tracks: dict[str, Track]  # only objects that have been seen
+    stamps: dict[str, float]  # of the newest detection used per object
+
+
+class ObjectTracker(Stateful[TrackerState]):
+    """Belief about every object, from the prior and the detections."""
+
+    def __init__(self, known: KnownWorld, settings: TrackerSettings | None = None) -> None:
+        self._settings = settings or TrackerSettings()
+        self._priors = {item.name: (np.array(item.position), item.yaw) for item in known.objects}
+        self._prior_sd = known.object_sd
+        self._state = TrackerState({}, {})
+
+    def update(self, observation: Observation, held: str | None = None) -> None:
+        """Take in the detections of a period; those of a held object are left out: it moves with the hand."""
+        state = self._state
+        for detection in observation.detections:
+            new = detection.stamp > state.stamps.get(detection.name, -math.inf)
+            if new and detection.name != held and detection.name in self._priors and _usable(detection):
+                state.stamps[detection.name] = detection.stamp
+                self._take(detection, observation)
+
+    def belief(self, name: str, observation: Observation) -> tuple[Array, float, float, float | None]:
+        """Position (3,) [m] and yaw [rad] in the odometry frame, sd per axis [m], and when last seen [s] (None: never).
+
+        An object never seen is where the prior says, through the localisation of this observation.
+        """
+        track = self._state.tracks.get(name)
+        if track is not None:
+            return track.position.copy(), track.yaw, math.sqrt(track.variance), track.last_seen
+        position, yaw = self._prior_in_odometry(name, observation)
+        return position, yaw, self._prior_sd, None
+
+    def world_position(self, name: str, observation: Observation) -> Array:
+        """Believed position [m] in the world, with the localisation of this observation; shape (3,)."""
+        track = self._state.tracks.get(name)
+        if track is None:
+            return self._prior(name)[0].copy()
+        return from_frame(compose(observation.pose, inverse(observation.odometry)), track.position)
+
+    def move_belief(self, name: str, position: Array, observation: Observation, sd: float) -> None:
+        """Believe an object at a position [m], odometry frame, shape (3,): where the hand has dropped or lost it."""
+        yaw = self.belief(name, observation)[1]
+        self._state.tracks[name] = Track(np.array(position, dtype=float), yaw, sd**2, observation.time)
+
+    def _prior(self, name: str) -> tuple[Array, float]:
+        if name not in self._priors:
+            raise KeyError(f"no object {name!r}; there are {', '.join(sorted(self._priors)) or 'none'}")
+        return self._priors[name]
+
+    def _prior_in_odometry(self, name: str, observation: Observation) -> tuple[Array, float]:
+        position, yaw = self._prior(name)
+        T_odom_world = compose(observation.odometry, inverse(observation.pose))
+        return from_frame(T_odom_world, position), wrap_angle(yaw + T_odom_world[2])
+
+    def _take(self, detection: Detection, observation: Observation) -> None:
+        """One detection into the filter of its object."""
+        state, settings = self._state, self._settings
+        seen_at = from_frame(detection.odometry, detection.p_base)
+        yaw_seen = detection.yaw_base + detection.odometry[2]
+        track = state.tracks.get(detection.name)
+        if track is None:
+            position, yaw = self._prior_in_odometry(detection.name, observation)
+            variance = self._prior_sd**2 + settings.localisation_sd**2
+            track = state.tracks[detection.name] = Track(position, yaw, variance, detection.stamp)
+            track.yaw = _towards(yaw, yaw_seen, 1.0)
+        variance = track.variance + settings.drift**2 * max(0.0, detection.stamp - track.last_seen)
+        innovation = seen_at - track.position
+        noise = detection.position_sd**2
+        reach = settings.gate_floor + settings.gate * math.sqrt(variance + noise)
+        if float(np.abs(innovation).max()) > reach:
+            self._elsewhere(track, detection, seen_at, yaw_seen)
+            return
+        gain = variance / (variance + noise) if variance + noise > 0.0 else 1.0
+        track.position = track.position + gain * innovation
+        track.variance = (1.0 - gain) * variance
+        track.yaw = _towards(track.yaw, yaw_seen, settings.yaw_gain)
+        track.last_seen = detection.stamp
+        track.elsewhere = []
+
+    def _elsewhere(self, track: Track, detection: Detection, seen_at: Array, yaw_seen: float) -> None:
+        """Count outliers that agree; enough of them move the belief."""
+        settings = self._settings
+        reach = settings.gate_floor + settings.gate * math.sqrt(2.0) * detection.position_sd
+        agreeing = [p for p in track.elsewhere if float(np.abs(p - seen_at).max()) <= reach]
+        track.elsewhere = [*agreeing, seen_at]
+        if len(track.elsewhere) >= settings.agreeing:
+            count = len(track.elsewhere)
+            track.position = np.mean(track.elsewhere, axis=0)
+            track.variance = detection.position_sd**2 / count
+            track.yaw = _towards(track.yaw, yaw_seen, 1.0)
+            track.last_seen = detection.stamp
+            track.elsewhere = []
+
+
+def _usable(detection: Detection) -> bool:
+    """Whether the numbers of a detection are finite; one that is not says nothing."""
+    numbers = (detection.stamp, detection.yaw_base, detection.position_sd)
+    arrays_finite = np.isfinite(detection.p_base).all() and np.isfinite(detection.odometry).all()
+    return bool(arrays_finite) and all(math.isfinite(value) for value in numbers) and detection.position_sd >= 0.0
+
+
+def _towards(yaw: float, seen: float, gain: float) -> float:
+    """The yaw moved by a share of the way to the nearest of the four equal readings of what was seen."""
+    return wrap_angle(yaw + gain * math.remainder(seen - yaw, QUARTER))

@@ -1,0 +1,5 @@
+"""The small world for every perception test."""
+
+from .small_world import known
+
+__all__ = ["known"]

@@ -1,0 +1,125 @@
+"""What is believed of an object."""
+
+import math
+
+import numpy as np
+import pytest
+
+from motm_twin.model.geometry import compose, from_frame, inverse, to_frame
+from motm_twin.model.plant import Detection
+from motm_twin.model.state import state_hash
+from motm_twin.perception.objects import ObjectTracker
+
+from .small_world import observe
+
+TRUE = np.array([2.23, 1.17, 0.80])  # odometry frame
+NOW = observe(9.0)
+
+
+@pytest.fixture
+def tracker(known):
+    return ObjectTracker(known)
+
+
+def detection(stamp, at=TRUE, sd=0.005, yaw=0.1, odometry=(0.3, 0.2, 0.4), name="cube"):
+    odometry = np.array(odometry)
+    return Detection(
+        stamp=stamp, name=name, p_base=to_frame(odometry, np.array(at)), yaw_base=yaw - odometry[2], position_sd=sd,
+        odometry=odometry,
+    )  # fmt: skip
+
+
+def feed(tracker, time, **changes):
+    tracker.update(observe(time, detections=(detection(time, **changes),)))
+
+
+def test_before_it_is_seen_an_object_is_where_the_prior_says_through_the_present_localisation(tracker):
+    pose, odometry = np.array([1.0, 0.5, 0.3]), np.array([0.9, 0.6, 0.25])
+    position, yaw, sd, last_seen = tracker.belief("cube", observe(0.0, pose=pose, odometry=odometry))
+    T_odom_world = compose(odometry, inverse(pose))
+    np.testing.assert_allclose(position, from_frame(T_odom_world, np.array([2.2, 1.2, 0.8])), atol=1e-12)
+    assert yaw == pytest.approx(0.1 - 0.05)
+    assert (sd, last_seen) == (0.03, None)
+    world = tracker.world_position("cube", observe(0.0, pose=pose, odometry=odometry))
+    np.testing.assert_allclose(world, [2.2, 1.2, 0.8])
+
+
+def test_detections_bring_the_belief_to_the_true_place_from_any_base_pose(tracker):
+    rng = np.random.default_rng(1)
+    for k in range(40):
+        odometry = (0.3 + 0.02 * k, 0.2, 0.4 - 0.01 * k)
+        feed(tracker, 0.05 * k, at=TRUE + rng.normal(0, 0.005, 3), odometry=odometry)
+    position, _, sd, last_seen = tracker.belief("cube", NOW)
+    assert np.abs(position - TRUE).max() < 0.006
+    assert sd < 0.004
+    assert last_seen == pytest.approx(1.95)
+
+
+def test_one_outlier_changes_nothing(tracker):
+    for k in range(10):
+        feed(tracker, 0.05 * k)
+    before = tracker.belief("cube", NOW)[0]
+    feed(tracker, 0.5, at=TRUE + np.array([0.5, 0, 0]))
+    np.testing.assert_array_equal(tracker.belief("cube", NOW)[0], before)
+
+
+def test_outliers_that_disagree_with_each_other_never_move_the_belief(tracker):
+    feed(tracker, 0.0)
+    before = tracker.belief("cube", NOW)[0]
+    for k in range(1, 9):
+        feed(tracker, 0.05 * k, at=TRUE + np.array([0.3 * k, 0, 0]))
+    np.testing.assert_array_equal(tracker.belief("cube", NOW)[0], before)
+
+
+def test_three_detections_at_another_place_mean_that_the_object_was_moved(tracker):
+    for k in range(10):
+        feed(tracker, 0.05 * k)
+    moved = TRUE + np.array([0.4, -0.1, 0.0])
+    for k in range(10, 13):
+        feed(tracker, 0.05 * k, at=moved)
+    np.testing.assert_allclose(tracker.belief("cube", NOW)[0], moved, atol=1e-6)
+
+
+def test_the_same_detection_is_counted_once(tracker):
+    one = detection(0.0, at=TRUE + np.array([0.3, 0.3, 0.0]))
+    for k in range(5):
+        tracker.update(observe(0.05 * k, detections=(one,)))
+    assert tracker.belief("cube", NOW)[0] == pytest.approx([2.2, 1.2, 0.8])
+
+
+def test_yaw_never_flips_by_90_degrees(tracker):
+    rng = np.random.default_rng(4)
+    yaws = []
+    for k in range(60):
+        feed(tracker, 0.05 * k, yaw=0.76 + rng.integers(4) * math.pi / 2 + rng.normal(0, 0.05))
+        yaws.append(tracker.belief("cube", NOW)[1])
+    assert np.abs(np.diff(yaws)).max() < 0.1
+    assert abs(math.remainder(yaws[-1] - 0.76, math.pi / 2)) < 0.08
+
+
+def test_a_held_object_is_not_tracked_and_one_put_down_is_believed_there(tracker):
+    feed(tracker, 0.0)
+    before = tracker.belief("cube", NOW)[0]
+    tracker.update(observe(0.05, detections=(detection(0.05, at=TRUE + np.array([0.02, 0, 0])),)), held="cube")
+    np.testing.assert_array_equal(tracker.belief("cube", NOW)[0], before)
+    tracker.move_belief("cube", np.array([1.0, 1.0, 0.7]), NOW, 0.02)
+    np.testing.assert_array_equal(tracker.belief("cube", NOW)[0], [1.0, 1.0, 0.7])
+
+
+def test_numbers_that_are_not_finite_are_ignored(tracker):
+    feed(tracker, 0.0, at=[np.nan, 0.0, 0.0])
+    assert tracker.belief("cube", NOW)[3] is None
+
+
+def test_an_unknown_object_is_refused_with_the_names_that_exist(tracker):
+    with pytest.raises(KeyError, match="cube"):
+        tracker.belief("ball", NOW)
+
+
+def test_state_can_be_copied_and_hashed(tracker):
+    feed(tracker, 0.0)
+    saved, before = tracker.snapshot(), state_hash(tracker.snapshot())
+    feed(tracker, 0.05)
+    assert state_hash(tracker.snapshot()) != before
+    tracker.restore(saved)
+    assert state_hash(tracker.snapshot()) == before
