@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
-from motm_twin.model.scene_load import SceneError
+from motm_twin.model.scene_error import SceneError
 
 BAD_INPUT = 2
 

@@ -25,6 +25,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBud
 
 PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
+LOST_SD = 0.1  # [m] how far from the hand an object may be that was lost just now
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
@@ -89,7 +90,7 @@ class ControlLoop(Stateful[LoopState]):
         observation = self.plant.observe()
         marks.append(self._clock())
         world = self.mapper.update(observation)
-        self.tracker.update(observation)
+        self.tracker.update(observation, self.sequence.held)
         marks.append(self._clock())
         problem = self._problem(observation, world)
         placement, plan = self.planner.plan(problem, budget or self.settings.budget)
@@ -154,7 +155,7 @@ class ControlLoop(Stateful[LoopState]):
         for k in range(self.settings.arm_steps):
             if k:
                 observation = self.plant.observe()
-                self.tracker.update(observation)
+                self.tracker.update(observation, self.sequence.held)
             began = self._clock()
             inputs = ArmInputs(
                 observation=observation,
@@ -175,6 +176,8 @@ class ControlLoop(Stateful[LoopState]):
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
                 index = self.sequence.index
+                if step.outcome == "lost":
+                    self.tracker.move_belief(self.sequence.held, step.reference, observation, LOST_SD)
                 events += self.sequence.apply(step.outcome, observation.time)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False

@@ -10,7 +10,8 @@ class SceneError(ValueError):
     def __init__(self, problem: str, *, file: str = "", line: int | None = None, place: str = "") -> None:
         self.problem, self.file, self.line, self.place = problem, file, line, place
         where = file if line is None else f"{file}:{line}"
-        super().__init__(": ".join(part for part in (where, place, problem) if part))
+        text = ": ".join(part for part in (where, place, problem) if part)
+        super().__init__("".join(letter if letter.isprintable() else "?" for letter in text))
 
 
 def near(wrong: str, allowed: Iterable[str]) -> str:
@@ -19,8 +20,8 @@ def near(wrong: str, allowed: Iterable[str]) -> str:
     if not names:
         return "there are none"
     lower = {name.lower(): name for name in names}
-    close = [lower[name] for name in difflib.get_close_matches(wrong.lower(), list(lower), n=3, cutoff=0.6)]
+    close = [lower[name] for name in difflib.get_close_matches(wrong[:60].lower(), list(lower), n=3, cutoff=0.6)]
     if close:
         return "did you mean " + " or ".join(close) + "?"
     shown = ", ".join(names[:20])
-    return f"allowed: {shown}" + (", ..." if len(names) > 20 else "")  # noqa: PLR2004 - see the docstring
+    return f"allowed: {shown}" + (", ..." if len(names) > 20 else "")

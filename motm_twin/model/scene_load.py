@@ -44,7 +44,7 @@ def find_scene(name_or_path: str) -> tuple[Path, str]:
         return scenes_dir() / f"{text}.yaml", f"scenes/{text}.yaml"
     path = Path(text)
     looks_like_path = text.endswith(_ENDINGS) or path.name != text
-    if "\0" not in text and path.is_file():
+    if _is_file(path):
         if not text.endswith(_ENDINGS):
             raise SceneError("a scene file ends with .yaml or .yml: rename it", file=text)
         return path, text
@@ -52,7 +52,14 @@ def find_scene(name_or_path: str) -> tuple[Path, str]:
         close = difflib.get_close_matches(path.stem, names, n=1)
         shipped = f"; the shipped scene '{close[0]}' is called without folder and ending" if close else ""
         raise SceneError(f"no such scene file{shipped}", file=show(text))
-    raise SceneError(f"no scene is called {show(text)}; {near(text, names)} A path to your own .yaml file works too")
+    raise SceneError(f"no scene is called {show(text)} (a path to your own .yaml file works too); {near(text, names)}")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that is too long, or has a zero in it
+        return False
 
 
 def load_document(name_or_path: str) -> Document:

@@ -91,9 +91,7 @@ class Resolver:
             shape = Prism(corners=counter_clockwise(piece.corners))
         low, high = piece.z
         group = piece.group or name
-        return Solid(
-            name=name, shape=shape, z_min=low, z_max=high, mapped=piece.mapped, group=group, style=piece.style
-        )
+        return Solid(name=name, shape=shape, z_min=low, z_max=high, mapped=piece.mapped, group=group, style=piece.style)
 
     def _check_names(self) -> None:
         seen: dict[str, str] = {}
@@ -144,9 +142,7 @@ class Resolver:
             raise node.error("give exactly one of 'on' (a piece of furniture) and 'z' (height of its top)")
         top = item.z if item.on is None else self.surface(item.on, node.at("on")).z_max
         position = (*item.at, top + item.side / 2.0)
-        return SceneObject(
-            name=name, position=position, yaw=item.yaw_deg * _DEG, side=item.side, colour=item.colour
-        )
+        return SceneObject(name=name, position=position, yaw=item.yaw_deg * _DEG, side=item.side, colour=item.colour)
 
     def _deliver(self, deliver: fmt.DeliverFile) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
         node, slots = self.root.at("deliver"), self.file.slots

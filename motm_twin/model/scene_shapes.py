@@ -7,7 +7,7 @@ import numpy as np
 from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon
 
-from motm_twin.model.geometry import frozen, from_frame
+from motm_twin.model.geometry import from_frame, frozen
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Box, Cylinder, PlanarPose, Point, Prism
 

@@ -16,6 +16,7 @@ from motm_twin.model.scene_error import SceneError
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 24
 MAX_VALUES = 20_000
+MAX_KEY = 80
 
 _INT = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -117,6 +118,8 @@ class _Reader:
                 raise self.error(event, place, "a key must be plain text")
             self.guard(event, place, depth)
             key = event.value
+            if len(key) > MAX_KEY:
+                raise self.error(event, place, f"a key of {len(key)} characters: at most {MAX_KEY}")
             inner = f"{place}.{key}" if place else key
             if key in entries:
                 first = entries[key].line
@@ -139,7 +142,7 @@ def scalar(text: str) -> Any:
     if low in _NOT_FINITE:
         return float(_NOT_FINITE[low])
     if _INT.fullmatch(text):
-        return int(text) if len(text) < 20 else float(text)  # noqa: PLR2004 - beyond 64 bits
+        return int(text) if len(text) < 20 else float(text)
     if _FLOAT.fullmatch(text):
         return float(text)
     return text
