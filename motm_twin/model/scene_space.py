@@ -1,0 +1,137 @@
+"""Is there room? The start is free, agents do not drive through furniture, and every target can be reached.
+
+Reach is a necessary condition only: the base as its inscribed disc, the arm as a sphere round its shoulder. A scene
+refused here is impossible; one that passes may still be hard.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any
+
+from shapely.geometry import LineString, box
+from shapely.geometry import Point as ShapelyPoint
+from shapely.ops import unary_union
+
+from motm_twin.model.scene import Agent, DriveTo, Point, Scene, Solid
+from motm_twin.model.scene_shapes import base_outline, outline
+from motm_twin.model.scene_yaml import Node
+
+TOUCH = 1e-3  # [m]
+ROBOT_TOP = 1.3  # [m] furniture that begins above this leaves room for base and arm
+ARM_REACH = 0.855  # [m] of the Panda from its shoulder; Paper, Sec. IV
+SHOULDER = 0.333  # [m] of the Panda above its mount
+
+
+def blocking(scene: Scene, height: float) -> list[Solid]:
+    """Furniture that a body of a height [m] cannot pass under."""
+    return [solid for solid in scene.solids if solid.z_min < height]
+
+
+def check_start(scene: Scene, root: Node) -> None:
+    """The robot starts clear of furniture and agents."""
+    body, node = base_outline(scene.start, scene.robot.footprint), root.at("start")
+    for solid in blocking(scene, ROBOT_TOP):
+        if outline(solid.shape).intersects(body):
+            raise node.error(f"the robot's footprint overlaps '{solid.name}' at the start: move the start pose")
+    for agent in scene.agents:
+        if ShapelyPoint(agent.start[:2]).distance(body) < agent.radius:
+            raise root.at("agents", agent.name).error("it starts inside the robot: move it or the robot's start")
+
+
+def check_agents(scene: Scene, root: Node) -> None:
+    """Agents start apart and their ways, a disc wide, are free of furniture."""
+    for index, agent in enumerate(scene.agents):
+        node = root.at("agents", agent.name)
+        for other in scene.agents[:index]:
+            if math.dist(agent.start[:2], other.start[:2]) < agent.radius + other.radius:
+                raise node.error(f"it starts inside the agent '{other.name}': move one of them")
+        solids = [(solid.name, outline(solid.shape)) for solid in blocking(scene, agent.height)]
+        for name, shape in solids:
+            if ShapelyPoint(agent.start[:2]).distance(shape) < agent.radius - TOUCH:
+                raise node.error(f"it starts inside '{name}' or closer than its radius of {agent.radius:g} m: move it")
+        _check_way(agent, solids, node)
+
+
+def _check_way(agent: Agent, solids: list[tuple[str, Any]], node: Node) -> None:
+    points = (agent.start[:2], *agent.waypoints)
+    legs = list(itertools.pairwise(points))
+    if len(agent.waypoints) > 1:
+        legs.append((agent.waypoints[-1], agent.waypoints[0]))
+    for name, shape in solids:
+        for b in agent.waypoints:
+            if ShapelyPoint(b).distance(shape) < agent.radius - TOUCH:
+                raise _waypoint(node, b).error(
+                    f"the waypoint ({b[0]:g}, {b[1]:g}) is inside '{name}' or closer to it than the agent's radius "
+                    f"of {agent.radius:g} m: move it"
+                )
+    for name, shape in solids:
+        for a, b in legs:
+            if LineString([a, b]).distance(shape) < agent.radius - TOUCH:
+                raise _waypoint(node, b).error(
+                    f"the way from ({a[0]:g}, {a[1]:g}) to ({b[0]:g}, {b[1]:g}) leads through '{name}': add a waypoint"
+                )
+
+
+def _waypoint(node: Node, point: Point) -> Node:
+    ways = node.at("waypoints")
+    if isinstance(ways.value, list):
+        for index, item in enumerate(ways.plain()):
+            if math.dist(item, point) < TOUCH:
+                return ways.at(index)
+    return node.at("around")
+
+
+def reach(scene: Scene, z: float) -> float:
+    """How far from the arm's axis [m] the gripper gets at a height z [m]; 0 when it does not."""
+    dz = z - (scene.robot.arm.mount_z + SHOULDER)
+    return math.sqrt(ARM_REACH**2 - dz**2) if abs(dz) < ARM_REACH else 0.0
+
+
+def free_space(scene: Scene) -> Any:
+    """Where the base frame can get to from the start, for the disc inscribed in the footprint."""
+    body = scene.robot.footprint
+    radius = min(body.width / 2.0, body.length / 2.0 - abs(body.offset_x))
+    walls = unary_union([outline(solid.shape) for solid in blocking(scene, ROBOT_TOP)])
+    free = box(*scene.bounds).difference(walls.buffer(radius - TOUCH))
+    start = ShapelyPoint(scene.start[:2])
+    parts = getattr(free, "geoms", [free])
+    return min(parts, key=start.distance)
+
+
+def check_reach(scene: Scene, root: Node, object_node: Callable[[Node, str], Node]) -> None:
+    """Objects, bins and places to drive to can be reached from the start."""
+    free = free_space(scene)
+    arm = scene.robot.arm
+    targets = [("object", i.name, i.position, object_node(root, i.name)) for i in scene.objects]
+    targets += [("bin", i.name, (*i.centre, i.rim_z), root.at("bins", i.name)) for i in scene.bins]
+    for kind, name, (x, y, z), node in targets:
+        radius = reach(scene, z)
+        low, high = arm.mount_z + SHOULDER - ARM_REACH, arm.mount_z + SHOULDER + ARM_REACH
+        if radius == 0.0:
+            raise node.error(
+                f"the {kind} '{name}' is unreachable: {z:.2f} m high, the arm reaches from {max(low, 0):.2f} "
+                f"to {high:.2f} m"
+            )
+        if ShapelyPoint(x, y).distance(free) > radius + math.hypot(arm.mount_x, arm.mount_y):
+            raise node.error(
+                f"the {kind} '{name}' is unreachable: no free base position within {radius:.2f} m of the arm; "
+                "move it towards an edge or make room"
+            )
+    for index, task in enumerate(scene.tasks):
+        if isinstance(task, DriveTo):
+            _check_goal(scene, task, free, root.at("tasks", index, "drive_to"))
+
+
+def _check_goal(scene: Scene, task: DriveTo, free: Any, node: Node) -> None:
+    if ShapelyPoint(task.point).distance(free) > TOUCH:
+        raise node.error(
+            f"the robot cannot get to ({task.point[0]:g}, {task.point[1]:g}): it is in or too close to furniture, "
+            "or shut off from the start"
+        )
+    if task.heading is None:
+        return
+    body = base_outline((*task.point, task.heading), scene.robot.footprint)
+    for solid in blocking(scene, ROBOT_TOP):
+        if outline(solid.shape).intersects(body):
+            raise node.error(f"the robot's footprint overlaps '{solid.name}' there: move it or leave heading_deg out")
