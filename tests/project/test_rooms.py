@@ -100,7 +100,7 @@ def test_every_library_that_the_package_imports_is_declared():
     declared = {one.split("[")[0].split(">")[0].split("=")[0].strip().lower() for one in project["dependencies"]}
     of_module = packages_distributions()
     # pin brings these modules; its distributions are named otherwise
-    provided_by = {"pinocchio": "pin", "coal": "pin", "eigenpy": "pin", "yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
+    provided_by = {"pinocchio": "pin", "coal": "pin", "eigenpy": "pin", "zenoh": "eclipse-zenoh"}
     missing = {}
     for path in FILES:
         for name in imports(path):
