@@ -1,0 +1,153 @@
+"""Temis and other moving obstacles: round their waypoints for ever, yielding or blind. No randomness."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from motm_twin.model.geometry import Array, drive, wrap_angle
+from motm_twin.model.scene import Agent
+from motm_twin.sim.agent_kernels import free_ahead, way_round
+from motm_twin.sim.kernels import clearance
+from motm_twin.sim.solids import Solids
+
+ACCELERATION = 0.5  # [m/s^2]
+YAW_RATE = 1.5  # [rad/s]
+YAW_ACCELERATION = 4.0  # [rad/s^2]
+HEADING_GAIN = 4.0  # [1/s]
+MARGIN = 0.10  # [m] kept from everything ahead
+LOOK_AHEAD = 1.2  # [m]
+ARRIVED = 0.15  # [m] from a waypoint
+PATH_STEP = 0.25  # [m] within which a point of a way round is passed
+PATIENCE = 2.5  # [s] of waiting before the first way round; +0.7 s per agent, so that two do not do the same at once
+STAGGER = 0.7  # [s]
+AGAIN = 1.5  # [s] between further attempts
+GRID = 0.1  # [m] of the search for a way round
+WINDOW = 3.0  # [m] about the agent that the search covers
+DECISION_STEPS = 5  # substeps between two looks at the world
+CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
+
+
+@dataclass
+class AgentState:
+    """One agent."""
+
+    pose: Array  # x, y, heading, shape (3,)
+    v: float = 0.0  # [m/s]
+    w: float = 0.0  # [rad/s]
+    waypoint: int = 0
+    free: float = math.inf  # [m] ahead, at the last look
+    waiting: float = 0.0  # [s]
+    next_attempt: float = 0.0  # [s] of waiting at which a way round is searched
+    detour: Array = field(default_factory=lambda: np.zeros((0, 2)))  # points of a way round still to pass
+    held: bool = False
+    mode: str = "standing"  # standing | driving | waiting | going round | held
+
+
+class Agents:
+    """Moves all agents of a scene."""
+
+    def __init__(self, agents: Sequence[Agent], dt: float) -> None:
+        """Agents of the scene; substeps of dt [s]."""
+        self.agents = tuple(agents)
+        self.dt = dt
+
+    def start(self) -> list[AgentState]:
+        """All agents at their starts."""
+        return [
+            AgentState(pose=np.array(agent.start, dtype=float), next_attempt=PATIENCE + STAGGER * i)
+            for i, agent in enumerate(self.agents)
+        ]
+
+    def discs(self, states: Sequence[AgentState]) -> Array:
+        """x, y, radius, height of all agents [m], shape (n, 4)."""
+        return np.array(
+            [[s.pose[0], s.pose[1], a.radius, a.height] for a, s in zip(self.agents, states, strict=True)], dtype=float
+        ).reshape(-1, 4)
+
+    def step(self, states: list[AgentState], look: bool, robot: "RobotShadow", obstacles: Solids) -> None:
+        """One substep; on a ``look`` the agents see the robot's shadow, the obstacles and each other."""
+        discs = self.discs(states) if look else None
+        for i, (agent, state) in enumerate(zip(self.agents, states, strict=True)):
+            if state.held:
+                state.mode, state.v, state.w, state.waiting = "held", 0.0, 0.0, 0.0
+            elif not agent.waypoints:
+                state.mode = "standing"
+            else:
+                if discs is not None and agent.behaviour == "yield":
+                    self._look(i, agent, state, np.delete(discs, i, axis=0), robot, obstacles)
+                self._drive(agent, state)
+
+    def _look(
+        self, i: int, agent: Agent, state: AgentState, others: Array, robot: "RobotShadow", obstacles: Solids
+    ) -> None:
+        corners = np.vstack([obstacles.corners, robot.corners])
+        first = np.concatenate([obstacles.first, obstacles.first[-1] + robot.first[1:]])
+        discs = np.vstack([obstacles.discs, robot.discs, others[:, :3]])
+        state.free = free_ahead(state.pose, agent.radius + MARGIN, LOOK_AHEAD, corners, first, discs)
+        wants = abs(self._bearing(agent, state)) < 0.5  # noqa: PLR2004 - facing its way [rad]
+        if state.v > CREEP or not wants:
+            state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * (state.v > CREEP))
+            if state.waiting == 0.0:
+                state.next_attempt = PATIENCE + STAGGER * i
+            return
+        state.waiting += self.dt * DECISION_STEPS
+        if state.waiting < state.next_attempt:
+            return
+        state.next_attempt = state.waiting + AGAIN + STAGGER * i
+        now_corners = np.vstack([obstacles.corners, robot.corners[: robot.standing]])
+        now_first = np.concatenate([obstacles.first, obstacles.first[-1] + robot.first[1:2]])
+        for ahead in range(len(agent.waypoints)):
+            goal_index = (state.waypoint + ahead) % len(agent.waypoints)
+            goal = np.array(agent.waypoints[goal_index])
+            if clearance(goal[0], goal[1], now_corners, now_first, discs) < agent.radius + MARGIN:
+                continue
+            path = way_round(state.pose[:2], goal, agent.radius + MARGIN, GRID, WINDOW, now_corners, now_first, discs)
+            if len(path) > 0:
+                state.detour, state.waypoint = path, goal_index
+                return
+
+    def _goal(self, agent: Agent, state: AgentState) -> Array:
+        """Point to drive to now; passes points of a way round and waypoints that are reached."""
+        while len(state.detour) > 0:
+            if math.hypot(*(state.detour[0] - state.pose[:2])) > PATH_STEP:
+                return state.detour[0]
+            state.detour = state.detour[1:]
+        goal = np.array(agent.waypoints[state.waypoint])
+        if math.hypot(*(goal - state.pose[:2])) < ARRIVED:
+            state.waypoint = (state.waypoint + 1) % len(agent.waypoints)
+            goal = np.array(agent.waypoints[state.waypoint])
+        return goal
+
+    def _bearing(self, agent: Agent, state: AgentState) -> float:
+        goal = self._goal(agent, state)
+        dx, dy = goal[0] - state.pose[0], goal[1] - state.pose[1]
+        return wrap_angle(math.atan2(dy, dx) - float(state.pose[2])) if dx or dy else 0.0
+
+    def _drive(self, agent: Agent, state: AgentState) -> None:
+        bearing = self._bearing(agent, state)
+        turn = min(YAW_RATE, max(-YAW_RATE, HEADING_GAIN * bearing))
+        speed = agent.speed * max(0.0, math.cos(min(abs(2.0 * bearing), math.pi)))
+        if agent.behaviour == "yield":
+            room = max(0.0, state.free - state.v * self.dt)
+            state.free = room
+            speed = min(speed, math.sqrt(2.0 * 0.8 * ACCELERATION * room))
+        v = state.v + min(ACCELERATION * self.dt, max(-ACCELERATION * self.dt, speed - state.v))
+        w = state.w + min(YAW_ACCELERATION * self.dt, max(-YAW_ACCELERATION * self.dt, turn - state.w))
+        state.pose = drive(state.pose, 0.5 * (state.v + v), 0.5 * (state.w + w), self.dt)
+        state.v, state.w = v, w
+        if state.waiting > 0.0 and v <= CREEP:
+            state.mode = "waiting"
+        else:
+            state.mode = "going round" if len(state.detour) > 0 else "driving"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotShadow:
+    """The robot in the plane as agents see it: its base now and where it will be, and its arm."""
+
+    corners: Array  # rectangles [m], shape (4 k, 2)
+    first: Array  # shape (k + 1,)
+    discs: Array  # of the arm, shape (d, 3)
+    standing: int  # corners that belong to the base as it stands now

@@ -1,0 +1,46 @@
+"""The differential-drive base: speed and acceleration limits, first-order lag, exact arcs."""
+
+import math
+from dataclasses import dataclass
+
+from motm_twin.model.geometry import Array, drive
+from motm_twin.model.profile import BaseLimits
+
+
+@dataclass
+class BaseState:
+    """True motion of the base."""
+
+    pose: Array  # world, shape (3,)
+    v: float = 0.0  # [m/s]
+    w: float = 0.0  # [rad/s]
+
+
+def lag_factor(lag: float, dt: float) -> float:
+    """Share of the gap to the command that a first-order lag [s] closes within dt [s]."""
+    return 1.0 if lag <= 0.0 else 1.0 - math.exp(-dt / lag)
+
+
+def _towards(now: float, wanted: float, factor: float, largest: float) -> float:
+    change = factor * (wanted - now)
+    return now + min(largest, max(-largest, change))
+
+
+class Base:
+    """Follows a commanded twist as well as its limits allow. Nothing in the world stops it: see `SimulatedPlant`."""
+
+    def __init__(self, limits: BaseLimits, dt: float) -> None:
+        """Limits of the profile, for substeps of dt [s]."""
+        self.limits = limits
+        self.dt = dt
+        self._factor = lag_factor(limits.velocity_lag, dt)
+
+    def step(self, state: BaseState, twist: Array) -> None:
+        """One substep towards the commanded forward speed and yaw rate, shape (2,)."""
+        limits, dt = self.limits, self.dt
+        v_wanted = min(limits.forward_speed, max(-limits.reverse_speed, float(twist[0])))
+        w_wanted = min(limits.yaw_rate, max(-limits.yaw_rate, float(twist[1])))
+        v = _towards(state.v, v_wanted, self._factor, limits.linear_acceleration * dt)
+        w = _towards(state.w, w_wanted, self._factor, limits.yaw_acceleration * dt)
+        state.pose = drive(state.pose, 0.5 * (state.v + v), 0.5 * (state.w + w), dt)
+        state.v, state.w = v, w

@@ -1,0 +1,101 @@
+"""The gripper camera: at the origin of ``panda_hand``, looking along its z axis."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from motm_twin.model.geometry import Array, to_frame
+from motm_twin.model.plant import Detection
+from motm_twin.model.profile import GripperCamera
+from motm_twin.model.scene import Noise
+from motm_twin.sim.kernels import segment_distance, sight_blocked
+from motm_twin.sim.objects import ObjectState
+from motm_twin.sim.solids import Solids
+
+NEAR, FAR = 0.1, 1.0  # [m] distances between which the noise grows linearly
+YAW_SD_NEAR, YAW_SD_FAR = math.radians(1.0), math.radians(5.0)
+QUARTER_TURN = 0.5 * math.pi
+
+# Arm links as capsules between frames of `fk_arm` (index, index, radius [m]); the wrist behind the lens is left out.
+LINK_CAPSULES = ((0, 1, 0.09), (2, 3, 0.09), (4, 5, 0.075))
+
+
+@dataclass
+class CameraState:
+    """Noise and the newest frame."""
+
+    rng: np.random.Generator
+    detections: tuple[Detection, ...] = ()
+
+
+class Camera:
+    """Reports every object that is in the view cone, in range, in sight and not held."""
+
+    def __init__(self, spec: GripperCamera, noise: Noise) -> None:
+        """Sensor of the profile and noise of the scene."""
+        self.spec = spec
+        self._sd_near, self._sd_far = noise.camera_position_sd_at_01m, noise.camera_position_sd_at_1m
+        self._noisy = max(self._sd_near, self._sd_far) > 0.0
+        self._cos_half_cone = math.cos(spec.half_cone)
+
+    def sees(self, T_hand: Array, frames: Array, point: Array, solids: Solids, agents: Array) -> float | None:
+        """Distance [m] to a point that is seen, else None.
+
+        ``T_hand`` (4, 4) and the arm's ``frames`` (11, 4, 4) are in the world; agents are x, y, radius, height (n, 4).
+        """
+        eye = T_hand[:3, 3]
+        ray = point - eye
+        distance = math.sqrt(ray @ ray)
+        if not 0.0 < distance <= self.spec.range or ray @ T_hand[:3, 2] < self._cos_half_cone * distance:
+            return None
+        discs = np.vstack([solids.discs, agents[:, :3]])
+        disc_z = np.vstack([solids.disc_z, np.column_stack([np.zeros(len(agents)), agents[:, 3]])])
+        if sight_blocked(eye, point, solids.corners, solids.first, solids.z, discs, disc_z):
+            return None
+        origins = np.ascontiguousarray(frames[:, :3, 3])
+        hidden = any(segment_distance(eye, point, origins[i], origins[j]) < radius for i, j, radius in LINK_CAPSULES)
+        return None if hidden else distance
+
+    def frame(  # noqa: PLR0913 - what a picture depends on
+        self,
+        state: CameraState,
+        stamp: float,
+        pose: Array,
+        odometry: Array,
+        T_hand: Array,
+        frames: Array,
+        objects: Iterable[ObjectState],
+        solids: Solids,
+        agents: Array,
+    ) -> None:
+        """Replace the newest frame."""
+        found = []
+        for item in objects:
+            if item.state == "held":
+                continue
+            distance = self.sees(T_hand, frames, item.position, solids, agents)
+            if distance is not None:
+                found.append(self._detect(state.rng, stamp, pose, odometry, item, distance))
+        state.detections = tuple(found)
+
+    def _detect(  # noqa: PLR0913 - what a detection is made of
+        self, rng: np.random.Generator, stamp: float, pose: Array, odometry: Array, item: ObjectState, distance: float
+    ) -> Detection:
+        share = max(0.0, (distance - NEAR) / (FAR - NEAR))
+        sd = self._sd_near + share * (self._sd_far - self._sd_near)
+        p_base = to_frame(pose, item.position)
+        yaw = item.yaw - float(pose[2])
+        if self._noisy:
+            draws = rng.standard_normal(4)
+            p_base = p_base + sd * draws[:3]
+            yaw += (YAW_SD_NEAR + share * (YAW_SD_FAR - YAW_SD_NEAR)) * draws[3]
+        return Detection(
+            stamp=stamp,
+            name=item.name,
+            p_base=p_base,
+            yaw_base=float(math.remainder(yaw, QUARTER_TURN)),
+            position_sd=sd,
+            odometry=odometry.copy(),
+        )

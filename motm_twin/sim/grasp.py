@@ -1,0 +1,116 @@
+"""Whether a cube stands between the fingers well enough, and what the closing pads do to it."""
+
+import math
+
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.sim.objects import ObjectState
+
+# ``shared/data/experiment1.json``, grasp_rule: each must hold during the whole closing time
+OFFSET_PER_AXIS = 0.015  # [m] of the cube's centre from the tool centre point, along each axis of the hand
+YAW_MISFIT = math.radians(15.0)  # between the closing axis and the nearest face normal of the cube
+RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
+TILT = math.radians(30.0)  # of the tool axis from straight down
+
+PUSH_PER_STEP = 0.005  # [m] by which a finger shifts a cube within one substep, at most
+QUARTER_TURN = 0.5 * math.pi
+
+# Finger boxes in the frame of the hand: inner face from the pad plane outwards, half depth along x, z from, z to [m]
+FINGER_BOXES = ((0.0, 0.0168, 0.0105, 0.0884, 0.1124), (0.0028, 0.0264, 0.011, 0.0584, 0.0884))
+NEARBY = 0.12  # [m] from the tool centre point beyond which no finger reaches a cube
+
+
+def yaw_misfit(rotation: Array, item: ObjectState) -> float:
+    """Signed turn [rad] that would align the cube with the closing axis (y of the hand), in [-45, 45] deg."""
+    axis = math.atan2(rotation[1, 1], rotation[0, 1])
+    return math.remainder(axis - item.yaw, QUARTER_TURN)
+
+
+def violation(tcp: Array, rotation: Array, item: ObjectState) -> str:
+    """Which geometric part of the grasp rule is broken: 'offset' | 'yaw' | 'tilt', '' for none."""
+    offset = rotation.T @ (item.position - tcp)
+    if np.max(np.abs(offset)) > OFFSET_PER_AXIS:
+        return "offset"
+    if rotation[2, 2] > -math.cos(TILT):
+        return "tilt"
+    if abs(yaw_misfit(rotation, item)) > YAW_MISFIT:
+        return "yaw"
+    return ""
+
+
+def width_across(side: float, misfit: float) -> float:
+    """Room [m] that a cube turned by misfit [rad] takes along the closing axis."""
+    return side * (math.cos(misfit) + abs(math.sin(misfit)))
+
+
+def centre_between_pads(tcp: Array, rotation: Array, item: ObjectState, width: float) -> None:
+    """Pads ``width`` [m] apart turn and shift the cube between them; it stays on its support."""
+    misfit = yaw_misfit(rotation, item)
+    ratio = min(math.sqrt(2.0), max(1.0, width / item.side))
+    largest = 0.25 * math.pi - math.acos(ratio / math.sqrt(2.0))
+    if abs(misfit) > largest:
+        turn = math.copysign(abs(misfit) - largest, misfit)
+        item.turn_to(item.yaw + turn)
+        misfit -= turn
+    room = max(0.0, 0.5 * (width - width_across(item.side, misfit)))
+    offset = float(rotation[:, 1] @ (item.position - tcp))
+    if abs(offset) > room:
+        shift = math.copysign(abs(offset) - room, -offset)
+        item.position = item.position + shift * np.array([rotation[0, 1], rotation[1, 1], 0.0])
+
+
+def push(tcp: Array, rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
+    """Shift a cube on its support out of the way of the fingers; whether it was touched.
+
+    By geometry only, at most `PUSH_PER_STEP` in a substep. A cube squeezed by both pads slips out along x of the hand.
+    """
+    if np.max(np.abs(item.position - tcp)) > NEARBY:
+        return False
+    local = rotation.T @ (item.position - hand)
+    face = rotation.T @ item.rotation[:, 0]
+    face = face[:2] / math.hypot(face[0], face[1])
+    shift, touched = np.zeros(2), 0
+    for side in (1.0, -1.0):
+        for inner, outer, half_x, z_from, z_to in FINGER_BOXES:
+            if not z_from < local[2] + 0.5 * item.side or not local[2] - 0.5 * item.side < z_to:
+                continue
+            centre = np.array([0.0, side * 0.5 * (width + inner + outer)])
+            out = _separation(local[:2] - centre, half_x, 0.5 * (outer - inner), 0.5 * item.side, face)
+            if out is not None:
+                shift += out
+                touched += 1
+                break
+    if not touched:
+        return False
+    if touched > 1:
+        shift = np.array([math.copysign(PUSH_PER_STEP, local[0]), 0.0])
+    length = math.hypot(shift[0], shift[1])
+    if length > PUSH_PER_STEP:
+        shift *= PUSH_PER_STEP / length
+    world = rotation[:, :2] @ shift
+    item.position = item.position + np.array([world[0], world[1], 0.0])
+    return True
+
+
+def _separation(offset: Array, half_x: float, half_y: float, half: float, face: Array) -> Array | None:
+    """Shortest shift that moves a square off a rectangle about the origin; None when they are apart.
+
+    ``face`` is a unit normal of the square, shape (2,).
+    """
+    best, way = math.inf, None
+    c, s = float(face[0]), float(face[1])
+    reach = half * (abs(c) + abs(s))
+    for axis, extent in (
+        ((1.0, 0.0), half_x + reach),
+        ((0.0, 1.0), half_y + reach),
+        ((c, s), half + half_x * abs(c) + half_y * abs(s)),
+        ((-s, c), half + half_x * abs(s) + half_y * abs(c)),
+    ):
+        along = float(offset[0] * axis[0] + offset[1] * axis[1])
+        depth = extent - abs(along)
+        if depth <= 0.0:
+            return None
+        if depth < best:
+            best, way = depth, math.copysign(depth, along) * np.array(axis)
+    return way

@@ -1,0 +1,167 @@
+"""The parallel gripper: pads that close and open in time, and the cube they may hold."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.profile import Gripper as GripperSpec
+from motm_twin.sim.grasp import RELATIVE_SPEED, centre_between_pads, push, violation, width_across, yaw_misfit
+from motm_twin.sim.objects import ObjectState, ObjectWorld
+from motm_twin.sim.solids import Solids
+
+SLIP_HEIGHT = 0.01  # [m] of lifting after which a cube that slid between the closing pads slips out
+_EPSILON = 1e-9  # [s]
+
+
+@dataclass
+class GripperState:
+    """Pads and what is between them."""
+
+    width: float  # [m]
+    phase: str = "open"  # open | closing | closed | opening
+    began: float = 0.0  # [s] when the phase began
+    start_width: float = 0.0  # [m] then
+    candidate: str = ""  # cube that has been well between the pads since closing began
+    slid: bool = False  # the candidate moved too fast relative to the hand at some time
+    held: str = ""
+    held_from_z: float = 0.0  # [m] height at which the cube was taken
+    outcome: str = ""  # of the newest closing: held | slipping | nothing | offset | yaw | tilt | dropped
+    position_in_hand: Array = field(default_factory=lambda: np.zeros(3))  # of the held cube
+    rotation_in_hand: Array = field(default_factory=lambda: np.eye(3))
+
+
+class Gripper:
+    """Grasps by geometry: the rule of `grasp` must hold from the command to the firm hold.
+
+    What slides too fast is held loosely and slips when lifted; what stands badly is squeezed out; a miss closes to 0.
+    """
+
+    def __init__(self, spec: GripperSpec, objects: ObjectWorld, dt: float) -> None:
+        """Gripper of the profile; substeps of dt [s]."""
+        self.spec = spec
+        self.objects = objects
+        self.dt = dt
+
+    def start(self) -> GripperState:
+        """Open and empty."""
+        return GripperState(width=self.spec.max_width)
+
+    @staticmethod
+    def moving(state: GripperState) -> bool:
+        """Whether the fingers move."""
+        return state.phase in ("closing", "opening")
+
+    def command(
+        self, state: GripperState, command: str, now: float, tcp: Array, rotation: Array, cubes: Sequence[ObjectState]
+    ) -> None:
+        """React to a changed command at its time."""
+        if command == "close" and state.phase in ("open", "opening"):
+            self._begin(state, "closing", now)
+            if state.held:
+                return
+            state.slid, state.outcome, state.candidate = False, "nothing", ""
+            for item in cubes:
+                fits = state.width >= width_across(item.side, yaw_misfit(rotation, item))
+                if item.state != "falling" and fits and not violation(tcp, rotation, item):
+                    state.candidate = item.name
+        elif command == "open" and state.phase in ("closing", "closed"):
+            state.candidate = ""
+            self._begin(state, "opening", now)
+
+    def step(  # noqa: PLR0913 - what a grasp depends on
+        self,
+        state: GripperState,
+        now: float,
+        tcp: Array,
+        rotation: Array,
+        hand: Array,
+        tcp_velocity: Array,
+        cubes: Sequence[ObjectState],
+        solids: Solids,
+    ) -> None:
+        """One substep that ends at ``now`` [s] with the hand where the arguments say."""
+        by_name = {item.name: item for item in cubes}
+        if state.held:
+            self._carry(state, rotation, hand, tcp_velocity, by_name[state.held])
+        if state.phase == "closing":
+            self._close(state, now, tcp, rotation, hand, tcp_velocity, by_name)
+        elif state.phase == "opening":
+            self._open(state, now, tcp_velocity, by_name)
+        for item in cubes:
+            if item.name in (state.held, state.candidate) or item.state == "falling":
+                continue
+            if push(tcp, rotation, hand, item, state.width):
+                self.objects.check_support(item, cubes, solids)
+
+    def _begin(self, state: GripperState, phase: str, now: float) -> None:
+        state.phase, state.began, state.start_width = phase, now, state.width
+
+    def _close(  # noqa: PLR0913
+        self,
+        state: GripperState,
+        now: float,
+        tcp: Array,
+        rotation: Array,
+        hand: Array,
+        tcp_velocity: Array,
+        cubes: dict[str, ObjectState],
+    ) -> None:
+        if state.candidate:
+            broken = violation(tcp, rotation, cubes[state.candidate])
+            if broken:
+                state.candidate, state.outcome = "", broken
+            elif float(np.linalg.norm(tcp_velocity)) > RELATIVE_SPEED:
+                state.slid = True
+        name = state.candidate or state.held
+        done = now - state.began >= self.spec.closing_time - _EPSILON
+        if not name:
+            state.width = max(0.0, state.width - self.spec.max_width / self.spec.closing_time * self.dt)
+            if state.width < 1e-9:
+                state.width, state.phase = 0.0, "closed"
+            return
+        item = cubes[name]
+        share = 1.0 if done else (now - state.began) / self.spec.closing_time
+        state.width = state.start_width + (item.side - state.start_width) * share
+        if state.candidate:
+            centre_between_pads(tcp, rotation, item, state.width)
+        if done:
+            state.phase = "closed"
+            if state.candidate:
+                self._take(state, rotation, hand, item)
+
+    def _take(self, state: GripperState, rotation: Array, hand: Array, item: ObjectState) -> None:
+        state.held, state.candidate = item.name, ""
+        state.held_from_z = float(item.position[2])
+        state.outcome = "slipping" if state.slid else "held"
+        state.position_in_hand = rotation.T @ (item.position - hand)
+        state.rotation_in_hand = rotation.T @ item.rotation
+        item.state = "held"
+
+    def _open(self, state: GripperState, now: float, tcp_velocity: Array, cubes: dict[str, ObjectState]) -> None:
+        share = min(1.0, (now - state.began) / max(self.spec.opening_time, self.dt))
+        state.width = state.start_width + (self.spec.max_width - state.start_width) * share
+        if share >= 1.0 - _EPSILON:
+            state.width, state.phase = self.spec.max_width, "open"
+            if state.held:
+                self._release(state, tcp_velocity, cubes[state.held])
+
+    def _carry(
+        self, state: GripperState, rotation: Array, hand: Array, tcp_velocity: Array, item: ObjectState
+    ) -> None:
+        item.position = hand + rotation @ state.position_in_hand
+        item.rotation = rotation @ state.rotation_in_hand
+        item.yaw = float(np.arctan2(item.rotation[1, 0], item.rotation[0, 0]))
+        if state.phase == "closed" and state.outcome == "slipping" and item.position[2] > state.held_from_z + SLIP_HEIGHT:
+            state.outcome = "dropped"
+            self._release(state, tcp_velocity, item)
+            state.phase = "closing"
+
+    @staticmethod
+    def _release(state: GripperState, velocity: Array, item: ObjectState) -> None:
+        """Free flight from here, upright, with the gripper's velocity."""
+        item.state = "falling"
+        item.velocity = velocity.copy()
+        item.turn_to(item.yaw)
+        state.held = ""

@@ -1,0 +1,150 @@
+"""Compiled geometry of the simulated sensors and bodies: distances, rays and lines of sight among prisms and discs."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+
+Index = NDArray[np.int64]
+
+
+@njit(cache=True)
+def polygon_distance(x: float, y: float, corners: Array, begin: int, end: int) -> float:
+    """Distance [m] from a point to a convex counter-clockwise polygon; 0 inside."""
+    inside = True
+    best = np.inf
+    for i in range(begin, end):
+        j = i + 1 if i + 1 < end else begin
+        ax, ay = corners[i, 0], corners[i, 1]
+        ex, ey = corners[j, 0] - ax, corners[j, 1] - ay
+        px, py = x - ax, y - ay
+        if ex * py - ey * px < 0.0:
+            inside = False
+        length2 = ex * ex + ey * ey
+        t = 0.0 if length2 == 0.0 else min(1.0, max(0.0, (px * ex + py * ey) / length2))
+        dx, dy = px - t * ex, py - t * ey
+        best = min(best, dx * dx + dy * dy)
+    return 0.0 if inside else math.sqrt(best)
+
+
+@njit(cache=True)
+def clearance(x: float, y: float, corners: Array, first: Index, discs: Array) -> float:
+    """Distance [m] in the plane from a point to the nearest polygon or disc, all taken as tall; 0 inside, inf if none."""
+    best = np.inf
+    for i in range(first.shape[0] - 1):
+        best = min(best, polygon_distance(x, y, corners, first[i], first[i + 1]))
+    for i in range(discs.shape[0]):
+        best = min(best, max(0.0, math.hypot(x - discs[i, 0], y - discs[i, 1]) - discs[i, 2]))
+    return best
+
+
+@njit(cache=True)
+def cast_rays(origin: Array, angle: float, step: float, n: int, segments: Array, discs: Array, reach: float) -> Array:
+    """Ranges [m] of n rays from origin at ``angle + i * step``; inf beyond reach; shape (n,)."""
+    ranges = np.empty(n)
+    ox, oy = origin[0], origin[1]
+    for i in range(n):
+        dx, dy = math.cos(angle + i * step), math.sin(angle + i * step)
+        best = np.inf
+        for k in range(segments.shape[0]):
+            ax, ay = segments[k, 0] - ox, segments[k, 1] - oy
+            ex, ey = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
+            det = ex * dy - ey * dx
+            if det == 0.0:
+                continue
+            r = (ex * ay - ey * ax) / det
+            u = (dx * ay - dy * ax) / det
+            if 0.0 <= r < best and 0.0 <= u <= 1.0:
+                best = r
+        for k in range(discs.shape[0]):
+            cx, cy = discs[k, 0] - ox, discs[k, 1] - oy
+            along = cx * dx + cy * dy
+            root = discs[k, 2] * discs[k, 2] - (cx * cx + cy * cy - along * along)
+            if root < 0.0:
+                continue
+            near = along - math.sqrt(root)
+            if near < 0.0:
+                near = along + math.sqrt(root)
+            if 0.0 <= near < best:
+                best = near
+        ranges[i] = best if best <= reach else np.inf
+    return ranges
+
+
+@njit(cache=True)
+def _segments_cross(a: Array, b: Array, corners: Array, begin: int, end: int) -> bool:
+    """Whether the plane segment a-b touches a convex polygon (Cyrus-Beck)."""
+    enter, leave = 0.0, 1.0
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    for i in range(begin, end):
+        j = i + 1 if i + 1 < end else begin
+        ex, ey = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
+        side = ex * (a[1] - corners[i, 1]) - ey * (a[0] - corners[i, 0])
+        change = ex * dy - ey * dx
+        if change == 0.0:
+            if side < 0.0:
+                return False
+        elif change > 0.0:
+            enter = max(enter, -side / change)
+        else:
+            leave = min(leave, -side / change)
+        if enter > leave:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _clip_heights(a: Array, b: Array, low: float, high: float) -> tuple[float, float]:
+    """Part of the segment a-b between two heights as parameters; first > second when there is none."""
+    dz = b[2] - a[2]
+    if dz == 0.0:
+        return (0.0, 1.0) if low <= a[2] <= high else (1.0, 0.0)
+    t0, t1 = (low - a[2]) / dz, (high - a[2]) / dz
+    return max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
+
+
+@njit(cache=True)
+def sight_blocked(
+    a: Array, b: Array, corners: Array, first: Index, z: Array, discs: Array, disc_z: Array
+) -> bool:
+    """Whether a prism or cylinder stands between the points a and b, shapes (3,)."""
+    for i in range(first.shape[0] - 1):
+        t0, t1 = _clip_heights(a, b, z[i, 0], z[i, 1])
+        if t0 <= t1 and _segments_cross(a + t0 * (b - a), a + t1 * (b - a), corners, first[i], first[i + 1]):
+            return True
+    for i in range(discs.shape[0]):
+        t0, t1 = _clip_heights(a, b, disc_z[i, 0], disc_z[i, 1])
+        if t0 > t1:
+            continue
+        px, py = a[0] + t0 * (b[0] - a[0]) - discs[i, 0], a[1] + t0 * (b[1] - a[1]) - discs[i, 1]
+        dx, dy = (t1 - t0) * (b[0] - a[0]), (t1 - t0) * (b[1] - a[1])
+        length2 = dx * dx + dy * dy
+        t = 0.0 if length2 == 0.0 else min(1.0, max(0.0, -(px * dx + py * dy) / length2))
+        if math.hypot(px + t * dx, py + t * dy) <= discs[i, 2]:
+            return True
+    return False
+
+
+@njit(cache=True)
+def segment_distance(a: Array, b: Array, c: Array, d: Array) -> float:
+    """Distance [m] between the segments a-b and c-d in space, shapes (3,)."""
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv = np.dot(u, u), np.dot(u, v), np.dot(v, v)
+    uw, vw = np.dot(u, w), np.dot(v, w)
+    best = np.inf
+    det = uu * vv - uv * uv
+    if det > 1e-12 * uu * vv:
+        s, t = (uv * vw - vv * uw) / det, (uu * vw - uv * uw) / det
+        if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
+            best = np.linalg.norm(w + s * u - t * v)
+    for k in range(2):
+        end = w if k == 0 else w + u
+        t = 0.0 if vv == 0.0 else min(1.0, max(0.0, np.dot(v, end) / vv))
+        best = min(best, np.linalg.norm(end - t * v))
+        end = -w if k == 0 else v - w
+        s = 0.0 if uu == 0.0 else min(1.0, max(0.0, np.dot(u, end) / uu))
+        best = min(best, np.linalg.norm(end - s * u))
+    return best

@@ -1,0 +1,346 @@
+"""Ground truth at every substep: contacts, clearances, picks, places, drops, and whether the plant kept its limits.
+
+Shares no code with perception, planning or control.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import coal
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.plant import Contact
+from motm_twin.model.scene import Pick, Place, Scene
+from motm_twin.sim.kernels import clearance
+from motm_twin.sim.objects import ObjectState
+from motm_twin.sim.plant_check import PlantCheck, PlantCheckState
+from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, update_gaps
+from motm_twin.sim.solids import Solids, rectangle
+
+TOUCH = 1e-5  # [m] of penetration that counts as contact
+ROBOT_MOVES = 0.02  # [m/s] towards the other, from which the robot caused a contact
+EPISODE_END = 0.1  # [s] apart after which a contact episode has ended
+PERSON = 0.5  # [s] after an edit of a body within which a contact with it is the person's doing
+LIFTED = 0.02  # [m] above where it was taken: the cube counts as picked
+SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it was taken from
+DROP_HEIGHT = 0.01  # [m] of fall that makes a drop
+NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the own base, or always beside it
+
+
+@dataclass
+class Episode:
+    """A contact that goes on."""
+
+    began: float
+    last: float
+    depth: float
+    closing_speed: float
+    other_speed: float
+    robot_moved: bool
+    by_person: bool
+
+
+@dataclass
+class World:
+    """What the referee looks at after a substep."""
+
+    time: float
+    pose: Array
+    twist: Array
+    q: Array
+    dq: Array
+    width: float
+    held: str
+    tcp: Array
+    objects: list[ObjectState]
+    solids: Solids
+    agents: Array  # x, y, radius, height, shape (n, 4)
+    agent_velocity: Array  # shape (n, 2)
+
+
+@dataclass
+class RefereeState:
+    """Everything the referee remembers."""
+
+    check: PlantCheckState
+    gaps: Array = field(default_factory=lambda: np.zeros((0, 0)))  # lower bounds of distances [m]
+    placed_before: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    agents_before: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    episodes: dict[tuple[str, str], Episode] = field(default_factory=dict)
+    contacts: list[Contact] = field(default_factory=list)  # ended
+    edits: dict[str, float] = field(default_factory=dict)  # body: time of its last edit [s]
+    held: str = ""
+    held_from_z: float = 0.0
+    resting_on: tuple[str, ...] = ()  # what the held cube touched when it was taken, until clear of it
+    picked: bool = False  # the held cube has been counted
+    falling_from: dict[str, float] = field(default_factory=dict)
+    placed: tuple[str, ...] = ()
+    picks: int = 0
+    drops: int = 0
+    min_base_clearance: float = math.inf
+    min_arm_clearance: float = math.inf
+    min_ee_obstacle: float = math.inf
+    ee_obstacle: float = math.inf
+
+
+class Referee:
+    """Watches one scene. Clearances: base body and arm (links, hand, fingers) to everything but floor and itself.
+
+    The distance of the gripper centre to what is not in the map is taken in the plane, the other as tall, as in the
+    paper (Sec. V).
+    """
+
+    def __init__(self, scene: Scene, dt: float) -> None:
+        """The scene's robot, agents and task list; substeps of dt [s]."""
+        self.dt = dt
+        self.robot = RobotShapes(scene.robot)
+        self.check = PlantCheck(scene.robot, dt)
+        self._foot = scene.robot.footprint
+        self._agents = [(agent.name, agent.radius, agent.height) for agent in scene.agents]
+        self._right_bins = _right_bins(scene)
+        self._surroundings: Surroundings | None = None
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._transforms = [coal.Transform3s() for _ in self.robot.bodies]
+        self._is_base = np.array([body == "base" for body in self.robot.bodies])
+        self._base_shape = int(np.flatnonzero(self._is_base)[0])
+        self._base_reach = math.hypot(0.5 * self._foot.length + abs(self._foot.offset_x), 0.5 * self._foot.width)
+
+    def start(self, world: World) -> RefereeState:
+        """State before the first substep; the start itself is judged too."""
+        state = RefereeState(check=self.check.start(world))
+        state.placed_before = self._place(world)
+        state.agents_before = world.agents.copy()
+        self._judge(state, world, state.placed_before)
+        return state
+
+    def edited(self, state: RefereeState, name: str, now: float) -> None:
+        """A person changed this body: distances are measured anew, and contacts with it are the person's for a while."""
+        state.edits[name] = now
+        state.gaps = np.zeros((0, 0))
+
+    def step(self, state: RefereeState, world: World) -> None:
+        """Judge the substep that ended with this world."""
+        self.check.step(state.check, world)
+        self._objects(state, world)
+        placed = self._place(world)
+        self._judge(state, world, placed)
+        state.placed_before, state.agents_before = placed, world.agents
+
+    def contacts(self, state: RefereeState) -> tuple[Contact, ...]:
+        """All contacts so far, those that go on included, by time."""
+        going_on = [_contact(pair, episode) for pair, episode in state.episodes.items()]
+        return tuple(sorted([*state.contacts, *going_on], key=lambda contact: contact.time))
+
+    def _place(self, world: World) -> Array:
+        placed = self.robot.place(world.pose, world.q, world.width)
+        if world.held:
+            item = next(item for item in world.objects if item.name == world.held)
+            placed[-1, :3, :3], placed[-1, :3, 3] = item.rotation, item.position
+        return placed
+
+    def _objects(self, state: RefereeState, world: World) -> None:
+        for item in world.objects:
+            if item.state == "falling":
+                state.falling_from.setdefault(item.name, item.bottom)
+                continue
+            fell_from = state.falling_from.pop(item.name, None)
+            if item.state.startswith("binned:"):
+                bin_name = item.state.removeprefix("binned:")
+                if item.name not in state.placed and bin_name in self._right_bins.get(item.name, ()):
+                    state.placed = (*state.placed, item.name)
+            elif fell_from is not None and item.state != "held" and fell_from - item.bottom > DROP_HEIGHT:
+                state.drops += 1
+        held = next((item for item in world.objects if item.name == world.held), None)
+        if world.held != state.held:
+            state.held, state.picked, state.resting_on = world.held, False, ()
+            state.held_from_z = float(held.position[2]) if held is not None else 0.0
+            if held is not None and len(state.gaps):
+                state.gaps[-1] = -1.0
+                state.resting_on = (HELD,)  # to be replaced by names at the first look
+        elif held is not None and not state.picked and held.position[2] > state.held_from_z + LIFTED:
+            state.picked = True
+            state.picks += 1
+
+    def _look_around(self, world: World) -> Surroundings:
+        if self._surroundings is None or self._surroundings.solids is not world.solids:
+            self._surroundings = Surroundings(world.solids, self._agents, self._surroundings)
+            self._surroundings.shapes[self._surroundings.own_base] = self.robot.shapes[self._base_shape]
+        return self._surroundings
+
+    def _judge(self, state: RefereeState, world: World, placed: Array) -> None:
+        around = self._look_around(world)
+        n, columns = len(self.robot.bodies), len(around.names)
+        if state.gaps.shape != (n, columns):
+            state.gaps = np.full((n, columns), -1.0)
+        if world.held:
+            side = next(item.side for item in world.objects if item.name == world.held)
+            self.robot.shapes[-1], self.robot.radii[-1] = self.robot.cube(side), 0.5 * side * math.sqrt(3.0)
+            if state.placed_before.shape == placed.shape and state.resting_on == (HELD,):
+                state.placed_before[-1] = placed[-1]
+        need = self._need(state, world, around)
+        base = rectangle(*_body_centre(world.pose, self._foot.offset_x), (self._foot.length, self._foot.width))
+        motion = self._motion(state, world, placed, around)
+        arrays = around.arrays(base, self._foot.height, world.agents)
+        update_gaps(
+            state.gaps, need, placed, state.placed_before, self.robot.centres, self.robot.radii, *arrays, motion
+        )
+        self._measure(state, world, placed, around, need)
+        self._end_episodes(state, world.time)
+        discs = np.concatenate([around.unmapped_discs, world.agents[:, :3]])
+        state.ee_obstacle = clearance(
+            float(world.tcp[0]), float(world.tcp[1]), around.unmapped_corners, around.unmapped_first, discs
+        )
+        state.min_ee_obstacle = min(state.min_ee_obstacle, state.ee_obstacle)
+
+    def _need(self, state: RefereeState, world: World, around: Surroundings) -> Array:
+        """Distance [m] from which a pair must be measured exactly: contact, or a new least clearance."""
+        need = np.full(state.gaps.shape, state.min_arm_clearance)
+        need[self._is_base] = state.min_base_clearance
+        need[:, around.own_base] = 0.0
+        need[:, around.floor] = 0.0
+        need[-1] = (SUPPORT_CLEAR * 1.01 if state.resting_on else 0.0) if world.held else -math.inf
+        for i, body in enumerate(self.robot.bodies):
+            if body in NEVER_SELF:
+                need[i, around.own_base] = -math.inf
+            if body == "base":
+                need[i, around.floor] = -math.inf
+        return need
+
+    def _motion(self, state: RefereeState, world: World, placed: Array, around: Surroundings) -> Array:
+        motion = np.zeros(len(around.names))
+        old, new = state.placed_before[self._base_shape], placed[self._base_shape]
+        turned = abs(math.atan2(new[1, 0] * old[0, 0] - new[0, 0] * old[1, 0], new[:2, 0] @ old[:2, 0]))
+        motion[around.own_base] = math.hypot(*(new[:2, 3] - old[:2, 3])) + turned * self._base_reach
+        if len(world.agents):
+            motion[around.first_agent : around.floor] = np.hypot(*(world.agents - state.agents_before)[:, :2].T)
+        return motion
+
+    def _measure(self, state: RefereeState, world: World, placed: Array, around: Surroundings, need: Array) -> None:
+        ready: set[int] = set()
+        touching: list[str] = []
+        for i, j in np.argwhere(state.gaps < need):
+            if i not in ready:
+                ready.add(i)
+                self._transforms[i].setTransform(placed[i, :3, :3], placed[i, :3, 3])
+            if j == around.own_base:
+                around.transforms[j].setTransform(placed[self._base_shape, :3, :3], placed[self._base_shape, :3, 3])
+            elif around.first_agent <= j < around.floor:
+                x, y, _, height = world.agents[j - around.first_agent]
+                around.transforms[j].setTranslation(np.array([x, y, 0.5 * height]))
+            self._result.clear()
+            distance = coal.distance(
+                self.robot.shapes[i],
+                self._transforms[i],
+                around.shapes[j],
+                around.transforms[j],
+                self._request,
+                self._result,
+            )
+            state.gaps[i, j] = distance
+            self._clearance(state, int(i), int(j), distance, around)
+            if i == len(placed) - 1 and distance < SUPPORT_CLEAR:
+                touching.append(around.names[j])
+            elif distance < -TOUCH:
+                self._touch(state, world, placed, around, int(i), int(j), distance)
+        self._rest(state, world, placed, around, touching)
+
+    def _rest(  # noqa: PLR0913
+        self, state: RefereeState, world: World, placed: Array, around: Surroundings, touching: list[str]
+    ) -> None:
+        """What the held cube touches: no contact as long as it is what the cube was taken from."""
+        if state.resting_on == (HELD,):
+            state.resting_on = tuple(sorted(set(touching)))
+        else:
+            state.resting_on = tuple(name for name in state.resting_on if name in touching)
+        last = len(placed) - 1
+        for j in np.flatnonzero(state.gaps[last] < -TOUCH) if touching else ():
+            if around.names[j] in touching and around.names[j] not in state.resting_on:
+                self._touch(state, world, placed, around, last, int(j), float(state.gaps[last, j]))
+
+    def _clearance(self, state: RefereeState, i: int, j: int, distance: float, around: Surroundings) -> None:
+        if j in (around.own_base, around.floor):
+            return
+        if self._is_base[i]:
+            state.min_base_clearance = min(state.min_base_clearance, max(0.0, distance))
+        elif i < len(self.robot.bodies) - 1:
+            state.min_arm_clearance = min(state.min_arm_clearance, max(0.0, distance))
+
+    def _touch(  # noqa: PLR0913
+        self, state: RefereeState, world: World, placed: Array, around: Surroundings, i: int, j: int, distance: float
+    ) -> None:
+        self._result.clear()
+        coal.distance(
+            self.robot.shapes[i],
+            self._transforms[i],
+            around.shapes[j],
+            around.transforms[j],
+            self._request,
+            self._result,
+        )
+        normal = self._result.normal
+        point = 0.5 * (self._result.getNearestPoint1() + self._result.getNearestPoint2())
+        closing = float(self._velocity(state, placed, i, point) @ normal)
+        other_speed = -float(self._other_velocity(state, world, placed, around, j, point) @ normal)
+        body = f"held:{world.held}" if self.robot.bodies[i] == HELD else self.robot.bodies[i]
+        pair = (body, around.names[j])
+        episode = state.episodes.get(pair)
+        if episode is None:
+            edited = state.edits.get(pair[1], -math.inf)
+            episode = Episode(
+                world.time, world.time, 0.0, closing, other_speed, False, world.time - edited <= PERSON
+            )
+            state.episodes[pair] = episode
+        episode.last = world.time
+        episode.depth = max(episode.depth, -distance)
+        episode.robot_moved |= closing > ROBOT_MOVES
+
+    def _velocity(self, state: RefereeState, placed: Array, i: int, point: Array) -> Array:
+        """Velocity [m/s] of a point fixed to shape i, over the last substep, shape (3,)."""
+        now, before = placed[i], state.placed_before[i]
+        local = now[:3, :3].T @ (point - now[:3, 3])
+        return (point - (before[:3, :3] @ local + before[:3, 3])) / self.dt
+
+    def _other_velocity(  # noqa: PLR0913
+        self, state: RefereeState, world: World, placed: Array, around: Surroundings, j: int, point: Array
+    ) -> Array:
+        if j == around.own_base:
+            return self._velocity(state, placed, self._base_shape, point)
+        if around.first_agent <= j < around.floor:
+            return np.append(world.agent_velocity[j - around.first_agent], 0.0)
+        return np.zeros(3)
+
+    def _end_episodes(self, state: RefereeState, now: float) -> None:
+        for pair in [pair for pair, episode in state.episodes.items() if now - episode.last > EPISODE_END]:
+            state.contacts.append(_contact(pair, state.episodes.pop(pair)))
+
+
+def _body_centre(pose: Array, offset_x: float) -> tuple[float, float, float]:
+    x, y, heading = (float(value) for value in pose)
+    return x + offset_x * math.cos(heading), y + offset_x * math.sin(heading), heading
+
+
+def _contact(pair: tuple[str, str], episode: Episode) -> Contact:
+    return Contact(
+        time=episode.began,
+        body=pair[0],
+        other=pair[1],
+        depth=episode.depth,
+        closing_speed=episode.closing_speed,
+        other_speed=episode.other_speed,
+        caused_by_robot=episode.robot_moved and not episode.by_person,
+        duration=episode.last - episode.began,
+    )
+
+
+def _right_bins(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """Bins in which each object belongs: the one of the first place task after its pick."""
+    right: dict[str, tuple[str, ...]] = {}
+    picked = ""
+    for task in scene.tasks:
+        if isinstance(task, Pick):
+            picked = task.object
+        elif isinstance(task, Place) and picked:
+            right[picked] = (*right.get(picked, ()), task.bin)
+            picked = ""
+    return right

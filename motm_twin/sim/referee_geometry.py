@@ -1,0 +1,188 @@
+"""The referee's own geometry: robot shapes from ``frankie.urdf`` in pinocchio, the world as coal shapes."""
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numba import njit
+
+from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.geometry import Array
+from motm_twin.model.profile import RobotProfile
+from motm_twin.sim.kernels import Index, polygon_distance
+from motm_twin.sim.solids import Solids
+
+HELD = "held"  # body name of the slot for a held cube
+_ROOT_HALF = math.sqrt(0.5)
+
+
+class RobotShapes:
+    """Base box, link hulls, hand and finger boxes of the robot, and a slot for the held cube, last."""
+
+    def __init__(self, profile: RobotProfile) -> None:
+        """Shapes for one profile: its footprint is the base body, its mount carries the arm."""
+        xml = _urdf(profile)
+        self._model = pin.buildModelFromXML(xml, pin.JointModelPlanar())
+        geometry = pin.buildGeomFromUrdfString(
+            self._model, xml, pin.GeometryType.COLLISION, package_dirs=[str(web_assets_dir().parent)]
+        )
+        self._data, self._geometry, self._geometry_data = self._model.createData(), geometry, geometry.createData()
+        self._configuration = pin.neutral(self._model)
+        self._cubes: dict[float, coal.Box] = {}
+        bodies = [self._model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+        self.bodies = tuple("base" if name == "base_link" else name for name in [*bodies, HELD])
+        self.shapes = [_convex(item.geometry) for item in geometry.geometryObjects]
+        self.centres = np.zeros((len(self.bodies), 3))
+        self.radii = np.zeros(len(self.bodies))
+        for i, shape in enumerate(self.shapes):
+            shape.computeLocalAABB()
+            self.centres[i], self.radii[i] = shape.aabb_center, shape.aabb_radius
+        self.shapes.append(self.cube(1.0))
+
+    def place(self, pose: Array, q: Array, width: float) -> Array:
+        """World transforms of all shapes but the held cube, whose slot is the identity; shape (n, 4, 4)."""
+        configuration = self._configuration
+        configuration[0], configuration[1] = pose[0], pose[1]
+        configuration[2], configuration[3] = math.cos(pose[2]), math.sin(pose[2])
+        configuration[4:11] = q
+        configuration[11:] = 0.5 * width
+        pin.forwardKinematics(self._model, self._data, configuration)
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data)
+        T = np.empty((len(self.bodies), 4, 4))
+        for i, placement in enumerate(self._geometry_data.oMg):
+            T[i] = placement.homogeneous
+        T[-1] = np.eye(4)
+        return T
+
+    def cube(self, side: float) -> coal.Box:
+        """The shape of a cube to be held."""
+        if side not in self._cubes:
+            self._cubes[side] = coal.Box(side, side, side)
+        return self._cubes[side]
+
+
+def _urdf(profile: RobotProfile) -> str:
+    robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
+    mount = robot.find("joint[@name='arm_mount']/origin")
+    body = robot.find("link[@name='base_link']/collision/origin")
+    box = robot.find("link[@name='base_link']/collision/geometry/box")
+    if mount is None or body is None or box is None:
+        raise ValueError("frankie.urdf lacks the joint arm_mount or the collision box of base_link: restore the file")
+    arm, foot = profile.arm, profile.footprint
+    mount.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
+    body.set("xyz", f"{foot.offset_x!r} 0 {0.5 * foot.height!r}")
+    box.set("size", f"{foot.length!r} {foot.width!r} {foot.height!r}")
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _convex(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
+    if isinstance(shape, coal.BVHModelBase):
+        shape.buildConvexHull(True, "Qt")
+        return shape.convex
+    return shape
+
+
+class Surroundings:
+    """Everything the robot may touch, one column each: polygons, its own base, discs, agents, the floor."""
+
+    def __init__(
+        self, solids: Solids, agents: Sequence[tuple[str, float, float]], previous: "Surroundings | None" = None
+    ) -> None:
+        """The world as it stands; agents are name, radius, height [m]; shapes of ``previous`` are used again."""
+        self.solids = solids
+        polygons, discs = len(solids.names), len(solids.disc_names)
+        self.own_base = polygons
+        self.first_agent = polygons + 1 + discs
+        self.floor = self.first_agent + len(agents)
+        self.names = (*solids.names, "base", *solids.disc_names, *(agent[0] for agent in agents), "floor")
+        known = previous.prisms if previous is not None else {}
+        keys = [(solids.polygon(i).tobytes(), *solids.z[i]) for i in range(polygons)]
+        self.prisms = {key: known.get(key) or _prism(solids.polygon(i), *solids.z[i]) for i, key in enumerate(keys)}
+        self.shapes: list[coal.CollisionGeometry | None] = [self.prisms[key] for key in keys]
+        self.transforms = [coal.Transform3s() for _ in range(polygons + 1)]
+        self.shapes.append(None)  # the own base: the referee puts the robot's shape here
+        for (x, y, radius), (low, high) in zip(solids.discs, solids.disc_z, strict=True):
+            self.shapes.append(coal.Cylinder(float(radius), float(high - low)))
+            self.transforms.append(coal.Transform3s(np.eye(3), np.array([x, y, 0.5 * (low + high)])))
+        for _, radius, height in agents:
+            self.shapes.append(coal.Cylinder(radius, height))
+            self.transforms.append(coal.Transform3s())
+        self.shapes.append(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
+        self.transforms.append(coal.Transform3s())
+        unmapped = [i for i in range(polygons) if not solids.mapped[i]]
+        self.unmapped_corners = np.vstack([np.zeros((0, 2)), *(solids.polygon(i) for i in unmapped)])
+        counts = [len(solids.polygon(i)) for i in unmapped]
+        self.unmapped_first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        self.unmapped_discs = solids.discs[~solids.disc_mapped]
+
+    def arrays(self, base: Array, base_top: float, agents: Array) -> tuple[Array, Index, Array, Array, Array]:
+        """Corners, first, z, discs, disc heights with base rectangle (4, 2) and agents (n, 4) as they are now."""
+        solids = self.solids
+        return (
+            np.concatenate([solids.corners, base]),
+            np.append(solids.first, solids.first[-1] + 4),
+            np.concatenate([solids.z, [[0.0, base_top]]]),
+            np.concatenate([solids.discs, agents[:, :3]]),
+            np.concatenate([solids.disc_z, np.column_stack([np.zeros(len(agents)), agents[:, 3]])]),
+        )
+
+
+def _prism(corners: Array, low: float, high: float) -> coal.ConvexBase:
+    points = coal.StdVec_Vec3s()
+    for z in (low, high):
+        for x, y in corners:
+            points.append(np.array([x, y, z]))
+    return coal.Convex.convexHull(points, True, "Qt")
+
+
+@njit(cache=True)
+def update_gaps(  # noqa: PLR0913, PLR0917
+    gaps: Array,
+    need: Array,
+    now: Array,
+    before: Array,
+    centres: Array,
+    radii: Array,
+    corners: Array,
+    first: Index,
+    z: Array,
+    discs: Array,
+    disc_z: Array,
+    motion: Array,
+) -> None:
+    """Lower bounds of all distances [m] after one substep, in place, shape (shapes, columns).
+
+    A bound shrinks by what shape and column can have moved; where it falls below ``need`` the distance of the shape's
+    bounding sphere replaces it if that is larger. ``motion`` of the columns [m], transforms (shapes, 4, 4).
+    """
+    polygons = first.shape[0] - 1
+    for i in range(gaps.shape[0]):
+        c, moved2, turned2 = np.zeros(3), 0.0, 0.0
+        for r in range(3):
+            old = before[i, r, 3]
+            c[r] = now[i, r, 3]
+            for k in range(3):
+                c[r] += now[i, r, k] * centres[i, k]
+                old += before[i, r, k] * centres[i, k]
+                turned2 += (now[i, r, k] - before[i, r, k]) ** 2
+            moved2 += (c[r] - old) ** 2
+        moved = math.sqrt(moved2) + radii[i] * _ROOT_HALF * math.sqrt(turned2)
+        for j in range(gaps.shape[1]):
+            gaps[i, j] -= moved + motion[j]
+            if gaps[i, j] >= need[i, j]:
+                continue
+            if j < polygons:
+                flat = polygon_distance(c[0], c[1], corners, first[j], first[j + 1])
+                high = max(0.0, z[j, 0] - c[2], c[2] - z[j, 1])
+                bound = math.hypot(flat, high)
+            elif j < polygons + discs.shape[0]:
+                k = j - polygons
+                flat = max(0.0, math.hypot(c[0] - discs[k, 0], c[1] - discs[k, 1]) - discs[k, 2])
+                high = max(0.0, disc_z[k, 0] - c[2], c[2] - disc_z[k, 1])
+                bound = math.hypot(flat, high)
+            else:
+                bound = c[2]
+            gaps[i, j] = max(gaps[i, j], bound - radii[i])

@@ -1,0 +1,90 @@
+"""Scenes for the tests of the simulation, built directly."""
+
+import msgspec
+
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import Agent, Bin, Box, Cylinder, Noise, Pick, Place, Scene, SceneObject, Solid
+
+QUIET = Noise(
+    localisation_position_sd=0.0,
+    localisation_heading_sd=0.0,
+    lidar_range_sd=0.0,
+    slot_error_until_seen=0.0,
+    camera_position_sd_at_1m=0.0,
+    camera_position_sd_at_01m=0.0,
+)
+
+
+def box(name, centre, size, height, z_min=0.0, mapped=True, yaw=0.0):
+    """A box on the floor."""
+    return Solid(name=name, shape=Box(centre=centre, size=size, yaw=yaw), z_min=z_min, z_max=height, mapped=mapped)
+
+
+def table():
+    """The object table of Experiment 1: slab, posts, feet."""
+    slab = Solid(name="slab", shape=Box(centre=(4.2, 1.77), size=(2.4, 0.8)), z_min=0.75, z_max=0.78, mapped=True)
+    legs = []
+    for i, x in enumerate((3.6, 4.8)):
+        post = Cylinder(centre=(x, 1.77), radius=0.05)
+        foot = Cylinder(centre=(x, 1.77), radius=0.30)
+        legs.append(Solid(name=f"post{i}", shape=post, z_min=0.0, z_max=0.75, mapped=True))
+        legs.append(Solid(name=f"foot{i}", shape=foot, z_min=0.0, z_max=0.08, mapped=True))
+    return (slab, *legs)
+
+
+def furniture():
+    """All furniture of Experiment 1."""
+    return (
+        *table(),
+        box("desk", (-0.095, 2.22), (0.77, 1.18), 0.6),
+        Solid(name="round", shape=Cylinder(centre=(4.27, -1.44), radius=0.365), z_min=0.0, z_max=0.6, mapped=True),
+        box("cabinet", (0.335, -1.5525), (1.87, 0.295), 0.69),
+    )
+
+
+def scene(**changes):
+    """An empty hall, or whatever the changes make of it."""
+    plain = Scene(
+        name="test",
+        variant="",
+        seed=1,
+        title="test",
+        robot=RobotProfile(),
+        start=(0.0, 0.0, 0.0),
+        solids=(),
+        objects=(),
+        bins=(),
+        agents=(),
+        tasks=(),
+        noise=QUIET,
+        bounds=(-3.0, -4.0, 7.0, 5.0),
+    )
+    return msgspec.structs.replace(plain, **changes)
+
+
+def experiment(**changes):
+    """Experiment 1 with two cubes and, on demand, more."""
+    cubes = (
+        SceneObject(name="cube1", position=(3.1, 1.47, 0.80)),
+        SceneObject(name="cube2", position=(4.2, 1.47, 0.80)),
+    )
+    defaults = {
+        "solids": furniture(),
+        "objects": cubes,
+        "bins": (Bin(name="drop1", centre=(4.25, -1.29)), Bin(name="drop2", centre=(0.1, 2.13))),
+        "tasks": (Pick(object="cube1"), Place(bin="drop1"), Pick(object="cube2"), Place(bin="drop2")),
+        "noise": Noise(),
+    }
+    return scene(**{**defaults, **changes})
+
+
+def temis(count=4):
+    """Temis driving round the table of Experiment 1, in both directions."""
+    ring = ((2.4, 0.7), (6.0, 0.7), (6.0, 2.9), (2.4, 2.9))
+    agents = []
+    for i in range(count):
+        order = ring if i % 2 == 0 else ring[::-1]
+        shifted = order[i % 4 :] + order[: i % 4]
+        start = shifted[-1]
+        agents.append(Agent(name=f"temi{i}", start=(*start, 0.0), waypoints=shifted))
+    return tuple(agents)
