@@ -70,10 +70,10 @@ Furniture = BoxFile | CylinderFile | PolygonFile
 
 
 class ObjectFile(Part, frozen=True, kw_only=True):
-    """A cube to be picked, on a piece of furniture (``on``) or on whatever has its top at height ``z``."""
+    """A cube to be picked, on a piece of furniture (``surface``) or on whatever has its top at height ``z``."""
 
     at: Point
-    on: Name | None = None
+    surface: Name | None = None
     z: Height | None = None
     yaw_deg: Degrees = 0.0
     side: Annotated[float, Meta(ge=0.02, le=0.2, description="[m]")] = 0.04
@@ -83,7 +83,7 @@ class ObjectFile(Part, frozen=True, kw_only=True):
 class SlotFile(Part, frozen=True, kw_only=True):
     """A named position on a piece of furniture."""
 
-    on: Name
+    surface: Name
     at: Point
     yaw_deg: Degrees = 0.0
 
@@ -129,7 +129,7 @@ class DriveToFile(Part, frozen=True, kw_only=True):
     tolerance: Annotated[float, Meta(ge=0.02, le=2, description="[m]")] = 0.15
 
 
-class TaskFile(Part, frozen=True, kw_only=True, omit_defaults=True):
+class TaskFile(Part, frozen=True, kw_only=True):
     """One task: exactly one of pick, place and drive_to."""
 
     pick: Name | None = None

@@ -138,9 +138,9 @@ class Resolver:
 
     def _object(self, name: str, item: fmt.ObjectFile) -> SceneObject:
         node = self.root.at("objects", name)
-        if (item.on is None) == (item.z is None):
-            raise node.error("give exactly one of 'on' (a piece of furniture) and 'z' (height of its top)")
-        top = item.z if item.on is None else self.surface(item.on, node.at("on")).z_max
+        if (item.surface is None) == (item.z is None):
+            raise node.error("give exactly one of 'surface' (a piece of furniture) and 'z' (height of its top)")
+        top = item.z if item.surface is None else self.surface(item.surface, node.at("surface")).z_max
         position = (*item.at, top + item.side / 2.0)
         return SceneObject(name=name, position=position, yaw=item.yaw_deg * _DEG, side=item.side, colour=item.colour)
 
@@ -152,7 +152,7 @@ class Resolver:
         tasks: list[Task] = []
         for index, slot_name in enumerate(self._slot_names(deliver, node)):
             slot = slots[slot_name]
-            top = self.surface(slot.on, self.root.at("slots", slot_name, "on")).z_max
+            top = self.surface(slot.surface, self.root.at("slots", slot_name, "surface")).z_max
             name = f"cube_{slot_name}"
             position = (*slot.at, top + deliver.side / 2.0)
             objects.append(

@@ -63,7 +63,7 @@ def _check_way(agent: Agent, solids: list[tuple[str, Any]], node: Node) -> None:
             if ShapelyPoint(b).distance(shape) < agent.radius - TOUCH:
                 raise _waypoint(node, b).error(
                     f"the waypoint ({b[0]:g}, {b[1]:g}) is inside '{name}' or closer to it than the agent's radius "
-                    f"of {agent.radius:g} m: move it"
+                    f"of {agent.radius:g} m: move it, or change the lane's distance"
                 )
     for name, shape in solids:
         for a, b in legs:
