@@ -1,0 +1,149 @@
+"""Arm obstacle avoidance (Paper, Sec. V): the gripper's speed towards what the lidar sees outside the map is limited.
+
+    approach speed  <=  xi (d - d_s) / (d_i - d_s)      for d < d_i, horizontal distance d
+
+As printed in the paper the line reads as a bound of d-dot; it must bound the approach, -d-dot. Below d_s it asks the
+gripper to retreat.
+
+A static obstacle (its cells occupied for 3 s) close to the target would forbid the grasp, so its d_s shrinks to the
+target's distance to it less a margin, from the approach until the gripper is d_s away again. A moving one keeps d_s.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.types import ArmObstacles
+from motm_twin.model.geometry import Array
+
+_LINK = 0.16  # [m] cells nearer than this belong to one obstacle
+_NEAR = 1.2  # [m] from gripper or target beyond which cells do not matter
+
+
+@dataclass(frozen=True)
+class LidarLimits:
+    """Directions in which the gripper is limited now, nearest first; all arrays of length k."""
+
+    normal: Array  # horizontal unit vectors towards the obstacle, shape (k, 2)
+    distance: Array  # [m]
+    d_s: Array  # [m]
+    allowed: Array  # [m/s] damper line
+    static: NDArray[np.bool_]
+
+
+def damper_line(d: float, d_s: float, d_i: float, xi: float) -> float:
+    """Allowed approach speed [m/s] at distance d [m]; infinite from d_i on, negative below d_s."""
+    if d >= d_i:
+        return math.inf
+    return xi * (d - d_s) / (d_i - d_s)
+
+
+def static_d_s(target_distance: float, parameters: AvoidanceParameters) -> float:
+    """d_s of a static obstacle during a grasp at ``target_distance`` [m] from it."""
+    return max(0.0, min(parameters.d_s, target_distance - parameters.static_margin))
+
+
+def lidar_limits(
+    gripper: Array, obstacles: ArmObstacles, targets: Array, parameters: AvoidanceParameters
+) -> LidarLimits:
+    """The nearest point of each sector round the gripper, with its d_s and its damper line.
+
+    ``targets`` [m], shape (t, 2): grasps that are under way, for which static obstacles give way.
+    """
+    points = obstacles.points
+    if len(points):
+        near = _near(points, gripper[:2], targets, _NEAR)
+        points, static = points[near], obstacles.static[near]
+    if len(points) == 0:
+        empty = np.zeros(0)
+        return LidarLimits(np.zeros((0, 2)), empty, empty, empty, np.zeros(0, dtype=np.bool_))
+    d_s = np.full(len(points), parameters.d_s)
+    if len(targets):
+        distances = np.full(len(points), np.inf)
+        label_target_distance(points, static, targets, _LINK, distances)
+        d_s = np.maximum(0.0, np.minimum(d_s, distances - parameters.static_margin))
+    picked = _nearest_per_sector(points, gripper[0], gripper[1], parameters.sectors, parameters.d_i)
+    offset = points[picked] - gripper[:2]
+    distance = np.hypot(offset[:, 0], offset[:, 1])
+    normal = offset / np.maximum(distance, 1e-6)[:, None]
+    chosen = d_s[picked]
+    allowed = parameters.xi * (distance - chosen) / (parameters.d_i - chosen)
+    return LidarLimits(normal, distance, chosen, allowed, static[picked])
+
+
+def nearest_distance(gripper: Array, obstacles: ArmObstacles) -> float:
+    """Horizontal distance [m] of the gripper centre to the nearest seen obstacle, inf when there is none."""
+    if len(obstacles.points) == 0:
+        return math.inf
+    offset = obstacles.points - gripper[:2]
+    return math.sqrt(float((offset * offset).sum(axis=1).min()))
+
+
+@njit(cache=True)
+def _near(points: Array, gripper: Array, targets: Array, reach: float) -> NDArray[np.bool_]:
+    keep = np.zeros(points.shape[0], dtype=np.bool_)
+    for i in range(points.shape[0]):
+        dx, dy = points[i, 0] - gripper[0], points[i, 1] - gripper[1]
+        keep[i] = dx * dx + dy * dy < reach * reach
+        for t in range(targets.shape[0]):
+            dx, dy = points[i, 0] - targets[t, 0], points[i, 1] - targets[t, 1]
+            keep[i] |= dx * dx + dy * dy < reach * reach
+    return keep
+
+
+@njit(cache=True)
+def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Array, link: float, out: Array) -> None:
+    """For each static cell, the distance of its whole obstacle to the nearest target; others keep what they have.
+
+    Static cells less than ``link`` apart are one obstacle.
+    """
+    count = points.shape[0]
+    label = np.full(count, -1, dtype=np.int64)
+    stack = np.empty(count, dtype=np.int64)
+    members = np.empty(count, dtype=np.int64)
+    for seed in range(count):
+        if label[seed] >= 0 or not static[seed]:
+            continue
+        label[seed] = seed
+        stack[0] = seed
+        size, found = 1, 0
+        nearest = np.inf
+        while size:
+            size -= 1
+            i = stack[size]
+            members[found] = i
+            found += 1
+            for t in range(targets.shape[0]):
+                nearest = min(nearest, math.hypot(points[i, 0] - targets[t, 0], points[i, 1] - targets[t, 1]))
+            for j in range(count):
+                if label[j] < 0 and static[j]:
+                    dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
+                    if dx * dx + dy * dy < link * link:
+                        label[j] = seed
+                        stack[size] = j
+                        size += 1
+        for k in range(found):
+            out[members[k]] = nearest
+
+
+@njit(cache=True)
+def _nearest_per_sector(points: Array, x: float, y: float, sectors: int, reach: float) -> NDArray[np.int64]:
+    best = np.full(sectors, np.inf)
+    index = np.full(sectors, -1, dtype=np.int64)
+    for i in range(points.shape[0]):
+        dx, dy = points[i, 0] - x, points[i, 1] - y
+        d = math.hypot(dx, dy)
+        if d >= reach:
+            continue
+        sector = int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * sectors) % sectors
+        if d < best[sector]:
+            best[sector], index[sector] = d, i
+    order = np.argsort(best)
+    count = 0
+    while count < sectors and index[order[count]] >= 0:
+        count += 1
+    return index[order[:count]]

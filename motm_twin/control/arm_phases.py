@@ -1,0 +1,292 @@
+"""The phases of a pick and a place, and what ends each.
+
+pick:   stow -> transit -> final -> closing -> lift -> carry      (closing -> retry -> transit after a miss)
+place:  carry -> transit -> release -> stow
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from motm_twin.control.arm_reference import hand_yaw, pose_at, tilt_of
+from motm_twin.control.arm_view import ManipulatorState, View
+from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.types import ArmInputs, ArmTiming
+from motm_twin.model.geometry import Array, to_frame, wrap_angle
+from motm_twin.model.profile import RobotProfile
+
+GRAVITY = 9.81  # [m/s^2]
+_WAIT = 0.3  # [s] beyond the closing time after which a closing counts as failed
+_MOVED = 0.03  # [m] by which an object seen away from the fingers ends a closing
+_OPEN_ROOM = 0.015  # [m] wider than the object: the fingers are open enough for another try
+_LEVEL = 0.05  # [m] of height error at which a transit has arrived
+
+
+@dataclass(frozen=True)
+class PhaseRules:
+    """What the transitions need besides state and view."""
+
+    parameters: ArmParameters
+    profile: RobotProfile
+    timing: ArmTiming
+    mount: Array  # [m] in the base frame
+
+    def reach(self, kind: str) -> float:
+        """Largest distance from the mount at which a final approach begins [m]."""
+        return self.parameters.pick_reach if kind == "pick" else self.parameters.place_reach
+
+
+def enter(state: ManipulatorState, phase: str, time: float) -> None:
+    """Begin a phase."""
+    state.phase, state.since = phase, time
+
+
+def wanted(state: ManipulatorState, view: View) -> bool:
+    """Does the goal ask the hand to go somewhere, and can it?"""
+    return view.goal.kind == ("place" if state.holding else "pick")
+
+
+def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> tuple[str, str]:
+    """Move to the phase of this step; returns outcome and reason."""
+    goal = f"{view.goal.kind} {view.goal.name}"
+    if goal != state.goal:
+        _new_goal(state, view)
+        state.goal = goal
+    if state.holding and state.released is None and view.width < state.side - rules.parameters.held_tolerance:
+        return _lost(state, view)
+    if state.phase in ("stow", "carry"):
+        return _leave(state, view, inputs, rules)
+    if state.phase == "transit":
+        return _arrive(state, view, inputs, rules)
+    if state.phase == "final":
+        return _approach(state, view, rules)
+    if state.phase == "closing":
+        return _close(state, view, rules)
+    if state.phase == "lift":
+        return _lift(state, view, rules)
+    if state.phase == "release":
+        return _release(state, view, rules)
+    return _retry(state, view)
+
+
+def _rest(state: ManipulatorState, time: float) -> None:
+    state.yaw = None
+    enter(state, "carry" if state.holding else "stow", time)
+
+
+def _new_goal(state: ManipulatorState, view: View) -> None:
+    if state.phase in ("transit", "final", "closing", "retry", "release"):
+        if not state.holding:
+            state.gripper = "open"
+        state.released = None
+        _rest(state, view.time)
+
+
+def _lost(state: ManipulatorState, view: View) -> tuple[str, str]:
+    told = state.reported
+    state.holding, state.reported, state.released, state.gripper = False, False, None, "open"
+    if told:
+        enter(state, "stow", view.time)
+        return "lost", "the object slipped out of the gripper"
+    enter(state, "retry", view.time)
+    return "missed", "the object slipped when it was lifted: trying again"
+
+
+def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> tuple[str, str]:
+    if not wanted(state, view):
+        if view.goal.kind == "place":
+            return "", "nothing is held: there is nothing to place"
+        return "", "an object is held already" if view.goal.kind == "pick" else ""
+    speed = float(inputs.observation.twist[0])
+    duration = rules.timing.transit_duration(_way(view, inputs, rules), speed, view.time_to_range)
+    if duration is None or view.time_to_range > rules.parameters.abandon_time:
+        return "", ""
+    if not state.holding and view.width < view.goal.side + _OPEN_ROOM:
+        return "", "the gripper is not open yet"
+    enter(state, "transit", view.time)
+    return "", ""
+
+
+def _way(view: View, inputs: ArmInputs, rules: PhaseRules) -> float:
+    """Distance [m] of the hand from where it must be, in the base frame, when the target comes into range."""
+    if not math.isfinite(view.time_to_range):
+        return view.distance
+    pose = pose_at(view.time_to_range, view.pose, inputs.plan_times, inputs.plan_poses)
+    there, here = to_frame(pose, view.target), to_frame(view.pose, view.p)
+    away = there[:2] - rules.mount[:2]
+    radius = float(np.linalg.norm(away))
+    there[:2] = rules.mount[:2] + away * min(1.0, rules.parameters.hover_radius / max(radius, 1e-6))
+    return float(np.linalg.norm(there - here))
+
+
+def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> tuple[str, str]:
+    p = rules.parameters
+    out = view.radius - rules.reach(view.goal.kind)
+    if not wanted(state, view) or (out > 0.0 and view.time_to_range > p.abandon_time):
+        _rest(state, view.time)
+        return "", ""
+    if view.goal.kind == "pick":
+        choose_yaw(state, view, inputs, rules)
+    if out > 0.0 or view.distance > p.approach_distance:
+        return "", ""
+    if view.goal.kind == "place":
+        state.anchor = view.target.copy()
+        enter(state, "release", view.time)
+    elif view.p[2] < view.target[2] + p.hover_height + _LEVEL:
+        enter(state, "final", view.time)
+    return "", ""
+
+
+def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> None:
+    """Fix which faces of the cube the fingers take: rounding every step would flip them while the arm swings.
+
+    The hand's yaw is natural (joint 7 in its middle) half a dwell after arrival, when the base is nearest.
+    """
+    goal = view.goal
+    if state.yaw is None or view.time_to_range > _YAW_TIME:
+        ahead = view.time_to_range + _MID_DWELL
+        pose = pose_at(ahead, view.pose, inputs.plan_times, inputs.plan_poses)
+        local = to_frame(pose, view.target)
+        near = math.atan2(local[1] - rules.mount[1], local[0] - rules.mount[0]) + pose[2]
+    else:
+        near = state.yaw
+    state.yaw = near + math.remainder(goal.yaw - near, math.pi / 2.0)
+
+
+_YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
+_MID_DWELL = 0.6  # [s]
+
+
+def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
+    p = rules.parameters
+    if view.radius > rules.reach("pick") + p.reach_slack or view.distance > 2.0 * p.approach_distance:
+        enter(state, "transit", view.time)
+        return "", "the object went out of reach"
+    if not view.seen(p):
+        return "", f"waiting for a sight of {view.goal.name}"
+    if view.goal.position_sd > p.close_sd:
+        return "", f"{view.goal.name} is known to {1e3 * view.goal.position_sd:.0f} mm only"
+    point = grasp_point(view, p)
+    error = float(np.linalg.norm(view.p - point))
+    yaw_error = abs(wrap_angle(hand_yaw(view.R) - (state.yaw or 0.0)))
+    still = float(np.linalg.norm(view.velocity)) <= p.close_speed
+    if error <= p.close_error and still and yaw_error <= p.close_yaw and tilt_of(view.R) <= p.close_tilt:
+        state.anchor = point
+        state.gripper = "close"
+        state.side = view.goal.side
+        enter(state, "closing", view.time)
+    return "", ""
+
+
+def grasp_point(view: View, p: ArmParameters) -> Array:
+    """Where the tool centre point has to be: in the cube's centre, or as much higher as the finger tips need."""
+    R = view.R
+    low = (
+        p.tip_half_depth * abs(R[2, 0])
+        + (0.5 * view.width + p.tip_thickness) * abs(R[2, 1])
+        + p.tip_length * abs(R[2, 2])
+    )
+    rise = low + p.tip_clearance - 0.5 * view.goal.side
+    return view.target + np.array([0.0, 0.0, min(max(rise, 0.0), p.highest_grasp)])
+
+
+def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
+    p = rules.parameters
+    elapsed = view.time - state.since
+    closing_time = rules.profile.gripper.closing_time
+    if view.width < state.side - p.held_tolerance or elapsed > closing_time + _WAIT:
+        return _miss(state, view, "the fingers closed on nothing: trying again")
+    if math.hypot(*(state.anchor[:2] - view.target[:2])) > _MOVED:
+        return _miss(state, view, "the object was pushed away: trying again")
+    if elapsed >= closing_time - 0.5 * view.dt and not view.gripper_moving:
+        state.holding, state.reported = True, False
+        state.anchor = view.p.copy()
+        enter(state, "lift", view.time)
+    return "", ""
+
+
+def _miss(state: ManipulatorState, view: View, reason: str) -> tuple[str, str]:
+    state.gripper = "open"
+    enter(state, "retry", view.time)
+    return "missed", reason
+
+
+def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
+    p = rules.parameters
+    risen = view.p[2] - state.anchor[2]
+    outcome = ""
+    if not state.reported and risen >= p.picked_height:
+        state.reported = True
+        state.clear_z = float(state.anchor[2]) + p.transit_clearance
+        state.relaxed = state.anchor[None, :2].copy()
+        outcome = "picked"
+    elif risen >= 0.8 * p.lift_height:
+        _rest(state, view.time)
+    return outcome, ""
+
+
+def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
+    p, gripper = rules.parameters, rules.profile.gripper
+    if state.released is None:
+        if view.radius > rules.reach("place") + p.reach_slack:
+            enter(state, "transit", view.time)
+            return "", "the bin went out of reach"
+        if math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance:
+            state.anchor = view.target.copy()
+        if lands_inside(state, view, rules):
+            state.gripper, state.released = "open", view.time
+        return "", ""
+    if view.time - state.released >= gripper.opening_time - 0.5 * view.dt and not view.gripper_moving:
+        state.holding, state.reported, state.released = False, False, None
+        state.clear_z = float(view.goal.position[2]) + p.transit_clearance
+        enter(state, "stow", view.time)
+        return "placed", ""
+    return "", ""
+
+
+def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
+    """Would an object released now, with the hand's velocity, fall into the release square?"""
+    p, goal = rules.parameters, view.goal
+    over = view.p[2] - goal.position[2]
+    if float(np.linalg.norm(view.velocity)) > p.release_speed or not 0.5 * state.side + 0.015 <= over <= 0.12:
+        return False
+    fall = rules.profile.gripper.opening_time + math.sqrt(2.0 * (over + 0.1) / GRAVITY)
+    land = view.p[:2] + view.velocity[:2] * fall
+    half = goal.release_half_width - 0.5 * state.side - 0.5 * p.release_margin
+    frame = np.array([goal.position[0], goal.position[1], goal.yaw])
+    now, then = to_frame(frame, view.p[:2]), to_frame(frame, land)
+    return bool(max(np.abs(now).max(), np.abs(then).max()) <= half)
+
+
+def _retry(state: ManipulatorState, view: View) -> tuple[str, str]:
+    if view.goal.kind != "pick":
+        _rest(state, view.time)
+    elif not view.gripper_moving and view.width > view.goal.side + _OPEN_ROOM:
+        enter(state, "transit", view.time)
+    return "", "opening the fingers for another try"
+
+
+def engaged(state: ManipulatorState) -> bool:
+    """Must the base keep the target in reach?"""
+    return state.phase in ("final", "closing", "retry", "release") or (state.phase == "lift" and not state.reported)
+
+
+def dwell(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
+    """Time [s] in reach that the job still needs."""
+    p, gripper = rules.parameters, rules.profile.gripper
+    elapsed = view.time - state.since
+    lift = p.lift_time
+    if view.goal.kind == "place":
+        if state.released is not None:
+            return max(0.0, gripper.opening_time - (view.time - state.released))
+        settle = max(0.05, p.place_settle_time - elapsed) if state.phase == "release" else p.place_settle_time
+        return settle + gripper.opening_time
+    if view.goal.kind != "pick":
+        return 0.0
+    if state.phase == "lift":
+        return 0.0 if state.reported else lift
+    if state.phase == "closing":
+        return max(0.0, gripper.closing_time - elapsed) + lift
+    settle = max(0.05, p.settle_time - elapsed) if state.phase == "final" else p.settle_time
+    return settle + gripper.closing_time + lift

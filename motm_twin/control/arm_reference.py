@@ -1,0 +1,120 @@
+"""Where the hand should be and how it should turn: geometry of hover points, tilt and yaw.
+
+Horizontal positions of the hand are polar about the arm mount, in the base frame: radius [m] and azimuth [rad]. The
+hand swings in these coordinates, so it never crosses the arm's own column.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from motm_twin.model.geometry import Array, wrap_angle
+
+QUARTER = math.pi / 2.0
+
+
+def mount_point(pose: Array, mount: Array) -> Array:
+    """Position of the arm mount in the frame of the base pose [m], shape (3,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return np.array([pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1], mount[2]])
+
+
+def polar(point: Array, pose: Array, mount: Array) -> tuple[float, float]:
+    """Radius and azimuth of a point about the mount, azimuth in the base frame."""
+    m = mount_point(pose, mount)
+    dx, dy = point[0] - m[0], point[1] - m[1]
+    return math.hypot(dx, dy), wrap_angle(math.atan2(dy, dx) - pose[2])
+
+
+def from_polar(radius: float, azimuth: float, z: float, pose: Array, mount: Array) -> Array:
+    """The point at radius, azimuth (base frame) and height z, in the frame of the base pose, shape (3,)."""
+    m = mount_point(pose, mount)
+    angle = azimuth + pose[2]
+    return np.array([m[0] + radius * math.cos(angle), m[1] + radius * math.sin(angle), z])
+
+
+def pose_at(time: float, now: Array, times: Array, poses: Array) -> Array:
+    """Base pose that the local plan promises after ``time`` [s], linear between its nodes; shape (3,)."""
+    if time <= 0.0 or len(times) == 0:
+        return np.array(now[:3])
+    previous_time, previous = 0.0, np.array(now[:3])
+    for t, node in zip(times, poses, strict=True):
+        if t >= time:
+            part = (time - previous_time) / max(t - previous_time, 1e-6)
+            pose = previous + part * (node[:3] - previous)
+            pose[2] = wrap_angle(previous[2] + part * wrap_angle(node[2] - previous[2]))
+            return pose
+        previous_time, previous = t, node[:3]
+    return np.array(previous)
+
+
+def natural_yaw(azimuth_world: float) -> float:
+    """Yaw of the hand with joint 7 in the middle: its x axis points away from the mount."""
+    return azimuth_world
+
+
+def cube_yaw(yaw: float, near: float) -> float:
+    """The yaw among yaw + k 90 deg that is nearest to ``near``; not wrapped, so that it stays continuous."""
+    return near + math.remainder(yaw - near, QUARTER)
+
+
+def tool_rotation(yaw: float, tilt: float, outward: float) -> Array:
+    """Hand pointing down with x axis at ``yaw``, then tilted by ``tilt`` so that it points to azimuth ``outward``."""
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    down = np.array([[cy, sy, 0.0], [sy, -cy, 0.0], [0.0, 0.0, -1.0]])
+    ax, ay = math.sin(outward), -math.cos(outward)
+    c, s = math.cos(tilt), math.sin(tilt)
+    t = 1.0 - c
+    turn = np.array(
+        [[c + ax * ax * t, ax * ay * t, ay * s], [ax * ay * t, c + ay * ay * t, -ax * s], [-ay * s, ax * s, c]]
+    )
+    return turn @ down
+
+
+@njit(cache=True)
+def rotation_error(R: Array, R_desired: Array) -> Array:
+    """Rotation vector that turns R into R_desired, in their common frame [rad], shape (3,)."""
+    E = R_desired @ R.T
+    v = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
+    sine = 0.5 * math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    cosine = 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine < 1e-9:
+        return 0.5 * v
+    return v * (0.5 * angle / sine)
+
+
+def tilt_of(R: Array) -> float:
+    """Angle of the tool axis from straight down [rad]."""
+    return math.acos(min(1.0, max(-1.0, -R[2, 2])))
+
+
+def hand_yaw(R: Array) -> float:
+    """Yaw of the hand's x axis as far as it is horizontal [rad]."""
+    return math.atan2(R[1, 0] - R[0, 1] * -1.0, R[0, 0] - R[1, 1]) if R[2, 2] < 0.0 else math.atan2(R[1, 0], R[0, 0])
+
+
+def carried_velocity(point: Array, pose: Array, twist: Array) -> Array:
+    """Velocity of a point fixed to the moving base [m/s], shape (3,)."""
+    v, w = twist
+    return np.array(
+        [v * math.cos(pose[2]) - w * (point[1] - pose[1]), v * math.sin(pose[2]) + w * (point[0] - pose[0]), 0.0]
+    )
+
+
+def capped(vector: Array, limit: float) -> Array:
+    """The vector, shortened to at most ``limit``."""
+    length = float(np.linalg.norm(vector))
+    return vector if length <= limit else vector * (limit / length)
+
+
+def release_point(centre: Array, yaw: float, half: float, mount: Array, preferred_radius: float) -> Array:
+    """The point of the release square that the arm reaches best: nearest to ``preferred_radius`` from the mount."""
+    away = centre[:2] - mount[:2]
+    distance = float(np.linalg.norm(away))
+    wanted = -away * max(0.0, 1.0 - preferred_radius / max(distance, 1e-6))
+    c, s = math.cos(yaw), math.sin(yaw)
+    x = min(max(c * wanted[0] + s * wanted[1], -half), half)
+    y = min(max(-s * wanted[0] + c * wanted[1], -half), half)
+    return np.array([centre[0] + c * x - s * y, centre[1] + s * x + c * y])

@@ -1,0 +1,324 @@
+"""Mapped furniture at its true height, and the rows that keep the arm's capsules away from it.
+
+Each capsule is covered by balls. For every body of the arm and every solid nearer than d_i, the nearest ball gives one
+row: its speed towards the solid is at most ``xi (d - d_s) / (d_i - d_s)``.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from motm_twin.control.qp_rows import point_rows
+from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII
+from motm_twin.model.geometry import Array
+from motm_twin.model.kinematics import HAND, TCP
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.scene import Bin, Box, Cylinder, Prism
+
+IntArray = NDArray[np.int64]
+BODIES = ("elbow", "forearm", "wrist", "hand", "fingers", "held object")
+HAND_BODY, FINGERS, HELD = 3, 4, 5
+_BODY_OF_LINK = {
+    "panda_link3": 0,
+    "panda_link4": 0,
+    "panda_link5": 1,
+    "panda_link6": 2,
+    "panda_link7": 2,
+    "panda_hand": 3,
+    "panda_leftfinger": 4,
+    "panda_rightfinger": 4,
+}
+_SPACING = 0.04  # [m] between balls along a capsule
+_TIP_Z, _TIP_RADIUS, _TIP_Y = 0.1024, 0.010, 0.006  # [m] ball at the tip of a finger, beyond the hand and its pad
+_COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
+MAX_ROWS = 24
+
+
+@dataclass(frozen=True)
+class Solids:
+    """Solids as arrays: polygons (vertices first[i] to first[i + 1]) or discs (radius > 0), between two heights."""
+
+    names: tuple[str, ...]
+    first: IntArray  # shape (n + 1,)
+    vertices: Array  # [m], shape (m, 2); a disc has one, its centre
+    radius: Array  # [m] of discs, 0 for polygons, shape (n,)
+    z: Array  # bottom and top [m], shape (n, 2)
+
+
+@dataclass(frozen=True)
+class Balls:
+    """Balls that cover the arm's capsules."""
+
+    frame: IntArray  # index into ARM_FRAMES, shape (n,)
+    centre: Array  # [m] in that frame, shape (n, 3)
+    radius: Array  # [m], shape (n,)
+    body: IntArray  # index into BODIES, shape (n,)
+
+
+def mapped_solids(known: KnownWorld) -> Solids:
+    """Mapped furniture and bins, world frame."""
+    entries: list[tuple[str, Box | Cylinder | Prism, float, float]] = [
+        (solid.group or solid.name, solid.shape, solid.z_min, solid.z_max) for solid in known.solids
+    ]
+    entries += [
+        (item.name, Box(centre=item.centre, size=(item.side, item.side), yaw=item.yaw), *_heights(item))
+        for item in known.bins
+    ]
+    return _arrays(entries)
+
+
+def own_body(known: KnownWorld) -> Solids:
+    """The base body and the arm's column, base frame."""
+    foot, arm = known.robot.footprint, known.robot.arm
+    base = Box(centre=(foot.offset_x, 0.0), size=(foot.length, foot.width))
+    column = Cylinder(centre=(arm.mount_x, arm.mount_y), radius=_COLUMN_RADIUS)
+    return _arrays(
+        [("own base", base, 0.0, foot.height), ("own column", column, foot.height, arm.mount_z + _COLUMN_TOP)]
+    )
+
+
+def arm_balls() -> Balls:
+    """Balls of elbow, forearm, wrist, hand and fingers; finger tips and the held object are placed at run time."""
+    frames, centres, radii, bodies = [], [], [], []
+    for link, frame, p0, p1, radius in zip(
+        CAPSULE_LINKS, CAPSULE_FRAMES, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII, strict=True
+    ):
+        body = _BODY_OF_LINK.get(link)
+        if body is None or (body == FINGERS and p0[2] > 0.09):  # the tips follow the gripper's width
+            continue
+        count = 1 + math.ceil(float(np.linalg.norm(p1 - p0)) / _SPACING)
+        for part in np.linspace(0.0, 1.0, count):
+            frames.append(frame)
+            centres.append(p0 + part * (p1 - p0))
+            radii.append(radius)
+            bodies.append(body)
+    for side in (1.0, -1.0):
+        frames.append(HAND)
+        centres.append(np.array([0.0, side * _TIP_Y, _TIP_Z]))
+        radii.append(_TIP_RADIUS)
+        bodies.append(FINGERS)
+    frames.append(TCP)
+    centres.append(np.zeros(3))
+    radii.append(0.0)
+    bodies.append(HELD)
+    return Balls(np.array(frames), np.array(centres), np.array(radii), np.array(bodies))
+
+
+def placed(balls: Balls, width: float, held_side: float) -> tuple[Array, Array]:
+    """Centres and radii with the finger tips at the gripper's width and the held cube; radius 0 switches a ball off."""
+    centre, radius = balls.centre.copy(), balls.radius.copy()
+    centre[-3, 1] += 0.5 * width
+    centre[-2, 1] -= 0.5 * width
+    radius[-1] = 0.72 * held_side
+    return centre, radius
+
+
+@njit(cache=True)
+def solid_distance(
+    x: float, y: float, z: float, k: int, first: IntArray, vertices: Array, radius: Array, heights: Array
+) -> tuple[float, float, float, float]:
+    """Signed distance [m] of a point to solid k, and the unit vector away from the solid."""
+    d, nx, ny = _plane_distance(x, y, k, first, vertices, radius)
+    below, above = heights[k, 0] - z, z - heights[k, 1]
+    dz, nz = (above, 1.0) if above >= below else (below, -1.0)
+    if d > 0.0 and dz > 0.0:
+        total = math.hypot(d, dz)
+        return total, nx * d / total, ny * d / total, nz * dz / total
+    if d > dz:
+        return d, nx, ny, 0.0
+    return dz, 0.0, 0.0, nz
+
+
+@njit(cache=True)
+def _plane_distance(
+    x: float, y: float, k: int, first: IntArray, vertices: Array, radius: Array
+) -> tuple[float, float, float]:
+    start, end = first[k], first[k + 1]
+    if radius[k] > 0.0:
+        dx, dy = x - vertices[start, 0], y - vertices[start, 1]
+        r = math.hypot(dx, dy)
+        if r < 1e-9:
+            return -radius[k], 1.0, 0.0
+        return r - radius[k], dx / r, dy / r
+    best = np.inf
+    nx, ny = 1.0, 0.0
+    inside = False
+    j = end - 1
+    for i in range(start, end):
+        ax, ay, bx, by = vertices[j, 0], vertices[j, 1], vertices[i, 0], vertices[i, 1]
+        ex, ey = bx - ax, by - ay
+        length = ex * ex + ey * ey
+        t = min(1.0, max(0.0, ((x - ax) * ex + (y - ay) * ey) / length)) if length > 0.0 else 0.0
+        dx, dy = x - (ax + t * ex), y - (ay + t * ey)
+        d = math.hypot(dx, dy)
+        if d < best:
+            best = d
+            if d > 1e-9:
+                nx, ny = dx / d, dy / d
+            else:
+                root = math.sqrt(length)
+                nx, ny = ey / root, -ex / root
+                best = 0.0
+        if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * ex:
+            inside = not inside
+        j = i
+    if inside:
+        return -best, -nx, -ny
+    return best, nx, ny
+
+
+@njit(cache=True)
+def _near_solid(x: float, y: float, z: float, reach: float, k: int, bounds: Array) -> bool:
+    return (
+        bounds[k, 0] - reach < x < bounds[k, 1] + reach
+        and bounds[k, 2] - reach < y < bounds[k, 3] + reach
+        and bounds[k, 4] - reach < z < bounds[k, 5] + reach
+    )
+
+
+@njit(cache=True)
+def body_distances(
+    T: Array,
+    frame: IntArray,
+    centre: Array,
+    ball_radius: Array,
+    body: IntArray,
+    bodies: int,
+    d_i: Array,
+    T_solids_mount: Array,
+    mount_z: float,
+    first: IntArray,
+    vertices: Array,
+    radius: Array,
+    heights: Array,
+    bounds: Array,
+) -> tuple[Array, Array, IntArray]:
+    """Nearest ball of each body to each solid closer than d_i.
+
+    ``T_solids_mount`` is the planar pose of the mount in the frame of the solids. Returns distances (bodies, n),
+    inf when further; directions away from the solid in the solids' frame (bodies, n, 3); index of the ball.
+    """
+    solids = heights.shape[0]
+    distance = np.full((bodies, solids), np.inf)
+    normal = np.zeros((bodies, solids, 3))
+    ball = np.zeros((bodies, solids), dtype=np.int64)
+    c, s = math.cos(T_solids_mount[2]), math.sin(T_solids_mount[2])
+    for i in range(frame.shape[0]):
+        if ball_radius[i] <= 0.0:
+            continue
+        f, b = frame[i], body[i]
+        px = T[f, 0, 3] + T[f, 0, 0] * centre[i, 0] + T[f, 0, 1] * centre[i, 1] + T[f, 0, 2] * centre[i, 2]
+        py = T[f, 1, 3] + T[f, 1, 0] * centre[i, 0] + T[f, 1, 1] * centre[i, 1] + T[f, 1, 2] * centre[i, 2]
+        pz = T[f, 2, 3] + T[f, 2, 0] * centre[i, 0] + T[f, 2, 1] * centre[i, 1] + T[f, 2, 2] * centre[i, 2]
+        x = T_solids_mount[0] + c * px - s * py
+        y = T_solids_mount[1] + s * px + c * py
+        z = mount_z + pz
+        for k in range(solids):
+            if not _near_solid(x, y, z, d_i[b] + ball_radius[i], k, bounds):
+                continue
+            d, nx, ny, nz = solid_distance(x, y, z, k, first, vertices, radius, heights)
+            d -= ball_radius[i]
+            if d < d_i[b] and d < distance[b, k]:
+                distance[b, k] = d
+                normal[b, k, 0], normal[b, k, 1], normal[b, k, 2] = nx, ny, nz
+                ball[b, k] = i
+    return distance, normal, ball
+
+
+@njit(cache=True)
+def damper_rows(
+    T: Array,
+    frame: IntArray,
+    centre: Array,
+    distance: Array,
+    normal: Array,
+    ball: IntArray,
+    d_s: Array,
+    d_i: Array,
+    xi: float,
+    turn: float,
+    pose: Array,
+    mount: Array,
+    room: int,
+) -> tuple[Array, Array, IntArray]:
+    """One row per body and solid, nearest first: coefficients of (v, w, arm) for the approach speed, its bound.
+
+    ``turn``: heading of the solids' frame in the frame of ``pose``. Returns (k, 9), (k,), and body * n + solid (k,).
+    """
+    bodies, solids = distance.shape
+    flat = distance.ravel()
+    order = np.argsort(flat)
+    rows = np.zeros((room, 9))
+    limit = np.zeros(room)
+    which = np.zeros(room, dtype=np.int64)
+    count = 0
+    c, s = math.cos(turn), math.sin(turn)
+    for index in order:
+        if count == room or not flat[index] < np.inf:
+            break
+        b, k = index // solids, index % solids
+        i = ball[b, k]
+        f = frame[i]
+        point = T[f, :3, 3].copy()
+        for r in range(3):
+            for a in range(3):
+                point[r] += T[f, r, a] * centre[i, a]
+        joints = f if f < 8 else 7
+        J = point_rows(T, joints, point, pose, mount)
+        nx = c * normal[b, k, 0] - s * normal[b, k, 1]
+        ny = s * normal[b, k, 0] + c * normal[b, k, 1]
+        nz = normal[b, k, 2]
+        for column in range(9):
+            rows[count, column] = -(nx * J[0, column] + ny * J[1, column] + nz * J[2, column])
+        limit[count] = xi * (flat[index] - d_s[b]) / (d_i[b] - d_s[b])
+        which[count] = index
+        count += 1
+    return rows[:count], limit[:count], which[:count]
+
+
+def solid_bounds(solids: Solids) -> Array:
+    """Axis-aligned bounds x, x, y, y, z, z of each solid, shape (n, 6)."""
+    bounds = np.empty((len(solids.names), 6))
+    for k in range(len(solids.names)):
+        corners = solids.vertices[solids.first[k] : solids.first[k + 1]]
+        low, high = corners.min(axis=0) - solids.radius[k], corners.max(axis=0) + solids.radius[k]
+        bounds[k] = low[0], high[0], low[1], high[1], solids.z[k, 0], solids.z[k, 1]
+    return bounds
+
+
+def _heights(item: Bin) -> tuple[float, float]:
+    return item.floor_z, item.rim_z
+
+
+def _arrays(entries: list[tuple[str, Box | Cylinder | Prism, float, float]]) -> Solids:
+    first, vertices, radius, heights = [0], [], [], []
+    for _, shape, low, high in entries:
+        if isinstance(shape, Cylinder):
+            vertices.append(shape.centre)
+            radius.append(shape.radius)
+        elif isinstance(shape, Box):
+            vertices += _corners(shape)
+            radius.append(0.0)
+        else:
+            vertices += list(shape.corners)
+            radius.append(0.0)
+        first.append(len(vertices))
+        heights.append((low, high))
+    return Solids(
+        names=tuple(entry[0] for entry in entries),
+        first=np.array(first, dtype=np.int64),
+        vertices=np.array(vertices, dtype=float).reshape(-1, 2),
+        radius=np.array(radius, dtype=float),
+        z=np.array(heights, dtype=float).reshape(-1, 2),
+    )
+
+
+def _corners(box: Box) -> list[tuple[float, float]]:
+    c, s = math.cos(box.yaw), math.sin(box.yaw)
+    a, b = 0.5 * box.size[0], 0.5 * box.size[1]
+    return [
+        (box.centre[0] + c * x - s * y, box.centre[1] + s * x + c * y) for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))
+    ]

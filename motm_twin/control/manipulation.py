@@ -1,0 +1,284 @@
+"""The arm side of the control period: phases, reference, redundancy-resolution QP, obstacle avoidance (Paper, Sec. V)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from motm_twin.control.arm_avoidance import LidarLimits, lidar_limits, nearest_distance
+from motm_twin.control.arm_motion import Motion, hand_motion
+from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged
+from motm_twin.control.arm_reference import tilt_of
+from motm_twin.control.arm_view import ManipulatorState, View, look
+from motm_twin.control.furniture_rows import FurnitureRows
+from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.qp import Program, solve
+from motm_twin.control.qp_rows import (
+    ARM,
+    BASE,
+    FURNITURE_ELASTIC,
+    LIDAR_ELASTIC,
+    SIZE,
+    SLACK,
+    Weights,
+    base_bounds,
+    joint_bounds,
+    lag_factor,
+    variable_bounds,
+)
+from motm_twin.control.transit import TransitRule
+from motm_twin.control.types import ArmInputs, ArmStep, ArmTiming
+from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX
+from motm_twin.model.kinematics import manipulability, manipulability_gradient
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Actuation
+from motm_twin.model.state import Stateful
+
+_ACTIVE = 1e-6  # a row or bound this close to equality is active
+_BASE_NAMES = ("base speed", "base yaw rate")
+_GRASPING = ("transit", "final", "closing", "lift", "retry")
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Inequality rows of one step."""
+
+    G: Array  # shape (k, 17)
+    h: Array  # shape (k,)
+    names: tuple[str, ...]
+    lidar: LidarLimits
+
+
+class Manipulator(Stateful[ManipulatorState]):
+    """Picks and places while the base drives; one `step` per arm period (100 Hz)."""
+
+    def __init__(
+        self, known: KnownWorld, parameters: ArmParameters | None = None, timing: ArmTiming | None = None
+    ) -> None:
+        """Arm side for one robot and its mapped furniture; ``timing`` replaces the transit rule of MotM."""
+        self.parameters = parameters or ArmParameters()
+        self.profile = known.robot
+        p = self.parameters
+        arm = known.robot.arm
+        self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
+        self._rules = PhaseRules(
+            parameters=p,
+            profile=known.robot,
+            timing=timing or TransitRule(k_A=p.k_A, base_speed=p.transit_base_speed, hand_speed=p.hand_speed),
+            mount=self._mount,
+        )
+        self._furniture = FurnitureRows(known, p.avoidance)
+        self._weights = Weights(p.qp)
+        self._state = ManipulatorState()
+
+    @property
+    def holding(self) -> bool:
+        """Does the gripper believe that it holds an object?"""
+        return self._state.holding
+
+    def step(self, inputs: ArmInputs) -> ArmStep:
+        """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""
+        bad = _not_finite(inputs)
+        if bad:
+            return self._damped_stop(inputs, None, f"{bad} is not finite")
+        view = look(inputs, self._mount, lag_factor(inputs.dt, self.profile), self.parameters)
+        outcome, reason = advance(self._state, view, inputs, self._rules)
+        motion = hand_motion(self._state, view, inputs, self._mount, self.parameters)
+        self._anchor_commands(inputs)
+        rows = self._rows(view, inputs)
+        program = self._program(view, inputs, motion, rows)
+        answer = solve(program, solver=self.parameters.qp.solver, residual=self.parameters.qp.residual)
+        if answer.reason:
+            return self._damped_stop(inputs, view, answer.reason, outcome=outcome)
+        x = answer.x
+        self._state.twist, self._state.rates, self._state.stop_rates = x[BASE].copy(), x[ARM].copy(), None
+        return self._report(
+            view,
+            inputs,
+            twist=x[BASE],
+            rates=x[ARM],
+            reference=motion.reference,
+            slack=x[SLACK],
+            active=_active(program, rows.names, x),
+            lidar=rows.lidar,
+            status="solved",
+            outcome=outcome,
+            reason=reason,
+        )
+
+    def _anchor_commands(self, inputs: ArmInputs) -> None:
+        """Keep the remembered commands near what the robot does, should somebody else have commanded it."""
+        state, limits = self._state, self.profile.base
+        room = 2.0 * inputs.dt * np.array([limits.linear_acceleration, limits.yaw_acceleration])
+        state.twist = np.clip(state.twist, inputs.base_twist - room, inputs.base_twist + room)
+        follow = DDQ_MAX * (self.profile.arm.velocity_lag + 3.0 * inputs.dt)
+        dq = inputs.observation.dq
+        state.rates = np.clip(np.clip(state.rates, dq - follow, dq + follow), -DQ_MAX, DQ_MAX)
+
+    def _rows(self, view: View, inputs: ArmInputs) -> _Rows:
+        """Speed limits towards lidar obstacles and furniture."""
+        p = self.parameters.avoidance
+        beta = lag_factor(inputs.dt, self.profile)
+        lidar = lidar_limits(view.p, inputs.obstacles, self._relaxing(view, inputs), p)
+        if not p.enabled:
+            lidar = lidar_limits(view.p, inputs.obstacles, np.zeros((0, 2)), _switched_off(p))
+        towards = np.hstack([lidar.normal, np.zeros((len(lidar.distance), 1))]) @ view.J[:3]
+        furniture, allowed, names = self._furniture.rows(view, self._state, inputs.T_odom_world)
+        velocity = np.vstack([towards, furniture])
+        limit = np.concatenate([lidar.allowed, allowed])
+        G = np.zeros((len(limit), SIZE))
+        drifting = velocity[:, :2] @ np.asarray(inputs.observation.twist)
+        G[:, BASE] = beta * velocity[:, :2]
+        G[:, ARM] = velocity[:, 2:]
+        G[: len(towards), LIDAR_ELASTIC] = -1.0
+        G[len(towards) :, FURNITURE_ELASTIC] = -1.0
+        labels = tuple(f"lidar {'static' if static else 'moving'}" for static in lidar.static)
+        return _Rows(G, limit - (1.0 - beta) * drifting, labels + names, lidar)
+
+    def _relaxing(self, view: View, inputs: ArmInputs) -> Array:
+        """Grasps for which static obstacles give way: the one under way, and the last until the gripper has left."""
+        state = self._state
+        if len(state.relaxed):
+            points = inputs.obstacles.points[inputs.obstacles.static]
+            away = math.inf if len(points) == 0 else float(np.hypot(*(points - view.p[:2]).T).min())
+            if away >= self.parameters.avoidance.d_s and state.phase != "lift":
+                state.relaxed = np.zeros((0, 2))
+        if view.goal.kind == "pick" and not state.holding and state.phase in _GRASPING:
+            state.relaxed = view.target[None, :2].copy()
+        elif view.goal.kind == "place" and state.phase in ("transit", "release"):
+            return np.vstack([state.relaxed, view.target[None, :2]])
+        return state.relaxed
+
+    def _program(self, view: View, inputs: ArmInputs, motion: Motion, rows: _Rows) -> Program:
+        """min 1/2 x'Px + c'x: track v_B, small arm rates, manipulability, little slack; s.t. the hand's velocity."""
+        p = self.parameters.qp
+        beta = lag_factor(inputs.dt, self.profile)
+        c = np.zeros(SIZE)
+        c[BASE] = -p.base_weight * inputs.base_twist
+        c[ARM] = -p.manipulability_weight * manipulability_gradient(view.q)
+        c[ARM.start + 2] += p.rate_weight * p.posture_gain * view.q[2]
+        c[SLACK.stop :] = p.elastic_weight
+        A = np.zeros((6, SIZE))
+        A[:, BASE] = beta * view.J[:, :2]
+        A[:, ARM] = view.J[:, 2:]
+        A[:, SLACK] = np.eye(6)
+        b = motion.velocity - (1.0 - beta) * (view.J[:, :2] @ np.asarray(inputs.observation.twist))
+        lower, upper = variable_bounds(
+            base_bounds(self._state.twist, inputs.dt, self.profile),
+            joint_bounds(view.q, self._state.rates, inputs.dt, p),
+        )
+        return Program(P=self._weights.diagonal, c=c, A=A, b=b, G=rows.G, h=rows.h, lower=lower, upper=upper)
+
+    def _damped_stop(self, inputs: ArmInputs, view: View | None, why: str, *, outcome: str = "") -> ArmStep:
+        """Arm rates to zero within one control period, the base as fast as it may brake."""
+        state, limits, dt = self._state, self.profile.base, _safe_step(inputs.dt)
+        if state.stop_rates is None:
+            state.stop_rates = state.rates.copy()
+        share = dt / self.parameters.qp.stop_time
+        step = np.abs(state.stop_rates) * share
+        state.rates = np.sign(state.rates) * np.maximum(np.abs(state.rates) - step - 1e-12, 0.0)
+        brake = np.array([limits.linear_acceleration, limits.yaw_acceleration]) * dt
+        state.twist = np.sign(state.twist) * np.maximum(np.abs(state.twist) - brake, 0.0)
+        zero = np.zeros(0)
+        return self._report(
+            view,
+            inputs,
+            twist=state.twist,
+            rates=state.rates,
+            reference=None,
+            slack=np.zeros(6),
+            active=(),
+            lidar=LidarLimits(np.zeros((0, 2)), zero, zero, zero, np.zeros(0, dtype=np.bool_)),
+            status=f"damped stop: {why}",
+            outcome=outcome,
+            reason=f"the arm was stopped: {why}",
+        )
+
+    def _report(
+        self,
+        view: View | None,
+        inputs: ArmInputs,
+        *,
+        twist: Array,
+        rates: Array,
+        reference: Array | None,
+        slack: Array,
+        active: tuple[str, ...],
+        lidar: LidarLimits,
+        status: str,
+        outcome: str,
+        reason: str,
+    ) -> ArmStep:
+        state = self._state
+        limited = int(np.argmin(lidar.allowed)) if len(lidar.allowed) else -1
+        kind = "" if limited < 0 else ("static obstacle" if lidar.static[limited] else "moving obstacle")
+        here = np.zeros(3) if view is None else view.p
+        there = here if reference is None else reference
+        return ArmStep(
+            time=inputs.observation.time,
+            phase=state.phase,
+            actuation=Actuation(twist=frozen(twist), joint_velocity=frozen(rates), gripper=state.gripper),
+            reference=frozen(there),
+            error=float(np.linalg.norm(there - here)),
+            tilt=0.0 if view is None else tilt_of(view.R),
+            slack=frozen(slack),
+            manipulability=0.0 if view is None else float(manipulability(view.q)),
+            active=active,
+            limiter=kind,
+            obstacle_distance=math.inf if view is None else nearest_distance(view.p, inputs.obstacles),
+            allowed_approach=math.inf if limited < 0 else float(lidar.allowed[limited]),
+            qp_status=status,
+            holding=state.holding,
+            engaged=engaged(state),
+            dwell=0.0 if view is None else dwell(state, view, self._rules),
+            outcome=outcome,
+            reason=reason,
+        )
+
+
+def _active(program: Program, names: tuple[str, ...], x: Array) -> tuple[str, ...]:
+    """Names of rows and bounds that hold with equality."""
+    found = []
+    if len(program.h):
+        close = program.G @ x >= program.h - _ACTIVE
+        found += [name for name, here in zip(names, close, strict=True) if here]
+    at_bound = (x <= program.lower + _ACTIVE) | (x >= program.upper - _ACTIVE)
+    found += [name for name, here in zip(_BASE_NAMES, at_bound[BASE], strict=True) if here]
+    found += [f"joint {k + 1}" for k, here in enumerate(at_bound[ARM]) if here]
+    return tuple(dict.fromkeys(found))
+
+
+def _not_finite(inputs: ArmInputs) -> str:
+    """Name of the first input that is not finite; points of obstacles that are not finite count too."""
+    observation, goal = inputs.observation, inputs.goal
+    values = {
+        "odometry": observation.odometry,
+        "base twist": observation.twist,
+        "arm joints": observation.q,
+        "arm rates": observation.dq,
+        "gripper width": observation.gripper_width,
+        "time": observation.time,
+        "step": inputs.dt,
+        "wanted base twist": inputs.base_twist,
+        "goal position": goal.position,
+        "goal yaw": goal.yaw,
+        "obstacles": inputs.obstacles.points,
+        "plan": inputs.plan_poses,
+        "localisation": inputs.T_odom_world,
+    }
+    for name, value in values.items():
+        if not np.isfinite(value).all():
+            return name
+    return "step" if inputs.dt <= 0.0 else ""
+
+
+def _safe_step(dt: float) -> float:
+    return dt if math.isfinite(dt) and dt > 0.0 else 0.01
+
+
+def _switched_off(p):
+    """Avoidance of lidar obstacles switched off: no distance is near."""
+    import msgspec
+
+    return msgspec.structs.replace(p, d_i=0.0)

@@ -1,0 +1,95 @@
+"""Every number of the arm side, with its symbol, unit and source."""
+
+import math
+
+import msgspec
+
+DEG = math.pi / 180.0
+
+
+class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
+    """Weights and bounds of the redundancy-resolution QP."""
+
+    solver: str = "daqp"  # daqp | osqp (eps 1e-5, polishing: the paper's solver, for comparison)
+    base_weight: float = 1.0e5  # deviation from v_B: the base obeys its planner
+    rate_weight: float = 0.01  # k_a, arm rates (MotM)
+    linear_slack_weight: float = 1.0e3
+    tilt_slack_weight: float = 3.0  # angular slack is far cheaper than linear: tilt keeps the object in reach
+    yaw_slack_weight: float = 30.0
+    posture_gain: float = 1.0  # [1/s] of joint 3 towards the middle: the elbow stays in the arm's plane
+    manipulability_weight: float = 0.02  # of the gradient of m
+    elastic_weight: float = 1.0e4  # obstacle rows give way rather than leave no answer, and only then
+    damper_gain: float = 2.0  # eta [rad/s], joint-limit damper
+    damper_start: float = 0.4  # rho_i [rad]
+    damper_stop: float = 0.02  # rho_s [rad]
+    residual: float = 1.0e-5  # largest accepted violation of any row
+    stop_time: float = 0.05  # [s] of the damped stop: one control period
+
+
+class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
+    """Speed limits towards obstacles: `xi (d - d_s) / (d_i - d_s)`."""
+
+    enabled: bool = True
+    xi: float = 0.6  # [m/s], Paper, Sec. V
+    d_s: float = 0.25  # [m], Paper, Sec. V
+    d_i: float = 0.6  # [m], Paper, Sec. V
+    static_margin: float = 0.05  # [m] a static obstacle's d_s is the target's distance to it less this, at most d_s
+    sectors: int = 12  # directions round the gripper, each limited by its nearest point
+    furniture_d_s: float = 0.02  # [m] mapped furniture at its true height, whole arm
+    furniture_d_i: float = 0.12  # [m]
+    fingers_d_s: float = 0.004  # [m] fingers over the surface that carries the object
+    fingers_d_i: float = 0.05  # [m]
+
+
+class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
+    """Arm reference, grasp and release."""
+
+    k_A: float = 0.5  # noqa: N815 - MotM transit rule: duration = distance / (v_B k_A)
+    transit_base_speed: float = 0.3  # [m/s] v_B of the rule is at least this: a turning base soon drives again
+    hand_speed: float = 0.9  # [m/s] of the hand relative to the base in transit
+    hand_yaw_rate: float = 1.8  # [rad/s] of the hand about the mount
+    k_P: float = 12.0  # noqa: N815 - [1/s] final approach
+    k_transit: float = 6.0  # [1/s] largest gain in transit
+    k_orientation: float = 6.0  # [1/s]
+    approach_distance: float = 0.10  # [m] d_T, the final approach begins (MotM)
+    hover_height: float = 0.06  # [m] of the tool centre point above the centre of the object
+    transit_clearance: float = 0.08  # [m] the same while swinging
+    hover_radius: float = 0.74  # [m] from the mount, horizontally: further out the elbow would lock
+    minimum_radius: float = 0.30  # [m] the same, nearest
+    pick_reach: float = 0.80  # [m] from the mount at which a grasp begins (tilt up to pick_tilt)
+    place_reach: float = 0.84  # [m] the same for a release
+    reach_slack: float = 0.05  # [m] beyond that before it is broken off
+    tilt_radius: float = 0.62  # [m] from the mount at which the tool begins to tilt outwards
+    tilt_slope: float = 1.9  # [rad/m] beyond that
+    pick_tilt: float = 14.0 * DEG  # largest
+    place_tilt: float = 25.0 * DEG
+    look_tilt: float = 30.0 * DEG  # largest in transit, so that the palm camera sees the object early
+    look_cone: float = 30.0 * DEG  # the object is kept this near to the optical axis
+    close_error: float = 0.005  # [m] at which the gripper closes
+    close_speed: float = 0.025  # [m/s] of the hand over the object at which it closes
+    close_yaw: float = 8.0 * DEG
+    close_tilt: float = 20.0 * DEG
+    seen_within: float = 0.5  # [s] nothing is grasped that was not seen this recently
+    close_sd: float = 0.008  # [m] position uncertainty at which the gripper may close
+    descend_sd: float = 0.012  # [m] and at which it may descend
+    settle_time: float = 0.34  # [s] measured: hover to error < 5 mm
+    held_tolerance: float = 0.004  # [m] finger width below side by this: nothing is held
+    tip_length: float = 0.009  # [m] of the fingers beyond the tool centre point
+    tip_thickness: float = 0.017  # [m] of a finger behind its pad
+    tip_half_depth: float = 0.0105  # [m] across
+    tip_clearance: float = 0.003  # [m] over the supporting surface
+    highest_grasp: float = 0.010  # [m] above the centre of the object, when tilted finger tips need it
+    lift_time: float = 0.15  # [s] until the object is clear of its support
+    lift_height: float = 0.10  # [m]
+    picked_height: float = 0.03  # [m] the next target may come from here on
+    release_height: float = 0.055  # [m] of the object's centre above the rim
+    place_settle_time: float = 0.3  # [s] from the edge of reach to the release
+    release_margin: float = 0.035  # [m] kept inside the release square
+    release_speed: float = 0.25  # [m/s] of the hand in the world
+    stow_radius: float = 0.12  # [m] from the mount
+    stow_height: float = 0.50  # [m] above the mount
+    stow_azimuth: float = 0.6  # [rad] largest turn towards the target while stowed: elbow inside the footprint
+    stow_tilt: float = 15.0 * DEG
+    abandon_time: float = 6.0  # [s] time to range beyond which a transit is given up for the stow pose
+    qp: QpParameters = QpParameters()
+    avoidance: AvoidanceParameters = AvoidanceParameters()

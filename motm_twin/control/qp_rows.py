@@ -1,0 +1,153 @@
+"""Rows, bounds and weights of the redundancy-resolution QP.
+
+Decision ``x = (v, w, seven arm rates, six slacks of the hand's velocity, two elastic variables)``, where (v, w) is the
+base twist that is commanded. The hand obeys ``J_b v_hat + J_a qdot + slack = nu`` with the base rates ``v_hat`` that the
+base will really have: its velocity loop lags by ``tau``, so that after the time t
+
+    v_hat = v_measured + beta (u - v_measured),   beta = 1 - exp(-t / tau),
+
+and t is half a step plus the lag of the arm, the mean delay until the commanded arm rates act.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from motm_twin.control.parameters import QpParameters
+from motm_twin.model.arm_kernels import fk_arm, point_jacobian
+from motm_twin.model.geometry import Array
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.profile import RobotProfile
+
+BASE = slice(0, 2)
+ARM = slice(2, 9)
+SLACK = slice(9, 15)
+LIDAR_ELASTIC, FURNITURE_ELASTIC = 15, 16
+SIZE = 17
+_SLACK_BOUND = 20.0  # [m/s, rad/s]
+_FREE = 1.0e3  # bound of elastic variables [m/s]
+
+
+def lag_factor(dt: float, profile: RobotProfile) -> float:
+    """beta: the part of a commanded change of the base twist that is there when the arm's rates act."""
+    if profile.base.velocity_lag <= 0.0:
+        return 1.0
+    return 1.0 - math.exp(-(0.5 * dt + profile.arm.velocity_lag) / profile.base.velocity_lag)
+
+
+@njit(cache=True)
+def point_rows(T: Array, joints: int, point: Array, pose: Array, mount: Array) -> Array:
+    """Jacobian of a point of the arm, shape (6, 9): columns v, w, arm; axes of the planar frame of ``pose``.
+
+    ``point`` [m] is in the mount frame and moves with link ``joints``; T from `fk_arm`.
+    """
+    J = np.zeros((6, 9))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    arm = point_jacobian(T, joints, point)
+    for k in range(7):
+        for r in (0, 3):
+            J[r, 2 + k] = c * arm[r, k] - s * arm[r + 1, k]
+            J[r + 1, 2 + k] = s * arm[r, k] + c * arm[r + 1, k]
+            J[r + 2, 2 + k] = arm[r + 2, k]
+    x, y = mount[0] + point[0], mount[1] + point[1]
+    J[0, 0], J[1, 0] = c, s
+    J[0, 1], J[1, 1] = -(s * x + c * y), c * x - s * y
+    J[5, 1] = 1.0
+    return J
+
+
+@njit(cache=True)
+def hand_state(q: Array, pose: Array, mount: Array) -> tuple[Array, Array, Array, Array]:
+    """Arm transforms (11, 4, 4), position (3,) and rotation (3, 3) of the tool centre point, its Jacobian (6, 9)."""
+    T = fk_arm(q)
+    J = point_rows(T, 7, T[10, :3, 3], pose, mount)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    p = np.empty(3)
+    x, y = mount[0] + T[10, 0, 3], mount[1] + T[10, 1, 3]
+    p[0], p[1], p[2] = pose[0] + c * x - s * y, pose[1] + s * x + c * y, mount[2] + T[10, 2, 3]
+    R = np.empty((3, 3))
+    for k in range(3):
+        R[0, k] = c * T[10, 0, k] - s * T[10, 1, k]
+        R[1, k] = s * T[10, 0, k] + c * T[10, 1, k]
+        R[2, k] = T[10, 2, k]
+    return T, p, R, J
+
+
+@njit(cache=True)
+def _joint_bounds(
+    q: Array,
+    previous: Array,
+    dt: float,
+    limits: Array,
+    eta: float,
+    rho_i: float,
+    rho_s: float,
+) -> tuple[Array, Array]:
+    lower, upper = np.empty(7), np.empty(7)
+    for k in range(7):
+        q_min, q_max, speed, acceleration = limits[0, k], limits[1, k], limits[2, k], limits[3, k]
+        low = -min(speed, damper(q[k] - q_min, eta, rho_i, rho_s))
+        high = min(speed, damper(q_max - q[k], eta, rho_i, rho_s))
+        slow, fast = previous[k] - acceleration * dt, previous[k] + acceleration * dt
+        lower[k] = min(max(low, slow), fast)  # a limit that cannot be met within one step is met as fast as possible
+        upper[k] = max(min(high, fast), slow)
+        if lower[k] > upper[k]:
+            middle = 0.5 * (lower[k] + upper[k])
+            lower[k], upper[k] = middle, middle
+    return lower, upper
+
+
+@njit(cache=True)
+def damper(rho: float, eta: float, rho_i: float, rho_s: float) -> float:
+    """Largest speed towards a limit at distance rho: eta (rho - rho_s) / (rho_i - rho_s); negative below rho_s."""
+    if rho >= rho_i:
+        return np.inf
+    return eta * (rho - rho_s) / (rho_i - rho_s)
+
+
+_LIMITS = np.vstack([Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX])
+
+
+def joint_bounds(q: Array, previous: Array, dt: float, parameters: QpParameters) -> tuple[Array, Array]:
+    """Bounds of the arm rates: speed, acceleration round the previous command, damper before position limits."""
+    return _joint_bounds(
+        q, previous, dt, _LIMITS, parameters.damper_gain, parameters.damper_start, parameters.damper_stop
+    )
+
+
+def base_bounds(previous: Array, dt: float, profile: RobotProfile) -> tuple[Array, Array]:
+    """Bounds of the commanded base twist: one step's acceleration round the previous command, and the speed limits."""
+    limits = profile.base
+    step = np.array([limits.linear_acceleration, limits.yaw_acceleration]) * dt
+    fastest = np.array([limits.forward_speed, limits.yaw_rate])
+    slowest = np.array([-limits.reverse_speed, -limits.yaw_rate])
+    lower = np.minimum(np.maximum(previous - step, slowest), fastest)
+    upper = np.maximum(np.minimum(previous + step, fastest), slowest)
+    return np.minimum(lower, upper), np.maximum(lower, upper)
+
+
+class Weights:
+    """Diagonal cost of one step; hand = 0 leaves the hand's velocity to the posture."""
+
+    def __init__(self, parameters: QpParameters) -> None:
+        p = parameters
+        self.diagonal = np.array(
+            [p.base_weight] * 2
+            + [p.rate_weight] * 7
+            + [p.linear_slack_weight] * 3
+            + [p.tilt_slack_weight] * 2
+            + [p.yaw_slack_weight]
+            + [p.elastic_weight] * 2
+        )
+        self.elastic = p.elastic_weight
+
+
+def variable_bounds(base: tuple[Array, Array], arm: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Lower and upper bounds of the whole decision, shape (17,) each."""
+    lower, upper = np.empty(SIZE), np.empty(SIZE)
+    lower[BASE], upper[BASE] = base
+    lower[ARM], upper[ARM] = arm
+    lower[SLACK], upper[SLACK] = -_SLACK_BOUND, _SLACK_BOUND
+    lower[SLACK.stop :], upper[SLACK.stop :] = 0.0, _FREE
+    return lower, upper
