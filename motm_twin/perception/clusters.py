@@ -52,7 +52,7 @@ def label_cells(cells, rows, columns, reach):
 
 @njit(cache=True)
 def hull_of_cells(cells):
-    """Convex hull, counter-clockwise, of the squares of cells sorted by row then column; corners in cells, (n, 2) as x, y."""
+    """Convex hull of the squares of cells sorted by row and column: corners (x, y) in cells, counter-clockwise, (n, 2)."""
     count = cells.shape[0]
     points = np.empty((2 * (2 + 2 * count), 2), np.int64)  # only the outermost corners of each row matter
     n = 0
@@ -119,7 +119,7 @@ def area_of(corners):
 
 
 def seen_outlines(cells: np.ndarray, shape: tuple[int, int], resolution: float, origin: Array) -> list[Array]:
-    """Convex outlines, counter-clockwise [m], of the seen cells (row, col) sorted by row and column; each shape (n, 2)."""
+    """Convex outlines [m], counter-clockwise, each shape (n, 2), of seen cells (row, col) sorted by row and column."""
     labels, count = label_cells(cells, *shape, MERGE_CELLS)
     by_label = cells[np.argsort(labels, kind="stable")]
     ends = np.cumsum(np.bincount(labels, minlength=count))

@@ -1,9 +1,9 @@
 """Distance field and proximity cost of seen cells.
 
 The squared Euclidean distance transform is exact in cells (Felzenszwalb and Huttenlocher 2012: lower envelope of
-parabolas, here over only those columns that hold a seen cell). A hit lies anywhere in its cell, so half a cell is taken
-off: relative to the occupied square the result is never too small, and too large by at most (sqrt(2) - 1)/2 cell = 10 mm;
-relative to the unknown hit itself it errs between -61 and +10 mm for cells of 50 mm.
+parabolas, here over only those columns that hold a seen cell). A hit lies anywhere in its cell, so half a cell is
+taken off: relative to the occupied square the result is never too small, and too large by at most (sqrt(2) - 1)/2 cell
+= 10 mm; relative to the unknown hit itself it errs between -61 and +10 mm for cells of 50 mm.
 """
 
 import math
@@ -17,7 +17,7 @@ FAR = 1 << 28
 
 @njit(cache=True)
 def squared_cells(cells, rows, columns):
-    """Squared distance in cells from every cell to the nearest of the given (row, col), row by row; int32 (rows, columns).
+    """Squared distance in cells from every cell to the nearest of the given (row, col); int32 (rows, columns).
 
     Without any cell everything is FAR.
     """

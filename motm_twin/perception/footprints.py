@@ -22,7 +22,7 @@ def outline(shape: Box | Cylinder | Prism) -> Array:
             reach = radius / math.cos(math.pi / CIRCLE_CORNERS)
             return np.column_stack([x + reach * np.cos(angles), y + reach * np.sin(angles)])
         case Prism(corners=corners):
-            return np.array(shapely.orient_polygons(shapely.Polygon(corners)).exterior.coords)[:-1]
+            return _counter_clockwise(shapely.Polygon(corners).exterior)
 
 
 def merged_outlines(solids: tuple[Solid, ...]) -> tuple[Array, ...]:
@@ -46,8 +46,13 @@ def merged_outlines(solids: tuple[Solid, ...]) -> tuple[Array, ...]:
 
 def _corners(part: shapely.Polygon) -> Array:
     """Corners of a polygon, counter-clockwise, without those that lie on a straight edge."""
-    ring = shapely.orient_polygons(part.simplify(1e-6)).exterior
-    return np.array(ring.coords)[:-1]
+    return _counter_clockwise(part.simplify(1e-6).exterior)
+
+
+def _counter_clockwise(ring: shapely.LinearRing) -> Array:
+    """Corners of a ring, counter-clockwise, the first not repeated; shape (n, 2)."""
+    corners = np.array(ring.coords)[:-1]
+    return corners if ring.is_ccw else np.ascontiguousarray(corners[::-1])
 
 
 def distance_to_shape(shape: Box | Cylinder | Prism, points: Array) -> Array:

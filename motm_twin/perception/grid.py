@@ -10,7 +10,7 @@ from motm_twin.model.geometry import Array
 
 
 class Grid(msgspec.Struct, frozen=True, kw_only=True):
-    """A regular grid; row index = y, column index = x; cell (row, col) starts at ``origin + resolution * (col, row)``."""
+    """A regular grid; row = y, column = x; cell (row, col) starts at ``origin + resolution * (col, row)``."""
 
     resolution: float  # [m]
     origin: tuple[float, float]  # world corner of cell (0, 0) [m]

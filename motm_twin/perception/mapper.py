@@ -1,4 +1,4 @@
-"""The map of a period: the pre-made map and what the lidar has seen besides it (Paper, Sec. III; STAA* for the grid)."""
+"""The map of a period: the pre-made map, and what the lidar has seen besides (Paper, Sec. III; grid as in STAA*)."""
 
 from dataclasses import dataclass
 

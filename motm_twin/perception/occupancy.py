@@ -1,7 +1,7 @@
 """Evidence of seen obstacles: hits add, rays that pass through take away, memory fades.
 
 Every cell holds a small integer, in the manner of log-odds cut off at both ends. One hit makes a cell occupied; a cell
-hit again and again needs ``EVIDENCE_MAX`` scans of free sight to be free, so noise at its border does not make it flicker.
+hit again and again needs ``EVIDENCE_MAX`` scans of free sight to be free: noise at its border makes no flicker.
 """
 
 import math

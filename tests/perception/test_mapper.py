@@ -127,7 +127,7 @@ def test_cells_under_the_robot_are_free(mapper):
 def test_the_outline_of_a_static_box_covers_what_was_seen_and_stays_calm(mapper):
     rng = np.random.default_rng(7)
     body = box(2.0, -0.6)
-    changes = 0
+    changes, before = 0, None
     for turn in range(100):
         world = look(mapper, turn * PERIOD, [body], pose=(0.0, 0.2 * np.sin(turn * 0.05), 0.0), rng=rng)
         seen = world.polygons[len(mapper.base.polygons) :]
