@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from trimesh.visual.color import ColorVisuals
 
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
@@ -36,7 +37,17 @@ def asset_path(table: dict[str, str], name: str) -> Path:
 @functools.cache
 def load_mesh(name: str) -> trimesh.Trimesh:
     """Coloured mesh of a link or prop in its own frame, as one mesh; cached, so copy it before changing it."""
-    return _load(asset_path(VISUAL, name))
+    path = asset_path(VISUAL, name)
+    scene = trimesh.load_scene(path)
+    parts = []
+    for node in scene.graph.nodes_geometry:
+        transform, part_name = scene.graph[node]
+        part = scene.geometry[part_name].copy().apply_transform(transform)
+        part.visual = ColorVisuals(part, face_colors=_srgb(part))
+        parts.append(part)
+    if not parts:
+        raise ValueError(f"{path.name} holds no mesh: make it again with tools/make_assets.py")
+    return trimesh.util.concatenate(parts)
 
 
 @functools.cache
@@ -48,8 +59,7 @@ def glb_bytes(name: str) -> bytes:
 @functools.cache
 def ghost_mesh(link: str) -> tuple[Array, Faces]:
     """Vertices [m] (n, 3) and faces (m, 3) of a link's light mesh in its own frame, for batched drawing; read-only."""
-    mesh = _load(asset_path(GHOST, link))
-    return _read_only(mesh.vertices, mesh.faces)
+    return _shape(asset_path(GHOST, link))
 
 
 @functools.cache
@@ -58,8 +68,7 @@ def collision_hull(link: str) -> tuple[Array, Faces]:
 
     Links of the arm and the hand only: the base follows from the profile's footprint, fingers are `finger_boxes`.
     """
-    mesh = _load(asset_path(COLLISION, link))
-    return _read_only(mesh.vertices, mesh.faces)
+    return _shape(asset_path(COLLISION, link))
 
 
 def finger_boxes(link: str) -> tuple[tuple[Array, Array], ...]:
@@ -71,15 +80,18 @@ def finger_boxes(link: str) -> tuple[tuple[Array, Array], ...]:
     return tuple((np.array(centre) * mirror, np.array(size)) for centre, size in _FINGER_BOXES)
 
 
-def _load(path: Path) -> trimesh.Trimesh:
-    loaded = trimesh.load(path, force="mesh")
-    if not isinstance(loaded, trimesh.Trimesh) or loaded.is_empty:
+def _srgb(part: trimesh.Trimesh) -> NDArray[np.uint8]:
+    """Colour of a part as screens take it, from glTF's linear one; shape (4,)."""
+    colour = np.asarray(part.visual.material.main_color, dtype=float)
+    colour[:3] = 255.0 * (colour[:3] / 255.0) ** (1.0 / 2.2)
+    return np.round(colour).astype(np.uint8)
+
+
+def _shape(path: Path) -> tuple[Array, Faces]:
+    mesh = trimesh.load(path, force="mesh")
+    if not isinstance(mesh, trimesh.Trimesh) or mesh.is_empty:
         raise ValueError(f"{path.name} holds no mesh: make it again with tools/make_assets.py")
-    return loaded
-
-
-def _read_only(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
-    vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.uint32)
+    vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.uint32)
     vertices.setflags(write=False)
     faces.setflags(write=False)
     return vertices, faces

@@ -147,5 +147,3 @@ def test_ready_pose_is_within_limits_and_points_the_hand_down() -> None:
     assert R[2, 2] < -0.99
     assert abs(p[1]) < 1e-9
     assert 0.4 < p[0] - 0.15 < 0.6
-
-
