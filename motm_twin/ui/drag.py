@@ -1,0 +1,108 @@
+"""Dragging bodies over the floor by mouse; the twin is told through Zenoh, at most 20 times a second."""
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import viser
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Answer
+from motm_twin.model.edits import MoveBody, ReleaseBody
+
+INTERVAL = 0.05  # [s] between two moves of one body
+KEEP_ALIVE = 0.5  # [s] a body that is held still is held again this often
+Point = tuple[float, float]
+
+
+class Drag:
+    """Which bodies are held by visitors of this page, and where to. One thread sends; the newest place wins."""
+
+    def __init__(self, client: TwinClient, report: Callable[[str], None]) -> None:
+        self._client, self._report = client, report
+        self._lock = threading.Condition()
+        self._held: dict[str, Point] = {}
+        self._dirty: dict[str, Point] = {}
+        self._released: list[str] = []
+        self._grips: dict[tuple[int, str], Point] = {}
+        self._stopping = False
+        self._thread = threading.Thread(target=self._send, name="drag", daemon=True)
+        self._thread.start()
+
+    def target(self, name: str) -> Point | None:
+        """Where a body is being dragged to now, or None."""
+        with self._lock:
+            return self._held.get(name)
+
+    def attach(self, handle: viser.SceneNodeHandle, name: str) -> None:
+        """Make a drawn body draggable."""
+
+        async def on_drag(event: viser.SceneNodeDragEvent) -> None:
+            self._on_drag(name, event)
+
+        handle.on_drag("left")(on_drag)
+
+    def stop(self) -> None:
+        """End the sending thread."""
+        with self._lock:
+            self._stopping = True
+            self._lock.notify()
+        self._thread.join(1.0)
+
+    def _on_drag(self, name: str, event: viser.SceneNodeDragEvent) -> None:
+        grip = (event.client_id, name)
+        if event.phase == "end":
+            self._grips.pop(grip, None)
+            self._release(name)
+            return
+        eye = np.asarray(event.client.camera.position)
+        if event.phase == "start" or grip not in self._grips:
+            self._grips[grip] = (*event.target.position[:2], event.start_position[2], *event.start_position[:2])  # type: ignore[assignment]
+        x, y, height, grip_x, grip_y = self._grips[grip]  # type: ignore[misc]
+        pointed = on_plane(eye, np.asarray(event.end_position), height)
+        if pointed is not None:
+            self._move(name, (x + pointed[0] - grip_x, y + pointed[1] - grip_y))
+
+    def _move(self, name: str, place: Point) -> None:
+        with self._lock:
+            self._held[name] = self._dirty[name] = place
+            self._lock.notify()
+
+    def _release(self, name: str) -> None:
+        with self._lock:
+            if name in self._held:
+                self._released.append(name)
+                self._lock.notify()
+
+    def _send(self) -> None:
+        while True:
+            with self._lock:
+                self._lock.wait_for(lambda: self._stopping or self._dirty or self._released, KEEP_ALIVE)
+                if self._stopping:
+                    return
+                moves = dict(self._dirty) or dict(self._held)
+                released, self._released = self._released, []
+                self._dirty = {}
+            for name, (x, y) in moves.items():
+                self._note(self._client.command(MoveBody(name=name, x=x, y=y)))
+            for name in released:
+                self._note(self._client.command(ReleaseBody(name=name)))
+                with self._lock:
+                    self._held.pop(name, None)
+            time.sleep(INTERVAL)
+
+    def _note(self, answer: Answer) -> None:
+        if not answer.ok:
+            self._report(answer.reason)
+
+
+def on_plane(eye: np.ndarray, through: np.ndarray, height: float) -> Point | None:
+    """Where the ray from ``eye`` through a point meets the horizontal plane at ``height`` [m]; None when it misses."""
+    direction = through - eye
+    if abs(direction[2]) < 1e-6:
+        return None
+    along = (height - eye[2]) / direction[2]
+    if not 0.0 < along < 1e3:
+        return None
+    return float(eye[0] + along * direction[0]), float(eye[1] + along * direction[1])

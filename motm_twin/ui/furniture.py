@@ -1,0 +1,223 @@
+"""Meshes of furniture: exactly as large as the solid that the referee knows, with the look of what it stands for."""
+
+import functools
+
+import numpy as np
+import shapely
+import shapely.affinity
+import shapely.geometry.polygon
+import trimesh
+from PIL import Image
+from trimesh.visual.material import PBRMaterial
+from trimesh.visual.texture import TextureVisuals
+
+from motm_twin.model.scene import Bin, Box, Cylinder, Solid
+from motm_twin.ui.textures import blob, wood
+
+TOP = 0.03  # [m] thickness of a wooden top
+Part = tuple[trimesh.Trimesh, str]
+
+_PLAIN = {
+    "steel": ((72, 76, 82), 0.45, 0.6),
+    "white": ((226, 225, 220), 0.0, 0.6),
+    "shade": ((168, 168, 164), 0.0, 0.8),
+    "dark": ((58, 60, 64), 0.2, 0.6),
+    "card": ((196, 158, 112), 0.0, 0.9),
+    "tape": ((222, 200, 160), 0.0, 0.5),
+    "wall": ((214, 212, 206), 0.0, 0.95),
+    "plain": ((150, 164, 178), 0.0, 0.7),
+    "bin": ((96, 128, 160), 0.0, 0.55),
+}
+
+
+def solid_mesh(solid: Solid) -> trimesh.Scene:
+    """One piece of furniture in world coordinates."""
+    return _assemble(_PARTS.get(solid.style, _plain_parts)(solid))
+
+
+def bin_mesh(box: Bin) -> trimesh.Scene:
+    """An open box, origin at the world's."""
+    outer = box.side / 2
+    floor = _extrude(_rectangle(box.side, box.side, 0.02), box.floor_z, box.floor_z + box.wall)
+    ring = _rectangle(box.side, box.side, 0.02).difference(shapely.box(*(-outer + box.wall,) * 2, *(outer - box.wall,) * 2))
+    walls = _extrude(ring, box.floor_z, box.rim_z)
+    rim = _extrude(ring.buffer(0.006, join_style="mitre"), box.rim_z - 0.012, box.rim_z)
+    parts: list[Part] = [(floor, "bin"), (walls, "bin"), (rim, "white")]
+    for mesh, _ in parts:
+        mesh.apply_transform(_planar(box.centre, box.yaw))
+    return _assemble(parts)
+
+
+def loose_box_mesh(size: tuple[float, float, float]) -> trimesh.Scene:
+    """A cardboard box of the given size, origin at the centre of its base."""
+    return _assemble(_carton(size[0], size[1], 0.0, size[2]))
+
+
+def loose_cylinder_mesh(diameter: float, height: float) -> trimesh.Scene:
+    """A standing cylinder, origin at the centre of its base."""
+    disc = shapely.Point(0, 0).buffer(diameter / 2, quad_segs=12)
+    return _assemble([(_extrude(disc, 0.0, height), "plain")])
+
+
+@functools.cache
+def shadow_glb(length: float, width: float) -> bytes:
+    """A soft shadow to lie under something of this size, a little larger; origin at its centre."""
+    half = np.array([0.72 * length, 0.72 * width, 0.0])
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * half
+    material = PBRMaterial(baseColorTexture=blob(), alphaMode="BLEND", metallicFactor=0.0, roughnessFactor=1.0)
+    visual = TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), material=material)
+    mesh = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False)
+    return mesh.export(file_type="glb")
+
+
+def _table_parts(solid: Solid) -> list[Part]:
+    if solid.z_min > 0.3:
+        return [(_extrude(_outline(solid, 0.04), solid.z_min, solid.z_max), "wood")]
+    return [(_extrude(_outline(solid, 0.01), solid.z_min, solid.z_max), "steel")]
+
+
+def _desk_parts(solid: Solid) -> list[Part]:
+    body = _extrude(_outline(solid, 0.02).buffer(-0.012), solid.z_min + 0.05, solid.z_max - TOP)
+    foot = _extrude(_outline(solid, 0.02).buffer(-0.04), solid.z_min, solid.z_min + 0.05)
+    top = _extrude(_outline(solid, 0.02), solid.z_max - TOP, solid.z_max)
+    fronts = _fronts(solid, rows=3, width=0.6) if isinstance(solid.shape, Box) else []
+    return [(body, "white"), (foot, "dark"), (top, "wood"), *fronts]
+
+
+def _cabinet_parts(solid: Solid) -> list[Part]:
+    body = _extrude(_outline(solid, 0.01).buffer(-0.006), solid.z_min + 0.04, solid.z_max - 0.02)
+    foot = _extrude(_outline(solid, 0.01).buffer(-0.03), solid.z_min, solid.z_min + 0.04)
+    top = _extrude(_outline(solid, 0.01), solid.z_max - 0.02, solid.z_max)
+    fronts = _fronts(solid, rows=1, width=0.48) if isinstance(solid.shape, Box) else []
+    return [(body, "white"), (foot, "dark"), (top, "dark wood"), *fronts]
+
+
+def _box_parts(solid: Solid) -> list[Part]:
+    if not isinstance(solid.shape, Box):
+        return [(_extrude(_outline(solid, 0.0), solid.z_min, solid.z_max), "card")]
+    parts = _carton(*solid.shape.size, solid.z_min, solid.z_max)
+    for mesh, _ in parts:
+        mesh.apply_transform(_planar(solid.shape.centre, solid.shape.yaw))
+    return parts
+
+
+def _wall_parts(solid: Solid) -> list[Part]:
+    return [(_extrude(_outline(solid, 0.0), solid.z_min, solid.z_max), "wall")]
+
+
+def _plain_parts(solid: Solid) -> list[Part]:
+    return [(_extrude(_outline(solid, 0.01), solid.z_min, solid.z_max), "plain")]
+
+
+_PARTS = {
+    "table": _table_parts,
+    "desk": _desk_parts,
+    "cabinet": _cabinet_parts,
+    "box": _box_parts,
+    "wall": _wall_parts,
+}
+
+
+def _carton(length: float, width: float, z_min: float, z_max: float) -> list[Part]:
+    body = _extrude(_rectangle(length, width, 0.008), z_min, z_max - 0.001)
+    stripe = _extrude(_rectangle(length, 0.06, 0.0), z_max - 0.12, z_max)
+    stripe.apply_scale([1.002, 1.0, 1.0])
+    return [(body, "card"), (stripe, "tape")]
+
+
+def _fronts(solid: Solid, rows: int, width: float) -> list[Part]:
+    """Doors or drawers on the two long sides of a box."""
+    box = solid.shape
+    assert isinstance(box, Box)
+    along_x = box.size[0] >= box.size[1]
+    length, depth = (box.size[0], box.size[1]) if along_x else (box.size[1], box.size[0])
+    low, high, columns = solid.z_min + 0.07, solid.z_max - 0.05, max(1, round(length / width))
+    cell, tall = (length - 0.05) / columns, (high - low) / rows
+    parts: list[Part] = []
+    for side in (1.0, -1.0):
+        for column in range(columns):
+            for row in range(rows):
+                x = -length / 2 + 0.025 + (column + 0.5) * cell
+                z = low + (row + 0.5) * tall
+                door = trimesh.creation.box((cell - 0.012, 0.01, tall - 0.012))
+                door.apply_translation((x, side * (depth / 2 - 0.008), z))
+                grip = trimesh.creation.box((min(0.12, 0.4 * cell), 0.008, 0.012))
+                grip.apply_translation((x, side * (depth / 2 - 0.004), z + 0.5 * tall - 0.05))
+                parts += [(door, "white"), (grip, "steel")]
+    turn = box.yaw + (0.0 if along_x else np.pi / 2)
+    for mesh, _ in parts:
+        mesh.apply_transform(_planar(box.centre, turn))
+    return parts
+
+
+def _outline(solid: Solid, rounding: float) -> shapely.Polygon:
+    shape = solid.shape
+    if isinstance(shape, Cylinder):
+        return shapely.Point(*shape.centre).buffer(shape.radius, quad_segs=16)
+    if isinstance(shape, Box):
+        outline = _rectangle(*shape.size, rounding)
+        outline = shapely.affinity.rotate(outline, shape.yaw, origin=(0, 0), use_radians=True)
+        return shapely.affinity.translate(outline, *shape.centre)
+    return shapely.Polygon(shape.corners)
+
+
+def _rectangle(length: float, width: float, rounding: float) -> shapely.Polygon:
+    r = min(rounding, 0.45 * min(length, width))
+    inner = shapely.box(-length / 2 + r, -width / 2 + r, length / 2 - r, width / 2 - r)
+    return inner.buffer(r, quad_segs=4) if r > 0.0 else inner
+
+
+def _extrude(outline: shapely.Polygon, z_min: float, z_max: float) -> trimesh.Trimesh:
+    """A vertical prism over an outline, with its holes."""
+    outline = shapely.geometry.polygon.orient(outline)
+    caps = [np.array(cap.exterior.coords)[:3] for cap in shapely.constrained_delaunay_triangles(outline).geoms]
+    flat = np.array([cap if _turns_left(cap) else cap[::-1] for cap in caps])
+    triangles = [_at(flat, z_max), _at(flat[:, ::-1], z_min)]
+    for ring in (outline.exterior, *outline.interiors):
+        points = np.array(ring.coords)
+        start, end = points[:-1], points[1:]
+        low_start, low_end, high_start, high_end = (_at(p, z) for z in (z_min, z_max) for p in (start, end))
+        triangles += [np.stack([low_start, low_end, high_end], axis=1), np.stack([low_start, high_end, high_start], axis=1)]
+    corners = np.concatenate(triangles).reshape(-1, 3)
+    return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+
+
+def _at(points: np.ndarray, z: float) -> np.ndarray:
+    return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)
+
+
+def _turns_left(corners: np.ndarray) -> bool:
+    (ax, ay), (bx, by) = corners[1] - corners[0], corners[2] - corners[0]
+    return bool(ax * by - ay * bx > 0.0)
+
+
+def _planar(centre: tuple[float, float], yaw: float) -> np.ndarray:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0, centre[0]], [s, c, 0, centre[1]], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+
+
+def _assemble(parts: list[Part]) -> trimesh.Scene:
+    """Join parts of one material each into a scene."""
+    scene = trimesh.Scene()
+    for material in dict.fromkeys(name for _, name in parts):
+        mesh = trimesh.util.concatenate([part for part, name in parts if name == material])
+        scene.add_geometry(_textured(mesh, material), node_name=material)
+    return scene
+
+
+def _textured(mesh: trimesh.Trimesh, material: str) -> trimesh.Trimesh:
+    flat = trimesh.Trimesh(mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3), process=False)
+    normals = np.repeat(mesh.face_normals, 3, axis=0)
+    axis = np.abs(normals).argmax(axis=1)
+    uv = np.where((axis == 2)[:, None], flat.vertices[:, :2], np.where((axis == 1)[:, None], flat.vertices[:, ::2],
+                                                                      flat.vertices[:, 1:]))  # fmt: skip
+    flat.visual = TextureVisuals(uv=uv / 1.2, material=_material(material))
+    return flat
+
+
+def _material(name: str) -> PBRMaterial:
+    if name.endswith("wood"):
+        picture: Image.Image = wood(light=name == "wood")
+        return PBRMaterial(baseColorTexture=picture, metallicFactor=0.0, roughnessFactor=0.62)
+    colour, metal, rough = _PLAIN[name]
+    return PBRMaterial(baseColorFactor=[*colour, 255], metallicFactor=metal, roughnessFactor=rough)

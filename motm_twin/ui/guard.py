@@ -1,0 +1,132 @@
+"""The door of the page: who may load it and open its websocket.
+
+Viser has no login and checks no origin, so its listener is wrapped here. On loopback the names in Host and Origin are
+checked, so that no other web page can reach the twin through the visitor's browser; with a token, nothing is served
+without it. The public tunnel that Viser offers is switched off for good.
+"""
+
+import hmac
+import http
+import unittest.mock
+from collections.abc import Callable
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import viser
+import websockets.asyncio.server
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from motm_twin.bus.session import LOOPBACK, require_free_port
+
+COOKIE = "motm_token"
+HEALTH_PATH = "/healthz"
+MIN_TOKEN = 32  # characters; 128 bits when they are hexadecimal
+_LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address to listen on is reachable from this machine only."""
+    return host in _LOOPBACK_NAMES
+
+
+def check_token(host: str, token: str | None) -> None:
+    """Raise ValueError when the page would be open to others without a strong token."""
+    if token is None and not is_loopback(host):
+        raise ValueError(f"listening on {host} needs --token (or MOTM_TOKEN) of at least {MIN_TOKEN} characters")
+    if token is not None and (len(token) < MIN_TOKEN or len(set(token)) < 8 or not token.isascii()):
+        raise ValueError(f"the token is too weak: at least {MIN_TOKEN} random ASCII characters (128 bits)")
+    if token is not None and not all(sign.isalnum() or sign in "-_" for sign in token):
+        raise ValueError("the token may hold letters, digits, '-' and '_' only: it travels in the address")
+
+
+class Guard:
+    """Decides about each HTTP request: None lets it pass."""
+
+    def __init__(self, token: str | None) -> None:
+        self._token = token
+
+    def check(self, request: Request) -> Response | None:
+        """The refusal (or redirect) for a request, or None."""
+        split = urlsplit(request.path)
+        if split.path == HEALTH_PATH:
+            return _response(http.HTTPStatus.OK, "ok")
+        host = _single(request, "Host")
+        if host is None or (self._token is None and urlsplit(f"//{host}").hostname not in _LOOPBACK_NAMES):
+            return _response(http.HTTPStatus.FORBIDDEN, "this name is not served: use the printed address")
+        if not _same_origin(request, host):
+            return _response(http.HTTPStatus.FORBIDDEN, "another web page may not use the twin")
+        if self._token is None:
+            return None
+        offered = parse_qs(split.query).get("token", [""])[0]
+        if offered and self._equal(offered):
+            cookie = f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+            return _response(http.HTTPStatus.SEE_OTHER, "", {"Location": "/", "Set-Cookie": cookie})
+        if self._equal(_cookie(request)):
+            return None
+        return _response(http.HTTPStatus.UNAUTHORIZED, "open the printed address, which carries the token")
+
+    def _equal(self, offered: str) -> bool:
+        return self._token is not None and hmac.compare_digest(offered.encode(), self._token.encode())
+
+
+def open_page(host: str, port: int, token: str | None = None) -> viser.ViserServer:
+    """A Viser server behind the guard, on exactly this port (0: any free one). Raises PortTaken, ValueError."""
+    check_token(host, token)
+    require_free_port(host, port, "choose another one with --port (0 takes any free one)")
+    guard, original = Guard(token), websockets.asyncio.server.serve
+    wrapped: list[int] = []
+
+    def serve(handler: Any, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+        def process(connection: Any, request: Request) -> Response | None:
+            return guard.check(request) or process_request(connection, request)
+
+        wrapped.append(1)
+        return original(handler, *args, process_request=process, **options)
+
+    with unittest.mock.patch.object(websockets.asyncio.server, "serve", serve):
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    server.request_share_url = _no_tunnel
+    if not wrapped or (port and server.get_port() != port):
+        server.stop()
+        raise OSError(f"the page did not come up as asked on {host}:{port}: nothing is served")
+    return server
+
+
+def page_url(host: str, port: int, token: str | None) -> str:
+    """The address to open on this machine."""
+    name = LOOPBACK if host in ("0.0.0.0", "::") else host  # noqa: S104 - compared, not bound
+    return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
+
+
+def _no_tunnel(*_: object, **__: object) -> None:
+    """Takes the place of the request for a public address."""
+
+
+def _single(request: Request, name: str) -> str | None:
+    values = request.headers.get_all(name)
+    return values[0] if len(values) == 1 else None
+
+
+def _same_origin(request: Request, host: str) -> bool:
+    origins = request.headers.get_all("Origin")
+    return all(urlsplit(origin).netloc == host for origin in origins)
+
+
+def _cookie(request: Request) -> str:
+    cookies: SimpleCookie = SimpleCookie()
+    try:
+        cookies.load("; ".join(request.headers.get_all("Cookie")))
+    except CookieError:
+        return ""
+    return cookies[COOKIE].value if COOKIE in cookies else ""
+
+
+def _response(status: http.HTTPStatus, text: str, extra: dict[str, str] | None = None) -> Response:
+    body = text.encode()
+    headers = Headers(
+        {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body)), "Cache-Control": "no-store"}
+    )
+    headers.update(extra or {})
+    return Response(status.value, status.phrase, headers, body)

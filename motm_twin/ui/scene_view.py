@@ -1,0 +1,48 @@
+"""What does not move: floor, furniture, bins, light."""
+
+import viser
+
+from motm_twin.model.scene import Scene
+from motm_twin.ui.furniture import bin_mesh, solid_mesh
+from motm_twin.ui.rotation import yaw_wxyz
+from motm_twin.ui.textures import floor
+
+ROOT = "/scene"
+
+
+class SceneView:
+    """Draws a scene once; another scene replaces it."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        server.scene.set_up_direction("+z")
+        server.scene.configure_default_lights(enabled=False)
+        server.scene.configure_environment_map("studio", environment_intensity=0.32)
+        server.scene.configure_fog(near=30.0, far=90.0)
+        server.scene.add_light_hemisphere(
+            "/light/sky", sky_color=(255, 255, 255), ground_color=(190, 186, 180), intensity=0.55
+        )
+        server.scene.add_light_directional(
+            "/light/sun", color=(255, 246, 232), intensity=1.25, position=(-3.0, -5.0, 8.0), cast_shadow=False
+        )
+
+    def show(self, scene: Scene) -> None:
+        """Draw this scene instead of the last one."""
+        add = self._server.scene
+        add.remove_by_name(ROOT)
+        picture, centre, size = floor(scene)
+        add.add_image(
+            f"{ROOT}/floor", picture, size[0], size[1], format="jpeg", jpeg_quality=88, position=(*centre, -0.004), wxyz=(0.0, 1.0, 0.0, 0.0),
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+        for number, solid in enumerate(scene.solids):
+            self._add(f"{ROOT}/solid/{number}", solid_mesh(solid).export(file_type="glb"))
+        for number, box in enumerate(scene.bins):
+            self._add(f"{ROOT}/bin/{number}", bin_mesh(box).export(file_type="glb"))
+            add.add_label(
+                f"{ROOT}/bin/{number}/name", box.name, position=(*box.centre, box.rim_z + 0.12), wxyz=yaw_wxyz(0.0),
+                font_screen_scale=0.8, anchor="bottom-center", depth_test=True,
+            )  # fmt: skip
+
+    def _add(self, name: str, glb: bytes) -> None:
+        self._server.scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
