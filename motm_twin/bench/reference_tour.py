@@ -1,8 +1,7 @@
 """The reference tour: how long the shortest tour of the base centre past all pick and drop places would take.
 
 Start pose, then in task order one point in the disc round every object and bin, outside all furniture grown by a
-margin; length divided by the forward speed limit. No turning, no acceleration, no grasping: a reference, not a lower bound.
-
+margin; length divided by the forward speed limit. No turning, no acceleration, no grasping: a reference, not a bound.
 Solved by dynamic programming over points on the circles (a path enters a disc through its circle, unless it is inside
 already), with exact shortest paths round the grown furniture between them. The published figures of this reference
 were made with 36 points on every circle, and so is this one, to be comparable; ``exact=True`` refines the points until

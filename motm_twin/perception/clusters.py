@@ -52,7 +52,7 @@ def label_cells(cells, rows, columns, reach):
 
 @njit(cache=True)
 def hull_of_cells(cells):
-    """Convex hull of the squares of cells sorted by row and column: corners (x, y) in cells, counter-clockwise, (n, 2)."""
+    """Convex hull of the squares of cells sorted by row and column: corners (x, y) in cells, counter-clockwise."""
     count = cells.shape[0]
     points = np.empty((2 * (2 + 2 * count), 2), np.int64)  # only the outermost corners of each row matter
     n = 0
