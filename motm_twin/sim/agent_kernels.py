@@ -6,24 +6,52 @@ import numpy as np
 from numba import njit
 
 from motm_twin.model.geometry import Array
-from motm_twin.sim.kernels import Index, clearance
+from motm_twin.sim.kernels import Index, clearance, polygon_distance
 
-_BETTER = 0.002  # [m] of distance gained that counts as moving away
+_BETTER = 0.002  # [m] of distance gained that counts as moving away, per 0.02 m
+_LEFT = 1.3  # cost of a way on the left of the straight one
+_SAME = 1e-6  # [m] of distance lost that counts as none
 
 
 @njit(cache=True)
-def free_ahead(pose: Array, radius: float, reach: float, corners: Array, first: Index, discs: Array) -> float:
-    """Distance [m] that a disc of this radius can drive straight on, at most ``reach``.
+def free_ahead(  # noqa: PLR0913, PLR0917
+    pose: Array, body: float, margin: float, reach: float, corners: Array, first: Index, discs: Array
+) -> float:
+    """Distance [m] that a disc of radius ``body`` can drive straight on with a margin, at most ``reach``.
 
-    Something nearer than the radius already does not stop a motion that leads away from it.
+    Something within the margin already does not stop a motion that comes no nearer to it; something within the body
+    (or where it is expected to be) only lets a motion pass that clearly leads away.
     """
+    free = reach
+    for i in range(first.shape[0] - 1 + discs.shape[0]):
+        free = min(free, _free_of(pose, body, margin, free, i, corners, first, discs))
+    return free
+
+
+@njit(cache=True)
+def _gap_to(x: float, y: float, i: int, corners: Array, first: Index, discs: Array) -> float:
+    polygons = first.shape[0] - 1
+    if i < polygons:
+        return polygon_distance(x, y, corners, first[i], first[i + 1])
+    k = i - polygons
+    return max(0.0, math.hypot(x - discs[k, 0], y - discs[k, 1]) - discs[k, 2])
+
+
+@njit(cache=True)
+def _free_of(  # noqa: PLR0913, PLR0917
+    pose: Array, body: float, margin: float, reach: float, i: int, corners: Array, first: Index, discs: Array
+) -> float:
+    """`free_ahead` for obstacle i alone: what is nearer on another side must not hide it."""
+    radius = body + margin
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    gap = clearance(pose[0], pose[1], corners, first, discs)
+    gap = _gap_to(pose[0], pose[1], i, corners, first, discs)
     travelled = 0.0
-    while travelled < reach:
+    while travelled < reach and gap - radius < reach - travelled:
         step = min(max(gap - radius, 0.02), reach - travelled)
-        ahead = clearance(pose[0] + c * (travelled + step), pose[1] + s * (travelled + step), corners, first, discs)
-        if ahead < radius and ahead < gap + _BETTER * (step / 0.02):
+        ahead = _gap_to(pose[0] + c * (travelled + step), pose[1] + s * (travelled + step), i, corners, first, discs)
+        if ahead < body and ahead < gap + _BETTER * (step / 0.02):
+            return travelled
+        if ahead < radius and ahead < gap - _SAME:
             return travelled
         travelled += step
         gap = ahead
@@ -37,7 +65,8 @@ def way_round(  # noqa: PLR0913
     """Points [m] of a shortest way on a grid for a disc, shape (n, 2); empty when there is none.
 
     The grid is a square of half width ``window`` about the start; a goal outside is replaced by the free cell nearest
-    to it. Dijkstra over eight neighbours. Near the start a cell is free when it is no tighter than the start itself.
+    to it. Dijkstra over eight neighbours; the left of the way to the goal costs more, so that two who meet both pass
+    on their right. Near the start a cell is free when it is no tighter than the start itself.
     """
     half = int(window / cell)
     n = 2 * half + 1
@@ -52,6 +81,7 @@ def way_round(  # noqa: PLR0913
     cost = np.full((n, n), np.inf)
     parent = np.full((n, n), -1, dtype=np.int64)
     done = np.zeros((n, n), dtype=np.bool_)
+    to_x, to_y = goal[0] - start[0], goal[1] - start[1]
     heap = [(0.0, half * n + half)]
     cost[half, half] = 0.0
     best, best_left = -1, math.hypot(goal[0] - start[0], goal[1] - start[1]) - 2.0 * cell
@@ -74,7 +104,8 @@ def way_round(  # noqa: PLR0913
                 a, b = i + di, j + dj
                 if a < 0 or b < 0 or a >= n or b >= n or not free[a, b] or done[a, b]:
                     continue
-                new = value + cell * math.sqrt(di * di + dj * dj)
+                left_of_way = (a - half) * -to_y + (b - half) * to_x > 0.0
+                new = value + cell * math.sqrt(di * di + dj * dj) * (_LEFT if left_of_way else 1.0)
                 if new < cost[a, b]:
                     cost[a, b] = new
                     parent[a, b] = node

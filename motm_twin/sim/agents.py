@@ -17,15 +17,21 @@ YAW_RATE = 1.5  # [rad/s]
 YAW_ACCELERATION = 4.0  # [rad/s^2]
 HEADING_GAIN = 4.0  # [1/s]
 MARGIN = 0.10  # [m] kept from everything ahead
+MARGIN_ROUND = 0.07  # [m] the same on a way round, which was searched with more
+MARGINS_SEARCHED = (0.16, 0.10)  # [m] a way round is searched with the first, else the second
+EXPECT = (0.0, 0.4, 0.8)  # [s] ahead at which other agents are expected on their course
 LOOK_AHEAD = 1.2  # [m]
 ARRIVED = 0.15  # [m] from a waypoint
-PATH_STEP = 0.25  # [m] within which a point of a way round is passed
+PATH_STEP = 0.15  # [m] within which a point of a way round is passed
 PATIENCE = 2.5  # [s] of waiting before the first way round; +0.7 s per agent, so that two do not do the same at once
 STAGGER = 0.7  # [s]
 AGAIN = 1.5  # [s] between further attempts
 GRID = 0.1  # [m] of the search for a way round
 WINDOW = 3.0  # [m] about the agent that the search covers
 DECISION_STEPS = 5  # substeps between two looks at the world
+TURN_FIRST = 0.6  # [rad] off its course from which an agent turns on the spot
+STRAIGHT = 0.1  # [rad] off its course up to which looking straight ahead is enough
+CORNERING = 0.1  # [m/s] always allowed in a bend
 CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
 
 
@@ -37,7 +43,8 @@ class AgentState:
     v: float = 0.0  # [m/s]
     w: float = 0.0  # [rad/s]
     waypoint: int = 0
-    free: float = math.inf  # [m] ahead, at the last look
+    free: float = math.inf  # [m] ahead
+    gap: float = math.inf  # [m] to whatever is nearest, on any side, at the last look
     waiting: float = 0.0  # [s]
     next_attempt: float = 0.0  # [s] of waiting at which a way round is searched
     detour: Array = field(default_factory=lambda: np.zeros((0, 2)))  # points of a way round still to pass
@@ -68,24 +75,45 @@ class Agents:
 
     def step(self, states: list[AgentState], look: bool, robot: "RobotShadow", obstacles: Solids) -> None:
         """One substep; on a ``look`` the agents see the robot's shadow, the obstacles and each other."""
-        discs = self.discs(states) if look else None
+        discs = self.discs(states) if look else np.zeros((0, 4))
+        expected = self._expected(states, discs) if look else discs
         for i, (agent, state) in enumerate(zip(self.agents, states, strict=True)):
             if state.held:
                 state.mode, state.v, state.w, state.waiting = "held", 0.0, 0.0, 0.0
             elif not agent.waypoints:
                 state.mode = "standing"
             else:
-                if discs is not None and agent.behaviour == "yield":
-                    self._look(i, agent, state, np.delete(discs, i, axis=0), robot, obstacles)
+                if look and agent.behaviour == "yield":
+                    now, later = np.delete(discs, i, axis=0), np.delete(expected, i, axis=0)
+                    self._look(i, agent, state, now[:, :3], later.reshape(-1, 3), robot, obstacles)
                 self._drive(agent, state)
 
-    def _look(
-        self, i: int, agent: Agent, state: AgentState, others: Array, robot: "RobotShadow", obstacles: Solids
+    @staticmethod
+    def _expected(states: Sequence[AgentState], discs: Array) -> Array:
+        """Discs of all agents as they are and where they drive to, shape (n, times, 3)."""
+        expected = np.repeat(discs[:, None, :3], len(EXPECT), axis=1)
+        for state, places in zip(states, expected, strict=True):
+            for place, ahead in zip(places, EXPECT, strict=True):
+                place[0] += state.v * ahead * math.cos(state.pose[2])
+                place[1] += state.v * ahead * math.sin(state.pose[2])
+        return expected
+
+    def _look(  # noqa: PLR0913, PLR0917 - what an agent sees
+        self,
+        i: int,
+        agent: Agent,
+        state: AgentState,
+        others: Array,
+        expected: Array,
+        robot: "RobotShadow",
+        obstacles: Solids,
     ) -> None:
         corners = np.vstack([obstacles.corners, robot.corners])
         first = np.concatenate([obstacles.first, obstacles.first[-1] + robot.first[1:]])
-        discs = np.vstack([obstacles.discs, robot.discs, others[:, :3]])
-        state.free = free_ahead(state.pose, agent.radius + MARGIN, LOOK_AHEAD, corners, first, discs)
+        discs = np.vstack([obstacles.discs, robot.discs, expected])
+        margin = MARGIN_ROUND if len(state.detour) > 0 else MARGIN
+        state.free = free_ahead(state.pose, agent.radius, margin, LOOK_AHEAD, corners, first, discs)
+        state.gap = clearance(float(state.pose[0]), float(state.pose[1]), corners, first, discs) - agent.radius
         wants = abs(self._bearing(agent, state)) < 0.5  # noqa: PLR2004 - facing its way [rad]
         if state.v > CREEP or not wants:
             state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * (state.v > CREEP))
@@ -96,17 +124,25 @@ class Agents:
         if state.waiting < state.next_attempt:
             return
         state.next_attempt = state.waiting + AGAIN + STAGGER * i
+        discs = np.vstack([obstacles.discs, robot.discs, others])
         now_corners = np.vstack([obstacles.corners, robot.corners[: robot.standing]])
         now_first = np.concatenate([obstacles.first, obstacles.first[-1] + robot.first[1:2]])
-        for ahead in range(len(agent.waypoints)):
-            goal_index = (state.waypoint + ahead) % len(agent.waypoints)
-            goal = np.array(agent.waypoints[goal_index])
-            if clearance(goal[0], goal[1], now_corners, now_first, discs) < agent.radius + MARGIN:
-                continue
-            path = way_round(state.pose[:2], goal, agent.radius + MARGIN, GRID, WINDOW, now_corners, now_first, discs)
-            if len(path) > 0:
-                state.detour, state.waypoint = path, goal_index
-                return
+        self._search(agent, state, now_corners, now_first, discs)
+
+    @staticmethod
+    def _search(agent: Agent, state: AgentState, corners: Array, first: Array, discs: Array) -> None:
+        """Take a way round to the next waypoint that can be reached, if there is one."""
+        for margin in MARGINS_SEARCHED:
+            radius = agent.radius + margin
+            for ahead in range(len(agent.waypoints)):
+                index = (state.waypoint + ahead) % len(agent.waypoints)
+                goal = np.array(agent.waypoints[index])
+                if clearance(goal[0], goal[1], corners, first, discs) < radius:
+                    continue
+                path = way_round(state.pose[:2], goal, radius, GRID, WINDOW, corners, first, discs)
+                if len(path) > 0:
+                    state.detour, state.waypoint = path, index
+                    return
 
     def _goal(self, agent: Agent, state: AgentState) -> Array:
         """Point to drive to now; passes points of a way round and waypoints that are reached."""
@@ -128,11 +164,12 @@ class Agents:
     def _drive(self, agent: Agent, state: AgentState) -> None:
         bearing = self._bearing(agent, state)
         turn = min(YAW_RATE, max(-YAW_RATE, HEADING_GAIN * bearing))
-        speed = agent.speed * max(0.0, math.cos(min(abs(2.0 * bearing), math.pi)))
+        speed = agent.speed * max(0.0, 1.0 - abs(bearing) / TURN_FIRST)
         if agent.behaviour == "yield":
-            room = max(0.0, state.free - state.v * self.dt)
-            state.free = room
-            speed = min(speed, math.sqrt(2.0 * 0.8 * ACCELERATION * room))
+            state.free = max(0.0, state.free - state.v * self.dt)
+            speed = min(speed, _stoppable(state.free))
+            if abs(bearing) > STRAIGHT or len(state.detour) > 0:
+                speed = min(speed, max(CORNERING, _stoppable(state.gap)))
         v = state.v + min(ACCELERATION * self.dt, max(-ACCELERATION * self.dt, speed - state.v))
         w = state.w + min(YAW_ACCELERATION * self.dt, max(-YAW_ACCELERATION * self.dt, turn - state.w))
         state.pose = drive(state.pose, 0.5 * (state.v + v), 0.5 * (state.w + w), self.dt)
@@ -141,6 +178,11 @@ class Agents:
             state.mode = "waiting"
         else:
             state.mode = "going round" if len(state.detour) > 0 else "driving"
+
+
+def _stoppable(room: float) -> float:
+    """Speed [m/s] from which an agent stops within the room [m], with a little to spare."""
+    return math.sqrt(2.0 * 0.8 * ACCELERATION * max(0.0, room))
 
 
 @dataclass(frozen=True, kw_only=True)

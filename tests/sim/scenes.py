@@ -80,11 +80,10 @@ def experiment(**changes):
 
 def temis(count=4):
     """Temis driving round the table of Experiment 1, in both directions."""
-    ring = ((2.4, 0.7), (6.0, 0.7), (6.0, 2.9), (2.4, 2.9))
+    ring = ((2.2, 0.6), (6.2, 0.6), (6.2, 2.95), (2.2, 2.95))
+    starts = ((2.4, 0.6), (6.2, 0.8), (6.0, 2.95), (2.2, 2.7))
     agents = []
     for i in range(count):
-        order = ring if i % 2 == 0 else ring[::-1]
-        shifted = order[i % 4 :] + order[: i % 4]
-        start = shifted[-1]
-        agents.append(Agent(name=f"temi{i}", start=(*start, 0.0), waypoints=shifted))
+        order = (ring[i:] + ring[:i])[1:] + ring[i : i + 1] if i % 2 == 0 else ring[i::-1] + ring[:i:-1]
+        agents.append(Agent(name=f"temi{i}", start=(*starts[i], 0.0), waypoints=order))
     return tuple(agents)
