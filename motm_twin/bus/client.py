@@ -54,6 +54,8 @@ class TwinClient:
         self.keys, self.endpoint = Keys(twin), endpoint
         self.sender = sender or f"client-{secrets.token_hex(6)}"
         self._sequence = itertools.count(1)
+        self._fetches: list[threading.Thread] = []
+        self._closed = False
         self._session = open_client(endpoint)
         self._encode = msgspec.json.Encoder().encode
         self._tick_decoder = msgspec.json.Decoder(TickMessage)
@@ -64,9 +66,6 @@ class TwinClient:
         self._clock_offset: float | None = None
         self._declared = [self._session.declare_subscriber(key, self._on_sample) for key in self._slots]
         self._liveliness = self._session.liveliness().declare_subscriber(self.keys.alive, self._on_alive, history=True)
-        self._token_seen = False
-        self._fetches: list[threading.Thread] = []
-        self._closed = False
 
     @property
     def alive(self) -> bool:

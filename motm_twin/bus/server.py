@@ -1,6 +1,6 @@
 """The twin server process: the twin in real time, its state on Zenoh, commands only as checked queries.
 
-Run alone with ``python -m motm_twin.bus.server exp1 --port 7447``.
+`server_process` is the program round it.
 """
 
 import threading

@@ -1,7 +1,7 @@
 """The viewer process: a Zenoh client that draws ticks with Viser and posts commands.
 
 It can be started, stopped and restarted at any time; the twin does not notice. Alone:
-``python -m motm_twin.ui.viewer --endpoint tcp/127.0.0.1:7447 --port 8080``.
+``python -m motm_twin.ui.viewer_process --endpoint tcp/127.0.0.1:7447 --port 8080``.
 """
 
 import itertools

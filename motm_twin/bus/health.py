@@ -1,0 +1,75 @@
+"""Health check, for containers: ``python -m motm_twin.bus.health`` ends with 0 when every running twin answers.
+
+Healthy is a twin whose server answers on Zenoh in a state other than an error, and whose page answers.
+"""
+
+import argparse
+import http.client
+import sys
+
+import msgspec
+
+from motm_twin.bus.keys import DEFAULT_TWIN, Keys
+from motm_twin.bus.messages import StatusMessage
+from motm_twin.bus.running import all_running
+from motm_twin.bus.session import LOOPBACK, open_client
+
+TIMEOUT = 3.0  # [s]
+HEALTH_PATH = "/healthz"
+
+
+def server_state(endpoint: str, twin: str) -> str | None:
+    """The state that a twin server reports; None when it does not answer."""
+    keys = Keys(twin)
+    with open_client(endpoint) as session:
+        for reply in session.get(keys.status, timeout=TIMEOUT):
+            if reply.ok is not None:
+                return msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage).state
+    return None
+
+
+def page_answers(port: int, host: str = LOOPBACK) -> bool:
+    """Whether the page is being served."""
+    connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
+    try:
+        connection.request("GET", HEALTH_PATH)
+        return connection.getresponse().status == http.client.OK
+    except OSError:
+        return False
+    finally:
+        connection.close()
+
+
+def check(endpoint: str, twin: str, page_port: int | None) -> str:
+    """What is wrong, '' when nothing is."""
+    state = server_state(endpoint, twin)
+    if state is None:
+        return f"no twin server answers at {endpoint}"
+    if state == "error":
+        return f"the twin at {endpoint} stopped with an error"
+    if page_port is not None and not page_answers(page_port):
+        return f"no page answers at port {page_port}"
+    return ""
+
+
+def main() -> int:
+    """Check the given twin, or every one that this user runs."""
+    parser = argparse.ArgumentParser(prog="python -m motm_twin.bus.health", description=__doc__)
+    parser.add_argument("--endpoint", help="address of the twin server; without it all that run here are checked")
+    parser.add_argument("--twin", default=DEFAULT_TWIN)
+    parser.add_argument("--page", type=int, help="port of the page")
+    options = parser.parse_args()
+    if options.endpoint:
+        targets = [(options.endpoint, options.twin, options.page)]
+    else:
+        targets = [(item.endpoint, item.twin, item.page_port) for item in all_running()]
+    problems = [problem for target in targets if (problem := check(*target))]
+    if not targets:
+        problems = ["no twin is running"]
+    for problem in problems:
+        print(f"unhealthy: {problem}", file=sys.stderr)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,47 @@
+"""What the two processes of `serve` have in common: they report as JSON lines, and end with their parent."""
+
+import json
+import os
+import signal
+import sys
+import threading
+from typing import Any
+
+
+class Reporter:
+    """Writes events for the parent, one JSON object per line; without a parent they go to standard output."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        self._file = sys.stdout if descriptor is None else os.fdopen(descriptor, "w", encoding="utf-8")
+        self._lock = threading.Lock()
+
+    def __call__(self, event: str, **details: Any) -> None:
+        """Send one event; a parent that is gone is no error."""
+        with self._lock:
+            try:
+                print(json.dumps({"event": event, **details}), file=self._file, flush=True)
+            except (BrokenPipeError, ValueError):
+                return
+
+
+def stop_event(with_parent: bool) -> threading.Event:
+    """An event that is set by SIGTERM, by SIGINT, and (``with_parent``) when standard input ends."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    if with_parent:
+
+        def watch() -> None:
+            while os.read(0, 1024):
+                continue
+            stop.set()
+
+        threading.Thread(target=watch, name="parent", daemon=True).start()
+    return stop
+
+
+def leave(code: int) -> None:
+    """End now, without waiting for threads that compile or compute."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

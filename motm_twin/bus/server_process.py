@@ -1,0 +1,75 @@
+"""The twin server as a program: ``python -m motm_twin.bus.server_process exp1 --port 7447``."""
+
+import argparse
+import functools
+import sys
+import time
+
+from motm_twin.bus.commands import Load
+from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.process import Reporter, leave, stop_event
+from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import PortTaken
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_error import SceneError
+from motm_twin.planning.types import SearchBudget
+
+BAD_INPUT = 2
+SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period is 0.05 s
+WATCH = 0.1  # [s] between looks at the state for the report
+
+
+def make_twin(scene: Scene, budget: SearchBudget) -> object:
+    """A twin whose searches are bounded by the clock as well."""
+    from motm_twin.twin import Twin  # slow to import: only once the server listens
+
+    return Twin(scene, budget=budget, clock=time.perf_counter)
+
+
+def main() -> None:
+    """Run until a signal or the end of the parent."""
+    options = _options()
+    report, stop = Reporter(options.report), stop_event(options.report is not None)
+    try:
+        library = FileLibrary(options.scene)
+        first = Load(scene=library.own_name, variant=options.variant, seed=options.seed)
+        budget = SearchBudget(seconds=SEARCH_SECONDS)
+        server = TwinServer(
+            library=library,
+            make_twin=functools.partial(make_twin, budget=budget),
+            first=first,
+            port=options.port,
+            twin=options.twin,
+            playing=not options.paused,
+        )
+    except (SceneError, PortTaken, ValueError) as error:
+        report("refused", text=str(error))
+        leave(BAD_INPUT)
+        return
+    report("listening", endpoint=server.endpoint)
+    server.start()
+    said = ("", "")
+    while not stop.wait(WATCH):
+        status = server.loop.status()
+        if (status.state, status.text) != said:
+            said = (status.state, status.text)
+            report("state", state=status.state, text=status.text)
+    server.close()
+    leave(0)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m motm_twin.bus.server_process", description=__doc__)
+    parser.add_argument("scene")
+    parser.add_argument("--variant")
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port of Zenoh, 0 takes any free one")
+    parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
+    parser.add_argument("--paused", action="store_true", help="do not play at the start")
+    parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
+    return parser.parse_args(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+"""`motm-twin serve`: the twin server and its page as two processes, looked after until Ctrl-C."""
+
+import os
+import queue
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from motm_twin.bus.children import Child, end_all
+from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
+from motm_twin.bus.running import Running, note
+from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
+from motm_twin.model.scene_file import load_scene
+from motm_twin.ui.guard import check_token
+
+OK, FAILED, BAD_INPUT = 0, 1, 2
+WATCH = 0.1  # [s] between looks at the children
+
+
+def serve(
+    scene: str = "exp1",
+    *,
+    variant: str | None = None,
+    seed: int | None = None,
+    port: int = 8080,
+    headless: bool = False,
+    host: str = LOOPBACK,
+    token: str | None = None,
+    zenoh_port: int = DEFAULT_PORT,
+    twin: str = DEFAULT_TWIN,
+) -> int:
+    """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError for a scene that can not be used.
+
+    0: ended on request. 1: a process died again and again. 2: bad input, such as a port that is taken.
+    """
+    console = Console(highlight=False, soft_wrap=True)
+    token = token or os.environ.get("MOTM_TOKEN") or None
+    load_scene(scene, variant, seed)
+    try:
+        Keys(twin)
+        check_token(host, token)
+        if not headless:
+            require_free_port(host, port, "choose another one with --port (0 takes any free one)")
+        require_free_port(LOOPBACK, zenoh_port, "is another twin running? Choose another one with --zenoh-port (0: any)")
+    except (PortTaken, ValueError) as error:
+        console.print(f"motm-twin serve: {error.args[-1]}", style="red", markup=False)
+        return BAD_INPUT
+    supervisor = _Supervisor(console, twin, zenoh_port or free_port())
+    server = ["--port", str(supervisor.zenoh_port), "--twin", twin]
+    server += [] if variant is None else ["--variant", variant]
+    server += [] if seed is None else ["--seed", str(seed)]
+    supervisor.add("twin server", "motm_twin.bus.server_process", [scene, *server])
+    if not headless:
+        page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
+        supervisor.add("page", "motm_twin.ui.viewer_process", page, token)
+    return supervisor.run()
+
+
+class _Supervisor:
+    """Starts the processes, tells what happens, starts again what died, ends everything."""
+
+    def __init__(self, console: Console, twin: str, zenoh_port: int) -> None:
+        self._console, self._twin = console, twin
+        self.zenoh_port = zenoh_port
+        self.endpoint = f"tcp/{LOOPBACK}:{zenoh_port}"
+        self._children: list[Child] = []
+        self._events: queue.Queue[tuple[str, dict]] = queue.Queue()
+        self._stop = threading.Event()
+        self._started = time.monotonic()
+        self._note: Path | None = None
+        self._refused = False
+
+    def add(self, name: str, module: str, arguments: list[str], token: str | None = None) -> None:
+        """A process to look after."""
+        env = {name: value for name, value in os.environ.items() if name != "MOTM_TOKEN"}
+        for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+            env.setdefault(threads, "1")
+        if token is not None:
+            env["MOTM_TOKEN"] = token
+        self._children.append(Child(name, module, arguments, lambda *event: self._events.put(event), env))
+
+    def run(self) -> int:
+        """Look after the processes until a signal; the exit code."""
+        with _signals(self._stop):
+            self._say(f"motm-twin: starting twin [bold]{self._twin}[/bold]")
+            for child in self._children:
+                child.start()
+            self._remember(None)
+            try:
+                code = self._watch()
+            finally:
+                end_all(self._children)
+                if self._note is not None:
+                    self._note.unlink(missing_ok=True)
+        self._say("motm-twin: stopped")
+        return code
+
+    def _watch(self) -> int:
+        while not self._stop.wait(WATCH):
+            while not self._events.empty():
+                self._tell(*self._events.get())
+            for child in self._children:
+                code = child.exit_code()
+                if code is None or self._stop.is_set():
+                    continue
+                time.sleep(WATCH)  # its last words
+                while not self._events.empty():
+                    self._tell(*self._events.get())
+                if code == BAD_INPUT:
+                    return BAD_INPUT
+                if not child.may_restart():
+                    self._say(f"[red]the {child.name} ended again and again (exit code {code}); giving up[/red]")
+                    return FAILED
+                self._say(f"[yellow]the {child.name} ended (exit code {code}); starting it again[/yellow]")
+                child.start()
+        return OK
+
+    def _tell(self, name: str, event: dict) -> None:
+        after = f"{time.monotonic() - self._started:5.1f} s"
+        match event["event"]:
+            case "listening":
+                self._say(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
+            case "page":
+                self._remember(event["port"])
+                self._say(f"{after}  Page:  [bold]{event['url']}[/bold]")
+            case "refused":
+                self._console.print(f"motm-twin serve: {event['text']}", style="red", markup=False)
+            case "state":
+                text = event["text"] or {"playing": "the robot moves", "paused": "paused"}.get(event["state"], "")
+                self._console.print(f"{after}  {event['state']}: {text}", markup=False)
+
+    def _say(self, text: str) -> None:
+        self._console.print(text)
+
+    def _remember(self, page_port: int | None) -> None:
+        running = Running(pid=os.getpid(), twin=self._twin, endpoint=self.endpoint, page_port=page_port)
+        self._note = note(running)
+
+
+@contextmanager
+def _signals(stop: threading.Event) -> Iterator[None]:
+    """SIGINT and SIGTERM set the event while the block runs."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

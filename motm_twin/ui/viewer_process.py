@@ -1,0 +1,55 @@
+"""The viewer as a program: ``python -m motm_twin.ui.viewer_process --endpoint tcp/127.0.0.1:7447 --port 8080``."""
+
+import argparse
+import os
+import sys
+import threading
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
+from motm_twin.bus.process import Reporter, leave, stop_event
+from motm_twin.bus.session import LOOPBACK
+from motm_twin.ui.guard import open_page, page_url
+from motm_twin.ui.viewer import Viewer
+
+BAD_INPUT = 2
+NICENESS = 5  # drawing yields to control
+
+
+def main() -> None:
+    """Run until a signal or the end of the parent."""
+    options = _options()
+    report, stop = Reporter(options.report), stop_event(options.report is not None)
+    token = os.environ.pop("MOTM_TOKEN", None) or None
+    os.nice(NICENESS)
+    try:
+        server = open_page(options.host, options.port, token)
+    except (OSError, ValueError) as error:
+        report("refused", text=str(error))
+        leave(BAD_INPUT)
+        return
+    client = TwinClient(options.endpoint, options.twin)
+    viewer = Viewer(server, client)
+    drawing = threading.Thread(target=viewer.run, name="viewer", daemon=True)
+    drawing.start()
+    report("page", url=page_url(options.host, server.get_port(), token), port=server.get_port())
+    stop.wait()
+    viewer.stop()
+    drawing.join(0.5)
+    server.stop()
+    client.close()
+    leave(0)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m motm_twin.ui.viewer_process", description=__doc__)
+    parser.add_argument("--endpoint", default=f"tcp/{LOOPBACK}:{DEFAULT_PORT}", help="where the twin server listens")
+    parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
+    parser.add_argument("--host", default=LOOPBACK, help="address of the page; others than loopback need MOTM_TOKEN")
+    parser.add_argument("--port", type=int, default=8080, help="TCP port of the page, 0 takes any free one")
+    parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
+    return parser.parse_args(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    main()
