@@ -45,16 +45,22 @@ class Resolver:
         self.keep = plain.pop("keep_agents", None)
         self.file = msgspec.convert(plain, fmt.SceneFile)
         self.seed = seed if seed is not None else (self.file.seed or 0)
+        # A merged tree has no null entries; the types allow them because files and variants may.
+        self.furniture = {key: item for key, item in self.file.furniture.items() if item is not None}
+        self.slots = {key: item for key, item in self.file.slots.items() if item is not None}
+        self.objects = {key: item for key, item in self.file.objects.items() if item is not None}
+        self.bins = {key: item for key, item in self.file.bins.items() if item is not None}
+        self.agents = {key: item for key, item in self.file.agents.items() if item is not None}
         self.solids: dict[str, Solid] = {}
 
     def scene(self, name: str, variant: str) -> Scene:
         """The resolved scene, before the checks of ``scene_check.py``."""
         file = self.file
-        self.solids = {key: self._solid(key, piece) for key, piece in file.furniture.items()}
+        self.solids = {key: self._solid(key, piece) for key, piece in self.furniture.items()}
         self._check_names()
         bins = tuple(
             Bin(name=k, centre=b.at, yaw=b.yaw_deg * _DEG, side=b.side, wall=b.wall, rim_z=b.rim_z, floor_z=b.floor_z)
-            for k, b in file.bins.items()
+            for k, b in self.bins.items()
         )
         objects, tasks = self._work()
         start = _pose(file.start) if file.start else (0.0, 0.0, 0.0)
@@ -126,7 +132,7 @@ class Resolver:
         return max(group, key=lambda solid: solid.z_max)
 
     def _work(self) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
-        objects = tuple(self._object(key, item) for key, item in self.file.objects.items())
+        objects = tuple(self._object(key, item) for key, item in self.objects.items())
         if self.file.deliver is not None:
             if self.file.tasks is not None:
                 raise self.root.at("tasks").error("give either 'deliver' or 'tasks', not both")
@@ -140,18 +146,18 @@ class Resolver:
         node = self.root.at("objects", name)
         if (item.surface is None) == (item.z is None):
             raise node.error("give exactly one of 'surface' (a piece of furniture) and 'z' (height of its top)")
-        top = item.z if item.surface is None else self.surface(item.surface, node.at("surface")).z_max
+        top = self.surface(item.surface, node.at("surface")).z_max if item.surface is not None else item.z or 0.0
         position = (*item.at, top + item.side / 2.0)
         return SceneObject(name=name, position=position, yaw=item.yaw_deg * _DEG, side=item.side, colour=item.colour)
 
     def _deliver(self, deliver: fmt.DeliverFile) -> tuple[tuple[SceneObject, ...], tuple[Task, ...]]:
-        node, slots = self.root.at("deliver"), self.file.slots
+        node = self.root.at("deliver")
         if deliver.to is None or deliver.slots is None:
             raise node.error("'deliver' needs 'slots' (names, or {random: n}) and 'to' (bins)")
         objects: list[SceneObject] = []
         tasks: list[Task] = []
-        for index, slot_name in enumerate(self._slot_names(deliver, node)):
-            slot = slots[slot_name]
+        for index, slot_name in enumerate(self._slot_names(deliver.slots, node)):
+            slot = self.slots[slot_name]
             top = self.surface(slot.surface, self.root.at("slots", slot_name, "surface")).z_max
             name = f"cube_{slot_name}"
             position = (*slot.at, top + deliver.side / 2.0)
@@ -163,62 +169,63 @@ class Resolver:
             tasks += [Pick(object=name), Place(bin=deliver.to[index % len(deliver.to)])]
         return tuple(objects), tuple(tasks)
 
-    def _slot_names(self, deliver: fmt.DeliverFile, node: Node) -> list[str]:
-        slots = self.file.slots
-        if isinstance(deliver.slots, fmt.RandomSlots):
-            wanted = deliver.slots.random
+    def _slot_names(self, chosen: tuple[str, ...] | fmt.RandomSlots, node: Node) -> list[str]:
+        slots = self.slots
+        if isinstance(chosen, fmt.RandomSlots):
+            wanted = chosen.random
             if wanted > len(slots):
                 raise node.at("slots", "random").error(f"there are only {len(slots)} slots, got {wanted}")
             rng = np.random.default_rng([self.seed, _SLOT_STREAM])
             names = list(slots)
             return [names[i] for i in rng.permutation(len(names))[:wanted]]
-        for index, name in enumerate(deliver.slots):
+        for index, name in enumerate(chosen):
             place = node.at("slots", index)
             if name not in slots:
                 raise place.error(f"there is no slot '{name}'; {near(name, slots)}")
-            if name in deliver.slots[:index]:
+            if name in chosen[:index]:
                 raise place.error(f"the object of slot '{name}' is already picked before: name each slot once")
-        return list(deliver.slots)
+        return list(chosen)
 
     def _task(self, index: int, task: fmt.TaskFile) -> Task:
         node = self.root.at("tasks", index)
         given = [key for key in ("pick", "place", "drive_to") if getattr(task, key) is not None]
+        goal = task.drive_to
         if len(given) != 1:
             raise node.error(f"a task is exactly one of pick, place, drive_to; got {', '.join(given) or 'none'}")
         if task.pick is not None:
             return Pick(object=task.pick)
         if task.place is not None:
             return Place(bin=task.place)
-        goal = task.drive_to
+        assert goal is not None
         heading = None if goal.heading_deg is None else goal.heading_deg * _DEG
         return DriveTo(point=(goal.x, goal.y), heading=heading, tolerance=goal.tolerance)
 
     def _kept_agents(self) -> dict[str, fmt.AgentFile]:
         if self.keep is None:
-            return self.file.agents
+            return self.agents
         for index, name in enumerate(self.keep):
-            if name not in self.file.agents:
+            if name not in self.agents:
                 node = self.root.at("keep_agents", index)
-                raise node.error(f"there is no agent '{name}'; {near(name, self.file.agents)}")
-        return {name: self.file.agents[name] for name in self.file.agents if name in self.keep}
+                raise node.error(f"there is no agent '{name}'; {near(name, self.agents)}")
+        return {name: agent for name, agent in self.agents.items() if name in self.keep}
 
     def _agent(self, name: str, agent: fmt.AgentFile) -> Agent:
         node = self.root.at("agents", name)
         if agent.around is not None and (agent.waypoints or agent.start):
             raise node.error("'around' gives the way and the start: remove 'waypoints' and 'start'")
-        points = self._lane(agent.around, node) if agent.around else agent.waypoints
+        points = list(self._lane(agent.around, node) if agent.around else agent.waypoints)
         if agent.start is not None:
             start = _pose(agent.start)
         elif points:
             ahead = points[1] if len(points) > 1 else points[0]
             start = (*points[0], math.atan2(ahead[1] - points[0][1], ahead[0] - points[0][0]))
-            points = (*points[1:], points[0])
+            points = [*points[1:], points[0]] if len(points) > 1 else []
         else:
             raise node.error("where does it stand? Give 'start', 'waypoints' or 'around'")
         return Agent(
             name=name,
             start=start,
-            waypoints=points,
+            waypoints=tuple(points),
             speed=agent.speed_mps,
             radius=agent.radius,
             height=agent.height,
@@ -243,8 +250,9 @@ def extent(scene: Scene) -> tuple[float, float, float, float]:
         points += [agent.start[:2], *agent.waypoints]
     boxes += [(x, y, x, y) for x, y in points]
     corners = np.array(boxes)
-    low, high = corners[:, :2].min(axis=0) - MARGIN, corners[:, 2:].max(axis=0) + MARGIN
-    return tuple(round(float(value), 6) for value in (*low, *high))
+    x_min, y_min = (round(float(value), 6) for value in corners[:, :2].min(axis=0) - MARGIN)
+    x_max, y_max = (round(float(value), 6) for value in corners[:, 2:].max(axis=0) + MARGIN)
+    return (x_min, y_min, x_max, y_max)
 
 
 def _pose(pose: fmt.PoseFile) -> PlanarPose:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from motm_twin.model.geometry import from_frame, frozen
 from motm_twin.model.profile import Footprint
@@ -49,7 +50,7 @@ def counter_clockwise(corners: Iterable[Point]) -> tuple[Point, ...]:
     return tuple(points if ring.is_ccw else points[::-1])
 
 
-def lane(hull: Polygon, distance: float, *, clockwise: bool, start_at: float) -> tuple[Point, ...]:
+def lane(hull: BaseGeometry, distance: float, *, clockwise: bool, start_at: float) -> tuple[Point, ...]:
     """Points of the closed line at a distance [m] round a convex outline, its corners rounded.
 
     The first point is ``start_at`` (0 to 1) of the length away, in the direction of travel, from where the line

@@ -58,7 +58,7 @@ def _check(node: Node, info: Any) -> None:
         _check_list(node, info)
     elif isinstance(info, inspect.LiteralType):
         if not isinstance(node.value, str) or node.value not in info.values:
-            raise node.error(f"{show(node.value)} is not allowed; {near(str(node.value), info.values)}")
+            raise node.error(f"{show(node.value)} is not allowed; {near(str(node.value), map(str, info.values))}")
     else:
         _check_scalar(node, info)
 
@@ -153,9 +153,10 @@ def _check_length(node: Node, info: Any, what: str) -> None:
 def _check_dict(node: Node, info: inspect.DictType) -> None:
     _expect(node, dict, info)
     _check_length(node, info, "entries")
+    pattern = getattr(info.key_type, "pattern", None) or ".*"
     for key, item in node.value.items():
-        if isinstance(info.key_type, inspect.StrType) and not re.fullmatch(info.key_type.pattern.strip("^$"), key):
-            raise item.error(f"the name {show(key)} is not allowed: {_pattern_words(info.key_type.pattern)}")
+        if not re.fullmatch(pattern.strip("^$"), key):
+            raise item.error(f"the name {show(key)} is not allowed: {_pattern_words(pattern)}")
         _check(item, info.value_type)
 
 
@@ -180,7 +181,7 @@ def _check_tagged(node: Node, kinds: list[Any]) -> None:
     if field not in node.value:
         raise node.error(f"the key '{field}' is missing: one of {', '.join(tags)}")
     tag = node.value[field]
-    if tag.value not in tags:
+    if not isinstance(tag.value, str) or tag.value not in tags:
         raise tag.error(f"{show(tag.value)} is not a {field}; {near(str(tag.value), tags)}")
     _check_struct(node, tags[tag.value])
 

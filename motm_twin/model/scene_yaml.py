@@ -18,6 +18,7 @@ MAX_DEPTH = 24
 MAX_VALUES = 20_000
 MAX_KEY = 80
 
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # only its parser is used, never its constructors
 _INT = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
@@ -49,18 +50,19 @@ class Node:
         """The node at the end of the steps, or the last one on the way that exists."""
         node = self
         for step in steps:
-            inside = isinstance(node.value, dict) and step in node.value
-            inside = inside or (isinstance(node.value, list) and isinstance(step, int) and step < len(node.value))
-            if not inside:
-                return node
-            node = node.value[step]
+            if isinstance(node.value, dict) and step in node.value:
+                node = node.value[step]
+            elif isinstance(node.value, list) and isinstance(step, int) and step < len(node.value):
+                node = node.value[step]
+            else:
+                break
         return node
 
 
 def parse_yaml(text: str, file: str) -> Node:
     """The tree of one YAML document; raises SceneError with the line for whatever is not plain YAML."""
     try:
-        reader = _Reader(yaml.parse(text, Loader=yaml.SafeLoader), file)
+        reader = _Reader(yaml.parse(text, Loader=_LOADER), file)
         return reader.document()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -96,7 +98,7 @@ class _Reader:
         elif isinstance(event, yaml.SequenceStartEvent):
             value = self.sequence(place, depth)
         else:
-            value = scalar(event.value) if event.style is None else event.value
+            value = scalar(event.value) if not event.style else event.value
         return Node(value, self.file, event.start_mark.line + 1, place)
 
     def guard(self, event: yaml.Event, place: str, depth: int) -> None:
