@@ -18,7 +18,7 @@ from motm_twin.perception.objects import ObjectTracker
 from motm_twin.sim.plant import SimulatedPlant
 
 DT = 0.01  # [s]
-_RANGE = 0.75  # [m] from the mount
+_RANGE = 0.78  # [m] from the mount
 _NODE = 0.1  # [s] between nodes of the promised plan
 _NODES = 40
 

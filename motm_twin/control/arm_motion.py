@@ -64,12 +64,12 @@ def hand_motion(state: ManipulatorState, view: View, inputs: ArmInputs, mount: A
     point = state.anchor.copy()
     if state.phase == "lift":
         point[2] += p.lift_height
-    return _fixed(point, rotation, view, p)
+    return _fixed(point, rotation, view, p, fastest=p.hold_speed if state.phase == "closing" else _RADIAL)
 
 
-def _fixed(point: Array, rotation: Array, view: View, p: ArmParameters) -> Motion:
+def _fixed(point: Array, rotation: Array, view: View, p: ArmParameters, *, fastest: float = _RADIAL) -> Motion:
     """Closed loop on a point that stands in the odometry frame."""
-    linear = capped(p.k_P * (point - view.p), _RADIAL)
+    linear = capped(p.k_P * (point - view.p), fastest)
     linear[2] = min(max(linear[2], -_VERTICAL), _VERTICAL)
     return Motion(np.concatenate([linear, _turn(rotation, view, p)]), point)
 

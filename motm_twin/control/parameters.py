@@ -16,7 +16,7 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     linear_slack_weight: float = 1.0e3
     tilt_slack_weight: float = 3.0  # angular slack is far cheaper than linear: tilt keeps the object in reach
     yaw_slack_weight: float = 30.0
-    posture_gain: float = 1.0  # [1/s] of joint 3 towards the middle: the elbow stays in the arm's plane
+    posture_gain: float = 2.5  # [1/s] of joint 3 towards the middle: the elbow stays in the arm's plane
     manipulability_weight: float = 0.02  # of the gradient of m
     elastic_weight: float = 1.0e4  # obstacle rows give way rather than leave no answer, and only then
     damper_gain: float = 2.0  # eta [rad/s], joint-limit damper
@@ -44,12 +44,12 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
 class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     """Arm reference, grasp and release."""
 
-    k_A: float = 0.5  # noqa: N815 - MotM transit rule: duration = distance / (v_B k_A)
+    k_A: float = 0.5  # MotM transit rule: duration = distance / (v_B k_A)
     transit_base_speed: float = 0.3  # [m/s] v_B of the rule is at least this: a turning base soon drives again
     hand_speed: float = 0.9  # [m/s] of the hand relative to the base in transit
     hand_yaw_rate: float = 1.8  # [rad/s] of the hand about the mount
-    k_P: float = 12.0  # noqa: N815 - [1/s] final approach
-    k_transit: float = 6.0  # [1/s] largest gain in transit
+    k_P: float = 12.0  # [1/s] final approach
+    k_transit: float = 8.0  # [1/s] largest gain in transit
     k_orientation: float = 6.0  # [1/s]
     approach_distance: float = 0.10  # [m] d_T, the final approach begins (MotM)
     hover_height: float = 0.06  # [m] of the tool centre point above the centre of the object
@@ -67,6 +67,7 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     look_cone: float = 30.0 * DEG  # the object is kept this near to the optical axis
     close_error: float = 0.005  # [m] at which the gripper closes
     close_speed: float = 0.025  # [m/s] of the hand over the object at which it closes
+    hold_speed: float = 0.012  # [m/s] of corrections while it closes: the grasp rule allows 0.03 m/s
     close_yaw: float = 8.0 * DEG
     close_tilt: float = 20.0 * DEG
     seen_within: float = 0.5  # [s] nothing is grasped that was not seen this recently

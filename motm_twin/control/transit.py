@@ -4,9 +4,9 @@ import msgspec
 
 
 class TransitRule(msgspec.Struct, frozen=True, kw_only=True):
-    """Leave when the expected transit, distance / (v_B k_A), is as long as the base needs to bring the target in range."""
+    """Leave when the expected transit, distance / (v_B k_A), is as long as the target needs to come into range."""
 
-    k_A: float = 0.5  # noqa: N815 - MotM; 0.25 to 1.0 are stable
+    k_A: float = 0.5  # MotM; 0.25 to 1.0 are stable
     base_speed: float = 0.3  # [m/s] v_B is taken as at least this: a turning or braking base soon drives again
     hand_speed: float = 0.9  # [m/s] a transit is never planned faster than this
 
