@@ -111,6 +111,7 @@ class Mapper(Stateful[MapperState]):
         hit = scan.ranges < reach
         ends = scan.origin + np.minimum(scan.ranges, reach)[:, None] * scan.directions
         hit_now, passed_now = np.zeros((2, *evidence.level.shape), np.uint8)
+        struck = np.where(hit, scan.ranges, -1.0)
         mark_hits(
             evidence.level,
             evidence.last_hit,
@@ -118,12 +119,24 @@ class Mapper(Stateful[MapperState]):
             self.base.visible_distance,
             self._inside,
             ends,
-            np.where(hit, scan.ranges, -1.0),
+            struck,
             now_ms,
             self._frame,
             (settings.explained_margin, settings.explained_per_range),
         )
-        clear_rays(evidence.level, hit_now, passed_now, scan.origin, ends, self._frame)
+        clear_rays(
+            evidence.level,
+            hit_now,
+            passed_now,
+            evidence.last_hit,
+            evidence.near_since,
+            evidence.near_hit,
+            scan.origin,
+            ends,
+            struck,
+            now_ms,
+            self._frame,
+        )
         clear_rectangle(
             evidence.level,
             scan.pose,

@@ -15,6 +15,8 @@ HIT = 3  # evidence of one hit: a cell seen once is cleared by 3 free scans, 0.1
 EVIDENCE_MAX = 6  # at most 6 free scans, 0.3 s at 20 Hz, to clear: a moved obstacle is gone at once for the eye
 STATIC_MS = 3000  # occupied unbroken this long is static (issue: 3 s)
 GRACE_MS = 300  # a break shorter than this is noise at a cell border
+HIDDEN_MS = 1000  # what hides behind a newer hit this long and is not static has come closer, or was noise
+SHADOW = 0.6  # [m] depth behind a hit in which that is so: a little more than an agent
 NEVER = -(2**30)  # time stamp of what has not happened [ms]
 
 
@@ -58,8 +60,12 @@ def mark_hits(level, last_hit, hit_now, visible_distance, inside, ends, ranges, 
 
 
 @njit(cache=True)
-def clear_rays(level, hit_now, passed_now, sensor, ends, frame):
-    """Take evidence away, once per scan, from every cell that a beam passed through before its end."""
+def clear_rays(level, hit_now, passed_now, last_hit, near_since, near_hit, sensor, ends, struck, now_ms, frame):
+    """Take evidence away, once per scan, from every cell that a beam passed through before its end.
+
+    Behind the end of a beam that ``struck`` something [m range, < 0: nothing], up to SHADOW, what is not static and was
+    not hit for HIDDEN_MS is forgotten: an agent that drives towards the robot hides the cells it was seen in before.
+    """
     rows, columns = level.shape
     x0, y0 = (sensor[0] - frame[0]) / frame[2], (sensor[1] - frame[1]) / frame[2]
     for beam in range(ends.shape[0]):
@@ -72,11 +78,19 @@ def clear_rays(level, hit_now, passed_now, sensor, ends, frame):
         per_y = abs(1.0 / dy) if dy != 0.0 else math.inf
         next_x = ((column + 1 - x0) if dx > 0.0 else (x0 - column)) * per_x if dx != 0.0 else math.inf
         next_y = ((row + 1 - y0) if dy > 0.0 else (y0 - row)) * per_y if dy != 0.0 else math.inf
-        while min(next_x, next_y) < 1.0:  # the cell that the beam ends in is never cleared by it
-            if 0 <= row < rows and 0 <= column < columns:
-                if level[row, column] > 0 and hit_now[row, column] == 0 and passed_now[row, column] == 0:
-                    passed_now[row, column] = 1
-                    level[row, column] -= 1
+        last = 1.0 + SHADOW / struck[beam] if struck[beam] > 0.0 else 1.0
+        entered = 0.0  # where the beam entered this cell, as a share of its length
+        while entered < last:
+            leaves = min(next_x, next_y)
+            if 0 <= row < rows and 0 <= column < columns and level[row, column] > 0 and hit_now[row, column] == 0:
+                if leaves < 1.0:  # the cell that the beam ends in is never cleared by it
+                    if passed_now[row, column] == 0:
+                        passed_now[row, column] = 1
+                        level[row, column] -= 1
+                elif entered > 1.0 and now_ms - last_hit[row, column] > HIDDEN_MS:
+                    if near_hit[row, column] - near_since[row, column] < STATIC_MS:
+                        level[row, column] = 0
+            entered = leaves
             if next_x < next_y:
                 column += step_x
                 next_x += per_x

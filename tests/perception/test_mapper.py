@@ -177,3 +177,11 @@ def test_without_any_scan_the_map_is_the_pre_made_one(mapper):
     np.testing.assert_array_equal(world.occupied, mapper.base.occupied)
     assert len(world.polygons) == 2
     assert world.seen_points.shape == (0, 2)
+
+
+def test_an_agent_that_drives_straight_at_the_robot_leaves_no_trail_in_its_own_shadow(mapper):
+    for turn in range(100):
+        agent = shapely.Point(3.5 - 0.02 * turn, 0.0).buffer(0.25)
+        world = look(mapper, turn * PERIOD, [agent])
+        assert occupied_near(world, agent, 0.3) == len(world.seen_points)
+        assert not world.seen_static.any()
