@@ -11,6 +11,7 @@ from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles, ArmStep
 from motm_twin.model.geometry import Array, compose, drive, from_frame, inverse, wrap_angle
+from motm_twin.model.kinematics import HAND, TCP
 from motm_twin.model.known import known_world
 from motm_twin.model.plant import Observation, Truth
 from motm_twin.model.scene import Scene
@@ -18,7 +19,7 @@ from motm_twin.perception.objects import ObjectTracker
 from motm_twin.sim.plant import SimulatedPlant
 
 DT = 0.01  # [s]
-_RANGE = 0.78  # [m] from the mount
+_RANGE = {"pick": 0.78, "place": 0.93}  # [m] from the mount: an object, the centre of a bin
 _NODE = 0.1  # [s] between nodes of the promised plan
 _NODES = 40
 
@@ -148,7 +149,7 @@ class Driver:
         ):
             dx = goal.position[0] - pose[0] - x * math.cos(pose[2])
             dy = goal.position[1] - pose[1] - x * math.sin(pose[2])
-            if math.hypot(dx, dy) <= _RANGE:
+            if math.hypot(dx, dy) <= _RANGE[goal.kind]:
                 return float(t)
         return math.inf
 
@@ -214,26 +215,40 @@ def run_place(scene: Scene, spec: Pass, parameters: ArmParameters | None = None,
     standing = msgspec.structs.replace(spec, twist=lambda t: (0.0, 0.0))
     _pick(driver, standing)
     assert spec.place_start is not None
-    driver.plant._state.base.pose = np.array(spec.place_start)
-    driver.plant._state.localisation.pose = np.array(spec.place_start)
+    _put(driver.plant, np.array(spec.place_start))
     began = driver.plant.time
     done = None
     kind = "place"
     while driver.plant.time - began < spec.time:
         step = driver.step(spec.twist, kind, spec.bin if kind == "place" else "", began)
         if step.outcome == "placed":
-            truth = driver.plant.truth()
-            driver.result.exit_radius = 0.0
+            driver.result.exit_radius = _mount_distance(
+                driver.plant.truth().pose, next(box.centre for box in scene.bins if box.name == spec.bin), scene
+            )
+            driver.result.approach_time = step.time - began
             driver.result.closing_speed = abs(float(driver.plant.observe().twist[0]))
             done, kind = step.time + 1.5, "none"
-            del truth
         if done is not None and step.time > done:
             break
     _finish(driver, spec.object)
     return driver.result
 
 
-def _mount_distance(pose: Array, point: tuple[float, float, float], scene: Scene) -> float:
+def _put(plant: SimulatedPlant, pose: Array) -> None:
+    """Move the robot, and let the referee begin anew: nothing has happened on the way."""
+    state = plant._state
+    state.base.pose, state.localisation.pose = pose.copy(), pose.copy()
+    state.tcp = plant._frames(pose, state.arm.q)[TCP, :3, 3].copy()
+    item = next((item for item in state.objects if item.name == state.gripper.held), None)
+    if item is not None:
+        frames = plant._frames(pose, state.arm.q)
+        item.position = frames[HAND, :3, 3] + frames[HAND, :3, :3] @ state.gripper.position_in_hand
+    state.referee = plant._referee.start(
+        plant._world(plant.time, state.base, state.arm, state.gripper, state.tcp, state.objects, state.agents)
+    )
+
+
+def _mount_distance(pose: Array, point: tuple[float, ...], scene: Scene) -> float:
     x = scene.robot.arm.mount_x
     return math.hypot(point[0] - pose[0] - x * math.cos(pose[2]), point[1] - pose[1] - x * math.sin(pose[2]))
 
