@@ -10,6 +10,7 @@ from motm_twin.bench.reference_tour import reference_tour, reference_tour_s
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Box, Cylinder, DriveTo, Pick, SceneObject, Solid
+from motm_twin.model.scene_file import load_scene
 
 from .published import TRIALS, world
 
@@ -91,3 +92,14 @@ def test_every_touched_point_is_in_its_disc_and_outside_the_furniture():
 def test_a_start_inside_the_grown_furniture_is_moved_out_first():
     scene = msgspec.structs.replace(world(TRIALS[0]), start=(3.5, 1.2, 0.0))
     assert math.isfinite(reference_tour_s(scene))
+
+
+def test_the_shipped_scene_has_the_published_tour():
+    times = [reference_tour_s(load_scene("exp1", f"trial{number}")) for number in range(1, 11)]
+    assert np.mean(times) == pytest.approx(66.2, abs=0.06)
+    assert times[0] == pytest.approx(58.9, abs=0.06)
+
+
+def test_boxes_that_the_map_does_not_know_count_as_furniture_in_experiment_1a():
+    times = [reference_tour_s(load_scene("exp1a", f"trial{number}"), 0.75, 0.33) for number in range(1, 11)]
+    assert np.mean(times) == pytest.approx(75.5, abs=0.1)
