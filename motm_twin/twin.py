@@ -11,7 +11,7 @@ from motm_twin.model.edits import WorldEdit
 from motm_twin.model.known import known_world
 from motm_twin.model.scene import Scene
 from motm_twin.model.state import Stateful, state_hash
-from motm_twin.planning.base_planner import BasePlanner
+from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.types import SearchBudget
 from motm_twin.sim.plant import SimulatedPlant

@@ -20,7 +20,7 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.base_planner import BasePlanner
+from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget
 
 PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
