@@ -157,7 +157,7 @@ class Manipulator(Stateful[ManipulatorState]):
         c = np.zeros(SIZE)
         c[BASE] = -p.base_weight * inputs.base_twist
         c[ARM] = -p.manipulability_weight * manipulability_gradient(view.q)
-        c[ARM.start + 2] += p.rate_weight * p.posture_gain * view.q[2]
+        c[ARM] += p.rate_weight * self._posture_error(view)
         c[SLACK.stop :] = p.elastic_weight
         A = np.zeros((6, SIZE))
         A[:, BASE] = beta * view.J[:, :2]
@@ -169,6 +169,17 @@ class Manipulator(Stateful[ManipulatorState]):
             joint_bounds(view.q, self._state.rates, inputs.dt, p),
         )
         return Program(P=self._weights.diagonal, c=c, A=A, b=b, G=rows.G, h=rows.h, lower=lower, upper=upper)
+
+    def _posture_error(self, view: View) -> Array:
+        """Rates [rad/s] of the joints away from the posture that the redundant freedom should keep."""
+        p = self.parameters
+        error = np.zeros(7)
+        if self._state.phase in ("stow", "carry"):
+            azimuth = 0.0 if view.goal.kind == "none" else np.clip(view.azimuth, -p.stow_azimuth, p.stow_azimuth)
+            error[[0, 2, 4]] = p.qp.stow_posture_gain * (view.q[[0, 2, 4]] - np.array([azimuth, 0.0, 0.0]))
+        else:
+            error[2] = p.qp.posture_gain * view.q[2]
+        return error
 
     def _damped_stop(self, inputs: ArmInputs, view: View | None, why: str, *, outcome: str = "") -> ArmStep:
         """Arm rates to zero within one control period, the base as fast as it may brake."""

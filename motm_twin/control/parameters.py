@@ -17,6 +17,7 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     tilt_slack_weight: float = 3.0  # angular slack is far cheaper than linear: tilt keeps the object in reach
     yaw_slack_weight: float = 30.0
     posture_gain: float = 2.5  # [1/s] of joint 3 towards the middle: the elbow stays in the arm's plane
+    stow_posture_gain: float = 8.0  # [1/s] of joints 1, 3 and 5 while stowed: the elbow stays over the base
     manipulability_weight: float = 0.02  # of the gradient of m
     elastic_weight: float = 1.0e4  # obstacle rows give way rather than leave no answer, and only then
     damper_gain: float = 2.0  # eta [rad/s], joint-limit damper
@@ -89,7 +90,7 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     release_speed: float = 0.25  # [m/s] of the hand in the world
     stow_radius: float = 0.12  # [m] from the mount
     stow_height: float = 0.50  # [m] above the mount
-    stow_azimuth: float = 0.6  # [rad] largest turn towards the target while stowed: elbow inside the footprint
+    stow_azimuth: float = 0.45  # [rad] largest turn towards the target while stowed: elbow inside the footprint
     stow_tilt: float = 15.0 * DEG
     abandon_time: float = 6.0  # [s] time to range beyond which a transit is given up for the stow pose
     qp: QpParameters = QpParameters()
