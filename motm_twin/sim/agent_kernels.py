@@ -14,7 +14,7 @@ _SAME = 1e-6  # [m] of distance lost that counts as none
 
 
 @njit(cache=True)
-def free_ahead(  # noqa: PLR0913, PLR0917
+def free_ahead(
     pose: Array, body: float, margin: float, reach: float, corners: Array, first: Index, discs: Array
 ) -> float:
     """Distance [m] that a disc of radius ``body`` can drive straight on with a margin, at most ``reach``.
@@ -38,7 +38,7 @@ def _gap_to(x: float, y: float, i: int, corners: Array, first: Index, discs: Arr
 
 
 @njit(cache=True)
-def _free_of(  # noqa: PLR0913, PLR0917
+def _free_of(
     pose: Array, body: float, margin: float, reach: float, i: int, corners: Array, first: Index, discs: Array
 ) -> float:
     """`free_ahead` for obstacle i alone: what is nearer on another side must not hide it."""
@@ -59,7 +59,7 @@ def _free_of(  # noqa: PLR0913, PLR0917
 
 
 @njit(cache=True)
-def way_round(  # noqa: PLR0913
+def way_round(
     start: Array, goal: Array, radius: float, cell: float, window: float, corners: Array, first: Index, discs: Array
 ) -> Array:
     """Points [m] of a shortest way on a grid for a disc, shape (n, 2); empty when there is none.

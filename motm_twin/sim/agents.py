@@ -98,7 +98,7 @@ class Agents:
                 place[1] += state.v * ahead * math.sin(state.pose[2])
         return expected
 
-    def _look(  # noqa: PLR0913, PLR0917 - what an agent sees
+    def _look(
         self,
         i: int,
         agent: Agent,
@@ -114,7 +114,7 @@ class Agents:
         margin = MARGIN_ROUND if len(state.detour) > 0 else MARGIN
         state.free = free_ahead(state.pose, agent.radius, margin, LOOK_AHEAD, corners, first, discs)
         state.gap = clearance(float(state.pose[0]), float(state.pose[1]), corners, first, discs) - agent.radius
-        wants = abs(self._bearing(agent, state)) < 0.5  # noqa: PLR2004 - facing its way [rad]
+        wants = abs(self._bearing(agent, state)) < 0.5
         if state.v > CREEP or not wants:
             state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * (state.v > CREEP))
             if state.waiting == 0.0:

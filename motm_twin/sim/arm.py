@@ -40,8 +40,9 @@ class Arm:
         """Largest next speed from which the joint still stops within the room [rad] that is left.
 
         Solves v dt / 2 + v'dt / 2 + v'^2 / (2 a) + a dt^2 / 8 = room for v'; the last term covers the final, partial
-        braking step.
+        braking step. Never negative: at a limit the joint stands still.
         """
         a, dt = DDQ_MAX, self.dt
         left = room - 0.5 * speed * dt - 0.125 * a * dt * dt
-        return -0.5 * a * dt + np.sqrt(np.maximum(0.25 * a * a * dt * dt + 2.0 * a * left, 0.0))
+        speed = np.sqrt(np.maximum(0.25 * a * a * dt * dt + 2.0 * a * left, 0.0)) - 0.5 * a * dt
+        return np.maximum(speed, 0.0)

@@ -58,7 +58,7 @@ class Camera:
         hidden = any(segment_distance(eye, point, origins[i], origins[j]) < radius for i, j, radius in LINK_CAPSULES)
         return None if hidden else distance
 
-    def frame(  # noqa: PLR0913 - what a picture depends on
+    def frame(
         self,
         state: CameraState,
         stamp: float,
@@ -80,7 +80,7 @@ class Camera:
                 found.append(self._detect(state.rng, stamp, pose, odometry, item, distance))
         state.detections = tuple(found)
 
-    def _detect(  # noqa: PLR0913 - what a detection is made of
+    def _detect(
         self, rng: np.random.Generator, stamp: float, pose: Array, odometry: Array, item: ObjectState, distance: float
     ) -> Detection:
         share = max(0.0, (distance - NEAR) / (FAR - NEAR))

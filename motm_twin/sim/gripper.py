@@ -70,7 +70,7 @@ class Gripper:
             state.candidate = ""
             self._begin(state, "opening", now)
 
-    def step(  # noqa: PLR0913 - what a grasp depends on
+    def step(
         self,
         state: GripperState,
         now: float,
@@ -98,7 +98,7 @@ class Gripper:
     def _begin(self, state: GripperState, phase: str, now: float) -> None:
         state.phase, state.began, state.start_width = phase, now, state.width
 
-    def _close(  # noqa: PLR0913
+    def _close(
         self,
         state: GripperState,
         now: float,
@@ -147,13 +147,15 @@ class Gripper:
             if state.held:
                 self._release(state, tcp_velocity, cubes[state.held])
 
-    def _carry(
-        self, state: GripperState, rotation: Array, hand: Array, tcp_velocity: Array, item: ObjectState
-    ) -> None:
+    def _carry(self, state: GripperState, rotation: Array, hand: Array, tcp_velocity: Array, item: ObjectState) -> None:
         item.position = hand + rotation @ state.position_in_hand
         item.rotation = rotation @ state.rotation_in_hand
         item.yaw = float(np.arctan2(item.rotation[1, 0], item.rotation[0, 0]))
-        if state.phase == "closed" and state.outcome == "slipping" and item.position[2] > state.held_from_z + SLIP_HEIGHT:
+        if (
+            state.phase == "closed"
+            and state.outcome == "slipping"
+            and item.position[2] > state.held_from_z + SLIP_HEIGHT
+        ):
             state.outcome = "dropped"
             self._release(state, tcp_velocity, item)
             state.phase = "closing"

@@ -32,7 +32,7 @@ def polygon_distance(x: float, y: float, corners: Array, begin: int, end: int) -
 
 @njit(cache=True)
 def clearance(x: float, y: float, corners: Array, first: Index, discs: Array) -> float:
-    """Distance [m] in the plane from a point to the nearest polygon or disc, all taken as tall; 0 inside, inf if none."""
+    """Plane distance [m] from a point to the nearest polygon or disc, all taken as tall; 0 inside, inf if none."""
     best = np.inf
     for i in range(first.shape[0] - 1):
         best = min(best, polygon_distance(x, y, corners, first[i], first[i + 1]))
@@ -107,9 +107,7 @@ def _clip_heights(a: Array, b: Array, low: float, high: float) -> tuple[float, f
 
 
 @njit(cache=True)
-def sight_blocked(
-    a: Array, b: Array, corners: Array, first: Index, z: Array, discs: Array, disc_z: Array
-) -> bool:
+def sight_blocked(a: Array, b: Array, corners: Array, first: Index, z: Array, discs: Array, disc_z: Array) -> bool:
     """Whether a prism or cylinder stands between the points a and b, shapes (3,)."""
     for i in range(first.shape[0] - 1):
         t0, t1 = _clip_heights(a, b, z[i, 0], z[i, 1])

@@ -29,7 +29,7 @@ class Lidar:
         self._origin = np.array([spec.x, spec.y])
         self._range_sd = range_sd
 
-    def sweep(  # noqa: PLR0913 - what a sweep depends on
+    def sweep(
         self, state: LidarState, stamp: float, pose: Array, localised: Array, segments: Array, discs: Array
     ) -> None:
         """Replace the newest scan; segments (s, 4) and discs (d, 3) are what exists at the lidar's height."""

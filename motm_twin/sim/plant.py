@@ -136,7 +136,7 @@ class SimulatedPlant(Stateful[PlantState]):
     def step(self, dt: float) -> None:
         """Let dt [s] pass, a multiple of `SUBSTEP`."""
         count = round(dt / SUBSTEP)
-        if count < 1 or abs(count * SUBSTEP - dt) > 1e-9:  # noqa: PLR2004 - rounding of dt
+        if count < 1 or abs(count * SUBSTEP - dt) > 1e-9:
             raise ValueError(f"step of {dt} s: must be a positive multiple of {SUBSTEP} s")
         for _ in range(count):
             self._substep()
@@ -230,7 +230,9 @@ class SimulatedPlant(Stateful[PlantState]):
             z = self.scene.robot.lidar.z
             agents = self._agents.discs(s.agents)
             discs = np.vstack([self._lidar_discs, agents[agents[:, 3] >= z, :3]])
-            cubes = [item for item in s.objects if item.state != "held" and abs(item.position[2] - z) <= 0.5 * item.side]
+            cubes = [
+                item for item in s.objects if item.state != "held" and abs(item.position[2] - z) <= 0.5 * item.side
+            ]
             segments = np.vstack([self._lidar_segments, *(_square(item) for item in cubes)])
             self._lidar.sweep(s.lidar, self.time, s.base.pose, s.localisation.pose, segments, discs)
         if s.substep % self._camera_period == 0:
@@ -284,7 +286,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._lidar_segments = self._solids.segments_at(self.scene.robot.lidar.z)
         self._lidar_discs = self._solids.discs_at(self.scene.robot.lidar.z)
 
-    def _world(  # noqa: PLR0913, PLR0917
+    def _world(
         self,
         now: float,
         base: BaseState,

@@ -75,9 +75,7 @@ class PlantCheck:
         worst = float(np.max(np.maximum(world.q - Q_MAX, Q_MIN - world.q)))
         self._limit(state, world, "joint position", worst, 0.0)
         self._limit(state, world, "joint speed", float(np.max(np.abs(world.dq) - DQ_MAX)), 0.0)
-        self._limit(
-            state, world, "joint acceleration", float(np.max(np.abs(world.dq - state.dq) / dt - DDQ_MAX)), 0.0
-        )
+        self._limit(state, world, "joint acceleration", float(np.max(np.abs(world.dq - state.dq) / dt - DDQ_MAX)), 0.0)
         allowed = np.maximum(np.abs(world.dq), np.abs(state.dq)) * dt
         self._limit(
             state, world, "joint moved further than its speed", float(np.max(np.abs(world.q - state.q) - allowed)), 0.0

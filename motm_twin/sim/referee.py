@@ -115,7 +115,7 @@ class Referee:
         return state
 
     def edited(self, state: RefereeState, name: str, now: float) -> None:
-        """A person changed this body: distances are measured anew, and contacts with it are the person's for a while."""
+        """A person changed this body: distances are measured anew, contacts with it are the person's for a while."""
         state.edits[name] = now
         state.gaps = np.zeros((0, 0))
 
@@ -155,8 +155,8 @@ class Referee:
         if world.held != state.held:
             state.held, state.picked, state.resting_on = world.held, False, ()
             state.held_from_z = float(held.position[2]) if held is not None else 0.0
-            if held is not None and len(state.gaps):
-                state.gaps[-1] = -1.0
+            if held is not None:
+                state.gaps[-1:] = -1.0
                 state.resting_on = (HELD,)  # to be replaced by names at the first look
         elif held is not None and not state.picked and held.position[2] > state.held_from_z + LIFTED:
             state.picked = True
@@ -245,7 +245,7 @@ class Referee:
                 self._touch(state, world, placed, around, int(i), int(j), distance)
         self._rest(state, world, placed, around, touching)
 
-    def _rest(  # noqa: PLR0913
+    def _rest(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, touching: list[str]
     ) -> None:
         """What the held cube touches: no contact as long as it is what the cube was taken from."""
@@ -266,7 +266,7 @@ class Referee:
         elif i < len(self.robot.bodies) - 1:
             state.min_arm_clearance = min(state.min_arm_clearance, max(0.0, distance))
 
-    def _touch(  # noqa: PLR0913
+    def _touch(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, i: int, j: int, distance: float
     ) -> None:
         self._result.clear()
@@ -287,9 +287,7 @@ class Referee:
         episode = state.episodes.get(pair)
         if episode is None:
             edited = state.edits.get(pair[1], -math.inf)
-            episode = Episode(
-                world.time, world.time, 0.0, closing, other_speed, False, world.time - edited <= PERSON
-            )
+            episode = Episode(world.time, world.time, 0.0, closing, other_speed, False, world.time - edited <= PERSON)
             state.episodes[pair] = episode
         episode.last = world.time
         episode.depth = max(episode.depth, -distance)
@@ -301,7 +299,7 @@ class Referee:
         local = now[:3, :3].T @ (point - now[:3, 3])
         return (point - (before[:3, :3] @ local + before[:3, 3])) / self.dt
 
-    def _other_velocity(  # noqa: PLR0913
+    def _other_velocity(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, j: int, point: Array
     ) -> Array:
         if j == around.own_base:

@@ -130,16 +130,25 @@ class Surroundings:
         )
 
 
-def _prism(corners: Array, low: float, high: float) -> coal.ConvexBase:
-    points = coal.StdVec_Vec3s()
+def _prism(corners: Array, low: float, high: float) -> coal.Convex:
+    """A convex prism from its corners and faces; no hull library, which may crash on a flat one."""
+    n = len(corners)
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     for z in (low, high):
         for x, y in corners:
             points.append(np.array([x, y, z]))
-    return coal.Convex.convexHull(points, True, "Qt")
+    for i in range(1, n - 1):
+        faces.append(coal.Triangle(0, i + 1, i))
+        faces.append(coal.Triangle(n, n + i, n + i + 1))
+    for i in range(n):
+        j = (i + 1) % n
+        faces.append(coal.Triangle(i, j, n + j))
+        faces.append(coal.Triangle(i, n + j, n + i))
+    return coal.Convex(points, faces)
 
 
 @njit(cache=True)
-def update_gaps(  # noqa: PLR0913, PLR0917
+def update_gaps(
     gaps: Array,
     need: Array,
     now: Array,

@@ -1,0 +1,92 @@
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+from sim_scenes import box, experiment, scene, temis
+
+from motm_twin.model.scene import Agent
+from motm_twin.sim.plant import SimulatedPlant
+
+
+def run(plant, seconds):
+    """Positions of all agents at 10 Hz, shape (steps, n, 2)."""
+    track = []
+    for _ in range(round(seconds / 0.1)):
+        plant.step(0.1)
+        track.append([agent.position[:2] for agent in plant.truth().agents])
+    return np.array(track)
+
+
+def least_gap(track, radius=0.25):
+    return min(np.hypot(*(track[:, i] - track[:, j]).T).min() for i, j in combinations(range(track.shape[1]), 2)) - (
+        2.0 * radius
+    )
+
+
+def ways(track):
+    return np.hypot(*np.diff(track, axis=0).T).sum(axis=1)
+
+
+def test_a_free_agent_drives_its_round_at_its_speed():
+    ring = ((2.0, 0.0), (2.0, 2.0), (-2.0, 2.0), (-2.0, 0.0))
+    plant = SimulatedPlant(scene(start=(0.0, -3.0, 0.0), agents=(Agent(name="a", start=(0.0, 0.0, 0.0), waypoints=ring),)))
+    track = run(plant, 60.0)
+    assert ways(track)[0] > 0.8 * 0.4 * 60.0
+    assert np.hypot(*np.diff(track[:, 0], axis=0).T).max() <= 0.4 * 0.1 + 1e-9
+
+
+def test_yielding_agents_never_touch_a_robot_that_stands_in_their_lane():
+    plant = SimulatedPlant(experiment(start=(4.2, 0.6, 0.0), agents=temis()))
+    track = run(plant, 120.0)
+    assert plant.truth().contacts == ()
+    assert least_gap(track) > 0.0
+    assert ways(track).min() > 3.0  # they go round it
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.1, -0.2])
+def test_two_agents_head_on_pass_each_other(aside):
+    a = Agent(name="a", start=(0.0, 0.0, 0.0), waypoints=((4.0, 0.0), (0.0, 0.0)))
+    b = Agent(name="b", start=(4.0, aside, math.pi), waypoints=((0.0, aside), (4.0, aside)))
+    plant = SimulatedPlant(scene(start=(-2.0, -3.0, 0.0), agents=(a, b)))
+    track = run(plant, 60.0)
+    assert least_gap(track) > 0.0
+    for i in range(2):
+        assert track[:, i, 0].min() < 0.5
+        assert track[:, i, 0].max() > 3.5
+    assert ways(track).min() > 10.0
+
+
+def test_an_agent_goes_round_a_box_in_its_lane_after_some_waiting():
+    agent = Agent(name="a", start=(0.0, 0.0, 0.0), waypoints=((5.0, 0.0), (0.0, 0.0)))
+    crate = box("crate", (2.5, 0.0), (0.6, 0.6), 0.5, mapped=False)
+    plant = SimulatedPlant(scene(start=(-2.0, -3.0, 0.0), agents=(agent,), solids=(crate,)))
+    track = run(plant, 40.0)[:, 0]
+    assert track[:, 0].max() > 4.8
+    outside = np.hypot(np.maximum(np.abs(track[:, 0] - 2.5) - 0.3, 0.0), np.maximum(np.abs(track[:, 1]) - 0.3, 0.0))
+    assert outside.min() > 0.25
+
+
+def test_an_agent_walled_in_waits_for_ever_without_touching():
+    agent = Agent(name="a", start=(0.0, 0.0, 0.0), waypoints=((5.0, 0.0),))
+    walls = tuple(
+        box(f"wall{i}", centre, size, 1.0)
+        for i, (centre, size) in enumerate(
+            (((1, 0), (0.1, 2)), ((-1, 0), (0.1, 2)), ((0, 1), (2.1, 0.1)), ((0, -1), (2.1, 0.1)))
+        )
+    )
+    plant = SimulatedPlant(scene(start=(-2.0, -3.0, 0.0), agents=(agent,), solids=walls))
+    track = run(plant, 20.0)[:, 0]
+    assert np.abs(track).max() < 0.95 - 0.25
+
+
+def test_a_blind_agent_drives_on_whatever_stands_there():
+    agent = Agent(name="a", start=(2.0, 0.0, math.pi), waypoints=((-3.0, 0.0),), behaviour="blind")
+    plant = SimulatedPlant(scene(agents=(agent,)))
+    assert run(plant, 15.0)[-1, 0, 0] < -2.5
+
+
+def test_an_agent_without_waypoints_stands():
+    plant = SimulatedPlant(scene(agents=(Agent(name="a", start=(2.0, 0.0, 0.0)),)))
+    np.testing.assert_array_equal(run(plant, 2.0)[:, 0], [(2.0, 0.0)] * 20)
+    assert plant.truth().agents[0].state == "standing"
