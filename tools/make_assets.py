@@ -19,10 +19,10 @@ from trimesh.visual.texture import TextureVisuals
 
 OUT = Path(__file__).resolve().parent.parent / "web_assets"
 ARM = (*(f"link{i}" for i in range(8)), "hand")
-KEEP = {"link0": 0.30}  # share of the faces that drawn links keep; the foot has small ribs and bolts
+KEEP = {"link0": 0.18}  # share of the faces that drawn links keep; the foot has small ribs and bolts
 KEEP_LINK = 0.15
 KEEP_GHOST = 0.07
-KEEP_ALL_BELOW = 400  # [faces] parts this small are not decimated
+FEWEST = 900  # [faces] of a connected piece: below this, rings and caps tear
 TURNED = np.diag([-1.0, -1.0, 1.0, 1.0])  # the right finger is the left one turned about z
 
 
@@ -53,10 +53,14 @@ def welded(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 
 def lighter(mesh: trimesh.Trimesh, keep: float) -> trimesh.Trimesh:
-    """The mesh with about a share ``keep`` of its faces."""
-    if keep >= 1.0 or len(mesh.faces) < KEEP_ALL_BELOW:
+    """The mesh with about a share ``keep`` of its faces, taken from its large pieces only."""
+    if keep >= 1.0:
         return mesh
-    return mesh.simplify_quadric_decimation(face_count=max(200, int(keep * len(mesh.faces))))
+    pieces = []
+    for piece in mesh.split(only_watertight=False):
+        count = max(FEWEST, int(keep * len(piece.faces)))
+        pieces.append(piece if len(piece.faces) <= count else piece.simplify_quadric_decimation(face_count=count))
+    return trimesh.util.concatenate(pieces)
 
 
 def save_link(parts: dict[tuple[int, ...], trimesh.Trimesh], path: Path, keep: float) -> int:
@@ -80,7 +84,7 @@ def save_link(parts: dict[tuple[int, ...], trimesh.Trimesh], path: Path, keep: f
 
 def save_ghost(mesh: trimesh.Trimesh, path: Path, keep: float) -> int:
     """Write a light, colourless mesh and return its number of faces."""
-    light = lighter(mesh, keep)
+    light = mesh if keep >= 1.0 else mesh.simplify_quadric_decimation(face_count=int(keep * len(mesh.faces)))
     bare = trimesh.Trimesh(light.vertices, light.faces, process=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(trimesh.exchange.gltf.export_glb(trimesh.Scene(bare), include_normals=False))

@@ -82,7 +82,7 @@ def _body(model: Model) -> None:
 
     upper = stack(_outline(), _upper_levels())
     model.add(WHITE, cut(upper, *vents, *seams))
-    behind = stack(_outline(), [(z, inset + 0.0035) for z, inset in _upper_levels()])
+    behind = stack(_outline(), [(z, inset + 0.0018) for z, inset in _upper_levels()])
     model.add(RUBBER, *[common(gap, behind) for gap in (*vents, *seams)])
     glow = stack(_outline(), edges(SLOT_HIGH - 0.001, SLOT_HIGH + 0.0065, inset=0.0085, radius=0.002, steps=3))
     model.add(LIGHT, glow)
@@ -101,7 +101,7 @@ def _wheels(model: Model) -> None:
     bevel = [(WHEEL_RADIUS - inset, z) for z, inset in edges(-half, half, radius=0.007, steps=4)]
     tyre = revolve(bevel, sections=64)
     tread = [box((0.004, 0.01, WHEEL_WIDTH + 0.002), (0.0, WHEEL_RADIUS, 0.0))]
-    grooves = [moved(t, (0, 0, 0), turn="z", degrees=a) for t in tread for a in range(0, 360, 12)]
+    grooves = [moved(t, (0, 0, 0), turn="z", degrees=a) for t in tread for a in range(0, 360, 15)]
     tyre = cut(tyre, *grooves, trimesh.creation.cylinder(radius=0.062, height=0.1, sections=64))
     hub = revolve(
         [(0.0625, -half + 0.004), (0.0625, half - 0.005), (0.050, half - 0.009), (0.022, half - 0.003), (0.018, half)]
@@ -123,6 +123,9 @@ def _wheels(model: Model) -> None:
         model.add(LIGHT, place(ring))
         model.add(STEEL, *[place(bolt) for bolt in bolts])
 
+    well = disc(WHEEL_RADIUS - 0.002, -0.001, 0.001, edge=0.0004, sections=48)
+    for side in (1.0, -1.0):
+        model.add(RUBBER, moved(well, (0.0, side * 0.1958, WHEEL_RADIUS), turn="x", degrees=90.0))
     wheel = revolve([(0.030 - inset, z) for z, inset in edges(-0.011, 0.011, radius=0.004, steps=2)], sections=20)
     for x in (-0.255, 0.255):
         for y in (-0.15, 0.15):

@@ -3,8 +3,22 @@
 import numpy as np
 import trimesh
 from shapes import (
-    Model, box, common, curve, cut, disc, edges, moved, paint, revolve, rounded, slab, squircle, stack, sweep,
-)  # fmt: skip
+    Model,
+    box,
+    common,
+    curve,
+    cut,
+    disc,
+    edges,
+    moved,
+    paint,
+    revolve,
+    rounded,
+    slab,
+    squircle,
+    stack,
+    sweep,
+)
 
 WHITE = paint("#f1f2f4", rough=0.4)
 DARK = paint("#24272c", rough=0.55)

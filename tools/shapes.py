@@ -146,7 +146,7 @@ def disc(radius: float, low: float, high: float, *, edge: float = 0.0015, sectio
 
 
 def sweep(path: Array, outlines: list[Array]) -> trimesh.Trimesh:
-    """Body along a path (n, 3) in the x-z plane; outline i (m, 2) has x across the path in that plane and y sideways."""
+    """Body along a path (n, 3) in the x-z plane; outlines (m, 2) have x across the path in that plane, y sideways."""
     tangents = np.gradient(path, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     loops = []

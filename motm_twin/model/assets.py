@@ -7,6 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from trimesh.visual.color import ColorVisuals
+from trimesh.visual.texture import TextureVisuals
 
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
@@ -42,12 +43,15 @@ def load_mesh(name: str) -> trimesh.Trimesh:
     parts = []
     for node in scene.graph.nodes_geometry:
         transform, part_name = scene.graph[node]
-        part = scene.geometry[part_name].copy().apply_transform(transform)
-        part.visual = ColorVisuals(part, face_colors=_srgb(part))
-        parts.append(part)
-    if not parts:
+        part = scene.geometry[part_name]
+        if isinstance(part, trimesh.Trimesh) and isinstance(part.visual, TextureVisuals):
+            placed = trimesh.Trimesh(part.vertices, part.faces, process=False).apply_transform(transform)
+            placed.visual = ColorVisuals(placed, face_colors=_srgb(part.visual))
+            parts.append(placed)
+    merged = trimesh.util.concatenate(parts) if parts else None
+    if not isinstance(merged, trimesh.Trimesh):
         raise ValueError(f"{path.name} holds no mesh: make it again with tools/make_assets.py")
-    return trimesh.util.concatenate(parts)
+    return merged
 
 
 @functools.cache
@@ -80,9 +84,9 @@ def finger_boxes(link: str) -> tuple[tuple[Array, Array], ...]:
     return tuple((np.array(centre) * mirror, np.array(size)) for centre, size in _FINGER_BOXES)
 
 
-def _srgb(part: trimesh.Trimesh) -> NDArray[np.uint8]:
-    """Colour of a part as screens take it, from glTF's linear one; shape (4,)."""
-    colour = np.asarray(part.visual.material.main_color, dtype=float)
+def _srgb(visual: TextureVisuals) -> NDArray[np.uint8]:
+    """Colour as screens take it, from glTF's linear one; shape (4,)."""
+    colour = np.asarray(visual.material.main_color, dtype=float)
     colour[:3] = 255.0 * (colour[:3] / 255.0) ** (1.0 / 2.2)
     return np.round(colour).astype(np.uint8)
 
