@@ -68,10 +68,10 @@ class PlacementMessage(msgspec.Struct, frozen=True, kw_only=True):
     cost: list[MaybeNumber]  # [s]
     rejected: list[str]
     chosen: int
-    goal: Vector
+    goal: list[MaybeNumber]  # the heading is null when any will do
     goal_has_heading: bool
     reason: str
-    next_goal: Vector | None
+    next_goal: list[MaybeNumber] | None
 
 
 class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -82,7 +82,7 @@ class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
     acceleration: Vector
     global_path: Vectors
     next_path: Vectors
-    intermediate_goal: Vector
+    intermediate_goal: list[MaybeNumber]
     local_poses: Vectors  # (j, 5)
     local_times: Vector
     bezier: Vectors

@@ -11,8 +11,8 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
-from motm_twin.model.scene import Bin, Box, Cylinder, Solid
-from motm_twin.ui.textures import blob, wood
+from motm_twin.model.scene import Bin, Box, Cylinder, Scene, Solid
+from motm_twin.ui.textures import blob, floor, wood
 
 TOP = 0.03  # [m] thickness of a wooden top
 Part = tuple[trimesh.Trimesh, str]
@@ -68,6 +68,24 @@ def shadow_glb(length: float, width: float) -> bytes:
     visual = TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), material=material)
     mesh = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False)
     return mesh.export(file_type="glb")
+
+
+def floor_glb(scene: Scene) -> bytes:
+    """The floor as an opaque mesh: pictures of the viewer are transparent ones, which hide each other at random.
+
+    It shines by itself, so its tones do not depend on the light; its edge reflects as well, and so reaches white.
+    """
+    picture, edge, (x, y), (length, width) = floor(scene)
+    corners = [(x + sx * length / 2, y + sy * width / 2, 0.0) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    material = PBRMaterial(
+        baseColorTexture=edge.convert("RGB"),
+        emissiveTexture=picture,
+        emissiveFactor=[1.0, 1.0, 1.0],
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+    )
+    visual = TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), material=material)
+    return trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False).export(file_type="glb")
 
 
 def _table_parts(solid: Solid) -> list[Part]:

@@ -92,7 +92,7 @@ class CandidateView:
             self._goal.visible = visible
         if visible:
             x, y, heading = placement.goal
-            self._goal.position, self._goal.wxyz = (x, y, 0.02), yaws_wxyz(np.array([heading]))[0]
+            self._goal.position, self._goal.wxyz = (x, y, 0.02), yaws_wxyz(np.array([heading or 0.0]))[0]
 
 
 class PlanView:

@@ -3,9 +3,8 @@
 import viser
 
 from motm_twin.model.scene import Scene
-from motm_twin.ui.furniture import bin_mesh, solid_mesh
+from motm_twin.ui.furniture import bin_mesh, floor_glb, solid_mesh
 from motm_twin.ui.rotation import yaw_wxyz
-from motm_twin.ui.textures import floor
 
 ROOT = "/scene"
 
@@ -30,11 +29,7 @@ class SceneView:
         """Draw this scene instead of the last one."""
         add = self._server.scene
         add.remove_by_name(ROOT)
-        picture, centre, size = floor(scene)
-        add.add_image(
-            f"{ROOT}/floor", picture, size[0], size[1], format="jpeg", jpeg_quality=88, position=(*centre, -0.004), wxyz=(0.0, 1.0, 0.0, 0.0),
-            cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+        self._add(f"{ROOT}/floor", floor_glb(scene))
         for number, solid in enumerate(scene.solids):
             self._add(f"{ROOT}/solid/{number}", solid_mesh(solid).export(file_type="glb"))
         for number, box in enumerate(scene.bins):

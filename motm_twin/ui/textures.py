@@ -29,11 +29,10 @@ def wood(light: bool = True, size: int = 256) -> Image.Image:
     return Image.fromarray(picture.astype(np.uint8)).quantize(48).convert("RGB")
 
 
-def floor(scene: Scene) -> tuple[NDArray[np.uint8], tuple[float, float], tuple[float, float]]:
-    """The floor of a scene: RGB picture, its centre [m] and its size [m].
+def floor(scene: Scene) -> tuple[Image.Image, Image.Image, tuple[float, float], tuple[float, float]]:
+    """The floor of a scene: RGB picture, grey picture of its fading edge, its centre [m] and its size [m].
 
-    Metre lines with numbers along two sides, soft shadows where furniture stands, edges that fade into the page. It
-    is opaque on purpose: transparent pictures hide each other, depending on where the camera is.
+    Metre lines with numbers along two sides, soft shadows where furniture stands, edges that fade into the page.
     """
     x_min, y_min, x_max, y_max = scene.bounds
     x_min, y_min, x_max, y_max = x_min - MARGIN, y_min - MARGIN, x_max + MARGIN, y_max + MARGIN
@@ -49,7 +48,8 @@ def floor(scene: Scene) -> tuple[NDArray[np.uint8], tuple[float, float], tuple[f
     _draw_metres(marked, (x_min, y_min, x_max, y_max), scene.bounds)
     inside = _fade(width, height)[..., None]
     picture = (np.asarray(marked) * inside + _PAGE * (1.0 - inside)).astype(np.uint8)
-    return picture, ((x_min + x_max) / 2, (y_min + y_max) / 2), (x_max - x_min, y_max - y_min)
+    edge = Image.fromarray((255.0 * (1.0 - inside[..., 0])).astype(np.uint8))
+    return Image.fromarray(picture), edge, ((x_min + x_max) / 2, (y_min + y_max) / 2), (x_max - x_min, y_max - y_min)
 
 
 @functools.cache
