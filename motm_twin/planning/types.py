@@ -56,6 +56,7 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     goal_has_heading: bool
     reason: str  # one sentence: why this goal
     next_goal: Array | None  # pose or point of the next target used for C_iN, shape (3,) or (2,)
+    next_goals: Array | None = None  # best poses of the next target, `next_goal` first; heading nan: free, shape (k, 3)
 
 
 class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):

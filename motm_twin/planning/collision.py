@@ -1,0 +1,118 @@
+"""The footprint in the distance field: clearance of the base body, as circles that cover its rectangle."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.profile import Footprint
+from motm_twin.perception.world_map import WorldMap
+
+
+class Field(NamedTuple):
+    """A distance field: values at cell centres [m] (ny, nx), corner of cell (0, 0) [m], cell size [m]."""
+
+    value: NDArray[np.float32]
+    x: float
+    y: float
+    inverse_cell: float
+
+
+class Body(NamedTuple):
+    """Footprint: covering circles (m, 3) x, y, radius in the base frame; corners (4, 2); centre; radii [m]."""
+
+    circle: Array
+    corner: Array
+    centre_x: float
+    outer: float  # circumscribed
+    inner: float  # inscribed
+
+
+def field_of(world: WorldMap) -> Field:
+    """The map's distance field, as a copy: kernels are compiled once, for arrays that are not read-only."""
+    return Field(
+        np.array(world.distance, dtype=np.float32), float(world.origin[0]), float(world.origin[1]), 1.0 / world.resolution
+    )
+
+
+def body_of(footprint: Footprint) -> Body:
+    """Covering circles of a rectangle: exact at corners, less than 2 cm short of the sides between circles."""
+    half_l, half_w = footprint.length / 2, footprint.width / 2
+    half_l, half_w, upright = (half_l, half_w, False) if half_l >= half_w else (half_w, half_l, True)
+    r = half_w / 2
+    along = np.linspace(-(half_l - r), half_l - r, 1 + math.ceil(2 * (half_l - r) / (0.95 * r)))
+    circles = [(x, side * (half_w - r), r) for x in along for side in (-1, 1)]
+    circles += [(end * (half_l - r), 0.0, r) for end in (-1, 1)]
+    circles += [(x, 0.0, half_w) for x in {-(half_l - half_w), 0.0, half_l - half_w}]
+    circles += [(end * half_l, side * half_w, 0.0) for end in (-1, 1) for side in (-1, 1)]
+    table = np.array(sorted(circles))
+    if upright:
+        table[:, [0, 1]] = table[:, [1, 0]]
+    table[:, 0] += footprint.offset_x
+    corner = np.array([(x, y) for x in (-1, 1) for y in (-1, 1)]) * (footprint.length / 2, footprint.width / 2)
+    corner[:, 0] += footprint.offset_x
+    return Body(table, corner, footprint.offset_x, math.hypot(half_l, half_w), half_w)
+
+
+@njit(cache=True)
+def distance_at(px: float, py: float, field: Field) -> float:
+    """Distance [m] at a point, bilinear; -1 outside the map."""
+    u = (px - field.x) * field.inverse_cell - 0.5
+    v = (py - field.y) * field.inverse_cell - 0.5
+    ny, nx = field.value.shape
+    if u < -0.5 or v < -0.5 or u >= nx - 0.5 or v >= ny - 0.5:
+        return -1.0
+    i, j = int(math.floor(u)), int(math.floor(v))
+    i, j = min(max(i, 0), nx - 2), min(max(j, 0), ny - 2)
+    s, t = u - i, v - j
+    low = field.value[j, i] * (1.0 - s) + field.value[j, i + 1] * s
+    high = field.value[j + 1, i] * (1.0 - s) + field.value[j + 1, i + 1] * s
+    return low * (1.0 - t) + high * t
+
+
+@njit(cache=True)
+def clearance(px: float, py: float, heading: float, enough: float, field: Field, body: Body) -> float:
+    """Clearance [m] of the footprint at a pose, not more than `enough`; negative: that deep in an obstacle."""
+    c, s = math.cos(heading), math.sin(heading)
+    middle = distance_at(px + c * body.centre_x, py + s * body.centre_x, field)
+    if middle - body.outer >= enough:
+        return enough
+    least = min(enough, middle - body.inner)
+    for i in range(body.circle.shape[0]):
+        x, y, r = body.circle[i, 0], body.circle[i, 1], body.circle[i, 2]
+        least = min(least, distance_at(px + c * x - s * y, py + s * x + c * y, field) - r)
+    return least
+
+
+@njit(cache=True)
+def clearances(poses: Array, enough: float, field: Field, body: Body) -> Array:
+    """`clearance` of poses, shape (n, 3) -> (n,)."""
+    result = np.empty(poses.shape[0])
+    for i in range(poses.shape[0]):
+        result[i] = clearance(poses[i, 0], poses[i, 1], poses[i, 2], enough, field, body)
+    return result
+
+
+@njit(cache=True)
+def stopping_clearance(
+    x: float, y: float, heading: float, v: float, w: float, a_max: float, b_max: float, wanted: float,
+    field: Field, body: Body,
+) -> float:  # fmt: skip
+    """Least clearance [m] while braking with full deceleration from speed v and yaw rate w; stops below `wanted`."""
+    dt = 0.1
+    least = clearance(x, y, heading, 1.0, field, body)
+    if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= wanted:
+        return wanted
+    while (v != 0.0 or w != 0.0) and least >= wanted:
+        v_end = max(0.0, abs(v) - a_max * dt) * (1.0 if v > 0.0 else -1.0)
+        w_end = max(0.0, abs(w) - b_max * dt) * (1.0 if w > 0.0 else -1.0)
+        ahead = heading + 0.25 * (w + w_end) * dt
+        x += 0.5 * (v + v_end) * dt * math.cos(ahead)
+        y += 0.5 * (v + v_end) * dt * math.sin(ahead)
+        heading += 0.5 * (w + w_end) * dt
+        v, w = v_end, w_end
+        least = min(least, clearance(x, y, heading, 1.0, field, body))
+    return least

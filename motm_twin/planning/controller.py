@@ -1,0 +1,365 @@
+"""The base controller: global path, intermediate goal, STAA* search, and what to do when it finds nothing."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from motm_twin.model.geometry import Array, drive, frozen
+from motm_twin.model.profile import RobotProfile
+from motm_twin.planning import staa
+from motm_twin.planning.bezier import bezier_curve
+from motm_twin.planning.collision import Field, body_of, field_of
+from motm_twin.planning.cost_to_go import FAR, Table
+from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.reach import Job, ReachModel, in_reach
+from motm_twin.planning.rtr import path_rtr, turn
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+from motm_twin.planning.visibility import Graph
+
+CLOCK_CHUNK = 32  # expansions between two looks at the clock
+STILL_V = 1e-3  # [m/s]
+
+
+class LocalGoal(NamedTuple):
+    """Where the local search is to go."""
+
+    pose: Array  # (3,), heading nan: free
+    remaining: float  # [s] from there to the goal
+    table: Table  # costs to it, with `after` [s] added
+    after: float  # [s] counted after the goal: the weighted way to the next target
+    global_path: Array
+    path_found: bool
+    is_goal: bool
+
+
+class StaaController:
+    """STAA* (Paper, Sec. III) from the robot's pose and twist towards the placement's goal, and on to the next."""
+
+    def __init__(
+        self,
+        profile: RobotProfile,
+        parameters: PlanningParameters,
+        *,
+        clock: Callable[[], float] | None = None,
+        graphs: GraphCache | None = None,
+    ) -> None:
+        self._profile = profile
+        self._limits = profile.base
+        self._p = parameters.staa
+        self._next_weight = parameters.placement.next_weight
+        self._reach = ReachModel(profile, parameters.reach)
+        self._body = body_of(profile.footprint)
+        self._clock = clock
+        self._graphs = graphs or GraphCache()
+        self._rates = rates_of(profile.base)
+        self._global_rates = rates_of(profile.base, rotation_cost=parameters.staa.rotation_cost)
+        self._memory: staa.Memory | None = None
+        self._cells: tuple[Graph, tuple[float, ...], staa.CellSights] | None = None
+
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """How to accelerate in this period."""
+        target = problem.target
+        field = field_of(problem.world)
+        if target is None or placement.mode == "none":
+            return self._idle(problem, field, "nothing to do")
+        graph = self._graphs.graph(problem.world.polygons, self._p.growth)
+        goal = self._local_goal(problem, placement, graph)
+        if placement.chosen < 0:
+            return self._brake(problem, field, placement.reason, goal, 0)
+        if placement.mode == "closest" and self._at(problem.pose, placement):
+            return self._idle(problem, field, placement.reason)
+        next_table = self._next_table(graph, placement)
+        settings = self._settings(problem, placement, goal, next_table is not None)
+        world = staa.World(
+            field,
+            Field(np.array(problem.world.proximity, dtype=np.float32), field.x, field.y, field.inverse_cell),
+            self._body,
+            graph,
+            goal.table,
+            next_table if next_table is not None else goal.table,
+            self._reach.job(target, self._p, engaged=problem.engaged),
+        )
+        cells = self._cell_sights(graph, field)
+        memory = self._room(budget.expansions, graph)
+        left = self._left(target)
+        pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
+        staa.start_search(pose, twist, left, settings, world, cells, memory)
+        status, cut = self._search(budget, settings, world, cells, memory)
+        solution = int(memory.count[staa.SOLUTION])
+        if memory.h[0] >= FAR:
+            return self._brake(problem, field, f"no path to {target.name}", goal, int(memory.count[staa.EXPANSIONS]))
+        if solution < 0:
+            why = "no collision-free motion from here: braking"
+            return self._brake(problem, field, why, goal, int(memory.count[staa.EXPANSIONS]))
+        branch = _branch(memory, solution)
+        poses = np.column_stack((memory.pose[branch], memory.twist[branch]))
+        t_h = float(memory.t_goal[0])
+        return BasePlan(
+            acceleration=frozen(self._first_action(memory, branch, problem)),
+            status="goal" if status == staa.GOAL else "aborted",
+            reason="",
+            global_path=frozen(goal.global_path),
+            next_path=frozen(self._next_path(placement, graph)),
+            intermediate_goal=frozen(goal.pose),
+            local_poses=frozen(poses),
+            local_times=frozen(np.arange(len(branch)) * self._p.node_duration),
+            bezier=frozen(self._bezier(poses[-1], settings, bool(memory.passed[solution]))),
+            expansions=int(memory.count[staa.EXPANSIONS]),
+            cut_by_clock=cut,
+            t_h=t_h,
+            k=self._k(t_h),
+            time_to_range=self._time_to_range(poses, world.job, graph, goal),
+        )
+
+    def unmodified_path(self, problem: BaseProblem, placement: Placement) -> Array:
+        """The global path that unmodified STAA* would take to the same goal, shape (m, 2) [m]."""
+        graph = self._graphs.graph(problem.world.polygons, self._p.growth)
+        return frozen(shortest_path(graph, problem.pose, placement.goal, self._limits))
+
+    def _search(
+        self, budget: SearchBudget, s: staa.Settings, world: staa.World, cells: staa.CellSights, memory: staa.Memory
+    ) -> tuple[int, bool]:
+        """Run to the expansion limit, or until the clock says stop: status and whether the clock did."""
+        if budget.seconds is None or self._clock is None:
+            return staa.run_search(budget.expansions, s, world, cells, memory), False
+        end = self._clock() + budget.seconds
+        limit = 0
+        while True:
+            limit = min(budget.expansions, limit + CLOCK_CHUNK)
+            status = staa.run_search(limit, s, world, cells, memory)
+            if status != staa.ABORTED or limit == budget.expansions:
+                return status, False
+            if self._clock() >= end:
+                return status, True
+
+    def _local_goal(self, problem: BaseProblem, placement: Placement, graph: Graph) -> LocalGoal:
+        """The goal itself when it is in the local region, else where the global path leaves it."""
+        goal = np.array(placement.goal, dtype=np.float64)
+        if not (self._p.goal_orientation and placement.goal_has_heading):
+            goal[2] = math.nan
+        after = 0.0
+        if self._p.drive_on and placement.chosen >= 0 and math.isfinite(placement.cost_next[placement.chosen]):
+            after = self._next_weight * float(placement.cost_next[placement.chosen])
+        table = goal_table(graph, goal, self._global_rates)
+        path, in_reverse = path_to_goal(graph, table, problem.pose)
+        leaves = _leave(path, self._p.local_radius)
+        if leaves is None:
+            local = goal_table(graph, goal, self._rates, np.array([after]))
+            return LocalGoal(goal, 0.0, local, after, path, len(path) > 1, True)
+        segment, place = leaves
+        step = path[segment + 1] - path[segment]
+        heading = math.atan2(step[1], step[0]) + (math.pi if in_reverse else 0.0)
+        rest = np.vstack((place, path[segment + 1 :]))
+        remaining = path_rtr(
+            rest, heading, None if math.isnan(goal[2]) else float(goal[2]),
+            v_f=self._limits.forward_speed, v_r=self._limits.reverse_speed, w_max=self._limits.yaw_rate,
+        )  # fmt: skip
+        pose = np.array([place[0], place[1], heading if self._p.goal_orientation else math.nan])
+        local = goal_table(graph, pose, self._rates, np.array([after + remaining]))
+        return LocalGoal(pose, remaining, local, after, path, True, False)
+
+    def _settings(
+        self, problem: BaseProblem, placement: Placement, goal: LocalGoal, has_next: bool
+    ) -> staa.Settings:
+        p, limits = self._p, self._limits
+        by_job = p.termination == "task" and placement.mode in ("ring", "reach", "drive")
+        goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST
+        if by_job and goal.is_goal:
+            goal_test = staa.NO_GOAL_TEST
+        elif placement.mode == "closest" and goal.is_goal:
+            goal_test = staa.END_TEST
+        return staa.Settings(
+            v_f=limits.forward_speed,
+            v_r=limits.reverse_speed,
+            w_max=limits.yaw_rate,
+            a_max=limits.linear_acceleration,
+            b_max=limits.yaw_acceleration,
+            node_duration=p.node_duration,
+            notches=p.notches,
+            cell=p.cell,
+            heading_bins=p.heading_bins,
+            speed_bins=p.speed_bins,
+            yaw_rate_bins=p.yaw_rate_bins,
+            epsilon=p.epsilon,
+            margin=p.margin,
+            brake_depth=p.brake_depth,
+            grid_weight=p.grid_weight,
+            grid_range=p.grid_range,
+            grid_map=p.penalty == "grid",
+            k_min=p.k_min,
+            k_time=p.k_time,
+            scale_penalty=p.scale_penalty,
+            bezier=p.bezier,
+            bezier_offset=p.bezier_offset,
+            goal_test=goal_test,
+            pass_distance=p.pass_distance,
+            pass_heading=p.pass_heading,
+            goal_x=float(goal.pose[0]),
+            goal_y=float(goal.pose[1]),
+            goal_heading=float(goal.pose[2]),
+            after_goal=goal.after,
+            by_job=by_job,
+            drive_on=p.drive_on,
+            next_weight=self._next_weight,
+            has_next=has_next,
+            keep_reach=problem.engaged,
+            region_x=float(problem.pose[0]),
+            region_y=float(problem.pose[1]),
+            region_radius=p.local_radius + 1.0,
+        )
+
+    def _next_table(self, graph: Graph, placement: Placement) -> Table | None:
+        poses = placement.next_goals
+        if poses is None:
+            if placement.next_goal is None:
+                return None
+            given = placement.next_goal
+            poses = np.array([[given[0], given[1], given[2] if len(given) > 2 else math.nan]])  # noqa: PLR2004
+        order = np.lexsort((poses[:, 1], poses[:, 0]))
+        return goal_table(graph, poses[order], self._rates)
+
+    def _cell_sights(self, graph: Graph, field: Field) -> staa.CellSights:
+        grid = (field.x, field.y, field.inverse_cell, *field.value.shape)
+        if self._cells is None or self._cells[0] is not graph or self._cells[1] != grid:
+            self._cells = (graph, grid, staa.make_cell_sights(field))
+        return self._cells[2]
+
+    def _room(self, expansions: int, graph: Graph) -> staa.Memory:
+        needed = expansions * self._p.notches**2 + 2
+        memory = self._memory
+        if memory is None or len(memory.g) < needed or len(memory.scratch) <= len(graph.vertex):
+            memory = staa.make_memory(expansions, self._p.notches, 2 * len(graph.vertex))
+            self._memory = memory
+        return memory
+
+    def _left(self, target: Target) -> float:
+        return max(target.dwell, 0.05) if target.kind != "drive" else 1.0
+
+    def _k(self, t_h: float) -> float:
+        return proximity_scale(t_h, self._p.k_min, self._p.k_time) if self._p.scale_penalty else 1.0
+
+    def _at(self, pose: Array, placement: Placement) -> bool:
+        near = math.hypot(pose[0] - placement.goal[0], pose[1] - placement.goal[1]) <= self._p.pass_distance
+        return near and (not placement.goal_has_heading or turn(pose[2], placement.goal[2]) <= self._p.pass_heading)
+
+    def _first_action(self, memory: staa.Memory, branch: list[int], problem: BaseProblem) -> Array:
+        """The branch's first action, reduced so that the speed limits hold at the end of the period."""
+        half = self._p.notches // 2
+        i, j = divmod(int(memory.action[branch[1]]), self._p.notches)
+        a = self._limits.linear_acceleration * (i - half) / half
+        b = self._limits.yaw_acceleration * (j - half) / half
+        v, w = problem.twist
+        v_end = min(self._limits.forward_speed, max(-self._limits.reverse_speed, v + a * problem.period))
+        w_end = min(self._limits.yaw_rate, max(-self._limits.yaw_rate, w + b * problem.period))
+        return np.array([(v_end - v) / problem.period, (w_end - w) / problem.period])
+
+    def _next_path(self, placement: Placement, graph: Graph) -> Array:
+        table = self._next_table(graph, placement)
+        return empty_path() if table is None else path_to_goal(graph, table, placement.goal)[0]
+
+    def _bezier(self, last: Array, s: staa.Settings, finished: bool) -> Array:
+        if finished or not s.bezier or math.isnan(s.goal_heading):
+            return empty_path()
+        return bezier_curve(last[0], last[1], last[2], s.goal_x, s.goal_y, s.goal_heading, s.bezier_offset, 16)
+
+    def _time_to_range(self, poses: Array, job: Job, graph: Graph, goal: LocalGoal) -> float:
+        """When the target comes into reach: in the local plan, else on the path that follows it [s]."""
+        dt = self._p.node_duration
+        for i, pose in enumerate(poses):
+            if in_reach(*pose, job):
+                return i * dt
+            if i + 1 < len(poses):
+                middle = drive(pose[:3], 0.5 * (pose[3] + poses[i + 1, 3]), 0.5 * (pose[4] + poses[i + 1, 4]), dt / 2)
+                if in_reach(middle[0], middle[1], middle[2], pose[3], pose[4], job):
+                    return (i + 0.5) * dt
+        start = (len(poses) - 1) * dt
+        path, in_reverse = path_to_goal(graph, goal.table, poses[-1, :3])
+        if not goal.is_goal:
+            path = np.vstack((path, goal.global_path[-1:]))
+        return start + self._time_along(path, float(poses[-1, 2]), in_reverse, job)
+
+    def _time_along(self, path: Array, heading: float, in_reverse: bool, job: Job) -> float:
+        """Time [s] along a path, with its turns, until the target is in reach; inf when it never is."""
+        time = 0.0
+        speed = self._limits.reverse_speed if in_reverse else self._limits.forward_speed
+        for i in range(1, len(path)):
+            step = path[i] - path[i - 1]
+            length = math.hypot(step[0], step[1])
+            if length < 1e-9:  # noqa: PLR2004
+                continue
+            facing = math.atan2(step[1], step[0]) + (math.pi if in_reverse else 0.0)
+            time += turn(heading, facing) / self._limits.yaw_rate
+            heading = facing
+            for s in np.arange(0.0, length, 0.05):
+                if in_reach(path[i - 1, 0] + s / length * step[0], path[i - 1, 1] + s / length * step[1],
+                            facing, 0.0, 0.0, job):  # fmt: skip
+                    return time + s / speed
+            time += length / speed
+        return time
+
+    def _idle(self, problem: BaseProblem, field: Field, reason: str) -> BasePlan:
+        return self._stop(problem, field, "idle", reason, None, 0)
+
+    def _brake(
+        self, problem: BaseProblem, field: Field, reason: str, goal: LocalGoal, expansions: int
+    ) -> BasePlan:
+        return self._stop(problem, field, "braking", reason, goal, expansions)
+
+    def _stop(
+        self, problem: BaseProblem, field: Field, status: str, reason: str, goal: LocalGoal | None, expansions: int
+    ) -> BasePlan:
+        """Brake to rest; when the straight way to rest comes too near to something, steer to where it does not."""
+        pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
+        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
+        acceleration = np.clip(-twist / problem.period, -most, most)
+        if status == "braking" and abs(twist[0]) > STILL_V:
+            acceleration[1], _ = staa.best_braking(
+                pose, twist, self._limits.yaw_rate, most[0], most[1], self._p.notches, field, self._body
+            )
+            if abs(twist[1]) < most[1] * problem.period and acceleration[1] * twist[1] < 0.0:
+                acceleration[1] = -twist[1] / problem.period
+        here = np.array([[*pose, *twist]])
+        return BasePlan(
+            acceleration=frozen(acceleration),
+            status=status,
+            reason=reason,
+            global_path=frozen(empty_path() if goal is None else goal.global_path),
+            next_path=empty_path(),
+            intermediate_goal=frozen(pose if goal is None else goal.pose),
+            local_poses=frozen(here),
+            local_times=frozen(np.zeros(1)),
+            bezier=empty_path(),
+            expansions=expansions,
+            cut_by_clock=False,
+            t_h=0.0 if status == "idle" else math.inf,
+            k=self._k(0.0 if status == "idle" else math.inf),
+            time_to_range=math.inf,
+        )
+
+
+def proximity_scale(t_h: float, k_min: float = 0.1, k_time: float = 3.0) -> float:
+    """k = max(0.1, min(t_h / 3, 1)): scale of the proximity penalty t_h [s] before the goal (Paper, Sec. III-D)."""
+    return max(k_min, min(t_h / k_time, 1.0))
+
+
+def _branch(memory: staa.Memory, node: int) -> list[int]:
+    branch = [node]
+    while memory.parent[branch[-1]] >= 0:
+        branch.append(int(memory.parent[branch[-1]]))
+    return branch[::-1]
+
+
+def _leave(path: Array, radius: float) -> tuple[int, Array] | None:
+    """Where a path (m, 2) first leaves the disc of `radius` [m] about its start: segment and point."""
+    start = path[0]
+    for i in range(len(path) - 1):
+        if math.hypot(*(path[i + 1] - start)) <= radius:
+            continue
+        a, d = path[i] - start, path[i + 1] - path[i]
+        dd, ad, aa = float(d @ d), float(a @ d), float(a @ a)
+        t = (-ad + math.sqrt(max(0.0, ad * ad - dd * (aa - radius * radius)))) / dd
+        return i, path[i] + min(1.0, max(0.0, t)) * d
+    return None

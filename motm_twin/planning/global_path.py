@@ -1,0 +1,95 @@
+"""Global paths: visibility graphs kept while the polygons stay, and cost-to-go from and to goal poses.
+
+PathRTR is the same for a path and for its reverse with all headings turned by pi. One table with the robot as its goal
+therefore gives the cost from the robot to every candidate ("forward"), and one table with the target as its goal the
+cost from every search node ("backward"), with the same code.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.profile import BaseLimits
+from motm_twin.planning.cost_to_go import FAR, Rates, Sights, Table, costs_from, make_table, sights_of, trace
+from motm_twin.planning.visibility import Graph, build_graph
+
+
+class GraphCache:
+    """Builds the visibility graph and remembers the newest: a pure function of its arguments, so it is no state."""
+
+    def __init__(self) -> None:
+        self._key: tuple[bytes, float] | None = None
+        self._graph: Graph | None = None
+
+    def graph(self, polygons: tuple[Array, ...], g: float) -> Graph:
+        """The graph of polygons, each (n, 2) [m], grown by g [m]; the same object while nothing changed."""
+        key = (b"|".join(p.tobytes() for p in polygons), g)
+        if self._graph is None or key != self._key:
+            self._graph, self._key = build_graph(polygons, g), key
+        return self._graph
+
+
+def rates_of(limits: BaseLimits, *, rotation_cost: bool = True) -> Rates:
+    """Seconds per metre and radian at the speed limits; without rotation cost turning is free (STAA*)."""
+    turn_rate = 1.0 / limits.yaw_rate if rotation_cost else 0.0
+    return Rates(1.0 / limits.forward_speed, 1.0 / limits.reverse_speed, turn_rate)
+
+
+class Poses(NamedTuple):
+    """Poses (m, 3) that share places, and what is seen from the places."""
+
+    pose: Array
+    place_of: NDArray[np.int32]
+    sights: Sights
+
+
+def poses_at(graph: Graph, poses: Array, places: Array, place_of: NDArray[np.int32]) -> Poses:
+    """Poses (m, 3) at places (p, 2), with the graph vertices that each place sees."""
+    return Poses(np.ascontiguousarray(poses), place_of, sights_of(np.ascontiguousarray(places), graph))
+
+
+def goal_table(graph: Graph, poses: Array, rates: Rates, offsets: Array | None = None) -> Table:
+    """Costs to the cheapest of goal poses (m, 3), a heading of nan is free; offsets (m,) [s] are added at the goals.
+
+    Poses with equal positions must follow each other.
+    """
+    poses = np.ascontiguousarray(np.atleast_2d(poses), dtype=np.float64)
+    offset = np.zeros(len(poses)) if offsets is None else np.ascontiguousarray(offsets, dtype=np.float64)
+    first = np.ones(len(poses), dtype=bool)
+    first[1:] = (poses[1:, :2] != poses[:-1, :2]).any(axis=1)
+    start = np.append(np.flatnonzero(first), len(poses)).astype(np.int32)
+    return make_table(graph, np.ascontiguousarray(poses[first, :2]), start, poses[:, 2].copy(), offset, rates)
+
+
+def robot_table(graph: Graph, pose: Array, rates: Rates) -> Table:
+    """The table that gives costs from the robot at `pose` (3,) when it is asked with reversed candidates."""
+    return goal_table(graph, np.array([[pose[0], pose[1], pose[2] + math.pi]]), rates)
+
+
+def costs_to(graph: Graph, table: Table, poses: Poses) -> Array:
+    """Cost [s] from the robot of `robot_table` to each pose, shape (m,); inf: no path."""
+    turned = poses.pose + np.array([0.0, 0.0, math.pi])
+    return costs_from(turned, poses.place_of, poses.sights, graph, table)
+
+
+def costs_on(graph: Graph, table: Table, poses: Poses) -> Array:
+    """Cost [s] from each pose to the cheapest goal of `table`, shape (m,); inf: no path."""
+    return costs_from(poses.pose, poses.place_of, poses.sights, graph, table)
+
+
+def path_to_goal(graph: Graph, table: Table, pose: Array) -> tuple[Array, bool]:
+    """Cheapest path (m, 2) [m] from a pose (3,) to a goal of the table, and whether it is driven in reverse."""
+    path, in_reverse, site = trace(float(pose[0]), float(pose[1]), float(pose[2]), graph, table)
+    return (path if site >= 0 else path[:1]), in_reverse
+
+
+def shortest_path(graph: Graph, start: Array, goal: Array, limits: BaseLimits) -> Array:
+    """The path of unmodified STAA*: shortest, with no regard to headings and turning; shape (m, 2) [m]."""
+    rates = rates_of(limits, rotation_cost=False)
+    table = goal_table(graph, np.array([[goal[0], goal[1], math.nan]]), rates)
+    return path_to_goal(graph, table, np.asarray(start, dtype=np.float64))[0]
+
+

@@ -1,0 +1,127 @@
+"""Every number of base placement and base control, once: symbol, unit, and where it comes from.
+
+"Paper" is the reactive-base-control paper, "STAA*" the local planner that it modifies, "own" a choice of this project.
+"""
+
+import dataclasses
+import math
+
+DEG = math.pi / 180.0
+TERMINATIONS = ("task", "pass", "reach_goal")
+PENALTIES = ("clearance", "grid")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlacementParameters:
+    """Base placement (Paper, Sec. IV)."""
+
+    positions: int = 36  # Paper, Sec. IV: 10 deg increments, two tangential headings each
+    radius_min: float = 0.60  # [m] Paper, Sec. IV
+    radius_max: float = 0.80  # [m] Paper, Sec. IV
+    radius_step: float = 0.05  # [m] own: 0.02 finds the same candidates in the shipped scenes
+    next_weight: float = 1.05  # Paper, Sec. IV: weight of C_iN
+    clearance: float = 0.06  # [m] own: a candidate must keep 1 cm more than the search margin, or it cannot be driven to
+    hysteresis: float = 0.3  # [s] own: cuts changes of mind from 22 to 5 per trial at no cost in time
+    reach_step: float = 0.05  # [m] own: rings searched when no tangential candidate is viable
+    reach_headings: int = 16  # own: headings per position of such a ring
+    reach_slack: float = 0.04  # [m] own: those poses must be this far inside the arm's reach
+    drive_headings: int = 16  # own: arrival headings tried for a drive target that leaves its heading free
+    next_goals: int = 6  # own: best poses of the next target that the local search knows
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius_min <= self.radius_max:
+            raise ValueError(f"ring radii {self.radius_min} .. {self.radius_max} m: need 0 < min <= max")
+        if self.positions < 1 or self.radius_step <= 0.0 or self.reach_step <= 0.0:
+            raise ValueError("placement needs at least one position and positive radius steps")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StaaParameters:
+    """Base controller: STAA* with the paper's modifications, each of which can be switched off."""
+
+    node_duration: float = 0.3  # [s] STAA*: Dt between nodes
+    notches: int = 7  # STAA*: 7 x 7 accelerations
+    cell: float = 0.05  # [m] STAA*: closed list
+    heading_bins: int = 31  # STAA*: closed list
+    speed_bins: int = 4  # own: without speed in the closed list a standing robot never starts
+    yaw_rate_bins: int = 4  # own: the same
+    epsilon: float = 1.0  # STAA*: weight of the heuristic
+    growth: float = 0.33  # [m] own g: half the width and 8 cm
+    margin: float = 0.05  # [m] own: clearance that every node keeps
+    brake_depth: int = 2  # own: nodes up to this depth must be able to stop without a collision
+    local_radius: float = 3.5  # [m] STAA*: local region (an 8 m box there), here a disc
+    grid_weight: float = 0.3  # [s] own: 1 s over 0.25 m (STAA*) costs 6 s per trial beside a table
+    grid_range: float = 0.12  # [m] own: clearance below which the penalty grows from 0 to 1
+    penalty: str = "clearance"  # "clearance": of the footprint; "grid": STAA*, the map's proximity at the hull corners
+    k_min: float = 0.1  # Paper, Sec. III-D
+    k_time: float = 3.0  # [s] Paper, Sec. III-D: k = max(0.1, min(t_h / 3, 1))
+    bezier_offset: float = 0.25  # Paper, Sec. III-E: control points at 25 % of the distance
+    pass_distance: float = 0.15  # [m] own: "sufficiently close" (Paper, Sec. III-C, gives no number)
+    pass_heading: float = 20.0 * DEG  # [rad] own: the same
+    termination: str = "task"  # "task": predicted completion of the job; "pass": Paper, Sec. III-C; "reach_goal": STAA*
+    goal_orientation: bool = True  # Paper, Sec. III-A
+    rotation_cost: bool = True  # Paper, Sec. III-B
+    bezier: bool = True  # Paper, Sec. III-E
+    scale_penalty: bool = True  # Paper, Sec. III-D
+    drive_on: bool = True  # own: a node from which the job gets done is judged by its way to the next target
+
+    def __post_init__(self) -> None:
+        if self.termination not in TERMINATIONS:
+            raise ValueError(f"termination {self.termination!r}: use one of {TERMINATIONS}")
+        if self.penalty not in PENALTIES:
+            raise ValueError(f"penalty {self.penalty!r}: use one of {PENALTIES}")
+        if self.notches < 3 or self.notches % 2 == 0:
+            raise ValueError(f"notches {self.notches}: need an odd number of at least 3, so that 0 is one of them")
+        if self.node_duration <= 0.0 or self.cell <= 0.0 or self.growth <= 0.0 or self.local_radius <= 0.0:
+            raise ValueError("node_duration, cell, growth and local_radius must be positive")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReachParameters:
+    """When an object is in reach of the arm, and how long a job takes (own, from measured pass-bys of the arm)."""
+
+    r_min: float = 0.35  # [m] arm mount to object, horizontally
+    r_max_pick: float = 0.75  # [m]
+    r_max_place: float = 0.75  # [m]
+    relative_speed: float = 1.0  # [m/s] fastest motion of the object in the base frame that the arm follows
+    dwell_pick: float = 1.3  # [s] uninterrupted time in reach of a pick: 0.5 s approach and 0.8 s closing
+    dwell_place: float = 0.7  # [s] the same of a drop: 0.5 s approach and 0.2 s opening
+    engaged_slack: float = 0.02  # [m] added to r_max while the arm is at the object
+
+    def r_max(self, kind: str) -> float:
+        """Largest distance [m] from arm mount to target for a "pick" or "place"."""
+        return self.r_max_pick if kind == "pick" else self.r_max_place
+
+    def dwell(self, kind: str) -> float:
+        """Uninterrupted time in reach [s] of a whole "pick" or "place"."""
+        return self.dwell_pick if kind == "pick" else self.dwell_place
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlanningParameters:
+    """All parameters of base placement and base control."""
+
+    placement: PlacementParameters = PlacementParameters()
+    staa: StaaParameters = StaaParameters()
+    reach: ReachParameters = ReachParameters()
+
+
+def paper_literal() -> PlanningParameters:
+    """The paper's words and nothing else: finishes when a path passes the candidate, STAA*'s grid weight."""
+    return PlanningParameters(staa=StaaParameters(termination="pass", drive_on=False, grid_weight=1.0, penalty="grid"))
+
+
+def unmodified_staa() -> PlanningParameters:
+    """STAA* without any of the paper's modifications."""
+    return PlanningParameters(
+        staa=StaaParameters(
+            termination="reach_goal",
+            goal_orientation=False,
+            rotation_cost=False,
+            bezier=False,
+            scale_penalty=False,
+            drive_on=False,
+            grid_weight=1.0,
+            penalty="grid",
+        )
+    )

@@ -1,0 +1,339 @@
+"""Base placement that knows the next target (Paper, Sec. IV)."""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import Stateful
+from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.collision import Body, Field, body_of, clearances, distance_at, field_of
+from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.global_path import (
+    GraphCache,
+    costs_on,
+    costs_to,
+    goal_table,
+    poses_at,
+    rates_of,
+    robot_table,
+)
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.reach import ReachModel
+from motm_twin.planning.types import BaseProblem, Placement, Target
+from motm_twin.planning.visibility import Graph
+
+SAME_PLACE, SAME_HEADING = 0.06, 0.15  # [m], [rad] a candidate this near to the last choice is the same choice
+CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position
+
+
+@dataclasses.dataclass(kw_only=True)
+class PlacementState:
+    """What is remembered between periods: the last choice, for hysteresis."""
+
+    target: tuple[str, str] | None = None
+    goal: Array | None = None
+
+
+class Candidates(NamedTuple):
+    """Poses (m, 3) at places (p, 2) and why each is rejected ("" when it is not)."""
+
+    mode: str
+    radius: float
+    pose: Array
+    place: Array
+    place_of: Array
+    rejected: list[str]
+
+    def viable(self) -> Array:
+        """Which are not rejected, shape (m,) of bool."""
+        return np.array([not why for why in self.rejected], dtype=bool)
+
+
+class Here(NamedTuple):
+    """One period's map, ready for tests."""
+
+    world: WorldMap
+    field: Field
+    body: Body
+    graph: Graph
+
+
+def ring(centre: Array, radius: float, positions: int) -> tuple[Array, Array, Array]:
+    """Candidates on a circle: poses (2 n, 3), places (n, 2), place of each pose. Headings are tangential.
+
+    Even entries drive round the target counter-clockwise, odd ones clockwise (Paper, Sec. IV).
+    """
+    angle = np.arange(positions) * (2.0 * math.pi / positions)
+    place = np.asarray(centre)[:2] + radius * np.column_stack((np.cos(angle), np.sin(angle)))
+    place_of = np.repeat(np.arange(positions, dtype=np.int32), 2)
+    heading = np.repeat(angle, 2) + np.tile((0.5 * math.pi, -0.5 * math.pi), positions)
+    heading = np.arctan2(np.sin(heading), np.cos(heading))
+    return np.column_stack((place[place_of], heading)), place, place_of
+
+
+def spokes(centre: Array, radius: float, positions: int, headings: int) -> tuple[Array, Array, Array]:
+    """All headings at every position of a circle: poses (n h, 3), places (n, 2), place of each pose."""
+    angle = np.arange(positions) * (2.0 * math.pi / positions)
+    place = np.asarray(centre)[:2] + radius * np.column_stack((np.cos(angle), np.sin(angle)))
+    place_of = np.repeat(np.arange(positions, dtype=np.int32), headings)
+    away = np.tile(np.arange(headings) * (2.0 * math.pi / headings), positions)
+    heading = np.repeat(angle, headings) + math.pi + away
+    heading = np.arctan2(np.sin(heading), np.cos(heading))
+    return np.column_stack((place[place_of], heading)), place, place_of
+
+
+class NextTargetPlacement(Stateful[PlacementState]):
+    """C_i = C_iC + 1.05 C_iN over 36 x 2 candidates on the smallest ring, 0.6 to 0.8 m, that has a viable one."""
+
+    def __init__(
+        self, profile: RobotProfile, parameters: PlanningParameters, graphs: GraphCache | None = None
+    ) -> None:
+        self._body = body_of(profile.footprint)
+        self._mount_offset = math.hypot(profile.arm.mount_x, profile.arm.mount_y)
+        self._parameters = parameters
+        self._reach = ReachModel(profile, parameters.reach)
+        self._graphs = graphs or GraphCache()
+        self._rates = rates_of(profile.base)
+        self._state = PlacementState()
+
+    def place(self, problem: BaseProblem) -> Placement:
+        """Where the base should stand for the target, with the costs of all candidates."""
+        if problem.target is None:
+            self._state = PlacementState()
+            return _nothing_to_do(problem.pose)
+        target = problem.target
+        graph = self._graphs.graph(problem.world.polygons, self._parameters.staa.growth)
+        here = Here(problem.world, field_of(problem.world), self._body, graph)
+        from_robot = robot_table(graph, problem.pose, self._rates)
+        next_poses = self._next_poses(problem.next_target, here)
+        to_next = goal_table(graph, next_poses, self._rates) if next_poses is not None else None
+        candidates, current, onward = self._evaluate(target, here, from_robot, to_next)
+        cost = current + self._parameters.placement.next_weight * onward
+        preferred = cost - self._parameters.placement.hysteresis * self._chosen_before(target, candidates.pose)
+        chosen = int(np.argmin(preferred)) if np.isfinite(preferred).any() else -1
+        goal = candidates.pose[chosen] if chosen >= 0 else problem.pose
+        self._state = PlacementState(target=(target.kind, target.name), goal=np.array(goal))
+        next_goals = self._best_next(goal, next_poses, graph) if next_poses is not None else None
+        return Placement(
+            mode=candidates.mode,
+            radius=candidates.radius,
+            poses=frozen(candidates.pose),
+            cost_current=frozen(current),
+            cost_next=frozen(onward),
+            cost=frozen(cost),
+            rejected=tuple(candidates.rejected),
+            chosen=chosen,
+            goal=frozen(goal),
+            goal_has_heading=candidates.mode in ("ring", "reach") or (
+                candidates.mode == "drive" and target.heading is not None
+            ),
+            reason=_why(candidates, chosen, current, onward, target),
+            next_goal=None if next_goals is None else frozen(next_goals[0]),
+            next_goals=None if next_goals is None else frozen(next_goals),
+        )  # fmt: skip
+
+    def _evaluate(
+        self, target: Target, here: Here, from_robot: Table, to_next: Table | None
+    ) -> tuple[Candidates, Array, Array]:
+        """The first set of candidates of which one is free, in reach and has a path: with C_iC and C_iN."""
+        tried: Candidates | None = None
+        for candidates in self._sets(target, here):
+            if tried is not None and tried.mode == "ring" and candidates.mode == "reach":
+                candidates = _joined(tried, candidates)
+            current, onward = self._costs(candidates, here.graph, from_robot, to_next)
+            if np.isfinite(current).any():
+                return candidates, current, onward
+            tried = candidates
+        assert tried is not None
+        return tried, np.full(len(tried.pose), np.inf), np.full(len(tried.pose), np.inf)
+
+    def _sets(self, target: Target, here: Here):  # noqa: ANN202
+        """Candidate sets in the order in which they are wanted."""
+        if target.kind == "drive":
+            yield self._drive(target, here)
+        else:
+            yield from self._rings(target, here)
+            yield from self._reach_sets(target, here)
+        yield from self._closest_sets(target, here)
+
+    def _rings(self, target: Target, here: Here):  # noqa: ANN202
+        p = self._parameters.placement
+        steps = max(1, round((p.radius_max - p.radius_min) / p.radius_step))
+        for radius in np.linspace(p.radius_min, p.radius_max, steps + 1):
+            pose, place, place_of = ring(target.position, radius, p.positions)
+            reached = self._reach.reached_from(pose, target)
+            rejected = self._rejections(pose, here)
+            rejected = [why or ("" if ok else "arm cannot reach") for why, ok in zip(rejected, reached, strict=True)]
+            candidates = Candidates("ring", float(radius), pose, place, place_of, rejected)
+            if candidates.viable().any() or radius == p.radius_max:
+                yield candidates
+
+    def _reach_sets(self, target: Target, here: Here):  # noqa: ANN202
+        """Free poses of any heading from which the arm reaches, the closest rings first, two at a time."""
+        p = self._parameters.placement
+        largest = self._parameters.reach.r_max(target.kind) + self._mount_offset
+        previous: Candidates | None = None
+        for radius in np.arange(self._body.inner, largest, p.reach_step):
+            pose, place, place_of = spokes(target.position, radius, p.positions, p.reach_headings)
+            reached = self._reach.reached_from(pose, target, slack=p.reach_slack)
+            keep = reached.copy()
+            keep[reached] = clearances(pose[reached], p.clearance, here.field, here.body) >= p.clearance
+            if not keep.any():
+                continue
+            found = Candidates("reach", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
+            if previous is not None:
+                yield _joined(previous, found)
+            previous = found
+        if previous is not None:
+            yield previous
+
+    def _closest_sets(self, target: Target, here: Here):  # noqa: ANN202
+        p = self._parameters.placement
+        for radius in np.arange(0.0, CLOSEST_MAX, CLOSEST_STEP):
+            pose, place, place_of = spokes(target.position, radius, p.positions, 4)
+            keep = clearances(pose, p.clearance, here.field, here.body) >= p.clearance
+            if keep.any():
+                yield Candidates("closest", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
+
+    def _drive(self, target: Target, here: Here) -> Candidates:
+        count = self._parameters.placement.drive_headings if target.heading is None else 1
+        pose = np.empty((count, 3))
+        pose[:, :2] = target.position[:2]
+        pose[:, 2] = 0.0 if target.heading is None else target.heading
+        pose[:, 2] += np.arange(count) * (2.0 * math.pi / count)
+        pose[:, 2] = np.arctan2(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
+        return Candidates("drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), self._rejections(pose, here))
+
+    def _rejections(self, pose: Array, here: Here) -> list[str]:
+        """Why the footprint does not fit at each pose; "" where it does."""
+        wanted = self._parameters.placement.clearance
+        free = clearances(pose, wanted, here.field, here.body)
+        seen = _near_seen(pose, here)
+        why = []
+        for i in range(len(pose)):
+            if free[i] >= wanted:
+                why.append("")
+            elif distance_at(pose[i, 0], pose[i, 1], here.field) < 0.0:
+                why.append("outside the map")
+            else:
+                why.append("collision with a seen obstacle" if seen[i] else "collision with mapped furniture")
+        return why
+
+    def _costs(
+        self, candidates: Candidates, graph: Graph, from_robot: Table, to_next: Table | None
+    ) -> tuple[Array, Array]:
+        """C_iC and C_iN [s]; inf for rejected candidates. A candidate without a path is rejected here."""
+        n = len(candidates.pose)
+        current, onward = np.full(n, np.inf), np.full(n, np.inf)
+        viable = candidates.viable()
+        if not viable.any():
+            return current, onward
+        used, place_of = np.unique(candidates.place_of[viable], return_inverse=True)
+        poses = poses_at(graph, candidates.pose[viable], candidates.place[used], place_of.astype(np.int32))
+        current[viable] = costs_to(graph, from_robot, poses)
+        onward[viable] = costs_on(graph, to_next, poses) if to_next is not None else 0.0
+        blocked = viable & ~np.isfinite(current)
+        for i in np.flatnonzero(blocked):
+            candidates.rejected[i] = "no path"
+        onward[~np.isfinite(onward) & viable & ~blocked] = _no_way_on(onward)
+        onward[blocked] = np.inf
+        return current, onward
+
+    def _next_poses(self, target: Target | None, here: Here) -> Array | None:
+        """Where the next target can be served from, shape (m, 3)."""
+        if target is None:
+            return None
+        for candidates in self._sets(target, here):
+            viable = candidates.viable()
+            if viable.any():
+                poses = candidates.pose[viable]
+                if target.kind == "drive" and target.heading is None:
+                    poses = np.array([[*poses[0, :2], math.nan]])
+                if len(poses) > 2 * self._parameters.placement.positions:
+                    poses = poses[:: 1 + len(poses) // (2 * self._parameters.placement.positions)]
+                return poses[np.lexsort((poses[:, 1], poses[:, 0]))]
+        return np.array([[target.position[0], target.position[1], math.nan]])
+
+    def _best_next(self, goal: Array, next_poses: Array, graph: Graph) -> Array:
+        """The poses of the next target that are cheapest from the goal, cheapest first, shape (k, 3)."""
+        reverse = robot_table(graph, goal, self._rates)
+        asked = np.where(np.isnan(next_poses), 0.0, next_poses)
+        place, place_of = np.unique(asked[:, :2], axis=0, return_inverse=True)
+        cost = costs_to(graph, reverse, poses_at(graph, asked, place, place_of.reshape(-1).astype(np.int32)))
+        order = np.argsort(cost, kind="stable")[: self._parameters.placement.next_goals]
+        return next_poses[order]
+
+    def _chosen_before(self, target: Target, pose: Array) -> Array:
+        """1 for the candidate that was chosen in the last period, else 0; shape (m,)."""
+        same = np.zeros(len(pose))
+        goal = self._state.goal
+        if goal is None or self._state.target != (target.kind, target.name):
+            return same
+        distance = np.hypot(pose[:, 0] - goal[0], pose[:, 1] - goal[1])
+        swing = np.abs(np.angle(np.exp(1j * (pose[:, 2] - goal[2]))))
+        nearest = int(np.argmin(distance + swing))
+        if distance[nearest] <= SAME_PLACE and swing[nearest] <= SAME_HEADING:
+            same[nearest] = 1.0
+        return same
+
+
+def _no_way_on(onward: Array) -> float:
+    finite = onward[np.isfinite(onward)]
+    return float(finite.max()) if len(finite) else 0.0
+
+
+def _joined(first: Candidates, second: Candidates) -> Candidates:
+    """Two sets as one; mode and radius of the second, or of the first when both have the same mode."""
+    lead = first if first.mode == second.mode else second
+    return Candidates(
+        lead.mode,
+        lead.radius,
+        np.concatenate((first.pose, second.pose)),
+        np.concatenate((first.place, second.place)),
+        np.concatenate((first.place_of, second.place_of + len(first.place))).astype(np.int32),
+        first.rejected + second.rejected,
+    )
+
+
+def _near_seen(pose: Array, here: Here) -> Array:
+    """Whether an obstacle seen outside the map is at the footprint of each pose, shape (m,) of bool."""
+    points = here.world.seen_points
+    result = np.zeros(len(pose), dtype=bool)
+    if not len(points):
+        return result
+    reach = here.body.outer + 0.1
+    low, high = pose[:, :2].min(axis=0) - reach, pose[:, :2].max(axis=0) + reach
+    near = points[((points >= low) & (points <= high)).all(axis=1)]
+    if not len(near):
+        return result
+    difference = near[None, :, :] - pose[:, None, :2]
+    c, s = np.cos(pose[:, 2])[:, None], np.sin(pose[:, 2])[:, None]
+    x = c * difference[..., 0] + s * difference[..., 1] - here.body.centre_x
+    y = -s * difference[..., 0] + c * difference[..., 1]
+    half = here.body.corner.max(axis=0) - (here.body.centre_x, 0.0) + 0.1
+    return ((np.abs(x) <= half[0]) & (np.abs(y) <= half[1])).any(axis=1)
+
+
+def _nothing_to_do(pose: Array) -> Placement:
+    none = frozen(np.zeros(0))
+    return Placement(
+        mode="none", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none, cost=none,
+        rejected=(), chosen=-1, goal=frozen(pose), goal_has_heading=False, reason="there is no target", next_goal=None,
+    )  # fmt: skip
+
+
+def _why(candidates: Candidates, chosen: int, current: Array, onward: Array, target: Target) -> str:
+    if chosen < 0:
+        return f"no pose for {target.name} can be reached"
+    cost = f"{current[chosen]:.1f} s to it and {onward[chosen]:.1f} s from it to the next target"
+    if candidates.mode == "ring":
+        return f"cheapest candidate at {candidates.radius:.2f} m: {cost}"
+    if candidates.mode == "reach":
+        return f"no tangential candidate is viable; closest free pose from which the arm reaches: {cost}"
+    if candidates.mode == "closest":
+        return f"{target.name} cannot be served from any free pose; closest free position"
+    return f"drive target: {cost}"

@@ -1,0 +1,91 @@
+"""When a target is in reach of the arm, and when its job is done, as seen by the base."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.profile import RobotProfile
+from motm_twin.planning.parameters import ReachParameters, StaaParameters
+from motm_twin.planning.types import Target
+
+MANIPULATE, DRIVE = 1, 2
+ARRIVED = 1e-6  # [s] dwell of a drive target: being there is enough
+
+
+class Job(NamedTuple):
+    """A target as the search kernels read it."""
+
+    kind: int  # MANIPULATE or DRIVE
+    x: float  # [m]
+    y: float
+    mount_x: float  # arm mount in the base frame [m]
+    mount_y: float
+    r_min: float  # [m] mount to object
+    r_max: float
+    speed: float  # [m/s] limit of the object's motion in the base frame
+    dwell: float  # [s] a whole job, started anew whenever reach is lost
+    heading: float  # [rad] drive only, nan: free
+    heading_tolerance: float  # [rad]
+
+
+@njit(cache=True)
+def in_reach(x: float, y: float, heading: float, v: float, w: float, job: Job) -> bool:
+    """Whether the job's target is in reach from a base pose [m, rad] moving at v [m/s] and w [rad/s]."""
+    dx, dy = job.x - x, job.y - y
+    if job.kind == DRIVE:
+        if math.hypot(dx, dy) > job.r_max:
+            return False
+        if math.isnan(job.heading):
+            return True
+        error = abs(heading - job.heading) % (2.0 * math.pi)
+        return min(error, 2.0 * math.pi - error) <= job.heading_tolerance
+    c, s = math.cos(heading), math.sin(heading)
+    px, py = c * dx + s * dy, -s * dx + c * dy
+    distance = math.hypot(px - job.mount_x, py - job.mount_y)
+    if distance < job.r_min or distance > job.r_max:
+        return False
+    return math.hypot(v - w * py, w * px) <= job.speed
+
+
+class ReachModel:
+    """Reach of the arm of one robot: horizontal distance from mount to object, and speed of the object."""
+
+    def __init__(self, profile: RobotProfile, parameters: ReachParameters) -> None:
+        self._arm = profile.arm
+        self.parameters = parameters
+
+    def job(self, target: Target, staa: StaaParameters, *, engaged: bool = False, slack: float = 0.0) -> Job:
+        """The target for the kernels; `slack` [m] narrows the reach, an engaged arm reaches a little further."""
+        p = self.parameters
+        if target.kind == "drive":
+            heading = math.nan if target.heading is None else float(target.heading)
+            return Job(
+                DRIVE, float(target.position[0]), float(target.position[1]), 0.0, 0.0, 0.0, float(target.tolerance),
+                math.inf, ARRIVED, heading, staa.pass_heading,
+            )  # fmt: skip
+        r_max = p.r_max(target.kind) + (p.engaged_slack if engaged else 0.0)
+        return Job(
+            MANIPULATE, float(target.position[0]), float(target.position[1]), self._arm.mount_x, self._arm.mount_y,
+            p.r_min + slack, r_max - slack, p.relative_speed, p.dwell(target.kind), math.nan, 0.0,
+        )  # fmt: skip
+
+    def contains(self, pose: Array, twist: Array, target: Target, staa: StaaParameters | None = None) -> bool:
+        """Whether the target is in reach from a base pose (3,) moving with twist (2,)."""
+        job = self.job(target, staa or StaaParameters())
+        return bool(in_reach(*(float(value) for value in (*pose, *twist)), job))
+
+    def reached_from(self, poses: Array, target: Target, *, slack: float = 0.0) -> Array:
+        """Which poses (m, 3) have the target in reach of a standing robot, shape (m,) of bool."""
+        p = self.parameters
+        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        mount_x = poses[:, 0] + c * self._arm.mount_x - s * self._arm.mount_y
+        mount_y = poses[:, 1] + s * self._arm.mount_x + c * self._arm.mount_y
+        distance = np.hypot(target.position[0] - mount_x, target.position[1] - mount_y)
+        return (distance >= p.r_min + slack) & (distance <= p.r_max(target.kind) - slack)
+
+    def passes(self, radius: float, target: Target) -> bool:
+        """Whether a base driving along a tangent of a circle of `radius` [m] gets the target into reach at all."""
+        return radius <= self.parameters.r_max(target.kind)

@@ -1,0 +1,455 @@
+"""STAA*: time-bounded A* over accelerations, returning the node nearest to the goal when it is cut short.
+
+Differences from STAA* (each can be switched off): goal heading, Bezier heuristic, proximity penalty scaled by k, and
+the end of the search: when the path passes the goal, or when the job at the target is predicted to be done. The latter
+carries the time that the job still needs in every node; what follows the job counts with the weight of C_iN.
+All state is in `Memory`, so that a search can be interrupted after any number of expansions and continued.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+from motm_twin.planning.bezier import bezier_curve, curve_time
+from motm_twin.planning.borrow import borrowed, borrowed_body, borrowed_field, borrowed_graph, borrowed_table
+from motm_twin.planning.collision import Body, Field, clearance, distance_at, stopping_clearance
+from motm_twin.planning.cost_to_go import FAR, Table, cost_from
+from motm_twin.planning.heap import heap_pop, heap_push
+from motm_twin.planning.reach import MANIPULATE, Job, in_reach
+from motm_twin.planning.visibility import Graph, push_out, visible_vertices
+
+IntArray = NDArray[np.int32]
+RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
+NODES, QUEUE, EXPANSIONS, BEST, SOLUTION, POOL = 0, 1, 2, 3, 4, 5  # of Memory.count
+NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
+BEZIER_SAMPLES = 8
+
+
+class Settings(NamedTuple):
+    """Numbers of one search; see `StaaParameters`, `BaseLimits` and the problem for their meaning."""
+
+    v_f: float
+    v_r: float
+    w_max: float
+    a_max: float
+    b_max: float
+    node_duration: float
+    notches: int
+    cell: float
+    heading_bins: int
+    speed_bins: int
+    yaw_rate_bins: int
+    epsilon: float
+    margin: float
+    brake_depth: int
+    grid_weight: float
+    grid_range: float
+    grid_map: bool
+    k_min: float
+    k_time: float
+    scale_penalty: bool
+    bezier: bool
+    bezier_offset: float
+    goal_test: int
+    pass_distance: float
+    pass_heading: float
+    goal_x: float
+    goal_y: float
+    goal_heading: float  # nan: free
+    after_goal: float  # [s] of the table's cost that comes after the goal (not part of t_h)
+    by_job: bool  # end when the job is done
+    drive_on: bool
+    next_weight: float
+    has_next: bool
+    keep_reach: bool  # the arm is at the object
+    region_x: float
+    region_y: float
+    region_radius: float
+
+
+class World(NamedTuple):
+    """What one search reads."""
+
+    field: Field
+    proximity: Field
+    body: Body
+    graph: Graph
+    table: Table  # to the local goal, with what comes after it
+    next_table: Table  # to the next target
+    job: Job
+
+
+class CellSights(NamedTuple):
+    """Seen vertices per map cell, found when first asked for: a pure function of the graph, kept while it stays."""
+
+    start: IntArray  # (cells,) into pool; -1: not known yet
+    count: IntArray
+    point: Array  # (cells, 3) point outside the grown polygons, and how far it is
+    pool: IntArray
+    shape: IntArray  # rows, columns
+    used: IntArray  # (1,)
+
+
+class Memory(NamedTuple):
+    """All nodes of a search, its queue and its closed list."""
+
+    pose: Array  # (n, 3)
+    twist: Array  # (n, 2)
+    g: Array
+    h: Array
+    left: Array  # [s] that the job still needs
+    t_goal: Array  # [s] estimated until the goal is achieved
+    parent: IntArray
+    action: IntArray
+    depth: IntArray
+    passed: NDArray[np.bool_]
+    key: Array
+    item: IntArray
+    closed: NDArray[np.int64]
+    count: NDArray[np.int64]
+    scratch: IntArray
+
+
+def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
+    """Room for a search of that many expansions."""
+    n = expansions * notches * notches + 2
+    slots = 1 << (4 * expansions + 16).bit_length()
+    ints = (np.zeros(n, np.int32) for _ in range(4))
+    return Memory(
+        np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        next(ints), next(ints), next(ints), np.zeros(n, np.bool_), np.zeros(n), next(ints),
+        np.full(slots, -1, np.int64), np.zeros(8, np.int64), np.zeros(vertices + 1, np.int32),
+    )  # fmt: skip
+
+
+def make_cell_sights(field: Field) -> CellSights:
+    """An empty store for the cells of a map."""
+    rows, columns = field.value.shape
+    n = rows * columns
+    return CellSights(
+        np.full(n, -1, np.int32), np.zeros(n, np.int32), np.zeros((n, 3)), np.zeros(16 * n, np.int32),
+        np.array([rows, columns], np.int32), np.zeros(1, np.int32),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _cell(x: float, y: float, field: Field, graph: Graph, cells: CellSights, scratch: IntArray) -> int:
+    """Index of the map cell of a point, its sights made sure of; -1 when they do not fit into the store."""
+    i = int(math.floor((x - field.x) * field.inverse_cell))
+    j = int(math.floor((y - field.y) * field.inverse_cell))
+    i, j = min(max(i, 0), cells.shape[1] - 1), min(max(j, 0), cells.shape[0] - 1)
+    c = j * cells.shape[1] + i
+    if cells.start[c] < 0:
+        px, py = field.x + (i + 0.5) / field.inverse_cell, field.y + (j + 0.5) / field.inverse_cell
+        qx, qy, pushed = push_out(px, py, graph.walls, graph.solids)
+        found = visible_vertices(qx, qy, graph, scratch)
+        if cells.used[0] + found > cells.pool.shape[0]:
+            return -1
+        first = cells.used[0]
+        cells.pool[first : first + found] = scratch[:found]
+        cells.point[c, 0], cells.point[c, 1], cells.point[c, 2] = qx, qy, pushed
+        cells.start[c], cells.count[c] = first, found
+        cells.used[0] = first + found
+    return c
+
+
+@njit(cache=True)
+def cost_at(
+    x: float, y: float, heading: float, table: Table, world: World, cells: CellSights, scratch: IntArray
+) -> float:
+    """PathRTR cost [s] from a pose to the goals of a table."""
+    c = _cell(x, y, world.field, world.graph, cells, scratch)
+    if c < 0:
+        qx, qy, pushed = push_out(x, y, world.graph.walls, world.graph.solids)
+        found = visible_vertices(qx, qy, world.graph, scratch)
+        return cost_from(x, y, heading, qx, qy, pushed, scratch, found, world.graph, table)
+    first = cells.start[c]
+    sx, sy, pushed = cells.point[c, 0], cells.point[c, 1], cells.point[c, 2]
+    if pushed == 0.0:
+        sx, sy = x, y
+    seen = cells.pool[first : first + cells.count[c]]
+    return cost_from(x, y, heading, sx, sy, pushed, seen, cells.count[c], world.graph, table)
+
+
+@njit(cache=True)
+def _bezier_cost(x: float, y: float, heading: float, limit: float, s: Settings, world: World) -> float:
+    """Time [s] of the Bezier curve to the goal when it is free and below `limit`, else FAR."""
+    straight = math.hypot(s.goal_x - x, s.goal_y - y)
+    if straight / s.v_f >= limit or straight < 1e-3:
+        return FAR
+    curve = bezier_curve(x, y, heading, s.goal_x, s.goal_y, s.goal_heading, s.bezier_offset, BEZIER_SAMPLES)
+    time = curve_time(curve, heading, s.goal_heading, s.v_f, s.w_max)
+    if time >= limit:
+        return FAR
+    for i in range(1, BEZIER_SAMPLES):
+        if distance_at(curve[i, 0], curve[i, 1], world.field) < world.body.inner + s.margin:
+            return FAR
+    return time
+
+
+@njit(cache=True)
+def _judge(
+    x: float, y: float, heading: float, reached: bool, done: bool, s: Settings, world: World, cells: CellSights,
+    scratch: IntArray,
+) -> tuple[float, float]:  # fmt: skip
+    """Heuristic h and time to the goal t_h [s] of a pose."""
+    onward = FAR
+    if reached and s.drive_on:
+        onward = 0.0
+        if s.has_next:
+            onward = s.next_weight * cost_at(x, y, heading, world.next_table, world, cells, scratch)
+        if done:
+            return onward, 0.0
+    h = cost_at(x, y, heading, world.table, world, cells, scratch)
+    if s.bezier and not math.isnan(s.goal_heading):
+        after = world.table.goal_offset[0]
+        h = min(h, after + _bezier_cost(x, y, heading, h - after, s, world))
+    return min(h, onward), 0.0 if reached else max(0.0, h - s.after_goal)
+
+
+@njit(cache=True)
+def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
+    if math.hypot(x - s.goal_x, y - s.goal_y) > s.pass_distance:
+        return False
+    if math.isnan(s.goal_heading):
+        return True
+    error = abs(heading - s.goal_heading) % (2.0 * math.pi)
+    return min(error, 2.0 * math.pi - error) <= s.pass_heading
+
+
+@njit(cache=True)
+def _close(pose: Array, twist: Array, s: Settings, closed: NDArray[np.int64], add: bool) -> bool:
+    """Whether the node's cell is closed already; with `add`, it is from now on."""
+    i, j = int(math.floor(pose[0] / s.cell)) + 100_000, int(math.floor(pose[1] / s.cell)) + 100_000
+    full = 2.0 * math.pi
+    k = int((pose[2] % full) / full * s.heading_bins) % s.heading_bins
+    v = min(s.speed_bins - 1, max(0, int((twist[0] + s.v_r) / (s.v_f + s.v_r) * s.speed_bins)))
+    w = min(s.yaw_rate_bins - 1, max(0, int((twist[1] + s.w_max) / (2.0 * s.w_max) * s.yaw_rate_bins)))
+    key = (((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v) * s.yaw_rate_bins + w
+    slots = closed.shape[0]
+    at = (key * 2_654_435_761) & (slots - 1)
+    while closed[at] != -1:
+        if closed[at] == key:
+            return True
+        at = (at + 1) & (slots - 1)
+    if add:
+        closed[at] = key
+    return False
+
+
+@njit(cache=True)
+def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world: World) -> float:
+    """C: 0 .. 1, how near the footprint is to obstacles."""
+    if not s.grid_map:
+        return max(0.0, 1.0 - free / s.grid_range)
+    c, si = math.cos(heading), math.sin(heading)
+    worst = 0.0
+    for i in range(4):
+        px, py = world.body.corner[i, 0], world.body.corner[i, 1]
+        worst = max(worst, distance_at(x + c * px - si * py, y + si * px + c * py, world.proximity))
+    return worst
+
+
+@njit(cache=True)
+def _borrowed_world(world: World) -> World:
+    return World(
+        borrowed_field(world.field), borrowed_field(world.proximity), borrowed_body(world.body),
+        borrowed_graph(world.graph), borrowed_table(world.table), borrowed_table(world.next_table), world.job,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _borrowed_cells(cells: CellSights) -> CellSights:
+    return CellSights(
+        borrowed(cells.start), borrowed(cells.count), borrowed(cells.point), borrowed(cells.pool),
+        borrowed(cells.shape), borrowed(cells.used),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _borrowed_memory(m: Memory) -> Memory:
+    return Memory(
+        borrowed(m.pose), borrowed(m.twist), borrowed(m.g), borrowed(m.h), borrowed(m.left), borrowed(m.t_goal),
+        borrowed(m.parent), borrowed(m.action), borrowed(m.depth), borrowed(m.passed), borrowed(m.key),
+        borrowed(m.item), borrowed(m.closed), borrowed(m.count), borrowed(m.scratch),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def start_search(
+    pose: Array, twist: Array, left: float, s: Settings, world: World, cells: CellSights, memory: Memory
+) -> None:
+    """Put the root into the queue. left: time [s] that the job still needs."""
+    memory.closed[:] = -1
+    memory.count[:] = 0
+    memory.pose[0], memory.twist[0] = pose, twist
+    memory.g[0], memory.left[0] = 0.0, left
+    memory.parent[0], memory.action[0], memory.depth[0], memory.passed[0] = -1, -1, 0, False
+    reached = s.by_job and in_reach(pose[0], pose[1], pose[2], twist[0], twist[1], world.job)
+    memory.h[0], memory.t_goal[0] = _judge(
+        pose[0], pose[1], pose[2], reached, False, s, world, cells, memory.scratch
+    )
+    memory.count[NODES] = 1
+    memory.count[QUEUE] = heap_push(memory.key, memory.item, 0, memory.h[0], 0)
+    memory.count[BEST] = -1
+
+
+@njit(cache=True)
+def _child(
+    node: int, v_end: float, w_end: float, action: int, allowed: float, root_reached: bool, s: Settings, world: World,
+    cells: CellSights, memory: Memory,
+) -> None:  # fmt: skip
+    """Make the child that ends at the given speeds, if it is free and new, and queue it."""
+    dt = s.node_duration
+    x, y, heading = memory.pose[node]
+    v_0, w_0 = memory.twist[node]
+    v, w = 0.5 * (v_0 + v_end), 0.5 * (w_0 + w_end)
+    half = 0.5 * w * dt
+    chord = v * dt * (math.sin(half) / half if abs(half) > 1e-6 else 1.0)
+    n = memory.count[NODES]
+    pose, twist = memory.pose[n], memory.twist[n]
+    pose[0] = x + chord * math.cos(heading + half)
+    pose[1] = y + chord * math.sin(heading + half)
+    pose[2] = heading + w * dt
+    twist[0], twist[1] = v_end, w_end
+    if math.hypot(pose[0] - s.region_x, pose[1] - s.region_y) > s.region_radius:
+        return
+    if _close(pose, twist, s, memory.closed, False):
+        return
+    depth = memory.depth[node] + 1
+    enough = 0.25
+    free = clearance(pose[0], pose[1], pose[2], enough, world.field, world.body)
+    if free < allowed:
+        return
+    # Half way: the vehicle has the mean of the first half there, not the mean of the whole node.
+    v_m, w_m = 0.75 * v_0 + 0.25 * v_end, 0.75 * w_0 + 0.25 * w_end
+    middle = heading + 0.25 * w_m * dt
+    mx, my = x + 0.5 * v_m * dt * math.cos(middle), y + 0.5 * v_m * dt * math.sin(middle)
+    m_heading = heading + 0.5 * w_m * dt
+    if free < enough and clearance(mx, my, m_heading, enough, world.field, world.body) < allowed:
+        return
+    if depth <= s.brake_depth and free < enough + 0.5:
+        stop = stopping_clearance(
+            pose[0], pose[1], pose[2], v_end, w_end, s.a_max, s.b_max, allowed, world.field, world.body
+        )
+        if stop < allowed:
+            return
+    left, reached, done = memory.left[node], False, False
+    if s.by_job:
+        at_middle = in_reach(mx, my, m_heading, 0.5 * (v_0 + v_end), 0.5 * (w_0 + w_end), world.job)
+        reached = in_reach(pose[0], pose[1], pose[2], v_end, w_end, world.job)
+        if world.job.kind == MANIPULATE:
+            if s.keep_reach and root_reached and left > 0.0 and not (at_middle and (reached or left <= 0.5 * dt)):
+                return
+            left = left - 0.5 * dt if at_middle or left <= 0.0 else max(left, world.job.dwell)
+            left = left - 0.5 * dt if reached or left <= 0.0 else max(left, world.job.dwell)
+        elif at_middle or reached:
+            left = 0.0
+        done = left <= 0.0
+    h, t_goal = _judge(pose[0], pose[1], pose[2], reached or done, done, s, world, cells, memory.scratch)
+    if h >= FAR:
+        return
+    k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
+    cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
+    memory.g[n] = memory.g[node] + dt + k * s.grid_weight * cost
+    memory.h[n], memory.t_goal[n], memory.left[n] = h, t_goal, left
+    memory.parent[n], memory.action[n], memory.depth[n] = node, action, depth
+    memory.passed[n] = done
+    if s.goal_test != NO_GOAL_TEST:
+        at_end = _passes(pose[0], pose[1], pose[2], s)
+        memory.passed[n] = done or at_end or (s.goal_test == PASS_TEST and _passes(mx, my, m_heading, s))
+    memory.count[NODES] = n + 1
+    memory.count[QUEUE] = heap_push(memory.key, memory.item, memory.count[QUEUE], memory.g[n] + s.epsilon * h, n)
+
+
+@njit(cache=True)
+def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory: Memory) -> int:
+    """Continue until `limit` expansions in total; returns GOAL, ABORTED (limit reached) or DRY.
+
+    The answer is then node count[SOLUTION]; -1 when nothing but the root was popped.
+    """
+    return _run(limit, s, _borrowed_world(world), _borrowed_cells(cells), _borrowed_memory(memory))
+
+
+@njit(cache=True)
+def _run(limit: int, s: Settings, world: World, cells: CellSights, memory: Memory) -> int:
+    count = memory.count
+    root = clearance(memory.pose[0, 0], memory.pose[0, 1], memory.pose[0, 2], 1.0, world.field, world.body)
+    # A root inside the margin may leave it; its children may not be worse than it is.
+    allowed = min(s.margin, root - 0.001)
+    root_reached = s.by_job and in_reach(
+        memory.pose[0, 0], memory.pose[0, 1], memory.pose[0, 2], memory.twist[0, 0], memory.twist[0, 1], world.job
+    )
+    half = s.notches // 2
+    while True:
+        if count[EXPANSIONS] >= limit:
+            count[SOLUTION] = count[BEST]
+            return ABORTED
+        if count[QUEUE] == 0:
+            count[SOLUTION] = count[BEST]
+            return DRY
+        node = memory.item[0]
+        count[QUEUE] = heap_pop(memory.key, memory.item, count[QUEUE])
+        if node > 0:
+            if memory.passed[node]:
+                count[SOLUTION] = node
+                return GOAL
+            if count[BEST] < 0 or memory.h[node] < memory.h[count[BEST]]:
+                count[BEST] = node
+            if _close(memory.pose[node], memory.twist[node], s, memory.closed, True):
+                continue
+        count[EXPANSIONS] += 1
+        v_before = math.inf
+        for i in range(-half, half + 1):
+            a = s.a_max * i / half
+            v_end = min(s.v_f, max(-s.v_r, memory.twist[node, 0] + a * s.node_duration))
+            if v_end == v_before:
+                continue
+            v_before = v_end
+            w_before = math.inf
+            for j in range(-half, half + 1):
+                b = s.b_max * j / half
+                w_end = min(s.w_max, max(-s.w_max, memory.twist[node, 1] + b * s.node_duration))
+                if w_end == w_before:
+                    continue
+                w_before = w_end
+                action = (i + half) * s.notches + j + half
+                _child(node, v_end, w_end, action, allowed, root_reached, s, world, cells, memory)
+
+
+@njit(cache=True)
+def best_braking(
+    pose: Array, twist: Array, w_max: float, a_max: float, b_max: float, notches: int, field: Field,
+    body: Body,
+) -> tuple[float, float]:  # fmt: skip
+    """Yaw acceleration [rad/s^2] that, with full braking, keeps most clearance on the way to rest, and that [m].
+
+    Braking the rotation too is preferred unless another choice is at least 5 mm better.
+    """
+    half = notches // 2
+    stop = -math.copysign(b_max, twist[1]) if twist[1] != 0.0 else 0.0
+    best_b, best = stop, -math.inf
+    for j in range(-1, notches):
+        b = stop if j < 0 else b_max * (j - half) / half
+        x, y, heading = pose[0], pose[1], pose[2]
+        v, w = twist[0], twist[1]
+        least = math.inf
+        for _ in range(3):
+            v_end = math.copysign(max(0.0, abs(v) - a_max * 0.1), v)
+            w_end = w + b * 0.1
+            if j < 0:
+                w_end = math.copysign(max(0.0, abs(w) - b_max * 0.1), w)
+            w_end = min(w_max, max(-w_max, w_end))
+            x += 0.05 * (v + v_end) * math.cos(heading + 0.025 * (w + w_end))
+            y += 0.05 * (v + v_end) * math.sin(heading + 0.025 * (w + w_end))
+            heading += 0.05 * (w + w_end)
+            v, w = v_end, w_end
+            least = min(least, clearance(x, y, heading, 1.0, field, body))
+        least = min(least, stopping_clearance(x, y, heading, v, w, a_max, b_max, -1.0, field, body))
+        if least > best + (0.005 if j >= 0 else 0.0):
+            best_b, best = b, least
+    return best_b, best

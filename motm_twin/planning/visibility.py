@@ -1,0 +1,248 @@
+"""Visibility graph over obstacle polygons grown by g, as arrays, and the tests made on it.
+
+Rings keep the obstacle on their left. Vertices lie on the grown polygons; sight is tested against the same polygons
+shrunk by 2 mm, so that a line along an edge or through a corner is free and any other crossing is not.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+
+IntArray = NDArray[np.int32]
+SHRINK = 0.002  # [m]
+TOUCH = 1e-9  # [m^2] cross products smaller than this count as collinear
+
+
+class Rings(NamedTuple):
+    """Closed polygon rings: points (n, 2), start of each ring (r + 1), bounding boxes (r, 4)."""
+
+    point: Array
+    start: IntArray
+    box: Array
+
+
+class Graph(NamedTuple):
+    """Directed tangential edges between the convex corners of the grown polygons."""
+
+    vertex: Array  # (n, 2) [m]
+    before: Array  # (n, 2) neighbours on the same ring
+    after: Array
+    walls: Rings  # shrunk grown polygons: what blocks sight
+    solids: Rings  # polygons as they are
+    out_start: IntArray  # (n + 1,) edges leaving vertex v are out_start[v] .. out_start[v + 1] - 1
+    edge_from: IntArray  # (e,)
+    edge_to: IntArray
+    edge_length: Array  # [m]
+    edge_angle: Array  # [rad]
+    in_start: IntArray  # (n + 1,)
+    in_edge: IntArray  # (e,) edges arriving at each vertex
+
+
+@njit(cache=True)
+def segment_free(ax: float, ay: float, bx: float, by: float, walls: Rings) -> bool:
+    """Whether the open segment a-b crosses no ring."""
+    dx, dy = bx - ax, by - ay
+    x_low, x_high = min(ax, bx), max(ax, bx)
+    y_low, y_high = min(ay, by), max(ay, by)
+    for r in range(walls.box.shape[0]):
+        box = walls.box[r]
+        if box[0] > x_high or box[2] < x_low or box[1] > y_high or box[3] < y_low:
+            continue
+        first, last = walls.start[r], walls.start[r + 1]
+        cx, cy = walls.point[last - 1, 0], walls.point[last - 1, 1]
+        side_c = dx * (cy - ay) - dy * (cx - ax) > 0.0
+        for i in range(first, last):
+            ex, ey = walls.point[i, 0], walls.point[i, 1]
+            side_e = dx * (ey - ay) - dy * (ex - ax) > 0.0
+            if side_c != side_e:
+                fx, fy = ex - cx, ey - cy
+                if (fx * (ay - cy) - fy * (ax - cx) > 0.0) != (fx * (by - cy) - fy * (bx - cx) > 0.0):
+                    return False
+            cx, cy, side_c = ex, ey, side_e
+    return True
+
+
+@njit(cache=True)
+def inside(px: float, py: float, walls: Rings) -> bool:
+    """Whether a point is in the area of the rings (even-odd rule, so holes are outside)."""
+    odd = False
+    for r in range(walls.box.shape[0]):
+        box = walls.box[r]
+        if px < box[0] or px > box[2] or py < box[1] or py > box[3]:
+            continue
+        first, last = walls.start[r], walls.start[r + 1]
+        cx, cy = walls.point[last - 1, 0], walls.point[last - 1, 1]
+        for i in range(first, last):
+            ex, ey = walls.point[i, 0], walls.point[i, 1]
+            if (cy > py) != (ey > py) and px < (ex - cx) * (py - cy) / (ey - cy) + cx:
+                odd = not odd
+            cx, cy = ex, ey
+    return odd
+
+
+@njit(cache=True)
+def push_out(px: float, py: float, walls: Rings, solids: Rings) -> tuple[float, float, float]:
+    """Nearest point outside the grown polygons, and how far it is [m]: 0 for a point that is outside.
+
+    A way out that would lead through a solid is taken only when there is no other.
+    """
+    if not inside(px, py, walls):
+        return px, py, 0.0
+    qx, qy, nearest = px, py, math.inf
+    for direct in range(2):
+        for r in range(walls.box.shape[0]):
+            first, last = walls.start[r], walls.start[r + 1]
+            cx, cy = walls.point[last - 1, 0], walls.point[last - 1, 1]
+            for i in range(first, last):
+                ex, ey = walls.point[i, 0], walls.point[i, 1]
+                fx, fy = ex - cx, ey - cy
+                squared = fx * fx + fy * fy
+                t = 0.0
+                if squared > 0.0:
+                    t = min(1.0, max(0.0, ((px - cx) * fx + (py - cy) * fy) / squared))
+                nx, ny = cx + t * fx, cy + t * fy
+                cx, cy = ex, ey
+                distance = math.hypot(nx - px, ny - py)
+                if distance >= nearest or (direct == 0 and not segment_free(px, py, nx, ny, solids)):
+                    continue
+                nearest = distance
+                out = 2.0 * SHRINK
+                ux, uy = (nx - px) / max(distance, 1e-9), (ny - py) / max(distance, 1e-9)
+                qx, qy = nx + out * ux, ny + out * uy
+        if nearest < math.inf:
+            break
+    return qx, qy, nearest
+
+
+@njit(cache=True)
+def tangential(v: int, dx: float, dy: float, before: Array, after: Array, vertex: Array) -> bool:
+    """Whether a line of direction (dx, dy) through vertex v leaves both its neighbours on one side."""
+    one = dx * (before[v, 1] - vertex[v, 1]) - dy * (before[v, 0] - vertex[v, 0])
+    two = dx * (after[v, 1] - vertex[v, 1]) - dy * (after[v, 0] - vertex[v, 0])
+    return (one >= -TOUCH and two >= -TOUCH) or (one <= TOUCH and two <= TOUCH)
+
+
+@njit(cache=True)
+def visible_vertices(px: float, py: float, graph: Graph, found: IntArray) -> int:
+    """Write the vertices that can be reached from p by a tangential free line into `found`; returns how many."""
+    count = 0
+    for v in range(graph.vertex.shape[0]):
+        vx, vy = graph.vertex[v, 0], graph.vertex[v, 1]
+        if tangential(v, vx - px, vy - py, graph.before, graph.after, graph.vertex) and segment_free(
+            px, py, vx, vy, graph.walls
+        ):
+            found[count] = v
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _edges(vertex: Array, before: Array, after: Array, walls: Rings) -> tuple[IntArray, IntArray]:
+    n = vertex.shape[0]
+    start = np.zeros(n + 1, np.int32)
+    to = np.empty(n * n, np.int32)
+    count = 0
+    free = np.zeros((n, n), np.bool_)
+    for u in range(n):
+        for v in range(u + 1, n):
+            dx, dy = vertex[v, 0] - vertex[u, 0], vertex[v, 1] - vertex[u, 1]
+            if (
+                tangential(u, dx, dy, before, after, vertex)
+                and tangential(v, dx, dy, before, after, vertex)
+                and segment_free(vertex[u, 0], vertex[u, 1], vertex[v, 0], vertex[v, 1], walls)
+            ):
+                free[u, v] = free[v, u] = True
+    for u in range(n):
+        for v in range(n):
+            if free[u, v]:
+                to[count] = v
+                count += 1
+        start[u + 1] = count
+    return start, to[:count].copy()
+
+
+@njit(cache=True)
+def _corners(ring: Array) -> tuple[Array, NDArray[np.int32], Array]:
+    """Ring shrunk by SHRINK, indices of its convex corners, and the ring itself without repeated points."""
+    n = ring.shape[0]
+    shrunk = np.empty_like(ring)
+    convex = np.empty(n, np.int32)
+    count = 0
+    for i in range(n):
+        px, py = ring[i - 1, 0], ring[i - 1, 1]
+        x, y = ring[i, 0], ring[i, 1]
+        qx, qy = ring[(i + 1) % n, 0], ring[(i + 1) % n, 1]
+        ax, ay = x - px, y - py
+        bx, by = qx - x, qy - y
+        la, lb = math.hypot(ax, ay), math.hypot(bx, by)
+        ax, ay, bx, by = ax / la, ay / la, bx / lb, by / lb
+        nx, ny = -(ay + by), ax + bx
+        scale = math.hypot(nx, ny)
+        if scale < 1e-6:
+            nx, ny, scale = -ax, -ay, 1.0
+        shrunk[i, 0] = x + SHRINK * nx / scale
+        shrunk[i, 1] = y + SHRINK * ny / scale
+        if ax * by - ay * bx > 1e-6:
+            convex[count] = i
+            count += 1
+    return shrunk, convex[:count].copy(), ring
+
+
+def _rings(rings: list[Array]) -> Rings:
+    start = np.zeros(len(rings) + 1, np.int32)
+    start[1:] = np.cumsum([len(ring) for ring in rings])
+    box = np.array([[*ring.min(axis=0), *ring.max(axis=0)] for ring in rings]).reshape(-1, 4)
+    return Rings(np.concatenate(rings) if rings else np.zeros((0, 2)), start, box)
+
+
+def _oriented(coordinates: Array, *, counter_clockwise: bool) -> Array:
+    ring = np.ascontiguousarray(coordinates[:-1])
+    x, y = ring[:, 0], ring[:, 1]
+    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    ring = ring if (area > 0.0) == counter_clockwise else ring[::-1].copy()
+    keep = np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > 1e-6
+    return np.ascontiguousarray(ring[keep])
+
+
+def grown_rings(polygons: tuple[Array, ...], g: float) -> list[Array]:
+    """Outlines of the union of the polygons grown by g [m], two chamfers per right angle; obstacle on the left."""
+    if not polygons:
+        return []
+    area = shapely.union_all(shapely.buffer([shapely.Polygon(p) for p in polygons], g, quad_segs=2))
+    area = shapely.simplify(area, 0.005)
+    rings = []
+    for part in shapely.get_parts(area):
+        rings.append(_oriented(shapely.get_coordinates(part.exterior), counter_clockwise=True))
+        rings += [_oriented(shapely.get_coordinates(hole), counter_clockwise=False) for hole in part.interiors]
+    return [ring for ring in rings if len(ring) >= 3]
+
+
+def build_graph(polygons: tuple[Array, ...], g: float) -> Graph:
+    """The visibility graph of obstacle polygons, each (n, 2) [m], grown by g [m]."""
+    shrunk, vertex, before, after = [], [], [], []
+    for ring in grown_rings(polygons, g):
+        wall, convex, _ = _corners(ring)
+        shrunk.append(wall)
+        vertex.append(ring[convex])
+        before.append(ring[convex - 1])
+        after.append(ring[(convex + 1) % len(ring)])
+    empty = np.zeros((0, 2))
+    vertices, befores, afters = (np.concatenate([empty, *parts]) for parts in (vertex, before, after))
+    walls = _rings(shrunk)
+    solids = _rings([np.ascontiguousarray(p, dtype=np.float64) for p in polygons])
+    out_start, edge_to = _edges(vertices, befores, afters, walls)
+    edge_from = np.repeat(np.arange(len(vertices), dtype=np.int32), np.diff(out_start))
+    line = vertices[edge_to] - vertices[edge_from]
+    in_edge = np.argsort(edge_to, kind="stable").astype(np.int32)
+    in_start = np.zeros(len(vertices) + 1, np.int32)
+    in_start[1:] = np.cumsum(np.bincount(edge_to, minlength=len(vertices)))
+    return Graph(
+        vertices, befores, afters, walls, solids, out_start, edge_from, edge_to,
+        np.hypot(line[:, 0], line[:, 1]), np.arctan2(line[:, 1], line[:, 0]), in_start, in_edge,
+    )  # fmt: skip
