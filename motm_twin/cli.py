@@ -50,6 +50,8 @@ def serve(  # noqa: PLR0913 - options of a command
     headless: bool = False,
     host: str = "127.0.0.1",
     token: str | None = None,
+    zenoh_port: int = 7447,
+    twin: str = "frankie",
 ) -> int:
     """Serve the twin in the browser, and its state on Zenoh.
 
@@ -60,11 +62,23 @@ def serve(  # noqa: PLR0913 - options of a command
         port: TCP port of the page.
         headless: Only the Zenoh server, no page.
         host: Address to listen on; anything but loopback needs a token.
-        token: Secret of at least 32 characters that the page asks for.
+        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN).
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
+        twin: Name of the twin in the Zenoh keys.
     """
     from motm_twin.cli_serve import serve as serve_twin  # noqa: PLC0415
 
-    return serve_twin(scene, variant=variant, seed=seed, port=port, headless=headless, host=host, token=token)
+    return serve_twin(
+        scene,
+        variant=variant,
+        seed=seed,
+        port=port,
+        headless=headless,
+        host=host,
+        token=token,
+        zenoh_port=zenoh_port,
+        twin=twin,
+    )
 
 
 def scene(action: Positional[Literal["list", "check", "schema"]], path: Positional[str | None] = None, /) -> int:

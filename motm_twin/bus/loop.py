@@ -25,6 +25,7 @@ from motm_twin.model.edits import WorldEdit
 from motm_twin.model.scene import Scene
 
 MAX_ADDED = 30
+SETTLE_PERIODS = 40  # after the last task, so that the last cube lands and the robot comes to rest
 IDLE_WAIT = 0.1  # [s] between looks at the clock while time stands
 
 
@@ -100,6 +101,7 @@ class TwinLoop:
         self._message: TickMessage | None = None
         self._tick: Tick | None = None
         self._pending: list[WorldEdit] = []
+        self._settling = SETTLE_PERIODS
         self._state, self._text, self._run = "loading", "starting", 0
 
     def request(self, command: Command, reply: Reply) -> None:
@@ -277,7 +279,7 @@ class TwinLoop:
 
     def _begin(self, play: bool) -> None:
         self._run += 1
-        self._pending, self._message = [], None
+        self._pending, self._message, self._settling = [], None, SETTLE_PERIODS
         self._holds.clear()
         self._pacer.restart()
         self._advance()
@@ -301,7 +303,8 @@ class TwinLoop:
         message = tick_message(tick, self._run, self._server_time())
         self._message, self._tick = message, tick
         self._sink.tick(message, tick, last=self._state != "playing" or tick.done)
-        if tick.done:
+        self._settling = self._settling - 1 if tick.done else SETTLE_PERIODS
+        if tick.done and self._settling <= 0:
             outcome = "all tasks are done" if tick.success else (tick.stop_reason or "the run ended without success")
             self._set_state("done", outcome)
 

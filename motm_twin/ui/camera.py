@@ -40,14 +40,9 @@ class Cameras:
 
     def show(self, scene: Scene) -> None:
         """Choose views that hold a scene, and start new visitors in the overview."""
-        centre, reach = interest(scene)
-        look = np.array([centre[0], centre[1], 0.25])
-        back = np.array([-0.36, -0.74, 0.57]) * reach * 2.45
-        top = np.array([centre[0], centre[1] - 0.02, reach * 3.1])
         with self._lock:
-            self._views = {"Overview": (look + back, look), "Top": (top, np.array([centre[0], centre[1], 0.0]))}
-        self._server.initial_camera.position = look + back
-        self._server.initial_camera.look_at = look
+            self._views = {"Overview": overview(scene), "Top": from_above(scene)}
+        self._server.initial_camera.position, self._server.initial_camera.look_at = overview(scene)
 
     def choose(self, client: viser.ClientHandle, preset: str) -> None:
         """Move one visitor's camera to a preset, or let it follow the robot."""
@@ -106,6 +101,19 @@ class Cameras:
         with self._lock:
             self._moves.pop(number, None)
             self._following.pop(number, None)
+
+
+def overview(scene: Scene) -> tuple[Array, Array]:
+    """Position and look-at point [m] that show the whole of a scene from its front left."""
+    centre, reach = interest(scene)
+    look_at = np.array([centre[0], centre[1], 0.25])
+    return look_at + np.array([-0.36, -0.74, 0.57]) * reach * 2.45, look_at
+
+
+def from_above(scene: Scene) -> tuple[Array, Array]:
+    """Position and look-at point [m] for a plan view, x to the right."""
+    centre, reach = interest(scene)
+    return np.array([centre[0], centre[1] - 0.02, reach * 3.1]), np.array([centre[0], centre[1], 0.0])
 
 
 def interest(scene: Scene) -> tuple[tuple[float, float], float]:

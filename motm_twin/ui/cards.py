@@ -51,7 +51,7 @@ def status_card(state: str, status: StatusMessage | None, note: str) -> str:
     if status is not None:
         rows.append(f'<div style="{_MUTED}margin-top:4px">{_where(status)}{_speed(state, status)}</div>')
     if note:
-        rows.append(_sentence(note, "#b91c1c" if state in {"error", "lost"} else "#b45309"))
+        rows.append(_sentence(note, _STATES[state][1] if state in {"error", "lost", "done"} else "#b45309"))
     return f'<div style="{_BOX}">{"".join(rows)}</div>'
 
 
