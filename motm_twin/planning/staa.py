@@ -299,12 +299,25 @@ def start_search(
 
 
 @njit(cache=True)
+def _reached_at(
+    x: float, y: float, heading: float, v_0: float, w_0: float, v_end: float, w_end: float, f: float, dt: float,
+    job: Job,
+) -> bool:  # fmt: skip
+    """Whether the target is in reach a fraction f into a node of duration dt [s]."""
+    v, w = v_0 + f * (v_end - v_0), w_0 + f * (w_end - w_0)
+    v_m, w_m = 0.5 * (v_0 + v), 0.5 * (w_0 + w)
+    t = f * dt
+    ahead = heading + 0.5 * w_m * t
+    return in_reach(x + v_m * t * math.cos(ahead), y + v_m * t * math.sin(ahead), heading + w_m * t, v, w, job)
+
+
+@njit(cache=True)
 def _child(
     node: int, v_end: float, w_end: float, action: int, allowed: float, root_reached: bool, s: Settings, world: World,
     cells: CellSights, memory: Memory,
 ) -> None:  # fmt: skip
     """Make the child that ends at the given speeds, if it is free and new, and queue it."""
-    dt = s.node_duration
+    dt, job = s.node_duration, world.job
     x, y, heading = memory.pose[node]
     v_0, w_0 = memory.twist[node]
     v, w = 0.5 * (v_0 + v_end), 0.5 * (w_0 + w_end)
@@ -340,14 +353,21 @@ def _child(
             return
     left, reached, done = memory.left[node], False, False
     if s.by_job:
-        at_middle = in_reach(mx, my, m_heading, 0.5 * (v_0 + v_end), 0.5 * (w_0 + w_end), world.job)
-        reached = in_reach(pose[0], pose[1], pose[2], v_end, w_end, world.job)
-        if world.job.kind == MANIPULATE:
-            if s.keep_reach and root_reached and left > 0.0 and not (at_middle and (reached or left <= 0.5 * dt)):
-                return
-            left = left - 0.5 * dt if at_middle or left <= 0.0 else max(left, world.job.dwell)
-            left = left - 0.5 * dt if reached or left <= 0.0 else max(left, world.job.dwell)
-        elif at_middle or reached:
+        reached = in_reach(pose[0], pose[1], pose[2], v_end, w_end, job)
+        if job.kind == MANIPULATE:
+            if left > 0.0:
+                # Reach is tested half way and at the end, or exactly when the job would be done, if that is earlier.
+                f = min(0.5, left / dt)
+                kept = _reached_at(x, y, heading, v_0, w_0, v_end, w_end, f, dt, job)
+                f = min(1.0, left / dt)
+                kept_on = reached if f == 1.0 else _reached_at(x, y, heading, v_0, w_0, v_end, w_end, f, dt, job)
+                if s.keep_reach and root_reached and not (kept and kept_on):
+                    return
+                if not kept:
+                    left = job.dwell
+                left = left - (0.5 if not kept else 1.0) * dt if kept_on else job.dwell
+                left = 0.0 if left < 1e-6 else left
+        elif reached or in_reach(mx, my, m_heading, v_0, w_0, job):
             left = 0.0
         done = left <= 0.0
     h, t_goal = _judge(pose[0], pose[1], pose[2], reached or done, done, s, world, cells, memory.scratch)
