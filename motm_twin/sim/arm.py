@@ -1,8 +1,10 @@
 """The arm: joint rates with lag, limits on position, speed and acceleration."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
@@ -24,25 +26,43 @@ class Arm:
         """Lag [s] of the velocity loop, for substeps of dt [s]."""
         self.dt = dt
         self._factor = lag_factor(velocity_lag, dt)
-        self._change = DDQ_MAX * dt
 
     def step(self, state: ArmState, joint_velocity: Array) -> None:
         """One substep towards the commanded joint rates [rad/s], shape (7,)."""
-        wanted = np.minimum(np.maximum(joint_velocity, -DQ_MAX), DQ_MAX)
-        wanted = state.dq + self._factor * (wanted - state.dq)
-        wanted = np.minimum(wanted, self._stoppable(Q_MAX - state.q, state.dq))
-        wanted = np.maximum(wanted, -self._stoppable(state.q - Q_MIN, -state.dq))
-        dq = state.dq + np.minimum(np.maximum(wanted - state.dq, -self._change), self._change)
-        state.q = np.minimum(np.maximum(state.q + 0.5 * (state.dq + dq) * self.dt, Q_MIN), Q_MAX)
-        state.dq = dq
+        state.q, state.dq = _follow(
+            state.q, state.dq, joint_velocity, self._factor, self.dt, Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX
+        )
 
-    def _stoppable(self, room: Array, speed: Array) -> Array:
-        """Largest next speed from which the joint still stops within the room [rad] that is left.
 
-        Solves v dt / 2 + v'dt / 2 + v'^2 / (2 a) + a dt^2 / 8 = room for v'; the last term covers the final, partial
-        braking step. Never negative: at a limit the joint stands still.
-        """
-        a, dt = DDQ_MAX, self.dt
-        left = room - 0.5 * speed * dt - 0.125 * a * dt * dt
-        speed = np.sqrt(np.maximum(0.25 * a * a * dt * dt + 2.0 * a * left, 0.0)) - 0.5 * a * dt
-        return np.maximum(speed, 0.0)
+@njit(cache=True)
+def _follow(
+    q: Array,
+    dq: Array,
+    command: Array,
+    factor: float,
+    dt: float,
+    q_min: Array,
+    q_max: Array,
+    dq_max: Array,
+    ddq_max: Array,
+) -> tuple[Array, Array]:
+    new_q, new_dq = np.empty_like(q), np.empty_like(dq)
+    for i in range(q.shape[0]):
+        a, old = ddq_max[i], dq[i]
+        wanted = old + factor * (min(dq_max[i], max(-dq_max[i], command[i])) - old)
+        wanted = min(wanted, _stoppable(q_max[i] - q[i], old, a, dt))
+        wanted = max(wanted, -_stoppable(q[i] - q_min[i], -old, a, dt))
+        new_dq[i] = old + min(a * dt, max(-a * dt, wanted - old))
+        new_q[i] = min(q_max[i], max(q_min[i], q[i] + 0.5 * (old + new_dq[i]) * dt))
+    return new_q, new_dq
+
+
+@njit(cache=True)
+def _stoppable(room: float, speed: float, a: float, dt: float) -> float:
+    """Largest next speed from which a joint still stops within the room [rad] that is left.
+
+    Solves v dt / 2 + v' dt / 2 + v'^2 / (2 a) + a dt^2 / 8 = room for v'; the last term covers the final, partial
+    braking step. Never negative: at a limit the joint stands still.
+    """
+    left = room - 0.5 * speed * dt - 0.125 * a * dt * dt
+    return max(0.0, math.sqrt(max(0.25 * a * a * dt * dt + 2.0 * a * left, 0.0)) - 0.5 * a * dt)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import coal
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
@@ -26,6 +27,7 @@ LIFTED = 0.02  # [m] above where it was taken: the cube counts as picked
 SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it was taken from
 DROP_HEIGHT = 0.01  # [m] of fall that makes a drop
 NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the own base, or always beside it
+_NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: which distance makes an exact measurement worth it
 
 
 @dataclass
@@ -101,9 +103,8 @@ class Referee:
         self._right_bins = _right_bins(scene)
         self._surroundings: Surroundings | None = None
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self._transforms = [coal.Transform3s() for _ in self.robot.bodies]
-        self._is_base = np.array([body == "base" for body in self.robot.bodies])
-        self._base_shape = int(np.flatnonzero(self._is_base)[0])
+        self._transform = coal.Transform3s()
+        self._base_shape = self.robot.bodies.index("base")
         self._base_reach = math.hypot(0.5 * self._foot.length + abs(self._foot.offset_x), 0.5 * self._foot.width)
 
     def start(self, world: World) -> RefereeState:
@@ -164,86 +165,84 @@ class Referee:
 
     def _look_around(self, world: World) -> Surroundings:
         if self._surroundings is None or self._surroundings.solids is not world.solids:
-            self._surroundings = Surroundings(world.solids, self._agents, self._surroundings)
-            self._surroundings.shapes[self._surroundings.own_base] = self.robot.shapes[self._base_shape]
+            base = (self.robot.shapes[self._base_shape], self._foot.height)
+            self._surroundings = Surroundings(world.solids, self._agents, base, self._surroundings)
+            self._kind = self._kinds(self._surroundings)
         return self._surroundings
+
+    def _kinds(self, around: Surroundings) -> NDArray[np.int64]:
+        """For each pair which limit tells that it must be measured exactly, shape (shapes, columns)."""
+        kind = np.full((len(self.robot.bodies), len(around.names)), _ARM, dtype=np.int64)
+        kind[:, (around.own_base, around.floor)] = _CONTACT
+        kind[self._base_shape] = _BASE
+        kind[self._base_shape, around.floor] = _NEVER
+        kind[[body in NEVER_SELF for body in self.robot.bodies], around.own_base] = _NEVER
+        kind[-1] = _HELD
+        return kind
 
     def _judge(self, state: RefereeState, world: World, placed: Array) -> None:
         around = self._look_around(world)
-        n, columns = len(self.robot.bodies), len(around.names)
-        if state.gaps.shape != (n, columns):
-            state.gaps = np.full((n, columns), -1.0)
+        if state.gaps.shape != self._kind.shape:
+            state.gaps = np.full(self._kind.shape, -1.0)
         if world.held:
             side = next(item.side for item in world.objects if item.name == world.held)
             self.robot.shapes[-1], self.robot.radii[-1] = self.robot.cube(side), 0.5 * side * math.sqrt(3.0)
-            if state.placed_before.shape == placed.shape and state.resting_on == (HELD,):
+            if state.resting_on == (HELD,):
                 state.placed_before[-1] = placed[-1]
-        need = self._need(state, world, around)
-        base = rectangle(*_body_centre(world.pose, self._foot.offset_x), (self._foot.length, self._foot.width))
-        motion = self._motion(state, world, placed, around)
-        arrays = around.arrays(base, self._foot.height, world.agents)
-        update_gaps(
-            state.gaps, need, placed, state.placed_before, self.robot.centres, self.robot.radii, *arrays, motion
+        corners = rectangle(*_body_centre(world.pose, self._foot.offset_x), (self._foot.length, self._foot.width))
+        around.move(corners, self._base_motion(state, placed), world.agents, state.agents_before)
+        held_limit = (SUPPORT_CLEAR * 1.01 if state.resting_on else 0.0) if world.held else -math.inf
+        pairs = update_gaps(
+            state.gaps,
+            self._kind,
+            np.array([-math.inf, 0.0, state.min_arm_clearance, state.min_base_clearance, held_limit]),
+            placed,
+            state.placed_before,
+            self.robot.centres,
+            self.robot.radii,
+            around.corners,
+            around.first,
+            around.z,
+            around.discs,
+            around.disc_z,
+            around.motion,
         )
-        self._measure(state, world, placed, around, need)
-        self._end_episodes(state, world.time)
+        if len(pairs) or state.resting_on:
+            self._measure(state, world, placed, around, pairs)
+        if state.episodes:
+            self._end_episodes(state, world.time)
         discs = np.concatenate([around.unmapped_discs, world.agents[:, :3]])
         state.ee_obstacle = clearance(
             float(world.tcp[0]), float(world.tcp[1]), around.unmapped_corners, around.unmapped_first, discs
         )
         state.min_ee_obstacle = min(state.min_ee_obstacle, state.ee_obstacle)
 
-    def _need(self, state: RefereeState, world: World, around: Surroundings) -> Array:
-        """Distance [m] from which a pair must be measured exactly: contact, or a new least clearance."""
-        need = np.full(state.gaps.shape, state.min_arm_clearance)
-        need[self._is_base] = state.min_base_clearance
-        need[:, around.own_base] = 0.0
-        need[:, around.floor] = 0.0
-        need[-1] = (SUPPORT_CLEAR * 1.01 if state.resting_on else 0.0) if world.held else -math.inf
-        for i, body in enumerate(self.robot.bodies):
-            if body in NEVER_SELF:
-                need[i, around.own_base] = -math.inf
-            if body == "base":
-                need[i, around.floor] = -math.inf
-        return need
-
-    def _motion(self, state: RefereeState, world: World, placed: Array, around: Surroundings) -> Array:
-        motion = np.zeros(len(around.names))
+    def _base_motion(self, state: RefereeState, placed: Array) -> float:
+        """Distance [m] that no point of the base body has moved beyond in the last substep."""
         old, new = state.placed_before[self._base_shape], placed[self._base_shape]
         turned = abs(math.atan2(new[1, 0] * old[0, 0] - new[0, 0] * old[1, 0], new[:2, 0] @ old[:2, 0]))
-        motion[around.own_base] = math.hypot(*(new[:2, 3] - old[:2, 3])) + turned * self._base_reach
-        if len(world.agents):
-            motion[around.first_agent : around.floor] = np.hypot(*(world.agents - state.agents_before)[:, :2].T)
-        return motion
+        return math.hypot(new[0, 3] - old[0, 3], new[1, 3] - old[1, 3]) + turned * self._base_reach
 
-    def _measure(self, state: RefereeState, world: World, placed: Array, around: Surroundings, need: Array) -> None:
-        ready: set[int] = set()
+    def _measure(self, state: RefereeState, world: World, placed: Array, around: Surroundings, pairs: Array) -> None:
         touching: list[str] = []
-        for i, j in np.argwhere(state.gaps < need):
-            if i not in ready:
-                ready.add(i)
-                self._transforms[i].setTransform(placed[i, :3, :3], placed[i, :3, 3])
-            if j == around.own_base:
-                around.transforms[j].setTransform(placed[self._base_shape, :3, :3], placed[self._base_shape, :3, 3])
-            elif around.first_agent <= j < around.floor:
-                x, y, _, height = world.agents[j - around.first_agent]
-                around.transforms[j].setTranslation(np.array([x, y, 0.5 * height]))
-            self._result.clear()
-            distance = coal.distance(
-                self.robot.shapes[i],
-                self._transforms[i],
-                around.shapes[j],
-                around.transforms[j],
-                self._request,
-                self._result,
-            )
+        for i, j in pairs.tolist():
+            distance = self._distance(placed, around, i, j)
             state.gaps[i, j] = distance
-            self._clearance(state, int(i), int(j), distance, around)
+            self._clearance(state, i, j, distance, around)
             if i == len(placed) - 1 and distance < SUPPORT_CLEAR:
                 touching.append(around.names[j])
             elif distance < -TOUCH:
-                self._touch(state, world, placed, around, int(i), int(j), distance)
+                self._touch(state, world, placed, around, i, j, distance)
         self._rest(state, world, placed, around, touching)
+
+    def _distance(self, placed: Array, around: Surroundings, i: int, j: int) -> float:
+        """Exact distance [m] of a pair, negative when they overlap; normal and nearest points are in the result."""
+        self._transform.setTransform(placed[i, :3, :3], placed[i, :3, 3])
+        around.settle(j, placed[self._base_shape])
+        self._result.clear()
+        return coal.distance(
+            self.robot.shapes[i], self._transform, around.shapes[j], around.transforms[j], self._request, self._result
+        )
 
     def _rest(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, touching: list[str]
@@ -261,7 +260,7 @@ class Referee:
     def _clearance(self, state: RefereeState, i: int, j: int, distance: float, around: Surroundings) -> None:
         if j in (around.own_base, around.floor):
             return
-        if self._is_base[i]:
+        if i == self._base_shape:
             state.min_base_clearance = min(state.min_base_clearance, max(0.0, distance))
         elif i < len(self.robot.bodies) - 1:
             state.min_arm_clearance = min(state.min_arm_clearance, max(0.0, distance))
@@ -269,15 +268,7 @@ class Referee:
     def _touch(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, i: int, j: int, distance: float
     ) -> None:
-        self._result.clear()
-        coal.distance(
-            self.robot.shapes[i],
-            self._transforms[i],
-            around.shapes[j],
-            around.transforms[j],
-            self._request,
-            self._result,
-        )
+        self._distance(placed, around, i, j)
         normal = self._result.normal
         point = 0.5 * (self._result.getNearestPoint1() + self._result.getNearestPoint2())
         closing = float(self._velocity(state, placed, i, point) @ normal)

@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 from numba import njit
+from numpy.typing import NDArray
 
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
@@ -89,9 +90,17 @@ class Surroundings:
     """Everything the robot may touch, one column each: polygons, its own base, discs, agents, the floor."""
 
     def __init__(
-        self, solids: Solids, agents: Sequence[tuple[str, float, float]], previous: "Surroundings | None" = None
+        self,
+        solids: Solids,
+        agents: Sequence[tuple[str, float, float]],
+        base: tuple[coal.CollisionGeometry, float],
+        previous: "Surroundings | None" = None,
     ) -> None:
-        """The world as it stands; agents are name, radius, height [m]; shapes of ``previous`` are used again."""
+        """The world as it stands; agents are name, radius, height [m], base is its shape and its top [m].
+
+        Shapes of ``previous`` are used again where they are the same.
+        """
+        base_shape, base_top = base
         self.solids = solids
         polygons, discs = len(solids.names), len(solids.disc_names)
         self.own_base = polygons
@@ -101,9 +110,8 @@ class Surroundings:
         known = previous.prisms if previous is not None else {}
         keys = [(solids.polygon(i).tobytes(), *solids.z[i]) for i in range(polygons)]
         self.prisms = {key: known.get(key) or _prism(solids.polygon(i), *solids.z[i]) for i, key in enumerate(keys)}
-        self.shapes: list[coal.CollisionGeometry | None] = [self.prisms[key] for key in keys]
+        self.shapes: list[coal.CollisionGeometry] = [*(self.prisms[key] for key in keys), base_shape]
         self.transforms = [coal.Transform3s() for _ in range(polygons + 1)]
-        self.shapes.append(None)  # the own base: the referee puts the robot's shape here
         for (x, y, radius), (low, high) in zip(solids.discs, solids.disc_z, strict=True):
             self.shapes.append(coal.Cylinder(float(radius), float(high - low)))
             self.transforms.append(coal.Transform3s(np.eye(3), np.array([x, y, 0.5 * (low + high)])))
@@ -118,16 +126,30 @@ class Surroundings:
         self.unmapped_first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         self.unmapped_discs = solids.discs[~solids.disc_mapped]
 
-    def arrays(self, base: Array, base_top: float, agents: Array) -> tuple[Array, Index, Array, Array, Array]:
-        """Corners, first, z, discs, disc heights with base rectangle (4, 2) and agents (n, 4) as they are now."""
-        solids = self.solids
-        return (
-            np.concatenate([solids.corners, base]),
-            np.append(solids.first, solids.first[-1] + 4),
-            np.concatenate([solids.z, [[0.0, base_top]]]),
-            np.concatenate([solids.discs, agents[:, :3]]),
-            np.concatenate([solids.disc_z, np.column_stack([np.zeros(len(agents)), agents[:, 3]])]),
-        )
+        self.corners = np.concatenate([solids.corners, np.zeros((4, 2))])
+        self.first = np.append(solids.first, solids.first[-1] + 4)
+        self.z = np.concatenate([solids.z, [[0.0, base_top]]])
+        self.discs = np.concatenate([solids.discs, np.zeros((len(agents), 3))])
+        heights = np.array([(0.0, agent[2]) for agent in agents], dtype=float).reshape(-1, 2)
+        self.disc_z = np.concatenate([solids.disc_z, heights])
+        self.motion = np.zeros(len(self.names))
+
+    def move(self, base: Array, base_motion: float, agents: Array, agents_before: Array) -> None:
+        """Put base rectangle (4, 2) and agents (n, 4) where they are now, and note how far they came [m]."""
+        self.corners[-4:] = base
+        self.motion[self.own_base] = base_motion
+        if len(agents):
+            self.discs[-len(agents) :] = agents[:, :3]
+            way = agents[:, :2] - agents_before[:, :2]
+            self.motion[self.first_agent : self.floor] = np.sqrt((way * way).sum(axis=1))
+
+    def settle(self, j: int, base: Array) -> None:
+        """Bring the shape of column j to where it is now; base is the transform of the base body (4, 4)."""
+        if j == self.own_base:
+            self.transforms[j].setTransform(base[:3, :3], base[:3, 3])
+        elif self.first_agent <= j < self.floor:
+            k = j - self.own_base - 1
+            self.transforms[j].setTranslation(np.array([self.discs[k, 0], self.discs[k, 1], 0.5 * self.disc_z[k, 1]]))
 
 
 def _prism(corners: Array, low: float, high: float) -> coal.Convex:
@@ -150,7 +172,8 @@ def _prism(corners: Array, low: float, high: float) -> coal.Convex:
 @njit(cache=True)
 def update_gaps(
     gaps: Array,
-    need: Array,
+    kind: NDArray[np.int64],
+    limits: Array,
     now: Array,
     before: Array,
     centres: Array,
@@ -161,13 +184,15 @@ def update_gaps(
     discs: Array,
     disc_z: Array,
     motion: Array,
-) -> None:
+) -> Index:
     """Lower bounds of all distances [m] after one substep, in place, shape (shapes, columns).
 
-    A bound shrinks by what shape and column can have moved; where it falls below ``need`` the distance of the shape's
-    bounding sphere replaces it if that is larger. ``motion`` of the columns [m], transforms (shapes, 4, 4).
+    A bound shrinks by what shape and column can have moved; where it falls below the pair's limit,
+    ``limits[kind[i, j]]``, the distance of the shape's bounding sphere replaces it if that is larger. ``motion`` of the
+    columns [m], transforms (shapes, 4, 4). Returns the pairs that are still below and must be measured, shape (k, 2).
     """
     polygons = first.shape[0] - 1
+    below = []
     for i in range(gaps.shape[0]):
         c, moved2, turned2 = np.zeros(3), 0.0, 0.0
         for r in range(3):
@@ -181,7 +206,7 @@ def update_gaps(
         moved = math.sqrt(moved2) + radii[i] * _ROOT_HALF * math.sqrt(turned2)
         for j in range(gaps.shape[1]):
             gaps[i, j] -= moved + motion[j]
-            if gaps[i, j] >= need[i, j]:
+            if gaps[i, j] >= limits[kind[i, j]]:
                 continue
             if j < polygons:
                 flat = polygon_distance(c[0], c[1], corners, first[j], first[j + 1])
@@ -195,3 +220,9 @@ def update_gaps(
             else:
                 bound = c[2]
             gaps[i, j] = max(gaps[i, j], bound - radii[i])
+            if gaps[i, j] < limits[kind[i, j]]:
+                below.append((i, j))
+    pairs = np.empty((len(below), 2), dtype=np.int64)
+    for k in range(len(below)):
+        pairs[k, 0], pairs[k, 1] = below[k]
+    return pairs

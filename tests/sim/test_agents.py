@@ -30,7 +30,9 @@ def ways(track):
 
 def test_a_free_agent_drives_its_round_at_its_speed():
     ring = ((2.0, 0.0), (2.0, 2.0), (-2.0, 2.0), (-2.0, 0.0))
-    plant = SimulatedPlant(scene(start=(0.0, -3.0, 0.0), agents=(Agent(name="a", start=(0.0, 0.0, 0.0), waypoints=ring),)))
+    plant = SimulatedPlant(
+        scene(start=(0.0, -3.0, 0.0), agents=(Agent(name="a", start=(0.0, 0.0, 0.0), waypoints=ring),))
+    )
     track = run(plant, 60.0)
     assert ways(track)[0] > 0.8 * 0.4 * 60.0
     assert np.hypot(*np.diff(track[:, 0], axis=0).T).max() <= 0.4 * 0.1 + 1e-9

@@ -83,7 +83,7 @@ def test_a_relative_speed_of_three_centimetres_per_second_decides(speed, outcome
     plant.command(act((speed, 0.0)))
     plant.step(1.0)  # up to speed
     hand, _ = tcp(pose=plant.truth().pose)
-    cube.position[:2] = hand[:2] + [0.5 * 0.8 * speed, 0.0]  # passes the middle half way through
+    cube.position[:2] = hand[0] + 0.5 * 0.8 * speed, hand[1]  # passes the middle half way through
     close(plant, 0.8, (speed, 0.0))
     assert plant._state.gripper.outcome == outcome
 
@@ -93,7 +93,7 @@ def test_a_cube_that_slid_between_the_pads_slips_out_when_lifted():
     plant.command(act((0.034, 0.0)))
     plant.step(1.0)
     hand, _ = tcp(pose=plant.truth().pose)
-    plant._state.objects[0].position[:2] = hand[:2] + [0.013, 0.0]
+    plant._state.objects[0].position[:2] = hand[0] + 0.013, hand[1]
     close(plant, 0.8, (0.034, 0.0))
     assert cube_of(plant).state == "held"
     move(plant, (0.0, 0.0, 0.1), 0.5)
@@ -155,7 +155,9 @@ def test_a_held_cube_follows_the_hand_rigidly():
 def test_pick_lift_turn_and_drop_into_the_right_bin_is_counted_once():
     hand, _ = tcp()
     distance = math.hypot(hand[0], hand[1])
-    bin_ = Bin(name="bin", centre=(distance * math.cos(1.0), distance * math.sin(1.0)), floor_z=0.3, rim_z=0.4)
+    bin_ = Bin(
+        name="bin", centre=(distance * math.cos(1.0), distance * math.sin(1.0)), side=0.2, floor_z=0.3, rim_z=0.4
+    )
     plant = close(over_a_cube(bins=(bin_,), tasks=(Pick(object="cube"), Place(bin="bin"))))
     assert plant.truth().picks == 0
     move(plant, (0.0, 0.0, 0.1), 1.0)

@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from sim_scenes import box, furniture, scene, table
 from shapely.geometry import LineString, Point, Polygon
 from shapely.ops import unary_union
+from sim_scenes import box, furniture, scene, table
 
 from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.scene import Agent, Cylinder, Noise, Prism, Solid

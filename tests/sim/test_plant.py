@@ -8,6 +8,7 @@ from sim_scenes import box, experiment, scene, temis
 from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveObstacle
 from motm_twin.model.scene import Agent, Noise
 from motm_twin.model.state import state_hash
+from motm_twin.sim.localisation import Localisation
 from motm_twin.sim.plant import SimulatedPlant
 
 
@@ -80,24 +81,25 @@ def test_without_noise_the_robot_is_told_the_truth():
 
 
 def test_localisation_errs_by_the_given_sd_and_slowly():
-    plant = SimulatedPlant(scene(noise=Noise(localisation_correlation_time=0.5)))
+    localisation = Localisation(Noise(localisation_correlation_time=0.5), 0.01)
+    state = localisation.start(np.zeros(3), np.random.default_rng(4))
     errors = []
-    for _ in range(600):
-        plant.step(0.5)
-        errors.append(plant.observe().pose - plant.truth().pose)
+    for _ in range(30000):
+        localisation.step(state, np.zeros(3), np.zeros(2), np.zeros(2))
+        errors.append(state.pose)
     np.testing.assert_allclose(np.std(errors, axis=0), [0.01, 0.01, math.radians(0.5)], rtol=0.12)
-    before = plant.observe().pose
-    plant.step(0.01)
-    assert np.hypot(*(plant.observe().pose - before)[:2]) < 0.01
+    lagged = [np.corrcoef(np.array(errors)[:-50, i], np.array(errors)[50:, i])[0, 1] for i in range(3)]
+    np.testing.assert_allclose(lagged, math.exp(-1.0), atol=0.12)
 
 
 def test_odometry_drifts_by_a_fixed_small_share_of_the_way():
     shares = []
     for seed in range(30):
-        plant = SimulatedPlant(scene(noise=Noise(), seed=seed))
-        plant.command(act((0.5, 0.0)))
-        plant.step(4.0)
-        shares.append(plant.observe().odometry[0] / plant.truth().pose[0] - 1.0)
+        localisation = Localisation(Noise(), 0.01)
+        state = localisation.start(np.zeros(3), np.random.default_rng(seed))
+        for _ in range(100):
+            localisation.step(state, np.zeros(3), np.array([0.5, 0.0]), np.array([0.5, 0.0]))
+        shares.append(state.odometry[0] / 0.5 - 1.0)
     assert 0.001 < np.std(shares) < 0.006
 
 

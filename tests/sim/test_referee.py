@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
+from shapely.geometry import Polygon
 from sim_hands import DOWN, ROBOT, act, move, over_a_cube, tcp
 from sim_scenes import box, experiment, scene
-from shapely.geometry import Polygon
 
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.profile import Footprint, RobotProfile
@@ -32,7 +32,7 @@ def test_a_probe_inside_a_body_of_the_arm_is_a_contact_with_that_body(body):
     plant = SimulatedPlant(scene(solids=(probe_at(point),)))
     plant.step(0.01)
     assert (body, "probe") in contacts(plant)
-    away = SimulatedPlant(scene(solids=(probe_at(point + [0.0, 1.0, 0.0]),)))
+    away = SimulatedPlant(scene(solids=(probe_at(point + np.array([0.0, 1.0, 0.0])),)))
     away.step(0.01)
     assert contacts(away) == {}
 
@@ -109,7 +109,7 @@ def test_at_rest_and_ready_nothing_touches_anything():
 
 
 def test_a_hand_in_the_floor_is_reported():
-    q = np.array([0.0, 1.7, 0.0, -0.6, 0.0, 1.5, 0.0])
+    q = np.array([0.0, 1.76, 0.0, -1.2, 0.0, 3.0, 0.0])
     plant = SimulatedPlant(scene(), arm_start=q)
     plant.step(0.01)
     assert any(other == "floor" for _, other in contacts(plant))
@@ -117,7 +117,7 @@ def test_a_hand_in_the_floor_is_reported():
 
 def test_a_hand_that_moves_into_a_wall_causes_the_contact_and_ends_it_by_backing_off():
     hand, _ = tcp()
-    wall = box("wall", (hand[0] + 0.30, hand[1]), (0.2, 1.0), 1.5)
+    wall = box("wall", (hand[0] + 0.20, hand[1]), (0.2, 1.0), 1.5)
     plant = SimulatedPlant(scene(solids=(wall,)), arm_start=DOWN)
     move(plant, (0.1, 0.0, 0.0), 1.5, gripper="open")
     move(plant, (-0.1, 0.0, 0.0), 1.5, gripper="open")
@@ -150,7 +150,7 @@ def test_a_held_cube_still_on_its_support_is_no_contact_but_lowered_onto_it_agai
 
 def test_a_held_cube_that_is_carried_into_a_wall_is_a_contact_of_the_cube():
     hand, _ = tcp()
-    low = hand[2] + 0.075
+    low = hand[2] + 0.055
     wall = box("wall", (hand[0] + 0.16, hand[1]), (0.2, 0.2), low)
     plant = closed_on_a_cube(solids=(wall,))
     move(plant, (0.0, 0.0, 0.1), 0.7)
@@ -216,9 +216,9 @@ def test_ee_obstacle_is_the_plane_distance_to_what_is_not_in_the_map():
 def test_a_plant_that_breaks_its_promises_is_found_out():
     plant = SimulatedPlant(scene())
     plant.step(0.1)
-    plant._state.base.pose = plant._state.base.pose + [0.05, 0.0, 0.0]
+    plant._state.base.pose = plant._state.base.pose + np.array([0.05, 0.0, 0.0])
     plant.step(0.01)
-    assert any("moved further" in fault for fault in plant.truth().plant_faults)
+    assert any("way of the base" in fault for fault in plant.truth().plant_faults)
     plant = SimulatedPlant(scene())
     plant._state.base.v = 0.4
     plant.step(0.01)
