@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import shapely
 from numba import njit
+from shapely.geometry.base import BaseGeometry
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
@@ -82,7 +83,7 @@ def stops_of(world: Scene | KnownWorld, reach: float) -> list[Stop]:
     return stops
 
 
-def _grown(solids: tuple[Solid, ...], margin: float) -> shapely.Geometry:
+def _grown(solids: tuple[Solid, ...], margin: float) -> BaseGeometry:
     """Union of all furniture that stands in the way, grown by the margin [m]."""
     bodies = []
     for solid in solids:
@@ -95,13 +96,13 @@ def _grown(solids: tuple[Solid, ...], margin: float) -> shapely.Geometry:
     return shapely.union_all(bodies)
 
 
-def _edges(area: shapely.Geometry) -> Array:
+def _edges(area: BaseGeometry) -> Array:
     """All border segments, shape (n, 4): x, y of both ends."""
     rings = [np.array(ring.coords) for ring in shapely.get_parts(area.boundary)]
     return np.concatenate([np.hstack([ring[:-1], ring[1:]]) for ring in rings]) if rings else np.zeros((0, 4))
 
 
-def _freed(point: Array, grown: shapely.Geometry) -> Array:
+def _freed(point: Array, grown: BaseGeometry) -> Array:
     """The point, or the nearest one outside the grown furniture when it is inside."""
     place = shapely.Point(point)
     if not grown.contains(place):
@@ -109,7 +110,7 @@ def _freed(point: Array, grown: shapely.Geometry) -> Array:
     return shapely.get_coordinates(shapely.shortest_line(grown.boundary, place))[0]
 
 
-def _entries(stop: Stop, before: Array, grown: shapely.Geometry, exact: bool) -> Array:
+def _entries(stop: Stop, before: Array, grown: BaseGeometry, exact: bool) -> Array:
     """Where the tour can be when it touches a disc: on its free circle, or where it was when that is inside already."""
     centre = np.array(stop.centre)
     angles = np.arange(CIRCLE_POINTS) * 2.0 * math.pi / CIRCLE_POINTS
@@ -121,7 +122,7 @@ def _entries(stop: Stop, before: Array, grown: shapely.Geometry, exact: bool) ->
     return found if len(found) else _freed(centre, grown)[None]
 
 
-def _arc_points(stop: Stop, grown: shapely.Geometry) -> Array:
+def _arc_points(stop: Stop, grown: BaseGeometry) -> Array:
     """Closely spaced points on the free arcs of a circle, their ends included; shape (n, 2)."""
     circle = shapely.Point(stop.centre).buffer(stop.radius, quad_segs=64).exterior
     step = circle.length / EXACT_POINTS
@@ -132,7 +133,7 @@ def _arc_points(stop: Stop, grown: shapely.Geometry) -> Array:
     return np.concatenate(points)
 
 
-def _nearby(stop: Stop, point: Array, spread: float, grown: shapely.Geometry) -> Array:
+def _nearby(stop: Stop, point: Array, spread: float, grown: BaseGeometry) -> Array:
     """Points of the disc's circle close to one of them, itself included; ``spread`` [rad] each way."""
     dx, dy = point - np.array(stop.centre)
     if abs(math.hypot(dx, dy) - stop.radius) > 0.01 * stop.radius:

@@ -5,6 +5,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import joblib
 
@@ -18,7 +19,8 @@ def run_group(group: Group, workers: int, limit_s: float = LIMIT_S) -> Iterator[
     deadline = time.monotonic() + limit_s
     jobs = 1 if group.alone else workers
     calls = (joblib.delayed(_run_until)(trial, deadline, run_one) for trial in group.trials)
-    yield from joblib.Parallel(n_jobs=jobs, return_as="generator")(calls)
+    results: Any = joblib.Parallel(n_jobs=jobs, return_as="generator")(calls)
+    yield from results
 
 
 def run_one(trial: Trial) -> Result:

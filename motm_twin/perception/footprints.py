@@ -46,7 +46,7 @@ def merged_outlines(solids: tuple[Solid, ...]) -> tuple[Array, ...]:
 
 def _corners(part: shapely.Polygon) -> Array:
     """Corners of a polygon, counter-clockwise, without those that lie on a straight edge."""
-    return _counter_clockwise(part.simplify(1e-6).exterior)
+    return _counter_clockwise(shapely.Polygon(part.simplify(1e-6)).exterior)
 
 
 def _counter_clockwise(ring: shapely.LinearRing) -> Array:

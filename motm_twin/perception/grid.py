@@ -27,7 +27,7 @@ class Grid(msgspec.Struct, frozen=True, kw_only=True):
 
     def contains(self, cells: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether each cell (row, col) is in the grid, shape (..., 2) to (...)."""
-        return ((cells >= 0) & (cells < np.array(self.shape))).all(axis=-1)
+        return np.asarray(((cells >= 0) & (cells < np.array(self.shape))).all(axis=-1))
 
     def centres(self) -> Array:
         """World centres [m] of all cells, shape (rows, columns, 2)."""
