@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
@@ -46,13 +47,13 @@ def merged_outlines(solids: tuple[Solid, ...]) -> tuple[Array, ...]:
 
 def _corners(part: shapely.Polygon) -> Array:
     """Corners of a polygon, counter-clockwise, without those that lie on a straight edge."""
-    return _counter_clockwise(shapely.Polygon(part.simplify(1e-6)).exterior)
+    return _counter_clockwise(part.exterior.simplify(1e-6))
 
 
-def _counter_clockwise(ring: shapely.LinearRing) -> Array:
+def _counter_clockwise(ring: BaseGeometry) -> Array:
     """Corners of a ring, counter-clockwise, the first not repeated; shape (n, 2)."""
-    corners = np.array(ring.coords)[:-1]
-    return corners if ring.is_ccw else np.ascontiguousarray(corners[::-1])
+    corners = shapely.get_coordinates(ring)[:-1]
+    return corners if shapely.is_ccw(ring) else np.ascontiguousarray(corners[::-1])
 
 
 def distance_to_shape(shape: Box | Cylinder | Prism, points: Array) -> Array:
