@@ -35,6 +35,11 @@ else
   pip install -qq --require-hashes --only-binary :all: -r requirements-build.lock
 fi
 pip install -qq --no-deps --no-build-isolation --editable .
+if ! .venv/bin/python -c 'import pinocchio' 2>/dev/null; then
+  echo "setup: pinocchio needs OpenMP's runtime; installing Debian's libgomp1"
+  tools/apt.sh libgomp1
+  .venv/bin/python -c 'import pinocchio'
+fi
 touch .venv/.ready-run
 if [ "$kind" = dev ]; then touch .venv/.ready-dev; fi
 echo "setup: done"
