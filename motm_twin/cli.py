@@ -99,11 +99,24 @@ def scene(action: Positional[Literal["list", "check", "schema"]], path: Position
     return cli_scene.check_scene(path)
 
 
+def bench(groups: Positional[list[str]] = ["all"], /, workers: int = 2, out: Path = Path("out/bench")) -> int:  # noqa: B006 - tyro copies it
+    """Measure: the groups of trials behind the numbers of the README, as tables and JSON.
+
+    Args:
+        groups: Names of groups, or all.
+        workers: Processes.
+        out: Folder of the JSON results.
+    """
+    from motm_twin.bench.__main__ import main as run_groups  # noqa: PLC0415
+
+    return run_groups([*groups, "--workers", str(workers), "--out", str(out)])
+
+
 def main() -> None:
     """Entry point of `motm-twin`."""
     try:
         code = tyro.extras.subcommand_cli_from_dict(
-            {"serve": serve, "run": run, "scene": scene},
+            {"serve": serve, "run": run, "scene": scene, "bench": bench},
             prog="motm-twin",
             description="Reactive manipulation on the move, as a digital twin.",
         )

@@ -112,7 +112,7 @@ class ControlLoop(Stateful[LoopState]):
             placement=placement,
             plan=plan,
             arm=tuple(steps),
-            stop_reason=reason or _standing(plan, steps[-1], observation),
+            stop_reason=reason or self.mapper.refusal or _standing(plan, steps[-1], observation),
             events=tuple(events),
             edits=edits,
             stage_ms=_stages(marks, arm_seconds),
@@ -169,7 +169,7 @@ class ControlLoop(Stateful[LoopState]):
                 T_odom_world=T_odom_world,
             )
             step = self.manipulator.step(inputs)
-            verdict = self.monitor.check(step.actuation, observation, dt)
+            verdict = self.monitor.check(step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp)
             seconds += self._clock() - began
             steps.append(step)
             reason = verdict.reason or reason

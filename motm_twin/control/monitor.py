@@ -54,11 +54,18 @@ class Monitor(Stateful[MonitorState]):
         """The base twist commanded last, shape (2,)."""
         return self._state.twist.copy()
 
-    def check(self, actuation: Actuation, observation: Observation, dt: float) -> Verdict:
-        """The actuation for the next dt [s], slowed where it must be."""
+    def check(
+        self, actuation: Actuation, observation: Observation, dt: float, *, scan_stamp: float | None = None
+    ) -> Verdict:
+        """The actuation for the next dt [s], slowed where it must be.
+
+        `scan_stamp` [s] is that of the newest scan found good, where somebody checks scans; else the newest counts.
+        """
+        if scan_stamp is None and observation.scan is not None:
+            scan_stamp = observation.scan.stamp
         if not _healthy(observation):
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
-        twist, reason = self._scan_age(actuation.twist, observation)
+        twist, reason = self._scan_age(actuation.twist, observation.time, scan_stamp)
         twist = self._within_limits(twist, dt)
         if self._hits(twist, observation):
             twist, reason = self._brake(dt), "braking: the lidar sees something within the stopping distance"
@@ -69,8 +76,8 @@ class Monitor(Stateful[MonitorState]):
         self._state.twist = twist
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
 
-    def _scan_age(self, twist: Array, observation: Observation) -> tuple[Array, str]:
-        age = math.inf if observation.scan is None else observation.time - observation.scan.stamp
+    def _scan_age(self, twist: Array, time: float, stamp: float | None) -> tuple[Array, str]:
+        age = math.inf if stamp is None else time - stamp
         if age > self.parameters.stop_age:
             return np.zeros(2), f"stopped: lidar stale {age:.2f} s"
         if age > self.parameters.slow_age:

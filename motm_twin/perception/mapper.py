@@ -71,6 +71,11 @@ class Mapper(Stateful[MapperState]):
         """Why the newest scan was refused, in one sentence; "" when it was used."""
         return self._state.refusal
 
+    @property
+    def scan_stamp(self) -> float | None:
+        """Stamp [s] of the newest scan that was used; None before the first."""
+        return self._state.scan_stamp
+
     def update(self, observation: Observation) -> WorldMap:
         """Take in the newest scan and return the map at the observation's time; a refused scan changes nothing."""
         state = self._state
