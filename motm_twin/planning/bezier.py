@@ -3,34 +3,41 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from motm_twin.model.geometry import Array
+from motm_twin.planning.kernel import kernel
 from motm_twin.planning.rtr import turn
 
 
-@njit(cache=True)
-def bezier_curve(
-    x: float, y: float, heading: float, gx: float, gy: float, goal_heading: float, offset: float, samples: int
-) -> Array:
-    """Points of the cubic curve, shape (samples + 1, 2) [m].
+@kernel
+def bezier_points(
+    x: float, y: float, heading: float, gx: float, gy: float, goal_heading: float, offset: float, points: Array
+) -> None:
+    """Fill `points`, shape (n, 2) [m], with the cubic curve between two poses.
 
     Control points lie ahead of the start and behind the goal, at ``offset`` times the straight distance.
     """
     reach = offset * math.hypot(gx - x, gy - y)
     x1, y1 = x + reach * math.cos(heading), y + reach * math.sin(heading)
     x2, y2 = gx - reach * math.cos(goal_heading), gy - reach * math.sin(goal_heading)
-    points = np.empty((samples + 1, 2))
-    for i in range(samples + 1):
-        t = i / samples
+    last = points.shape[0] - 1
+    for i in range(last + 1):
+        t = i / last
         s = 1.0 - t
         b0, b1, b2, b3 = s * s * s, 3.0 * s * s * t, 3.0 * s * t * t, t * t * t
         points[i, 0] = b0 * x + b1 * x1 + b2 * x2 + b3 * gx
         points[i, 1] = b0 * y + b1 * y1 + b2 * y2 + b3 * gy
+
+
+def bezier_curve(start: Array, goal: Array, *, offset: float = 0.25, samples: int = 16) -> Array:
+    """The cubic curve between two poses (3,), shape (samples + 1, 2) [m]."""
+    points = np.empty((samples + 1, 2))
+    x, y, heading = (float(value) for value in start)
+    bezier_points(x, y, heading, float(goal[0]), float(goal[1]), float(goal[2]), offset, points)
     return points
 
 
-@njit(cache=True)
+@kernel
 def curve_length(points: Array) -> float:
     """Length [m] of sampled points, shape (n, 2)."""
     total = 0.0
@@ -39,7 +46,7 @@ def curve_length(points: Array) -> float:
     return total
 
 
-@njit(cache=True)
+@kernel
 def curve_time(points: Array, heading: float, goal_heading: float, v_f: float, w_max: float) -> float:
     """Time [s] of a sampled curve: integral of the slower of driving (ds / v_f) and turning (d theta / w_max).
 

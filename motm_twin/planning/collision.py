@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint
+from motm_twin.planning.kernel import kernel
 from motm_twin.perception.world_map import WorldMap
 
 
@@ -57,7 +58,7 @@ def body_of(footprint: Footprint) -> Body:
     return Body(table, corner, footprint.offset_x, math.hypot(half_l, half_w), half_w)
 
 
-@njit(cache=True)
+@kernel
 def distance_at(px: float, py: float, field: Field) -> float:
     """Distance [m] at a point, bilinear; -1 outside the map."""
     u = (px - field.x) * field.inverse_cell - 0.5
@@ -73,7 +74,7 @@ def distance_at(px: float, py: float, field: Field) -> float:
     return low * (1.0 - t) + high * t
 
 
-@njit(cache=True)
+@kernel
 def clearance(px: float, py: float, heading: float, enough: float, field: Field, body: Body) -> float:
     """Clearance [m] of the footprint at a pose, not more than `enough`; negative: that deep in an obstacle."""
     c, s = math.cos(heading), math.sin(heading)
@@ -96,7 +97,7 @@ def clearances(poses: Array, enough: float, field: Field, body: Body) -> Array:
     return result
 
 
-@njit(cache=True)
+@kernel
 def stopping_clearance(
     x: float, y: float, heading: float, v: float, w: float, a_max: float, b_max: float, wanted: float,
     field: Field, body: Body,

@@ -263,7 +263,8 @@ class StaaController:
     def _bezier(self, last: Array, s: staa.Settings, finished: bool) -> Array:
         if finished or not s.bezier or math.isnan(s.goal_heading):
             return empty_path()
-        return bezier_curve(last[0], last[1], last[2], s.goal_x, s.goal_y, s.goal_heading, s.bezier_offset, 16)
+        goal = np.array([s.goal_x, s.goal_y, s.goal_heading])
+        return bezier_curve(last[:3], goal, offset=s.bezier_offset)
 
     def _time_to_range(self, poses: Array, job: Job, graph: Graph, goal: LocalGoal) -> float:
         """When the target comes into reach: in the local plan, else on the path that follows it [s]."""

@@ -1,13 +1,13 @@
 """A binary heap in two arrays, for the searches. Equal keys leave in the order of their items."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.planning.kernel import kernel
 
 
-@njit(cache=True)
+@kernel
 def heap_push(key: Array, item: NDArray[np.int32], size: int, new_key: float, new_item: int) -> int:
     """Add an entry to the first `size` ones; returns the new size."""
     i = size
@@ -21,7 +21,7 @@ def heap_push(key: Array, item: NDArray[np.int32], size: int, new_key: float, ne
     return size + 1
 
 
-@njit(cache=True)
+@kernel
 def heap_pop(key: Array, item: NDArray[np.int32], size: int) -> int:
     """Remove the first entry (read key[0], item[0] before); returns the new size."""
     size -= 1

@@ -4,10 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
+from motm_twin.planning.kernel import kernel
 from motm_twin.planning.parameters import ReachParameters, StaaParameters
 from motm_twin.planning.types import Target
 
@@ -31,7 +31,7 @@ class Job(NamedTuple):
     heading_tolerance: float  # [rad]
 
 
-@njit(cache=True)
+@kernel
 def in_reach(x: float, y: float, heading: float, v: float, w: float, job: Job) -> bool:
     """Whether the job's target is in reach from a base pose [m, rad] moving at v [m/s] and w [rad/s]."""
     dx, dy = job.x - x, job.y - y

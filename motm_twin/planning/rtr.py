@@ -3,19 +3,19 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from motm_twin.model.geometry import Array
+from motm_twin.planning.kernel import kernel
 
 
-@njit(cache=True)
+@kernel
 def turn(angle_from: float, angle_to: float) -> float:
     """Smallest rotation [rad] between two directions, 0 .. pi."""
     difference = abs(angle_to - angle_from) % (2.0 * math.pi)
     return 2.0 * math.pi - difference if difference > math.pi else difference
 
 
-@njit(cache=True)
+@kernel
 def path_rtr_both(
     path: Array, heading: float, goal_heading: float, v_f: float, v_r: float, w_max: float
 ) -> tuple[float, float]:

@@ -10,15 +10,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.bezier import bezier_curve, curve_time
-from motm_twin.planning.borrow import borrowed, borrowed_body, borrowed_field, borrowed_graph, borrowed_table
+from motm_twin.planning.bezier import bezier_points, curve_time
 from motm_twin.planning.collision import Body, Field, clearance, distance_at, stopping_clearance
 from motm_twin.planning.cost_to_go import FAR, Table, cost_from
 from motm_twin.planning.heap import heap_pop, heap_push
+from motm_twin.planning.kernel import kernel
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.visibility import Graph, push_out, visible_vertices
 
@@ -112,6 +111,7 @@ class Memory(NamedTuple):
     closed: NDArray[np.int64]
     count: NDArray[np.int64]
     scratch: IntArray
+    curve: Array
 
 
 def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
@@ -123,6 +123,7 @@ def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
         np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
         next(ints), next(ints), next(ints), np.zeros(n, np.bool_), np.zeros(n), next(ints),
         np.full(slots, -1, np.int64), np.zeros(8, np.int64), np.zeros(vertices + 1, np.int32),
+        np.zeros((BEZIER_SAMPLES + 1, 2)),
     )  # fmt: skip
 
 
@@ -136,7 +137,7 @@ def make_cell_sights(field: Field) -> CellSights:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@kernel
 def _cell(x: float, y: float, field: Field, graph: Graph, cells: CellSights, scratch: IntArray) -> int:
     """Index of the map cell of a point, its sights made sure of; -1 when they do not fit into the store."""
     i = int(math.floor((x - field.x) * field.inverse_cell))
@@ -150,14 +151,15 @@ def _cell(x: float, y: float, field: Field, graph: Graph, cells: CellSights, scr
         if cells.used[0] + found > cells.pool.shape[0]:
             return -1
         first = cells.used[0]
-        cells.pool[first : first + found] = scratch[:found]
+        for k in range(found):
+            cells.pool[first + k] = scratch[k]
         cells.point[c, 0], cells.point[c, 1], cells.point[c, 2] = qx, qy, pushed
         cells.start[c], cells.count[c] = first, found
         cells.used[0] = first + found
     return c
 
 
-@njit(cache=True)
+@kernel
 def cost_at(
     x: float, y: float, heading: float, table: Table, world: World, cells: CellSights, scratch: IntArray
 ) -> float:
@@ -175,43 +177,46 @@ def cost_at(
     return cost_from(x, y, heading, sx, sy, pushed, seen, cells.count[c], world.graph, table)
 
 
-@njit(cache=True)
-def _bezier_cost(x: float, y: float, heading: float, limit: float, s: Settings, world: World) -> float:
+@kernel
+def _bezier_cost(
+    x: float, y: float, heading: float, limit: float, s: Settings, world: World, memory: Memory
+) -> float:
     """Time [s] of the Bezier curve to the goal when it is free and below `limit`, else FAR."""
     straight = math.hypot(s.goal_x - x, s.goal_y - y)
     if straight / s.v_f >= limit or straight < 1e-3:
         return FAR
-    curve = bezier_curve(x, y, heading, s.goal_x, s.goal_y, s.goal_heading, s.bezier_offset, BEZIER_SAMPLES)
+    curve = memory.curve
+    bezier_points(x, y, heading, s.goal_x, s.goal_y, s.goal_heading, s.bezier_offset, curve)
     time = curve_time(curve, heading, s.goal_heading, s.v_f, s.w_max)
     if time >= limit:
         return FAR
-    for i in range(1, BEZIER_SAMPLES):
+    for i in range(1, curve.shape[0] - 1):
         if distance_at(curve[i, 0], curve[i, 1], world.field) < world.body.inner + s.margin:
             return FAR
     return time
 
 
-@njit(cache=True)
+@kernel
 def _judge(
     x: float, y: float, heading: float, reached: bool, done: bool, s: Settings, world: World, cells: CellSights,
-    scratch: IntArray,
+    memory: Memory,
 ) -> tuple[float, float]:  # fmt: skip
     """Heuristic h and time to the goal t_h [s] of a pose."""
     onward = FAR
     if reached and s.drive_on:
         onward = 0.0
         if s.has_next:
-            onward = s.next_weight * cost_at(x, y, heading, world.next_table, world, cells, scratch)
+            onward = s.next_weight * cost_at(x, y, heading, world.next_table, world, cells, memory.scratch)
         if done:
             return onward, 0.0
-    h = cost_at(x, y, heading, world.table, world, cells, scratch)
+    h = cost_at(x, y, heading, world.table, world, cells, memory.scratch)
     if s.bezier and not math.isnan(s.goal_heading):
         after = world.table.goal_offset[0]
-        h = min(h, after + _bezier_cost(x, y, heading, h - after, s, world))
+        h = min(h, after + _bezier_cost(x, y, heading, h - after, s, world, memory))
     return min(h, onward), 0.0 if reached else max(0.0, h - s.after_goal)
 
 
-@njit(cache=True)
+@kernel
 def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
     if math.hypot(x - s.goal_x, y - s.goal_y) > s.pass_distance:
         return False
@@ -221,7 +226,7 @@ def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
     return min(error, 2.0 * math.pi - error) <= s.pass_heading
 
 
-@njit(cache=True)
+@kernel
 def _close(pose: Array, twist: Array, s: Settings, closed: NDArray[np.int64], add: bool) -> bool:
     """Whether the node's cell is closed already; with `add`, it is from now on."""
     i, j = int(math.floor(pose[0] / s.cell)) + 100_000, int(math.floor(pose[1] / s.cell)) + 100_000
@@ -241,7 +246,7 @@ def _close(pose: Array, twist: Array, s: Settings, closed: NDArray[np.int64], ad
     return False
 
 
-@njit(cache=True)
+@kernel
 def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world: World) -> float:
     """C: 0 .. 1, how near the footprint is to obstacles."""
     if not s.grid_map:
@@ -254,51 +259,31 @@ def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world
     return worst
 
 
-@njit(cache=True)
-def _borrowed_world(world: World) -> World:
-    return World(
-        borrowed_field(world.field), borrowed_field(world.proximity), borrowed_body(world.body),
-        borrowed_graph(world.graph), borrowed_table(world.table), borrowed_table(world.next_table), world.job,
-    )  # fmt: skip
-
-
-@njit(cache=True)
-def _borrowed_cells(cells: CellSights) -> CellSights:
-    return CellSights(
-        borrowed(cells.start), borrowed(cells.count), borrowed(cells.point), borrowed(cells.pool),
-        borrowed(cells.shape), borrowed(cells.used),
-    )  # fmt: skip
-
-
-@njit(cache=True)
-def _borrowed_memory(m: Memory) -> Memory:
-    return Memory(
-        borrowed(m.pose), borrowed(m.twist), borrowed(m.g), borrowed(m.h), borrowed(m.left), borrowed(m.t_goal),
-        borrowed(m.parent), borrowed(m.action), borrowed(m.depth), borrowed(m.passed), borrowed(m.key),
-        borrowed(m.item), borrowed(m.closed), borrowed(m.count), borrowed(m.scratch),
-    )  # fmt: skip
-
-
-@njit(cache=True)
+@kernel
 def start_search(
     pose: Array, twist: Array, left: float, s: Settings, world: World, cells: CellSights, memory: Memory
 ) -> None:
     """Put the root into the queue. left: time [s] that the job still needs."""
-    memory.closed[:] = -1
-    memory.count[:] = 0
-    memory.pose[0], memory.twist[0] = pose, twist
+    for i in range(memory.closed.shape[0]):
+        memory.closed[i] = -1
+    for i in range(memory.count.shape[0]):
+        memory.count[i] = 0
+    for i in range(3):
+        memory.pose[0, i] = pose[i]
+    for i in range(2):
+        memory.twist[0, i] = twist[i]
     memory.g[0], memory.left[0] = 0.0, left
     memory.parent[0], memory.action[0], memory.depth[0], memory.passed[0] = -1, -1, 0, False
     reached = s.by_job and in_reach(pose[0], pose[1], pose[2], twist[0], twist[1], world.job)
     memory.h[0], memory.t_goal[0] = _judge(
-        pose[0], pose[1], pose[2], reached, False, s, world, cells, memory.scratch
+        pose[0], pose[1], pose[2], reached, False, s, world, cells, memory
     )
     memory.count[NODES] = 1
     memory.count[QUEUE] = heap_push(memory.key, memory.item, 0, memory.h[0], 0)
     memory.count[BEST] = -1
 
 
-@njit(cache=True)
+@kernel
 def _reached_at(
     x: float, y: float, heading: float, v_0: float, w_0: float, v_end: float, w_end: float, f: float, dt: float,
     job: Job,
@@ -311,15 +296,15 @@ def _reached_at(
     return in_reach(x + v_m * t * math.cos(ahead), y + v_m * t * math.sin(ahead), heading + w_m * t, v, w, job)
 
 
-@njit(cache=True)
+@kernel
 def _child(
     node: int, v_end: float, w_end: float, action: int, allowed: float, root_reached: bool, s: Settings, world: World,
     cells: CellSights, memory: Memory,
 ) -> None:  # fmt: skip
     """Make the child that ends at the given speeds, if it is free and new, and queue it."""
     dt, job = s.node_duration, world.job
-    x, y, heading = memory.pose[node]
-    v_0, w_0 = memory.twist[node]
+    x, y, heading = memory.pose[node, 0], memory.pose[node, 1], memory.pose[node, 2]
+    v_0, w_0 = memory.twist[node, 0], memory.twist[node, 1]
     v, w = 0.5 * (v_0 + v_end), 0.5 * (w_0 + w_end)
     half = 0.5 * w * dt
     chord = v * dt * (math.sin(half) / half if abs(half) > 1e-6 else 1.0)
@@ -370,7 +355,7 @@ def _child(
         elif reached or in_reach(mx, my, m_heading, v_0, w_0, job):
             left = 0.0
         done = left <= 0.0
-    h, t_goal = _judge(pose[0], pose[1], pose[2], reached or done, done, s, world, cells, memory.scratch)
+    h, t_goal = _judge(pose[0], pose[1], pose[2], reached or done, done, s, world, cells, memory)
     if h >= FAR:
         return
     k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
@@ -386,17 +371,12 @@ def _child(
     memory.count[QUEUE] = heap_push(memory.key, memory.item, memory.count[QUEUE], memory.g[n] + s.epsilon * h, n)
 
 
-@njit(cache=True)
+@kernel
 def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory: Memory) -> int:
     """Continue until `limit` expansions in total; returns GOAL, ABORTED (limit reached) or DRY.
 
     The answer is then node count[SOLUTION]; -1 when nothing but the root was popped.
     """
-    return _run(limit, s, _borrowed_world(world), _borrowed_cells(cells), _borrowed_memory(memory))
-
-
-@njit(cache=True)
-def _run(limit: int, s: Settings, world: World, cells: CellSights, memory: Memory) -> int:
     count = memory.count
     root = clearance(memory.pose[0, 0], memory.pose[0, 1], memory.pose[0, 2], 1.0, world.field, world.body)
     # A root inside the margin may leave it; its children may not be worse than it is.
@@ -441,7 +421,7 @@ def _run(limit: int, s: Settings, world: World, cells: CellSights, memory: Memor
                 _child(node, v_end, w_end, action, allowed, root_reached, s, world, cells, memory)
 
 
-@njit(cache=True)
+@kernel
 def best_braking(
     pose: Array, twist: Array, w_max: float, a_max: float, b_max: float, notches: int, field: Field,
     body: Body,

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.planning.kernel import kernel
 
 IntArray = NDArray[np.int32]
 SHRINK = 0.002  # [m]
@@ -44,7 +45,7 @@ class Graph(NamedTuple):
     in_edge: IntArray  # (e,) edges arriving at each vertex
 
 
-@njit(cache=True)
+@kernel
 def segment_free(ax: float, ay: float, bx: float, by: float, walls: Rings) -> bool:
     """Whether the open segment a-b crosses no ring."""
     dx, dy = bx - ax, by - ay
@@ -68,7 +69,7 @@ def segment_free(ax: float, ay: float, bx: float, by: float, walls: Rings) -> bo
     return True
 
 
-@njit(cache=True)
+@kernel
 def inside(px: float, py: float, walls: Rings) -> bool:
     """Whether a point is in the area of the rings (even-odd rule, so holes are outside)."""
     odd = False
@@ -86,7 +87,7 @@ def inside(px: float, py: float, walls: Rings) -> bool:
     return odd
 
 
-@njit(cache=True)
+@kernel
 def push_out(px: float, py: float, walls: Rings, solids: Rings) -> tuple[float, float, float]:
     """Nearest point outside the grown polygons, and how far it is [m]: 0 for a point that is outside.
 
@@ -120,7 +121,7 @@ def push_out(px: float, py: float, walls: Rings, solids: Rings) -> tuple[float, 
     return qx, qy, nearest
 
 
-@njit(cache=True)
+@kernel
 def tangential(v: int, dx: float, dy: float, before: Array, after: Array, vertex: Array) -> bool:
     """Whether a line of direction (dx, dy) through vertex v leaves both its neighbours on one side."""
     one = dx * (before[v, 1] - vertex[v, 1]) - dy * (before[v, 0] - vertex[v, 0])
@@ -128,7 +129,7 @@ def tangential(v: int, dx: float, dy: float, before: Array, after: Array, vertex
     return (one >= -TOUCH and two >= -TOUCH) or (one <= TOUCH and two <= TOUCH)
 
 
-@njit(cache=True)
+@kernel
 def visible_vertices(px: float, py: float, graph: Graph, found: IntArray) -> int:
     """Write the vertices that can be reached from p by a tangential free line into `found`; returns how many."""
     count = 0
