@@ -8,9 +8,71 @@ from numba import njit
 from motm_twin.model.geometry import Array
 from motm_twin.sim.kernels import Index, clearance, polygon_distance
 
+ACCELERATION = 0.5  # [m/s^2]
+YAW_RATE = 1.5  # [rad/s]
+YAW_ACCELERATION = 4.0  # [rad/s^2]
+HEADING_GAIN = 4.0  # [1/s]
+TURN_FIRST = 0.6  # [rad] off its course from which an agent turns on the spot
+STRAIGHT = 0.1  # [rad] off its course up to which looking straight ahead is enough
+CORNERING = 0.1  # [m/s] always allowed in a bend
+
 _BETTER = 0.002  # [m] of distance gained that counts as moving away, per 0.02 m
+_NEAR = 0.4  # [m] from a tight start within which a way round must first lead away
+_AWAY = 0.3  # [m] of distance gained per m that counts as leading away
+_SQUEEZE = 0.02  # [m] that a motion past something within the margin may come nearer to it, and must keep
 _LEFT = 1.3  # cost of a way on the left of the straight one
 _SAME = 1e-6  # [m] of distance lost that counts as none
+
+
+@njit(cache=True)
+def bearing_to(pose: Array, x: float, y: float) -> float:
+    """Angle [rad] from the heading to a point, in (-pi, pi]."""
+    turn = math.atan2(y - pose[1], x - pose[0]) - pose[2]
+    return math.atan2(math.sin(turn), math.cos(turn))
+
+
+@njit(cache=True)
+def _stoppable(room: float) -> float:
+    """Speed [m/s] from which an agent stops within the room [m], with a little to spare."""
+    return math.sqrt(2.0 * 0.8 * ACCELERATION * max(0.0, room))
+
+
+@njit(cache=True)
+def steer(
+    pose: Array,
+    v: float,
+    w: float,
+    x: float,
+    y: float,
+    speed: float,
+    free: float,
+    gap: float,
+    rounding: bool,
+    dt: float,
+) -> tuple[Array, float, float, float]:
+    """One substep towards (x, y): pose, forward speed, yaw rate, and what is left of ``free`` [m].
+
+    No faster than it can stop in ``free`` straight ahead and, in bends and on a way round, in ``gap`` on any side.
+    """
+    bearing = bearing_to(pose, x, y)
+    free = max(0.0, free - v * dt)
+    wanted = min(speed * max(0.0, 1.0 - abs(bearing) / TURN_FIRST), _stoppable(free))
+    if rounding or abs(bearing) > STRAIGHT:
+        wanted = min(wanted, max(CORNERING, _stoppable(gap)))
+    turn = min(YAW_RATE, max(-YAW_RATE, HEADING_GAIN * bearing))
+    new_v = v + min(ACCELERATION * dt, max(-ACCELERATION * dt, wanted - v))
+    new_w = w + min(YAW_ACCELERATION * dt, max(-YAW_ACCELERATION * dt, turn - w))
+    way, turned = 0.5 * (v + new_v) * dt, 0.5 * (w + new_w) * dt
+    chord = way * (1.0 if turned == 0.0 else math.sin(0.5 * turned) / (0.5 * turned))
+    middle, heading = pose[2] + 0.5 * turned, pose[2] + turned
+    there = np.array(
+        [
+            pose[0] + chord * math.cos(middle),
+            pose[1] + chord * math.sin(middle),
+            math.atan2(math.sin(heading), math.cos(heading)),
+        ]
+    )
+    return there, new_v, new_w, free
 
 
 @njit(cache=True)
@@ -19,7 +81,7 @@ def free_ahead(
 ) -> float:
     """Distance [m] that a disc of radius ``body`` can drive straight on with a margin, at most ``reach``.
 
-    Something within the margin already does not stop a motion that comes no nearer to it; something within the body
+    Something within the margin already does not stop a motion that comes hardly nearer to it; something within the body
     (or where it is expected to be) only lets a motion pass that clearly leads away.
     """
     free = reach
@@ -45,13 +107,14 @@ def _free_of(
     radius = body + margin
     c, s = math.cos(pose[2]), math.sin(pose[2])
     gap = _gap_to(pose[0], pose[1], i, corners, first, discs)
+    least = max(body + _SQUEEZE, min(radius, gap - _SQUEEZE))
     travelled = 0.0
     while travelled < reach and gap - radius < reach - travelled:
         step = min(max(gap - radius, 0.02), reach - travelled)
         ahead = _gap_to(pose[0] + c * (travelled + step), pose[1] + s * (travelled + step), i, corners, first, discs)
         if ahead < body and ahead < gap + _BETTER * (step / 0.02):
             return travelled
-        if ahead < radius and ahead < gap - _SAME:
+        if ahead < least and ahead < gap - _SAME:
             return travelled
         travelled += step
         gap = ahead
@@ -66,7 +129,7 @@ def way_round(
 
     The grid is a square of half width ``window`` about the start; a goal outside is replaced by the free cell nearest
     to it. Dijkstra over eight neighbours; the left of the way to the goal costs more, so that two who meet both pass
-    on their right. Near the start a cell is free when it is no tighter than the start itself.
+    on their right. Near a tight start a cell is free when it clearly leads away from what is tight.
     """
     half = int(window / cell)
     n = 2 * half + 1
@@ -76,8 +139,8 @@ def way_round(
         for j in range(n):
             x, y = start[0] + (i - half) * cell, start[1] + (j - half) * cell
             gap = clearance(x, y, corners, first, discs)
-            near = math.hypot(x - start[0], y - start[1]) < 0.4
-            free[i, j] = gap >= radius or (near and gap >= here)
+            away = math.hypot(x - start[0], y - start[1])
+            free[i, j] = gap >= radius or (away < _NEAR and gap >= here + _AWAY * away)
     cost = np.full((n, n), np.inf)
     parent = np.full((n, n), -1, dtype=np.int64)
     done = np.zeros((n, n), dtype=np.bool_)

@@ -6,16 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.model.geometry import Array, drive, wrap_angle
+from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Agent
-from motm_twin.sim.agent_kernels import free_ahead, way_round
+from motm_twin.sim.agent_kernels import bearing_to, free_ahead, steer, way_round
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.solids import Solids
 
-ACCELERATION = 0.5  # [m/s^2]
-YAW_RATE = 1.5  # [rad/s]
-YAW_ACCELERATION = 4.0  # [rad/s^2]
-HEADING_GAIN = 4.0  # [1/s]
 MARGIN = 0.10  # [m] kept from everything ahead
 MARGIN_ROUND = 0.07  # [m] the same on a way round, which was searched with more
 MARGINS_SEARCHED = (0.16, 0.10)  # [m] a way round is searched with the first, else the second
@@ -29,9 +25,7 @@ AGAIN = 1.5  # [s] between further attempts
 GRID = 0.1  # [m] of the search for a way round
 WINDOW = 3.0  # [m] about the agent that the search covers
 DECISION_STEPS = 5  # substeps between two looks at the world
-TURN_FIRST = 0.6  # [rad] off its course from which an agent turns on the spot
-STRAIGHT = 0.1  # [rad] off its course up to which looking straight ahead is enough
-CORNERING = 0.1  # [m/s] always allowed in a bend
+FACING = 0.5  # [rad] off its course within which an agent that stands is waiting, not turning
 CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
 
 
@@ -114,7 +108,7 @@ class Agents:
         margin = MARGIN_ROUND if len(state.detour) > 0 else MARGIN
         state.free = free_ahead(state.pose, agent.radius, margin, LOOK_AHEAD, corners, first, discs)
         state.gap = clearance(float(state.pose[0]), float(state.pose[1]), corners, first, discs) - agent.radius
-        wants = abs(self._bearing(agent, state)) < 0.5
+        wants = abs(bearing_to(state.pose, *self._goal(agent, state))) < FACING
         if state.v > CREEP or not wants:
             state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * (state.v > CREEP))
             if state.waiting == 0.0:
@@ -144,45 +138,33 @@ class Agents:
                     state.detour, state.waypoint = path, index
                     return
 
-    def _goal(self, agent: Agent, state: AgentState) -> Array:
+    def _goal(self, agent: Agent, state: AgentState) -> tuple[float, float]:
         """Point to drive to now; passes points of a way round and waypoints that are reached."""
+        x, y = float(state.pose[0]), float(state.pose[1])
         while len(state.detour) > 0:
-            if math.hypot(*(state.detour[0] - state.pose[:2])) > PATH_STEP:
-                return state.detour[0]
+            goal = float(state.detour[0, 0]), float(state.detour[0, 1])
+            if math.hypot(goal[0] - x, goal[1] - y) > PATH_STEP:
+                return goal
             state.detour = state.detour[1:]
-        goal = np.array(agent.waypoints[state.waypoint])
-        if math.hypot(*(goal - state.pose[:2])) < ARRIVED:
+        goal = agent.waypoints[state.waypoint]
+        if math.hypot(goal[0] - x, goal[1] - y) < ARRIVED:
             state.waypoint = (state.waypoint + 1) % len(agent.waypoints)
-            goal = np.array(agent.waypoints[state.waypoint])
+            goal = agent.waypoints[state.waypoint]
         return goal
 
-    def _bearing(self, agent: Agent, state: AgentState) -> float:
-        goal = self._goal(agent, state)
-        dx, dy = goal[0] - state.pose[0], goal[1] - state.pose[1]
-        return wrap_angle(math.atan2(dy, dx) - float(state.pose[2])) if dx or dy else 0.0
-
     def _drive(self, agent: Agent, state: AgentState) -> None:
-        bearing = self._bearing(agent, state)
-        turn = min(YAW_RATE, max(-YAW_RATE, HEADING_GAIN * bearing))
-        speed = agent.speed * max(0.0, 1.0 - abs(bearing) / TURN_FIRST)
-        if agent.behaviour == "yield":
-            state.free = max(0.0, state.free - state.v * self.dt)
-            speed = min(speed, _stoppable(state.free))
-            if abs(bearing) > STRAIGHT or len(state.detour) > 0:
-                speed = min(speed, max(CORNERING, _stoppable(state.gap)))
-        v = state.v + min(ACCELERATION * self.dt, max(-ACCELERATION * self.dt, speed - state.v))
-        w = state.w + min(YAW_ACCELERATION * self.dt, max(-YAW_ACCELERATION * self.dt, turn - state.w))
-        state.pose = drive(state.pose, 0.5 * (state.v + v), 0.5 * (state.w + w), self.dt)
-        state.v, state.w = v, w
-        if state.waiting > 0.0 and v <= CREEP:
+        x, y = self._goal(agent, state)
+        yielding, rounding = agent.behaviour == "yield", len(state.detour) > 0
+        room = (state.free, state.gap) if yielding else (math.inf, math.inf)
+        state.pose, state.v, state.w, free = steer(
+            state.pose, state.v, state.w, x, y, agent.speed, *room, rounding, self.dt
+        )
+        if yielding:
+            state.free = free
+        if state.waiting > 0.0 and state.v <= CREEP:
             state.mode = "waiting"
         else:
-            state.mode = "going round" if len(state.detour) > 0 else "driving"
-
-
-def _stoppable(room: float) -> float:
-    """Speed [m/s] from which an agent stops within the room [m], with a little to spare."""
-    return math.sqrt(2.0 * 0.8 * ACCELERATION * max(0.0, room))
+            state.mode = "going round" if rounding else "driving"
 
 
 @dataclass(frozen=True, kw_only=True)
