@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.kernel import kernel
+from motm_twin.planning.kernel import kernel, length_of
 from motm_twin.planning.rtr import turn
 
 
@@ -17,7 +17,7 @@ def bezier_points(
 
     Control points lie ahead of the start and behind the goal, at ``offset`` times the straight distance.
     """
-    reach = offset * math.hypot(gx - x, gy - y)
+    reach = offset * length_of(gx - x, gy - y)
     x1, y1 = x + reach * math.cos(heading), y + reach * math.sin(heading)
     x2, y2 = gx - reach * math.cos(goal_heading), gy - reach * math.sin(goal_heading)
     last = points.shape[0] - 1
@@ -42,7 +42,7 @@ def curve_length(points: Array) -> float:
     """Length [m] of sampled points, shape (n, 2)."""
     total = 0.0
     for i in range(1, points.shape[0]):
-        total += math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
+        total += length_of(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
     return total
 
 
@@ -58,7 +58,7 @@ def curve_time(points: Array, heading: float, goal_heading: float, v_f: float, w
     before = heading
     for i in range(1, n):
         dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
-        step = math.hypot(dx, dy)
+        step = length_of(dx, dy)
         if i == n - 1:
             after = goal_heading
         elif step > 1e-9:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import kernel
+from motm_twin.planning.kernel import kernel, length_of
 from motm_twin.planning.rtr import turn
 from motm_twin.planning.visibility import Graph, push_out, segment_free, tangential, visible_vertices
 
@@ -125,7 +125,7 @@ def make_table(graph: Graph, place: Array, goal_start: IntArray, heading: Array,
                 continue
             if not segment_free(vx, vy, seen[s, 0], seen[s, 1], graph.walls):
                 continue
-            length = math.hypot(dx, dy) + extra[s]
+            length = length_of(dx, dy) + extra[s]
             angle = math.atan2(dy, dx)
             exit_site[count], exit_angle[count] = s, angle
             exit_front[count] = length * rates.front + final_cost(s, angle, False, goals)
@@ -171,7 +171,7 @@ def cost_outside(
     rates = table.rates
     for s in range(table.site.shape[0]):
         dx, dy = table.site[s, 0] - px, table.site[s, 1] - py
-        length = math.hypot(dx, dy)
+        length = length_of(dx, dy)
         total = length + table.extra[s]
         if total * rates.front >= best or not segment_free(sx, sy, table.seen[s, 0], table.seen[s, 1], graph.walls):
             continue
@@ -190,7 +190,7 @@ def cost_outside(
     for i in range(count):
         v = visible[i]
         dx, dy = graph.vertex[v, 0] - px, graph.vertex[v, 1] - py
-        length = math.hypot(dx, dy)
+        length = length_of(dx, dy)
         if length * rates.front + table.bound[v] >= best:
             continue
         angle = math.atan2(dy, dx) if length > 1e-6 else heading

@@ -7,8 +7,9 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
-from motm_twin.planning.kernel import kernel
+from motm_twin.planning.kernel import kernel, length_of
 from motm_twin.planning.parameters import ReachParameters, StaaParameters
+from motm_twin.planning.rtr import turn
 from motm_twin.planning.types import Target
 
 MANIPULATE, DRIVE = 1, 2
@@ -36,18 +37,17 @@ def in_reach(x: float, y: float, heading: float, v: float, w: float, job: Job) -
     """Whether the job's target is in reach from a base pose [m, rad] moving at v [m/s] and w [rad/s]."""
     dx, dy = job.x - x, job.y - y
     if job.kind == DRIVE:
-        if math.hypot(dx, dy) > job.r_max:
+        if length_of(dx, dy) > job.r_max:
             return False
         if math.isnan(job.heading):
             return True
-        error = abs(heading - job.heading) % (2.0 * math.pi)
-        return min(error, 2.0 * math.pi - error) <= job.heading_tolerance
+        return turn(heading, job.heading) <= job.heading_tolerance
     c, s = math.cos(heading), math.sin(heading)
     px, py = c * dx + s * dy, -s * dx + c * dy
-    distance = math.hypot(px - job.mount_x, py - job.mount_y)
+    distance = length_of(px - job.mount_x, py - job.mount_y)
     if distance < job.r_min or distance > job.r_max:
         return False
-    return math.hypot(v - w * py, w * px) <= job.speed
+    return length_of(v - w * py, w * px) <= job.speed
 
 
 class ReachModel:

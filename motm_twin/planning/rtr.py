@@ -7,12 +7,15 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.planning.kernel import kernel
 
+TWO_PI = 2.0 * math.pi
+
 
 @kernel
 def turn(angle_from: float, angle_to: float) -> float:
     """Smallest rotation [rad] between two directions, 0 .. pi."""
-    difference = abs(angle_to - angle_from) % (2.0 * math.pi)
-    return 2.0 * math.pi - difference if difference > math.pi else difference
+    difference = abs(angle_to - angle_from)
+    difference -= TWO_PI * math.floor(difference / TWO_PI)
+    return TWO_PI - difference if difference > math.pi else difference
 
 
 @kernel

@@ -17,8 +17,9 @@ from motm_twin.planning.bezier import bezier_points, curve_time
 from motm_twin.planning.collision import Body, Field, clearance, distance_at, stopping_clearance
 from motm_twin.planning.cost_to_go import FAR, Table, cost_from
 from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import kernel
+from motm_twin.planning.kernel import kernel, length_of
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
+from motm_twin.planning.rtr import TWO_PI, turn
 from motm_twin.planning.visibility import Graph, push_out, visible_vertices
 
 IntArray = NDArray[np.int32]
@@ -26,6 +27,7 @@ RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
 NODES, QUEUE, EXPANSIONS, BEST, SOLUTION, POOL = 0, 1, 2, 3, 4, 5  # of Memory.count
 NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
 BEZIER_SAMPLES = 8
+BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
 
 
 class Settings(NamedTuple):
@@ -182,8 +184,8 @@ def _bezier_cost(
     x: float, y: float, heading: float, limit: float, s: Settings, world: World, memory: Memory
 ) -> float:
     """Time [s] of the Bezier curve to the goal when it is free and below `limit`, else FAR."""
-    straight = math.hypot(s.goal_x - x, s.goal_y - y)
-    if straight / s.v_f >= limit or straight < 1e-3:
+    straight = length_of(s.goal_x - x, s.goal_y - y)
+    if straight / s.v_f + BEZIER_GAIN >= limit or straight < 1e-3:
         return FAR
     curve = memory.curve
     bezier_points(x, y, heading, s.goal_x, s.goal_y, s.goal_heading, s.bezier_offset, curve)
@@ -218,20 +220,19 @@ def _judge(
 
 @kernel
 def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
-    if math.hypot(x - s.goal_x, y - s.goal_y) > s.pass_distance:
+    if length_of(x - s.goal_x, y - s.goal_y) > s.pass_distance:
         return False
     if math.isnan(s.goal_heading):
         return True
-    error = abs(heading - s.goal_heading) % (2.0 * math.pi)
-    return min(error, 2.0 * math.pi - error) <= s.pass_heading
+    return turn(heading, s.goal_heading) <= s.pass_heading
 
 
 @kernel
 def _close(pose: Array, twist: Array, s: Settings, closed: NDArray[np.int64], add: bool) -> bool:
     """Whether the node's cell is closed already; with `add`, it is from now on."""
     i, j = int(math.floor(pose[0] / s.cell)) + 100_000, int(math.floor(pose[1] / s.cell)) + 100_000
-    full = 2.0 * math.pi
-    k = int((pose[2] % full) / full * s.heading_bins) % s.heading_bins
+    turns = pose[2] / TWO_PI
+    k = min(s.heading_bins - 1, int((turns - math.floor(turns)) * s.heading_bins))
     v = min(s.speed_bins - 1, max(0, int((twist[0] + s.v_r) / (s.v_f + s.v_r) * s.speed_bins)))
     w = min(s.yaw_rate_bins - 1, max(0, int((twist[1] + s.w_max) / (2.0 * s.w_max) * s.yaw_rate_bins)))
     key = (((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v) * s.yaw_rate_bins + w
@@ -314,7 +315,7 @@ def _child(
     pose[1] = y + chord * math.sin(heading + half)
     pose[2] = heading + w * dt
     twist[0], twist[1] = v_end, w_end
-    if math.hypot(pose[0] - s.region_x, pose[1] - s.region_y) > s.region_radius:
+    if length_of(pose[0] - s.region_x, pose[1] - s.region_y) > s.region_radius:
         return
     if _close(pose, twist, s, memory.closed, False):
         return

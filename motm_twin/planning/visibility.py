@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.kernel import kernel
+from motm_twin.planning.kernel import kernel, length_of
 
 IntArray = NDArray[np.int32]
 SHRINK = 0.002  # [m]
@@ -109,7 +109,7 @@ def push_out(px: float, py: float, walls: Rings, solids: Rings) -> tuple[float, 
                     t = min(1.0, max(0.0, ((px - cx) * fx + (py - cy) * fy) / squared))
                 nx, ny = cx + t * fx, cy + t * fy
                 cx, cy = ex, ey
-                distance = math.hypot(nx - px, ny - py)
+                distance = length_of(nx - px, ny - py)
                 if distance >= nearest or (direct == 0 and not segment_free(px, py, nx, ny, solids)):
                     continue
                 nearest = distance
@@ -181,10 +181,10 @@ def _corners(ring: Array) -> tuple[Array, NDArray[np.int32], Array]:
         qx, qy = ring[(i + 1) % n, 0], ring[(i + 1) % n, 1]
         ax, ay = x - px, y - py
         bx, by = qx - x, qy - y
-        la, lb = math.hypot(ax, ay), math.hypot(bx, by)
+        la, lb = length_of(ax, ay), length_of(bx, by)
         ax, ay, bx, by = ax / la, ay / la, bx / lb, by / lb
         nx, ny = -(ay + by), ax + bx
-        scale = math.hypot(nx, ny)
+        scale = length_of(nx, ny)
         if scale < 1e-6:
             nx, ny, scale = -ax, -ay, 1.0
         shrunk[i, 0] = x + SHRINK * nx / scale
