@@ -53,6 +53,8 @@ class Agents:
         """Agents of the scene; substeps of dt [s]."""
         self.agents = tuple(agents)
         self.dt = dt
+        nothing = np.zeros((0, 2)), np.zeros(1, dtype=np.int64), np.zeros((0, 3))
+        way_round(np.zeros(2), np.ones(2), 0.1, GRID, GRID, *nothing)  # compiled now, not at the first meeting
 
     def start(self) -> list[AgentState]:
         """All agents at their starts."""

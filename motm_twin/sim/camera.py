@@ -39,13 +39,17 @@ class Camera:
         self._sd_near, self._sd_far = noise.camera_position_sd_at_01m, noise.camera_position_sd_at_1m
         self._noisy = max(self._sd_near, self._sd_far) > 0.0
         self._cos_half_cone = math.cos(spec.half_cone)
+        ends = np.zeros((4, 3))
+        segment_distance(*ends)  # compiled now, not when the first object comes into view
+        none = np.zeros((0, 2))
+        sight_blocked(ends[0], ends[1], none, np.zeros(1, dtype=np.int64), none, np.zeros((0, 3)), none)
 
     def sees(self, T_hand: Array, frames: Array, point: Array, solids: Solids, agents: Array) -> float | None:
         """Distance [m] to a point that is seen, else None.
 
         ``T_hand`` (4, 4) and the arm's ``frames`` (11, 4, 4) are in the world; agents are x, y, radius, height (n, 4).
         """
-        eye = T_hand[:3, 3]
+        eye = np.ascontiguousarray(T_hand[:3, 3])
         ray = point - eye
         distance = math.sqrt(ray @ ray)
         if not 0.0 < distance <= self.spec.range or ray @ T_hand[:3, 2] < self._cos_half_cone * distance:

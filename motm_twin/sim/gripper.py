@@ -90,7 +90,8 @@ class Gripper:
         elif state.phase == "opening":
             self._open(state, now, tcp_velocity, by_name)
         for item in cubes:
-            if item.name in (state.held, state.candidate) or item.state == "falling":
+            between = item.name in (state.held, state.candidate)
+            if between or item.state == "falling" or item.state.startswith("binned:"):
                 continue
             if push(tcp, rotation, hand, item, state.width):
                 self.objects.check_support(item, cubes, solids)

@@ -5,6 +5,7 @@ goes on through it, and the referee records the contact.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,9 +142,12 @@ class SimulatedPlant(Stateful[PlantState]):
         for _ in range(count):
             self._substep()
 
-    def check(self, edit: WorldEdit) -> None:
-        """Raise ValueError when the world cannot take this edit."""
-        check_edit(self.scene, self._state.obstacles, edit)
+    def check(self, edit: WorldEdit, pending: Sequence[WorldEdit] = ()) -> None:
+        """Raise ValueError when the world cannot take this edit (after others that still wait to be applied)."""
+        obstacles, taken = self._state.obstacles, self._state.taken
+        for earlier in pending:
+            obstacles, taken = apply_to_obstacles(self.scene, obstacles, taken, earlier)
+        check_edit(self.scene, obstacles, taken, edit)
 
     def apply(self, edit: WorldEdit) -> None:
         """Change the world as a person does; raises ValueError when it cannot be."""
@@ -155,6 +159,10 @@ class SimulatedPlant(Stateful[PlantState]):
             apply_to_agent(s.agents[i], edit)
         else:
             s.obstacles, s.taken = apply_to_obstacles(self.scene, s.obstacles, s.taken, edit)
+            self._refresh_solids(s.obstacles, s.taken)
+            for item in s.objects:
+                if item.state not in ("held", "falling"):
+                    self._object_world.check_support(item, s.objects, self._solids)
         self._referee.edited(s.referee, edit.name, self.time)
 
     def truth(self) -> Truth:

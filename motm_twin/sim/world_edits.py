@@ -36,10 +36,10 @@ def as_obstacle(solid: Solid) -> AddObstacle:
     raise EditError(f"{solid.name!r} is not a box or cylinder")
 
 
-def check_edit(scene: Scene, obstacles: Sequence[AddObstacle], edit: WorldEdit) -> None:
-    """Raise `EditError` unless the edit can be applied to this scene with these obstacles."""
+def check_edit(scene: Scene, obstacles: Sequence[AddObstacle], taken: Sequence[str], edit: WorldEdit) -> None:
+    """Raise `EditError` unless the edit fits this scene with these obstacles and without the solids ``taken``."""
     present = {item.name for item in obstacles}
-    from_scene = {solid.name for solid in scene.solids if movable(solid)}
+    from_scene = {solid.name for solid in scene.solids if movable(solid) and solid.name not in taken}
     agents = {agent.name for agent in scene.agents}
     if isinstance(edit, AddObstacle):
         _check_new(scene, present, edit)

@@ -6,7 +6,7 @@ from sim_hands import act
 from sim_scenes import box, experiment, scene, temis
 
 from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveObstacle
-from motm_twin.model.scene import Agent, Noise
+from motm_twin.model.scene import Agent, Noise, SceneObject
 from motm_twin.model.state import state_hash
 from motm_twin.sim.localisation import Localisation
 from motm_twin.sim.plant import SimulatedPlant
@@ -171,3 +171,29 @@ def test_an_edit_that_cannot_be_is_refused_with_the_reason_and_changes_nothing(e
         with pytest.raises(ValueError, match=message):
             attempt(edit)
     assert state_hash(plant.snapshot()) == before
+
+
+def test_edits_that_wait_are_taken_into_account_when_the_next_is_checked():
+    plant = SimulatedPlant(scene(solids=(box("crate", (2.0, 0.0), (0.5, 0.5), 0.6, mapped=False),)))
+    added = AddObstacle(name="new", x=1.0, y=2.0)
+    plant.check(added)
+    with pytest.raises(ValueError, match="taken"):
+        plant.check(added, pending=(added,))
+    plant.check(MoveBody(name="new", x=1.0, y=1.0), pending=(added,))
+    gone = RemoveObstacle(name="crate")
+    with pytest.raises(ValueError, match="loose"):
+        plant.check(gone, pending=(gone,))
+    plant.apply(gone)
+    with pytest.raises(ValueError, match="loose"):
+        plant.apply(MoveBody(name="crate", x=0.0, y=2.0))
+
+
+def test_a_cube_falls_when_the_box_under_it_is_taken_away():
+    cube = SceneObject(name="cube", position=(2.0, 0.0, 0.62))
+    plant = SimulatedPlant(scene(solids=(box("crate", (2.0, 0.0), (0.5, 0.5), 0.6, mapped=False),), objects=(cube,)))
+    plant.step(0.5)
+    assert plant.truth().objects[0].state == "resting"
+    plant.apply(RemoveObstacle(name="crate"))
+    plant.step(1.0)
+    assert plant.truth().objects[0].state == "dropped"
+    assert plant.truth().objects[0].position[2] == pytest.approx(0.02)

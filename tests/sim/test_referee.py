@@ -235,3 +235,31 @@ def test_wild_commands_break_no_limit():
         plant.command(act(rng.uniform(-3, 3, 2), rng.uniform(-5, 5, 7), str(rng.choice(["open", "close"]))))
         plant.step(0.01 * int(rng.integers(1, 9)))
     assert plant.truth().plant_faults == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_skipping_far_pairs_changes_neither_clearance_nor_contacts(seed):
+    rng = np.random.default_rng(seed)
+    boxes = [box(f"b{i}", (1.2, 0.9 * i - 0.9), (0.3, 0.5), 0.5 + 0.15 * i, yaw=0.4 * i) for i in range(3)]
+    pillar = Solid(name="pillar", shape=Cylinder(centre=(0.2, 1.0), radius=0.1), z_min=0.0, z_max=1.2, mapped=True)
+    plant = SimulatedPlant(scene(solids=(*boxes, pillar), agents=(Agent(name="temi", start=(0.0, -1.0, 0.0)),)))
+    referee = plant._referee
+    around = referee._surroundings
+    least, touched = math.inf, set()
+    for k in range(150):
+        if k % 30 == 0:
+            plant.command(act((0.3, 0.3 * rng.standard_normal()), rng.uniform(-1.0, 1.0, 7)))
+        if k:
+            plant.step(0.01)
+        placed = referee.robot.place(plant.truth().pose, plant.observe().q, 0.08)
+        for i, body in enumerate(referee.robot.bodies[:-1]):
+            for j, other in enumerate(around.names):
+                if other in ("base", "floor") or body == "base":
+                    continue
+                distance = referee._distance(placed, around, i, j)
+                least = min(least, max(0.0, distance))
+                if distance < -1e-5:
+                    touched.add((body, other))
+        assert plant.truth().min_arm_clearance == pytest.approx(least, abs=1e-6)
+    found = {pair for pair in contacts(plant) if pair[1] not in ("base", "floor") and pair[0] != "base"}
+    assert found == touched
