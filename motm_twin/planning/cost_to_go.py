@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import kernel, length_of
+from motm_twin.planning.kernel import inlined, kernel, length_of
 from motm_twin.planning.rtr import turn
 from motm_twin.planning.visibility import Graph, push_out, segment_free, tangential, visible_vertices
 
@@ -53,7 +53,7 @@ class Table(NamedTuple):
     rates: Rates
 
 
-@kernel
+@inlined
 def final_cost(site: int, angle: float, back: bool, table: Table) -> float:
     """Least turn and offset [s] at a site that is reached in direction `angle`."""
     best = FAR
@@ -158,7 +158,7 @@ def make_table(graph: Graph, place: Array, goal_start: IntArray, heading: Array,
     )  # fmt: skip
 
 
-@kernel
+@inlined
 def cost_outside(
     px: float, py: float, heading: float, sx: float, sy: float, visible: IntArray, count: int, graph: Graph,
     table: Table,
@@ -214,7 +214,7 @@ def cost_outside(
     return best, in_reverse, via, follow
 
 
-@kernel
+@inlined
 def cost_from(
     px: float, py: float, heading: float, sx: float, sy: float, pushed: float, visible: IntArray, count: int,
     graph: Graph, table: Table,

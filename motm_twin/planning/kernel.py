@@ -8,6 +8,9 @@ from numba import njit
 # slower. Such a kernel cannot allocate; its arrays belong to the caller.
 kernel = njit(cache=True, _nrt=False)
 
+# The same for functions that take large tuples: passing those (by value) costs more than the work inside.
+inlined = njit(cache=True, _nrt=False, forceinline=True)
+
 
 @kernel
 def length_of(x: float, y: float) -> float:

@@ -17,7 +17,7 @@ from motm_twin.planning.bezier import bezier_points, curve_time
 from motm_twin.planning.collision import Body, Field, clearance, distance_at, stopping_clearance
 from motm_twin.planning.cost_to_go import FAR, Table, cost_from
 from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import kernel, length_of
+from motm_twin.planning.kernel import inlined, kernel, length_of
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.rtr import TWO_PI, turn
 from motm_twin.planning.visibility import Graph, push_out, visible_vertices
@@ -139,7 +139,7 @@ def make_cell_sights(field: Field) -> CellSights:
     )  # fmt: skip
 
 
-@kernel
+@inlined
 def _cell(x: float, y: float, field: Field, graph: Graph, cells: CellSights, scratch: IntArray) -> int:
     """Index of the map cell of a point, its sights made sure of; -1 when they do not fit into the store."""
     i = int(math.floor((x - field.x) * field.inverse_cell))
@@ -161,7 +161,7 @@ def _cell(x: float, y: float, field: Field, graph: Graph, cells: CellSights, scr
     return c
 
 
-@kernel
+@inlined
 def cost_at(
     x: float, y: float, heading: float, table: Table, world: World, cells: CellSights, scratch: IntArray
 ) -> float:
@@ -179,7 +179,7 @@ def cost_at(
     return cost_from(x, y, heading, sx, sy, pushed, seen, cells.count[c], world.graph, table)
 
 
-@kernel
+@inlined
 def _bezier_cost(
     x: float, y: float, heading: float, limit: float, s: Settings, world: World, memory: Memory
 ) -> float:
@@ -198,7 +198,7 @@ def _bezier_cost(
     return time
 
 
-@kernel
+@inlined
 def _judge(
     x: float, y: float, heading: float, reached: bool, done: bool, s: Settings, world: World, cells: CellSights,
     memory: Memory,
@@ -247,7 +247,7 @@ def _close(pose: Array, twist: Array, s: Settings, closed: NDArray[np.int64], ad
     return False
 
 
-@kernel
+@inlined
 def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world: World) -> float:
     """C: 0 .. 1, how near the footprint is to obstacles."""
     if not s.grid_map:
@@ -297,7 +297,7 @@ def _reached_at(
     return in_reach(x + v_m * t * math.cos(ahead), y + v_m * t * math.sin(ahead), heading + w_m * t, v, w, job)
 
 
-@kernel
+@inlined
 def _child(
     node: int, v_end: float, w_end: float, action: int, allowed: float, root_reached: bool, s: Settings, world: World,
     cells: CellSights, memory: Memory,
