@@ -5,6 +5,7 @@ from collections import deque
 PERIOD = 0.05  # [s] of simulated time
 MAX_LAG = 0.25  # [s] of real time; what is later than this is not caught up with
 WINDOW = 1.0  # [s] over which the actual factor is measured
+FEWEST = 5
 CAPPED_BELOW = 0.95  # share of the wanted factor
 
 
@@ -39,12 +40,13 @@ class Pacer:
         self._done.append(now)
 
     def actual_speed(self, now: float) -> float:
-        """Real-time factor reached over the last second."""
-        while self._done and self._done[0] < now - WINDOW:
+        """Real-time factor reached over the last second, or over the last `FEWEST` periods when they took longer."""
+        while len(self._done) > FEWEST and self._done[0] < now - WINDOW:
             self._done.popleft()
-        if self._since is None:
+        if len(self._done) <= 1:
             return 0.0
-        return len(self._done) * PERIOD / max(PERIOD, min(WINDOW, now - self._since + PERIOD / self.speed))
+        elapsed = max(self._done[-1], now - PERIOD / self.speed) - self._done[0]
+        return (len(self._done) - 1) * PERIOD / elapsed
 
     def capped(self, now: float) -> bool:
         """Whether the machine can not keep up, judged after a full window."""

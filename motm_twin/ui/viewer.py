@@ -147,14 +147,14 @@ class Viewer:
         self._note, self._note_until = text, time.monotonic() + NOTE_TIME
 
     def _add(self, kind: str) -> None:
-        tick = self._tick
-        if tick is None:
+        tick, scene = self._tick, self._scene
+        if tick is None or scene is None:
             return
         x, y, heading = tick.robot.true_pose
         taken = [body.position for body in (*tick.agents, *tick.obstacles)]
         spots = ((x + 1.3 * math.cos(heading + a), y + 1.3 * math.sin(heading + a)) for a in (1.2, -1.2, 1.9, -1.9, 0.6))
         place = next((p for p in spots if all(math.dist(p, other[:2]) > 0.6 for other in taken)), (x + 1.5, y))
-        names = {body.name for body in (*tick.agents, *tick.obstacles)}
+        names = {body.name for body in (*tick.agents, *tick.obstacles)} | {solid.name for solid in scene.solids}
         name = next(n for i in self._numbers if (n := f"{kind} {i}") not in names)
         size = SIZES[kind]
         self._queue_command(AddObstacle(name=name, shape=kind, x=place[0], y=place[1], heading=heading, size=size))

@@ -1,0 +1,178 @@
+"""The server over Zenoh, with a stand-in for the twin: what is published, what is refused, how it starts and ends."""
+
+import json
+import threading
+import time
+
+import pytest
+import zenoh
+from fake_twin import FakeLibrary, FakeTwin
+from waiting import until
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import AddObstacle, Load, MoveBody, Pause, Play, Step
+from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import PortTaken, free_port, open_client
+
+
+def serving(**options):
+    return TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), **options)
+
+
+@pytest.fixture
+def server():
+    with serving(playing=False) as running:
+        until(lambda: running.loop.status().state == "paused", "the twin never started")
+        yield running
+
+
+@pytest.fixture
+def client(server):
+    with TwinClient(server.endpoint, sender="tester") as connected:
+        until(lambda: connected.tick() and connected.status(), "nothing was received")
+        yield connected
+
+
+def refused(client, name, payload):
+    (answer,) = client.query(name, payload)
+    answer = json.loads(answer)
+    assert answer["ok"] is False
+    return answer["reason"]
+
+
+def command_bytes(client, command, seq, **changes):
+    fields = {"sender": "raw", "seq": seq, "expires": client.status().server_time + 5.0, "command": command}
+    return json.dumps(fields | changes).encode()
+
+
+def test_a_late_joiner_has_tick_grid_scene_and_status_at_once(client):
+    until(client.grid, "no grid")
+    scene, grid = until(client.scene, "no scene"), client.grid()
+    assert scene.name == "fake"
+    assert grid.cells.shape == (grid.info.height, grid.info.width)
+    assert grid.cells.max() == 255
+    table_post = (3.6 - grid.info.origin[0]) / grid.info.resolution, (1.77 - grid.info.origin[1]) / grid.info.resolution
+    assert grid.cells[int(table_post[1]), int(table_post[0])] == 255
+    assert client.tick().index == 1
+    assert client.alive
+
+
+def test_infinite_costs_travel_as_null(client):
+    placement = client.tick().placement
+    assert len(placement.poses) == 72
+    for cost, reason in zip(placement.cost, placement.rejected, strict=True):
+        assert (cost is None) == bool(reason)
+
+
+def test_commands_act_and_tell_after_which_period(client):
+    answer = client.command(Step(count=2))
+    assert (answer.ok, answer.index) == (True, 1)
+    until(lambda: client.tick().index == 3, "the steps were not seen")
+    assert client.command(AddObstacle(name="crate", x=1.0, y=1.0)).ok
+    assert client.command(MoveBody(name="crate", x=1.5, y=1.0)).ok
+    client.command(Step())
+    until(lambda: client.tick().index == 4, "the step was not seen")
+    assert client.tick().obstacles[0].position[:2] == [1.5, 1.0]
+
+
+def test_refused_commands_over_zenoh_have_no_effect(client):
+    before = client.tick()
+    play = {"type": "play"}
+    assert "malformed" in refused(client, "play", b"{")
+    assert "malformed" in refused(client, "play", b"")
+    assert "oversized" in refused(client, "play", b" " * 70_000)
+    assert "stale" in refused(client, "play", command_bytes(client, play, 1, expires=client.status().server_time - 0.1))
+    assert "unknown command" in refused(client, "fly", command_bytes(client, play, 1))
+    assert "unknown command" in refused(client, "play/now", command_bytes(client, play, 1))
+    used = command_bytes(client, {"type": "pause"}, 9)
+    assert json.loads(client.query("pause", used)[0])["ok"]
+    assert "replayed" in refused(client, "pause", used)
+    assert "there is no 'ghost'" in client.command(MoveBody(name="ghost", x=0.0, y=0.0)).reason
+    assert client.status().state == "paused"
+    assert client.tick().index == before.index
+
+
+def test_a_put_on_a_command_key_is_not_a_command(server, client):
+    with open_client(server.endpoint) as session:
+        session.put(server.keys.command("play"), command_bytes(client, {"type": "play"}, 1))
+        session.get(server.keys.status)
+    assert client.command(Pause()).ok
+    assert client.tick().index == 1
+
+
+def test_ticks_come_in_order_and_a_slow_reader_gets_the_newest(server, client):
+    received = []
+    with open_client(server.endpoint) as session:
+        session.declare_subscriber(server.keys.tick, lambda sample: received.append(sample.payload.to_bytes()))
+        client.command(Play())
+        until(lambda: len(received) >= 30, "ticks do not come")
+        client.command(Pause())
+    indices = [json.loads(payload)["index"] for payload in received]
+    assert indices == list(range(indices[0], indices[0] + len(indices)))
+    newest = server.loop.status().time
+    until(lambda: client.tick().time == newest, "the client is behind")
+
+
+def test_a_client_waits_for_a_server_and_finds_it_again_after_a_restart():
+    port = free_port()
+    with TwinClient(f"tcp/127.0.0.1:{port}") as client:
+        assert client.command(Pause(), timeout=0.3).reason == "the twin server does not answer"
+        assert not client.alive
+        for _ in range(2):
+            with serving(port=port, playing=False) as server:
+                until(lambda: client.status() and client.alive, "the client did not connect")
+                until(lambda: client.command(Step(), timeout=0.5).ok, "no command got through")
+                until(lambda s=server: client.tick() and client.tick().time == s.loop.status().time, "old state")
+            until(lambda: not client.alive, "the client does not notice that the server is gone")
+
+
+def test_a_taken_port_is_an_error_and_not_another_port():
+    with serving() as server:
+        with pytest.raises(PortTaken, match=str(server.port)):
+            serving(port=server.port)
+
+
+def test_the_port_is_free_and_no_thread_is_left_after_closing():
+    port, before = free_port(), {thread.name for thread in threading.enumerate()}
+    for _ in range(5):
+        with serving(port=port):
+            pass
+    until(lambda: {t.name for t in threading.enumerate()} <= before, "threads are left")
+
+
+def test_the_server_listens_on_loopback_only():
+    with serving() as server, pytest.raises(zenoh.ZError):
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("connect/endpoints", json.dumps([f"tcp/{_own_address()}:{server.port}"]))
+        zenoh.open(config)
+
+
+def _own_address():
+    import socket
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+        except OSError:
+            pytest.skip("this machine has only loopback")
+        address = probe.getsockname()[0]
+    if address.startswith("127."):
+        pytest.skip("this machine has only loopback")
+    return address
+
+
+def test_closing_takes_less_than_two_seconds_even_in_a_long_period():
+    class Slow(FakeTwin):
+        def advance(self):
+            if self.index > 1:
+                time.sleep(8.0)
+            return super().advance()
+
+    server = TwinServer(library=FakeLibrary(), make_twin=Slow, first=Load(scene="fake"))
+    server.start()
+    until(lambda: server.loop.status().time > 0.09, "the twin never started")
+    began = time.monotonic()
+    assert server.close() is False
+    assert time.monotonic() - began < 3.0
