@@ -25,7 +25,7 @@ FROM debian:bookworm-slim
 RUN apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends libgomp1 python3 \
     && rm -rf /var/lib/apt/lists/* \
-    && useradd --system --uid 10001 --create-home --home-dir /var/lib/motm --shell /usr/sbin/nologin motm
+    && useradd --uid 10001 --create-home --home-dir /var/lib/motm --shell /usr/sbin/nologin motm
 COPY --from=build /opt/motm /opt/motm
 COPY --chmod=755 tools/container.sh /usr/local/bin/motm-container
 ENV PATH=/opt/motm/bin:/usr/local/bin:/usr/bin:/bin \

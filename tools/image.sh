@@ -93,17 +93,30 @@ inside "
   export MOTM_TOKEN=smoke-run-token-of-at-least-32-characters
   motm-container serve exp1 --port $port >/tmp/serve.log 2>&1 &
   server=\$!
-  for second in \$(seq 90); do
+  code=1
+  for second in \$(seq 120); do
     sleep 1
-    if python -m motm_twin.bus.health; then
-      echo \"image: healthy after \$second s\"
-      kill \$server
-      exit 0
+    if python -m motm_twin.bus.health 2>/dev/null && grep -q 'Page:' /tmp/serve.log; then
+      python - <<'PY' && code=0
+import os, urllib.error, urllib.request
+page = 'http://127.0.0.1:$port/'
+assert urllib.request.urlopen(page + 'healthz').status == 200
+try:
+    urllib.request.urlopen(page)
+    raise SystemExit('the page is served without its token')
+except urllib.error.HTTPError as refusal:
+    assert refusal.code == 401, refusal
+browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+assert b'<html' in browser.open(page + '?token=' + os.environ['MOTM_TOKEN']).read().lower()
+PY
+      [ \$code = 0 ] && echo \"image: healthy after \$second s; the page is served with its token only\"
+      break
     fi
     kill -0 \$server 2>/dev/null || break
   done
-  cat /tmp/serve.log
+  [ \$code = 0 ] || cat /tmp/serve.log
   kill \$server 2>/dev/null
-  exit 1
+  wait \$server
+  exit \$code
 "
 echo "image: $image is ready: docker run --rm -p 8080:8080 -e MOTM_TOKEN=... $image"
