@@ -13,6 +13,7 @@ from motm_twin.sim.kernels import clearance
 from motm_twin.sim.solids import Solids
 
 MARGIN = 0.10  # [m] kept from everything ahead
+ROBOT_KEEP = 0.2  # [m] kept from the robot in addition
 MARGIN_ROUND = 0.07  # [m] the same on a way round, which was searched with more
 MARGINS_SEARCHED = (0.16, 0.10)  # [m] a way round is searched with the first, else the second
 EXPECT = (0.0, 0.4, 0.8)  # [s] ahead at which other agents are expected on their course
@@ -42,6 +43,7 @@ class AgentState:
     waiting: float = 0.0  # [s]
     next_attempt: float = 0.0  # [s] of waiting at which a way round is searched
     detour: Array = field(default_factory=lambda: np.zeros((0, 2)))  # points of a way round still to pass
+    squeezing: bool = False  # the way round was found only close to the robot
     held: bool = False
     mode: str = "standing"  # standing | driving | waiting | going round | held
 
@@ -104,12 +106,21 @@ class Agents:
         robot: "RobotShadow",
         obstacles: Solids,
     ) -> None:
-        corners = np.vstack([obstacles.corners, robot.corners])
-        first = np.concatenate([obstacles.first, obstacles.first[-1] + robot.first[1:]])
-        discs = np.vstack([obstacles.discs, robot.discs, expected])
-        margin = MARGIN_ROUND if len(state.detour) > 0 else MARGIN
-        state.free = free_ahead(state.pose, agent.radius, margin, LOOK_AHEAD, corners, first, discs)
-        state.gap = clearance(float(state.pose[0]), float(state.pose[1]), corners, first, discs) - agent.radius
+        rounding = len(state.detour) > 0
+        margin = MARGIN_ROUND if rounding else MARGIN
+        keep = margin if rounding and state.squeezing else margin + ROBOT_KEEP
+        discs = np.vstack([obstacles.discs, expected])
+        look = (state.pose, agent.radius)
+        state.free = min(
+            free_ahead(*look, margin, LOOK_AHEAD, obstacles.corners, obstacles.first, discs),
+            free_ahead(*look, keep, LOOK_AHEAD, robot.corners, robot.first, robot.discs),
+        )
+        x, y = float(state.pose[0]), float(state.pose[1])
+        nearest = min(
+            clearance(x, y, obstacles.corners, obstacles.first, discs),
+            clearance(x, y, robot.corners, robot.first, robot.discs),
+        )
+        state.gap = nearest - agent.radius
         wants = abs(bearing_to(state.pose, *self._goal(agent, state))) < FACING
         if state.v > CREEP or not wants:
             state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * (state.v > CREEP))
@@ -120,15 +131,15 @@ class Agents:
         if state.waiting < state.next_attempt:
             return
         state.next_attempt = state.waiting + AGAIN + STAGGER * i
-        discs = np.vstack([obstacles.discs, robot.discs, others])
-        now_corners = np.vstack([obstacles.corners, robot.corners[: robot.standing]])
-        now_first = np.concatenate([obstacles.first, obstacles.first[-1] + robot.first[1:2]])
-        self._search(agent, state, now_corners, now_first, discs)
+        self._search(agent, state, others, robot, obstacles)
 
     @staticmethod
-    def _search(agent: Agent, state: AgentState, corners: Array, first: Array, discs: Array) -> None:
-        """Take a way round to the next waypoint that can be reached, if there is one."""
-        for margin in MARGINS_SEARCHED:
+    def _search(agent: Agent, state: AgentState, others: Array, robot: "RobotShadow", obstacles: Solids) -> None:
+        """Take a way round to the next waypoint that can be reached, if there is one; first well clear of the robot."""
+        first = np.concatenate([obstacles.first, obstacles.first[-1] + np.array([4])])
+        for margin, grown, squeezing in zip(MARGINS_SEARCHED, (ROBOT_KEEP, 0.0), (False, True), strict=True):
+            corners = np.vstack([obstacles.corners, robot.base(grown)])
+            discs = np.vstack([obstacles.discs, robot.discs + np.array([0.0, 0.0, grown]), others])
             radius = agent.radius + margin
             for ahead in range(len(agent.waypoints)):
                 index = (state.waypoint + ahead) % len(agent.waypoints)
@@ -137,7 +148,7 @@ class Agents:
                     continue
                 path = way_round(state.pose[:2], goal, radius, GRID, WINDOW, corners, first, discs)
                 if len(path) > 0:
-                    state.detour, state.waypoint = path, index
+                    state.detour, state.waypoint, state.squeezing = path, index, squeezing
                     return
 
     def _goal(self, agent: Agent, state: AgentState) -> tuple[float, float]:
@@ -173,7 +184,13 @@ class Agents:
 class RobotShadow:
     """The robot in the plane as agents see it: its base now and where it will be, and its arm."""
 
-    corners: Array  # rectangles [m], shape (4 k, 2)
+    corners: Array  # rectangles [m], the base as it stands first, shape (4 k, 2)
     first: Array  # shape (k + 1,)
     discs: Array  # of the arm, shape (d, 3)
-    standing: int  # corners that belong to the base as it stands now
+
+    def base(self, grown: float) -> Array:
+        """Corners of the base as it stands, moved out by ``grown`` [m] along both axes, shape (4, 2)."""
+        corners = self.corners[:4]
+        along, across = corners[1] - corners[0], corners[3] - corners[0]
+        out = grown * along / math.hypot(*along), grown * across / math.hypot(*across)
+        return corners + np.array([-out[0] - out[1], out[0] - out[1], out[0] + out[1], out[1] - out[0]])

@@ -281,7 +281,7 @@ class SimulatedPlant(Stateful[PlantState]):
             rectangles.append(rectangle(x, y, heading, (foot.length, foot.width)))
         discs = np.array([[frames[i, 0, 3], frames[i, 1, 3], radius] for i, radius in _SHADOW_LINKS])
         first = 4 * np.arange(len(rectangles) + 1)
-        return RobotShadow(corners=np.vstack(rectangles), first=first, discs=discs, standing=4)
+        return RobotShadow(corners=np.vstack(rectangles), first=first, discs=discs)
 
     def _refresh_solids(self, obstacles: tuple[AddObstacle, ...], taken: tuple[str, ...]) -> None:
         """Arrays of the world for these obstacles: a cache, so it is no part of the state."""
@@ -322,9 +322,7 @@ class SimulatedPlant(Stateful[PlantState]):
         )
 
 
-_NO_SHADOW = RobotShadow(
-    corners=np.zeros((0, 2)), first=np.zeros(1, dtype=np.int64), discs=np.zeros((0, 3)), standing=0
-)
+_NO_SHADOW = RobotShadow(corners=np.zeros((0, 2)), first=np.zeros(1, dtype=np.int64), discs=np.zeros((0, 3)))
 
 
 def _triple(point: Array) -> tuple[float, float, float]:

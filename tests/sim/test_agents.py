@@ -92,3 +92,11 @@ def test_an_agent_without_waypoints_stands():
     plant = SimulatedPlant(scene(agents=(Agent(name="a", start=(2.0, 0.0, 0.0)),)))
     np.testing.assert_array_equal(run(plant, 2.0)[:, 0], [(2.0, 0.0)] * 20)
     assert plant.truth().agents[0].state == "standing"
+
+
+def test_an_agent_stops_well_before_a_standing_robot():
+    agent = Agent(name="a", start=(3.0, 0.0, math.pi), waypoints=((-3.0, 0.0),))
+    plant = SimulatedPlant(scene(agents=(agent,), start=(0.0, 0.0, math.pi)))
+    track = run(plant, 6.0)[:, 0]
+    assert track[:, 0].min() - 0.25 - 0.35 > 0.25
+    assert plant.truth().agents[0].state == "waiting"
