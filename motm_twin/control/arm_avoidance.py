@@ -35,6 +35,12 @@ class LidarLimits:
     static: NDArray[np.bool_]
 
 
+def no_limits() -> LidarLimits:
+    """Nothing near."""
+    empty = np.zeros(0)
+    return LidarLimits(np.zeros((0, 2)), empty, empty, empty, np.zeros(0, dtype=np.bool_))
+
+
 def damper_line(d: float, d_s: float, d_i: float, xi: float) -> float:
     """Allowed approach speed [m/s] at distance d [m]; infinite from d_i on, negative below d_s."""
     if d >= d_i:
@@ -54,13 +60,10 @@ def lidar_limits(
 
     ``targets`` [m], shape (t, 2): grasps that are under way, for which static obstacles give way.
     """
-    points = obstacles.points
-    if len(points):
-        near = _near(points, gripper[:2], targets, _NEAR)
-        points, static = points[near], obstacles.static[near]
-    if len(points) == 0:
-        empty = np.zeros(0)
-        return LidarLimits(np.zeros((0, 2)), empty, empty, empty, np.zeros(0, dtype=np.bool_))
+    if not parameters.enabled or len(obstacles.points) == 0:
+        return no_limits()
+    near = _near(obstacles.points, gripper[:2], targets, _NEAR)
+    points, static = obstacles.points[near], obstacles.static[near]
     d_s = np.full(len(points), parameters.d_s)
     if len(targets):
         distances = np.full(len(points), np.inf)

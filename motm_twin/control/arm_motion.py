@@ -12,7 +12,9 @@ from motm_twin.control.arm_reference import (
     from_polar,
     polar,
     pose_at,
+    reach_radius,
     rotation_error,
+    tilt_for,
     tool_rotation,
 )
 from motm_twin.control.arm_view import ManipulatorState, View
@@ -121,14 +123,15 @@ def _inbound(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Arra
     radius, azimuth = polar(view.target, pose, mount)
     gain = p.k_transit if remaining <= 0.0 else min(p.k_transit, _EASE / remaining)
     radius_rate, azimuth_rate = _apparent_motion(view, radius, azimuth) if remaining <= 0.0 else (0.0, 0.0)
-    if radius > p.hover_radius:
-        radius, radius_rate = p.hover_radius, 0.0
     over = p.transit_clearance
     if view.distance < _OVER:
         over = p.hover_height if view.goal.kind == "pick" else 0.0
     elif view.goal.kind == "place":
         over = 0.04
     z = view.target[2] + over
+    hover = reach_radius(z - view.mount[2], _largest_tilt(view, p), p.hover_stretch)
+    if radius > hover:
+        radius, radius_rate = hover, 0.0
     now = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1])
     if view.p[2] < z - 0.03 and now < _FOOT_RADIUS + 0.02:  # first up, then out
         radius, radius_rate = min(radius, _FOOT_RADIUS), 0.0
@@ -157,8 +160,7 @@ def _rotation(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
     point = state.anchor if state.phase in ("closing", "lift", "release") else view.target
     outward = _outward(view, point)
     radius = math.hypot(point[0] - view.mount[0], point[1] - view.mount[1])
-    limit = p.place_tilt if view.goal.kind == "place" else p.pick_tilt
-    tilt = min(max(p.tilt_slope * (radius - p.tilt_radius), 0.0), limit)
+    tilt = tilt_for(radius, view.p[2] - view.mount[2], p.grasp_stretch, _largest_tilt(view, p))
     if view.goal.kind == "pick" and state.phase == "transit":
         tilt = max(tilt, _look_tilt(view, outward, p))
     natural = _outward(view, view.p)
@@ -166,6 +168,10 @@ def _rotation(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
     if view.goal.kind == "place" and state.phase != "lift":
         yaw = natural
     return tool_rotation(yaw, tilt, outward)
+
+
+def _largest_tilt(view: View, p: ArmParameters) -> float:
+    return p.place_tilt if view.goal.kind == "place" else p.pick_tilt
 
 
 def _look_tilt(view: View, outward: float, p: ArmParameters) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motm_twin.control.arm_reference import hand_yaw, pose_at, tilt_of
+from motm_twin.control.arm_reference import cube_yaw, hand_yaw, pose_at, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmInputs, ArmTiming
@@ -20,6 +20,9 @@ GRAVITY = 9.81  # [m/s^2]
 _WAIT = 0.3  # [s] beyond the closing time after which a closing counts as failed
 _MOVED = 0.03  # [m] by which an object seen away from the fingers ends a closing
 _OPEN_ROOM = 0.015  # [m] wider than the object: the fingers are open enough for another try
+_YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
+_MID_DWELL = 0.6  # [s] after arrival the base is about nearest
+_HOVER = 0.75  # [m] from the mount, about where a hand waits for its target
 _LEVEL = 0.05  # [m] of height error at which a transit has arrived
 
 
@@ -55,6 +58,10 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
         state.goal = goal
     if state.holding and state.released is None and view.width < state.side - rules.parameters.held_tolerance:
         return _lost(state, view)
+    if _impatient(state, view, rules):
+        _rest(state, view.time)
+        state.start_over = True
+        return "", "nothing achieved for a while: starting over from the stow pose"
     if state.phase in ("stow", "carry"):
         return _leave(state, view, inputs, rules)
     if state.phase == "transit":
@@ -68,6 +75,16 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if state.phase == "release":
         return _release(state, view, rules)
     return _retry(state, view)
+
+
+def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
+    """Has the target been in range for long while the hand was on the way to it or over it?"""
+    trying = state.phase in ("transit", "final", "release") and state.released is None
+    if not trying or view.time_to_range > 0.0:
+        state.in_range_since = None
+    elif state.in_range_since is None:
+        state.in_range_since = view.time
+    return state.in_range_since is not None and view.time - state.in_range_since > rules.parameters.patience
 
 
 def _rest(state: ManipulatorState, time: float) -> None:
@@ -98,6 +115,9 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
         if view.goal.kind == "place":
             return "", "nothing is held: there is nothing to place"
         return "", "an object is held already" if view.goal.kind == "pick" else ""
+    if state.start_over:
+        state.start_over = not _stowed(view, rules.parameters) and view.time - state.since < rules.parameters.patience
+        return "", "starting over from the stow pose"
     speed = float(inputs.observation.twist[0])
     duration = rules.timing.transit_duration(_way(view, inputs, rules), speed, view.time_to_range)
     if duration is None or view.time_to_range > rules.parameters.abandon_time:
@@ -108,6 +128,10 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
     return "", ""
 
 
+def _stowed(view: View, p: ArmParameters) -> bool:
+    return math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1]) < 2.0 * p.stow_radius
+
+
 def _way(view: View, inputs: ArmInputs, rules: PhaseRules) -> float:
     """Distance [m] of the hand from where it must be, in the base frame, when the target comes into range."""
     if not math.isfinite(view.time_to_range):
@@ -116,7 +140,7 @@ def _way(view: View, inputs: ArmInputs, rules: PhaseRules) -> float:
     there, here = to_frame(pose, view.target), to_frame(view.pose, view.p)
     away = there[:2] - rules.mount[:2]
     radius = float(np.linalg.norm(away))
-    there[:2] = rules.mount[:2] + away * min(1.0, rules.parameters.hover_radius / max(radius, 1e-6))
+    there[:2] = rules.mount[:2] + away * min(1.0, _HOVER / max(radius, 1e-6))
     return float(np.linalg.norm(there - here))
 
 
@@ -151,11 +175,7 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
         near = math.atan2(local[1] - rules.mount[1], local[0] - rules.mount[0]) + pose[2]
     else:
         near = state.yaw
-    state.yaw = near + math.remainder(goal.yaw - near, math.pi / 2.0)
-
-
-_YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
-_MID_DWELL = 0.6  # [s]
+    state.yaw = cube_yaw(goal.yaw, near)
 
 
 def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:

@@ -12,6 +12,9 @@ from numba import njit
 from motm_twin.model.geometry import Array, wrap_angle
 
 QUARTER = math.pi / 2.0
+STRAIGHT = math.hypot(0.316, 0.0825) + math.hypot(0.384, 0.0825)  # [m] joint 6 from the shoulder, elbow straight
+ELBOW = -math.atan(0.0825 / 0.316) - math.atan(0.0825 / 0.384)  # [rad] joint 4 then: -0.467, far from its limit
+_SHOULDER, _TOOL, _WRIST = 0.333, 0.2104, 0.088  # [m] height over the mount, joint 7 to tool, joint 6 to joint 7
 
 
 def mount_point(pose: Array, mount: Array) -> Array:
@@ -34,6 +37,55 @@ def from_polar(radius: float, azimuth: float, z: float, pose: Array, mount: Arra
     return np.array([m[0] + radius * math.cos(angle), m[1] + radius * math.sin(angle), z])
 
 
+def stretch(radius: float, height: float, tilt: float) -> float:
+    """Distance [m] of joint 6 from the shoulder with the tool centre point at radius and height [m] over the mount.
+
+    The tool is tilted outwards by ``tilt`` and the arm stands in one plane. `STRAIGHT` is the most the elbow gives.
+    """
+    c, s = math.cos(tilt), math.sin(tilt)
+    return math.hypot(radius - _TOOL * s - _WRIST * c, height + _TOOL * c - _WRIST * s - _SHOULDER)
+
+
+def reach_radius(height: float, tilt: float, longest: float) -> float:
+    """Radius [m] from the mount at which `stretch` is ``longest``; 0 when the height alone is too much."""
+    c, s = math.cos(tilt), math.sin(tilt)
+    z = height + _TOOL * c - _WRIST * s - _SHOULDER
+    return max(0.0, _TOOL * s + _WRIST * c + math.sqrt(max(0.0, longest * longest - z * z)))
+
+
+def planar_joints(radius: float, height: float, tilt: float) -> Array:
+    """Joints [rad] of an arm in one plane at azimuth 0: tool centre point at radius and height [m], tilted outwards.
+
+    Elbow up and behind. ValueError when the point is out of reach.
+    """
+    c, s = math.cos(tilt), math.sin(tilt)
+    x, z = radius - _TOOL * s - _WRIST * c, height + _TOOL * c - _WRIST * s - _SHOULDER
+    upper, lower = math.hypot(0.316, 0.0825), math.hypot(0.384, 0.0825)
+    cosine = (upper**2 + lower**2 - x * x - z * z) / (2.0 * upper * lower)
+    if abs(cosine) > 1.0:
+        raise ValueError(f"radius {radius} m, height {height} m over the mount: out of reach of the arm")
+    inner = math.acos(cosine)
+    q4 = ELBOW - (math.pi - inner)
+    first = math.atan2(x, z) - math.asin(lower * math.sin(inner) / math.hypot(x, z))
+    q2 = first - math.atan(0.0825 / 0.316)
+    q6 = tilt + q2 - q4
+    return np.array([0.0, q2, 0.0, q4, 0.0, q6, math.pi / 4.0])
+
+
+def tilt_for(radius: float, height: float, longest: float, largest: float) -> float:
+    """Least outward tilt [rad], at most ``largest``, with which radius and height [m] are within ``longest``."""
+    if stretch(radius, height, 0.0) <= longest:
+        return 0.0
+    low, high = 0.0, largest
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        if stretch(radius, height, middle) <= longest:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
 def pose_at(time: float, now: Array, times: Array, poses: Array) -> Array:
     """Base pose that the local plan promises after ``time`` [s], linear between its nodes; shape (3,)."""
     if time <= 0.0 or len(times) == 0:
@@ -47,11 +99,6 @@ def pose_at(time: float, now: Array, times: Array, poses: Array) -> Array:
             return pose
         previous_time, previous = t, node[:3]
     return np.array(previous)
-
-
-def natural_yaw(azimuth_world: float) -> float:
-    """Yaw of the hand with joint 7 in the middle: its x axis points away from the mount."""
-    return azimuth_world
 
 
 def cube_yaw(yaw: float, near: float) -> float:
@@ -91,8 +138,8 @@ def tilt_of(R: Array) -> float:
 
 
 def hand_yaw(R: Array) -> float:
-    """Yaw of the hand's x axis as far as it is horizontal [rad]."""
-    return math.atan2(R[1, 0] - R[0, 1] * -1.0, R[0, 0] - R[1, 1]) if R[2, 2] < 0.0 else math.atan2(R[1, 0], R[0, 0])
+    """Yaw of the hand that `tool_rotation` was given, whatever the tilt [rad]."""
+    return math.atan2(R[1, 0] + R[0, 1], R[0, 0] - R[1, 1])
 
 
 def carried_velocity(point: Array, pose: Array, twist: Array) -> Array:

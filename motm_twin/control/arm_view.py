@@ -27,6 +27,8 @@ class ManipulatorState:
     yaw: float | None = None  # [rad] of the hand over the object, once chosen
     anchor: Array = field(default_factory=lambda: np.zeros(3))  # [m] point that closing, lift and release hold on to
     clear_z: float = 0.0  # [m] height that cleared what the last target stood on
+    in_range_since: float | None = None  # [s] since when a target in range has not been dealt with
+    start_over: bool = False  # go to the stow pose before another try
     reported: bool = False  # "picked" has been said
     released: float | None = None  # [s] when the gripper was told to open over the bin
     relaxed: Array = field(default_factory=lambda: np.zeros((0, 2)))  # [m] past grasp for which static obstacles yield

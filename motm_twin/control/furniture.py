@@ -248,7 +248,7 @@ def damper_rows(
 
     ``turn``: heading of the solids' frame in the frame of ``pose``. Returns (k, 9), (k,), and body * n + solid (k,).
     """
-    bodies, solids = distance.shape
+    solids = distance.shape[1]
     flat = distance.ravel()
     order = np.argsort(flat)
     rows = np.zeros((room, 9))
@@ -266,7 +266,7 @@ def damper_rows(
         for r in range(3):
             for a in range(3):
                 point[r] += T[f, r, a] * centre[i, a]
-        joints = f if f < 8 else 7
+        joints = min(int(f), 7)
         J = point_rows(T, joints, point, pose, mount)
         nx = c * normal[b, k, 0] - s * normal[b, k, 1]
         ny = s * normal[b, k, 0] + c * normal[b, k, 1]

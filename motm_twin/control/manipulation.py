@@ -1,14 +1,14 @@
-"""The arm side of the control period: phases, reference, redundancy-resolution QP, obstacle avoidance (Paper, Sec. V)."""
+"""The arm side of the control period: phases, reference, QP and obstacle avoidance (Paper, Sec. V)."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from motm_twin.control.arm_avoidance import LidarLimits, lidar_limits, nearest_distance
+from motm_twin.control.arm_avoidance import LidarLimits, lidar_limits, nearest_distance, no_limits
 from motm_twin.control.arm_motion import Motion, hand_motion
 from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged
-from motm_twin.control.arm_reference import tilt_of
+from motm_twin.control.arm_reference import planar_joints, polar, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View, look
 from motm_twin.control.furniture_rows import FurnitureRows
 from motm_twin.control.parameters import ArmParameters
@@ -20,11 +20,11 @@ from motm_twin.control.qp_rows import (
     LIDAR_ELASTIC,
     SIZE,
     SLACK,
-    Weights,
     base_bounds,
     joint_bounds,
     lag_factor,
     variable_bounds,
+    weights,
 )
 from motm_twin.control.transit import TransitRule
 from motm_twin.control.types import ArmInputs, ArmStep, ArmTiming
@@ -35,8 +35,10 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation
 from motm_twin.model.state import Stateful
 
+_STOWED = 0.25  # [rad] joints this near to the stow pose are there
 _ACTIVE = 1e-6  # a row or bound this close to equality is active
 _BASE_NAMES = ("base speed", "base yaw rate")
+_SWINGING = ("stow", "carry", "transit")
 _GRASPING = ("transit", "final", "closing", "lift", "retry")
 
 
@@ -69,7 +71,8 @@ class Manipulator(Stateful[ManipulatorState]):
             mount=self._mount,
         )
         self._furniture = FurnitureRows(known, p.avoidance)
-        self._weights = Weights(p.qp)
+        self._weights = {swinging: weights(p.qp, swinging=swinging) for swinging in (False, True)}
+        self._stow_joints = planar_joints(p.stow_radius, p.stow_height, p.stow_tilt)
         self._state = ManipulatorState()
 
     @property
@@ -121,8 +124,6 @@ class Manipulator(Stateful[ManipulatorState]):
         p = self.parameters.avoidance
         beta = lag_factor(inputs.dt, self.profile)
         lidar = lidar_limits(view.p, inputs.obstacles, self._relaxing(view, inputs), p)
-        if not p.enabled:
-            lidar = lidar_limits(view.p, inputs.obstacles, np.zeros((0, 2)), _switched_off(p))
         towards = np.hstack([lidar.normal, np.zeros((len(lidar.distance), 1))]) @ view.J[:3]
         furniture, allowed, names = self._furniture.rows(view, self._state, inputs.T_odom_world)
         velocity = np.vstack([towards, furniture])
@@ -168,18 +169,30 @@ class Manipulator(Stateful[ManipulatorState]):
             base_bounds(self._state.twist, inputs.dt, self.profile),
             joint_bounds(view.q, self._state.rates, inputs.dt, p),
         )
-        return Program(P=self._weights.diagonal, c=c, A=A, b=b, G=rows.G, h=rows.h, lower=lower, upper=upper)
+        cost = self._weights[self._state.phase in _SWINGING]
+        cost = self._free_return(view, cost, c)
+        return Program(P=cost, c=c, A=A, b=b, G=rows.G, h=rows.h, lower=lower, upper=upper)
 
     def _posture_error(self, view: View) -> Array:
-        """Rates [rad/s] of the joints away from the posture that the redundant freedom should keep."""
-        p = self.parameters
+        """Rates [rad/s] of the joints away from an arm that stands in one plane with its hand."""
+        swinging = self._state.phase in _SWINGING
+        gain = self.parameters.qp.swing_posture_gain if swinging else self.parameters.qp.posture_gain
         error = np.zeros(7)
-        if self._state.phase in ("stow", "carry"):
-            azimuth = 0.0 if view.goal.kind == "none" else np.clip(view.azimuth, -p.stow_azimuth, p.stow_azimuth)
-            error[[0, 2, 4]] = p.qp.stow_posture_gain * (view.q[[0, 2, 4]] - np.array([azimuth, 0.0, 0.0]))
-        else:
-            error[2] = p.qp.posture_gain * view.q[2]
+        error[[0, 2, 4]] = gain * (view.q[[0, 2, 4]] - np.array([polar(view.p, view.pose, self._mount)[1], 0.0, 0.0]))
         return error
+
+    def _free_return(self, view: View, cost: Array, c: Array) -> Array:
+        """When the way to the stow pose is stuck: the same program, but led by the joints. Returns the cost."""
+        state, p = self._state, self.parameters
+        error = self._stow_joints - view.q
+        stuck = state.phase in ("stow", "carry") and view.time - state.since > p.stuck_time
+        if not stuck or float(np.abs(error[[1, 2, 3, 4]]).max()) < _STOWED:
+            return cost
+        free = cost.copy()
+        free[SLACK] = p.qp.free_weight
+        free[ARM] = 1.0
+        c[ARM] = -p.qp.free_gain * error
+        return free
 
     def _damped_stop(self, inputs: ArmInputs, view: View | None, why: str, *, outcome: str = "") -> ArmStep:
         """Arm rates to zero within one control period, the base as fast as it may brake."""
@@ -191,7 +204,6 @@ class Manipulator(Stateful[ManipulatorState]):
         state.rates = np.sign(state.rates) * np.maximum(np.abs(state.rates) - step - 1e-12, 0.0)
         brake = np.array([limits.linear_acceleration, limits.yaw_acceleration]) * dt
         state.twist = np.sign(state.twist) * np.maximum(np.abs(state.twist) - brake, 0.0)
-        zero = np.zeros(0)
         return self._report(
             view,
             inputs,
@@ -200,7 +212,7 @@ class Manipulator(Stateful[ManipulatorState]):
             reference=None,
             slack=np.zeros(6),
             active=(),
-            lidar=LidarLimits(np.zeros((0, 2)), zero, zero, zero, np.zeros(0, dtype=np.bool_)),
+            lidar=no_limits(),
             status=f"damped stop: {why}",
             outcome=outcome,
             reason=f"the arm was stopped: {why}",
@@ -286,10 +298,3 @@ def _not_finite(inputs: ArmInputs) -> str:
 
 def _safe_step(dt: float) -> float:
     return dt if math.isfinite(dt) and dt > 0.0 else 0.01
-
-
-def _switched_off(p):
-    """Avoidance of lidar obstacles switched off: no distance is near."""
-    import msgspec
-
-    return msgspec.structs.replace(p, d_i=0.0)

@@ -16,12 +16,17 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     linear_slack_weight: float = 1.0e3
     tilt_slack_weight: float = 3.0  # angular slack is far cheaper than linear: tilt keeps the object in reach
     yaw_slack_weight: float = 30.0
-    posture_gain: float = 2.5  # [1/s] of joint 3 towards the middle: the elbow stays in the arm's plane
-    stow_posture_gain: float = 8.0  # [1/s] of joints 1, 3 and 5 while stowed: the elbow stays over the base
-    manipulability_weight: float = 0.02  # of the gradient of m
+    swing_linear_slack_weight: float = 100.0  # on the way nothing must be met exactly: rather slower than tilted
+    swing_tilt_slack_weight: float = 30.0
+    elbow_limit: float = -0.52  # [rad] joint 4: beyond -0.467 the elbow would bend the other way and lock
+    posture_gain: float = 3.0  # [1/s] of joints 1, 3 and 5 to an arm in one plane, through the hand's azimuth
+    swing_posture_gain: float = 8.0  # [1/s] the same while swinging: the elbow stays over the base
+    free_weight: float = 0.01  # of the hand's velocity when the arm returns to the stow pose by its joints
+    free_gain: float = 1.5  # [1/s] of that return
+    manipulability_weight: float = 0.005  # of the gradient of m; more twists the arm out of its plane
     elastic_weight: float = 1.0e4  # obstacle rows give way rather than leave no answer, and only then
-    damper_gain: float = 2.0  # eta [rad/s], joint-limit damper
-    damper_start: float = 0.4  # rho_i [rad]
+    damper_gain: float = 2.2  # eta [rad/s], joint-limit damper
+    damper_start: float = 0.25  # rho_i [rad]
     damper_stop: float = 0.02  # rho_s [rad]
     residual: float = 1.0e-5  # largest accepted violation of any row
     stop_time: float = 0.05  # [s] of the damped stop: one control period
@@ -46,7 +51,7 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     """Arm reference, grasp and release."""
 
     k_A: float = 0.5  # MotM transit rule: duration = distance / (v_B k_A)
-    transit_base_speed: float = 0.3  # [m/s] v_B of the rule is at least this: a turning base soon drives again
+    transit_base_speed: float = 0.5  # [m/s] v_B of the rule is at least this: a turning base soon drives again
     hand_speed: float = 0.9  # [m/s] of the hand relative to the base in transit
     hand_yaw_rate: float = 1.8  # [rad/s] of the hand about the mount
     k_P: float = 12.0  # [1/s] final approach
@@ -55,14 +60,13 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     approach_distance: float = 0.10  # [m] d_T, the final approach begins (MotM)
     hover_height: float = 0.06  # [m] of the tool centre point above the centre of the object
     transit_clearance: float = 0.08  # [m] the same while swinging
-    hover_radius: float = 0.74  # [m] from the mount, horizontally: further out the elbow would lock
+    hover_stretch: float = 0.69  # [m] joint 6 from the shoulder while waiting for the object; 0.719 is a straight elbow
+    grasp_stretch: float = 0.69  # [m] beyond which the tool tilts
     minimum_radius: float = 0.30  # [m] the same, nearest
     pick_reach: float = 0.80  # [m] from the mount at which a grasp begins (tilt up to pick_tilt)
     place_reach: float = 0.84  # [m] the same for a release
     reach_slack: float = 0.05  # [m] beyond that before it is broken off
-    tilt_radius: float = 0.62  # [m] from the mount at which the tool begins to tilt outwards
-    tilt_slope: float = 1.9  # [rad/m] beyond that
-    pick_tilt: float = 14.0 * DEG  # largest
+    pick_tilt: float = 16.0 * DEG  # largest outwards
     place_tilt: float = 25.0 * DEG
     look_tilt: float = 30.0 * DEG  # largest in transit, so that the palm camera sees the object early
     look_cone: float = 30.0 * DEG  # the object is kept this near to the optical axis
@@ -79,7 +83,7 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     tip_length: float = 0.009  # [m] of the fingers beyond the tool centre point
     tip_thickness: float = 0.017  # [m] of a finger behind its pad
     tip_half_depth: float = 0.0105  # [m] across
-    tip_clearance: float = 0.003  # [m] over the supporting surface
+    tip_clearance: float = 0.006  # [m] over the supporting surface
     highest_grasp: float = 0.010  # [m] above the centre of the object, when tilted finger tips need it
     lift_time: float = 0.15  # [s] until the object is clear of its support
     lift_height: float = 0.10  # [m]
@@ -92,6 +96,8 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     stow_height: float = 0.50  # [m] above the mount
     stow_azimuth: float = 0.45  # [rad] largest turn towards the target while stowed: elbow inside the footprint
     stow_tilt: float = 15.0 * DEG
+    stuck_time: float = 3.0  # [s] on the way to the stow pose after which the arm returns by its joints
+    patience: float = 6.0  # [s] with the target in range and nothing achieved before the arm starts over
     abandon_time: float = 6.0  # [s] time to range beyond which a transit is given up for the stow pose
     qp: QpParameters = QpParameters()
     avoidance: AvoidanceParameters = AvoidanceParameters()

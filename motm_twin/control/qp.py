@@ -1,5 +1,7 @@
 """One quadratic program, solved and checked: solver answers are not trusted."""
 
+from typing import Any
+
 import msgspec
 import numpy as np
 from qpsolvers import Problem, solve_problem
@@ -7,7 +9,7 @@ from qpsolvers import Problem, solve_problem
 from motm_twin.model.geometry import Array
 
 SOLVERS = ("daqp", "osqp", "piqp")
-_OPTIONS: dict[str, dict[str, float | bool | int]] = {
+_OPTIONS: dict[str, dict[str, Any]] = {
     "daqp": {},
     "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "polishing": True, "max_iter": 20000, "adaptive_rho_interval": 50},
     "piqp": {},

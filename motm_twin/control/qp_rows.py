@@ -1,8 +1,8 @@
 """Rows, bounds and weights of the redundancy-resolution QP.
 
 Decision ``x = (v, w, seven arm rates, six slacks of the hand's velocity, two elastic variables)``, where (v, w) is the
-base twist that is commanded. The hand obeys ``J_b v_hat + J_a qdot + slack = nu`` with the base rates ``v_hat`` that the
-base will really have: its velocity loop lags by ``tau``, so that after the time t
+base twist that is commanded. The hand obeys ``J_b v_hat + J_a qdot + slack = nu`` with the base rates ``v_hat`` that
+the base will really have: its velocity loop lags by ``tau``, so that after the time t
 
     v_hat = v_measured + beta (u - v_measured),   beta = 1 - exp(-t / tau),
 
@@ -111,8 +111,10 @@ _LIMITS = np.vstack([Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX])
 
 def joint_bounds(q: Array, previous: Array, dt: float, parameters: QpParameters) -> tuple[Array, Array]:
     """Bounds of the arm rates: speed, acceleration round the previous command, damper before position limits."""
+    limits = _LIMITS.copy()
+    limits[1, 3] = min(limits[1, 3], parameters.elbow_limit)
     return _joint_bounds(
-        q, previous, dt, _LIMITS, parameters.damper_gain, parameters.damper_start, parameters.damper_stop
+        q, previous, dt, limits, parameters.damper_gain, parameters.damper_start, parameters.damper_stop
     )
 
 
@@ -127,20 +129,19 @@ def base_bounds(previous: Array, dt: float, profile: RobotProfile) -> tuple[Arra
     return np.minimum(lower, upper), np.maximum(lower, upper)
 
 
-class Weights:
-    """Diagonal cost of one step; hand = 0 leaves the hand's velocity to the posture."""
-
-    def __init__(self, parameters: QpParameters) -> None:
-        p = parameters
-        self.diagonal = np.array(
-            [p.base_weight] * 2
-            + [p.rate_weight] * 7
-            + [p.linear_slack_weight] * 3
-            + [p.tilt_slack_weight] * 2
-            + [p.yaw_slack_weight]
-            + [p.elastic_weight] * 2
-        )
-        self.elastic = p.elastic_weight
+def weights(parameters: QpParameters, *, swinging: bool) -> Array:
+    """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where nothing must be met exactly."""
+    p = parameters
+    linear = p.swing_linear_slack_weight if swinging else p.linear_slack_weight
+    tilt = p.swing_tilt_slack_weight if swinging else p.tilt_slack_weight
+    return np.array(
+        [p.base_weight] * 2
+        + [p.rate_weight] * 7
+        + [linear] * 3
+        + [tilt] * 2
+        + [p.yaw_slack_weight]
+        + [p.elastic_weight] * 2
+    )
 
 
 def variable_bounds(base: tuple[Array, Array], arm: tuple[Array, Array]) -> tuple[Array, Array]:
