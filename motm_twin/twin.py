@@ -59,7 +59,7 @@ class Twin:
 
     def post(self, edit: WorldEdit) -> None:
         """Queue an edit; raises ValueError when the world has no such body or the edit is not possible."""
-        self.plant.check(edit)
+        self.plant.check(edit, self._queue)
         self._queue.append(edit)
 
     def advance(self, budget: SearchBudget | None = None) -> Tick:

@@ -49,13 +49,17 @@ class Gripper(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class Lidar(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Planar lidar of the base."""
+    """Planar lidar of the base: scanners in front and rear merged into one scan about the base's centre.
 
-    x: float = 0.30  # [m] in the base frame
+    The paper names no field of view. A single scanner in front leaves 90 deg behind the robot unseen, and it would
+    back into whoever stands there; scenes may set that (``x: 0.3, field_of_view_deg: 270``).
+    """
+
+    x: float = 0.0  # [m] in the base frame
     y: float = 0.0
     z: float = 0.20  # [m] above the floor: it sees only what is at this height
-    field_of_view: float = 270.0 * DEG  # [rad] symmetric about x
-    beams: int = 541
+    field_of_view: float = 360.0 * DEG  # [rad] symmetric about x
+    beams: int = 721
     range_min: float = 0.05  # [m]
     range_max: float = 15.0  # [m]
     rate: float = 20.0  # [Hz]

@@ -11,7 +11,7 @@ from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.scene import Box, Cylinder, SceneObject, Solid
 
-LIDAR = Lidar(x=0.0, beams=361)
+LIDAR = Lidar(x=0.0, beams=361, field_of_view=math.radians(270.0))
 
 
 def table() -> tuple[Solid, ...]:
