@@ -28,6 +28,7 @@ _RADIAL, _VERTICAL, _ANGULAR = 0.9, 0.5, 3.0  # [m/s], [m/s], [rad/s] largest
 _FOOT_RADIUS = 0.26  # [m] from the mount within which the hand is over the base
 _FUNNEL = 2.5  # height above the grasp point per metre of horizontal error
 _SURE = 0.004  # [m] of horizontal error that does not keep the hand up
+_TILT_ROOM = 1.5  # [rad/m] of tilt that the arm, folded at the stow pose, gains when the hand moves out
 _OVER = 0.15  # [m] horizontal distance within which a transit sinks to the hover height
 _HAND_CLEAR = 0.35  # [m] radius beyond which a retracting hand keeps its height
 
@@ -49,7 +50,8 @@ class _Swing:
     z: float
     radius_rate: float = 0.0
     azimuth_rate: float = 0.0
-    gain: float = 6.0
+    gain: float = 8.0  # [1/s]
+    azimuth_gain: float = 8.0  # [1/s]
 
 
 def hand_motion(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Array, p: ArmParameters) -> Motion:
@@ -90,7 +92,7 @@ def _swing(swing: _Swing, rotation: Array, view: View, mount: Array, p: ArmParam
     """Towards a point by radius, azimuth and height, relative to the moving base."""
     radius, azimuth = polar(view.p, view.pose, mount)
     radial = swing.gain * (swing.radius - radius) + swing.radius_rate
-    turning = swing.gain * (swing.azimuth - azimuth) + swing.azimuth_rate
+    turning = swing.azimuth_gain * (swing.azimuth - azimuth) + swing.azimuth_rate
     turning = min(max(turning, -p.hand_yaw_rate), p.hand_yaw_rate)
     speed = math.hypot(radial, radius * turning)
     scale = min(1.0, p.hand_speed / max(speed, 1e-9))
@@ -113,11 +115,14 @@ def _stowed(state: ManipulatorState, view: View, p: ArmParameters) -> _Swing:
     z = view.mount[2] + p.stow_height
     if math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1]) > _HAND_CLEAR:
         z = max(z, state.clear_z)
-    return _Swing(p.stow_radius, azimuth, z, gain=p.k_transit)
+    return _Swing(p.stow_radius, azimuth, z, gain=p.k_transit, azimuth_gain=p.k_transit)
 
 
 def _inbound(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Array, p: ArmParameters) -> _Swing:
-    """The hover point, at the limited radius on the line from the mount, where the base will be on arrival."""
+    """The hover point, at the limited radius on the line from the mount, where the base will be on arrival.
+
+    The hand turns towards it first and reaches out last: an arm stretched out early meets more obstacles.
+    """
     remaining = view.time_to_range if math.isfinite(view.time_to_range) else p.abandon_time
     pose = pose_at(remaining, view.pose, inputs.plan_times, inputs.plan_poses)
     radius, azimuth = polar(view.target, pose, mount)
@@ -132,10 +137,16 @@ def _inbound(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Arra
     hover = reach_radius(z - view.mount[2], _largest_tilt(view, p), p.hover_stretch)
     if radius > hover:
         radius, radius_rate = hover, 0.0
+    early = max(0.0, remaining - p.extension_lead) * p.extension_speed
+    if early > 0.0:
+        radius, radius_rate = (
+            max(radius - early, p.swing_radius),
+            p.extension_speed if radius - early > p.swing_radius else 0.0,
+        )
     now = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1])
     if view.p[2] < z - 0.03 and now < _FOOT_RADIUS + 0.02:  # first up, then out
         radius, radius_rate = min(radius, _FOOT_RADIUS), 0.0
-    return _Swing(max(radius, p.minimum_radius * 0.5), azimuth, z, radius_rate, azimuth_rate, gain)
+    return _Swing(max(radius, p.swing_radius), azimuth, z, radius_rate, azimuth_rate, p.k_transit, gain)
 
 
 def _apparent_motion(view: View, radius: float, azimuth: float) -> tuple[float, float]:
@@ -163,6 +174,8 @@ def _rotation(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
     tilt = tilt_for(radius, view.p[2] - view.mount[2], p.grasp_stretch, _largest_tilt(view, p))
     if view.goal.kind == "pick" and state.phase == "transit":
         tilt = max(tilt, _look_tilt(view, outward, p))
+        near = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1])
+        tilt = min(tilt, p.stow_tilt + _TILT_ROOM * max(0.0, near - p.stow_radius))
     natural = _outward(view, view.p)
     yaw = state.yaw if state.yaw is not None and state.phase not in ("carry", "stow") else natural
     if view.goal.kind == "place" and state.phase != "lift":

@@ -175,10 +175,12 @@ class Manipulator(Stateful[ManipulatorState]):
 
     def _posture_error(self, view: View) -> Array:
         """Rates [rad/s] of the joints away from an arm that stands in one plane with its hand."""
+        p = self.parameters.qp
         swinging = self._state.phase in _SWINGING
-        gain = self.parameters.qp.swing_posture_gain if swinging else self.parameters.qp.posture_gain
+        gain, fastest = (p.swing_posture_gain, p.swing_posture_rate) if swinging else (p.posture_gain, p.posture_rate)
+        plane = np.array([polar(view.p, view.pose, self._mount)[1], 0.0, 0.0])
         error = np.zeros(7)
-        error[[0, 2, 4]] = gain * (view.q[[0, 2, 4]] - np.array([polar(view.p, view.pose, self._mount)[1], 0.0, 0.0]))
+        error[[0, 2, 4]] = np.clip(gain * (view.q[[0, 2, 4]] - plane), -fastest, fastest)
         return error
 
     def _free_return(self, view: View, cost: Array, c: Array) -> Array:

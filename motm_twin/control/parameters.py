@@ -19,8 +19,10 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     swing_linear_slack_weight: float = 100.0  # on the way nothing must be met exactly: rather slower than tilted
     swing_tilt_slack_weight: float = 30.0
     elbow_limit: float = -0.52  # [rad] joint 4: beyond -0.467 the elbow would bend the other way and lock
-    posture_gain: float = 3.0  # [1/s] of joints 1, 3 and 5 to an arm in one plane, through the hand's azimuth
+    posture_gain: float = 2.0  # [1/s] of joints 1, 3 and 5 to an arm in one plane, through the hand's azimuth
     swing_posture_gain: float = 8.0  # [1/s] the same while swinging: the elbow stays over the base
+    posture_rate: float = 0.5  # [rad/s] largest of it, so that the hand stands still on the object
+    swing_posture_rate: float = 2.0  # [rad/s]
     free_weight: float = 0.01  # of the hand's velocity when the arm returns to the stow pose by its joints
     free_gain: float = 1.5  # [1/s] of that return
     manipulability_weight: float = 0.005  # of the gradient of m; more twists the arm out of its plane
@@ -55,6 +57,9 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     hand_speed: float = 0.9  # [m/s] of the hand relative to the base in transit
     hand_yaw_rate: float = 1.8  # [rad/s] of the hand about the mount
     k_P: float = 12.0  # [1/s] final approach
+    swing_radius: float = 0.25  # [m] from the mount at which the hand swings before it is stretched out
+    extension_lead: float = 0.4  # [s] before arrival at which the hand is stretched out to the hover point
+    extension_speed: float = 0.5  # [m/s] at which it is stretched out
     k_transit: float = 8.0  # [1/s] largest gain in transit
     k_orientation: float = 6.0  # [1/s]
     approach_distance: float = 0.10  # [m] d_T, the final approach begins (MotM)
@@ -62,7 +67,6 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     transit_clearance: float = 0.08  # [m] the same while swinging
     hover_stretch: float = 0.69  # [m] joint 6 from the shoulder while waiting for the object; 0.719 is a straight elbow
     grasp_stretch: float = 0.69  # [m] beyond which the tool tilts
-    minimum_radius: float = 0.30  # [m] the same, nearest
     pick_reach: float = 0.80  # [m] from the mount at which a grasp begins (tilt up to pick_tilt)
     place_reach: float = 0.84  # [m] the same for a release
     reach_slack: float = 0.05  # [m] beyond that before it is broken off
@@ -84,7 +88,7 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     tip_thickness: float = 0.017  # [m] of a finger behind its pad
     tip_half_depth: float = 0.0105  # [m] across
     tip_clearance: float = 0.006  # [m] over the supporting surface
-    highest_grasp: float = 0.010  # [m] above the centre of the object, when tilted finger tips need it
+    highest_grasp: float = 0.008  # [m] above the centre of the object, when tilted finger tips need it
     lift_time: float = 0.15  # [s] until the object is clear of its support
     lift_height: float = 0.10  # [m]
     picked_height: float = 0.03  # [m] the next target may come from here on
