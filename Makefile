@@ -1,6 +1,6 @@
 # motm_twin: `make run` sets up and starts Experiment 1; `make test` sets up and runs every test.
 SHELL := /bin/bash
-PYTHON_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba_cache
+PYTHON_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 BIN := .venv/bin
 SCENE ?= exp1
 WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$(( n < 2 ? 2 : n )))
@@ -48,5 +48,5 @@ lock: ## resolve pyproject.toml into the hashed lock files
 	@tools/lock.sh
 
 clean: ## remove what the targets above made (.venv stays)
-	@rm -rf build dist out .pytest_cache .ruff_cache .hypothesis .numba_cache
+	@rm -rf build dist out .pytest_cache .ruff_cache .hypothesis
 	@find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +

@@ -40,6 +40,10 @@ if ! .venv/bin/python -c 'import pinocchio' 2>/dev/null; then
   tools/apt.sh libgomp1
   .venv/bin/python -c 'import pinocchio'
 fi
+if [ "$kind" = run ]; then
+  echo "setup: compiling the numeric kernels (about a minute, once)"
+  OMP_NUM_THREADS=1 .venv/bin/python tools/warm.py
+fi
 touch .venv/.ready-run
 if [ "$kind" = dev ]; then touch .venv/.ready-dev; fi
 echo "setup: done"

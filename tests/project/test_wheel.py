@@ -56,6 +56,11 @@ def test_the_wheel_carries_no_tests_and_no_top_level_folders_but_its_own(wheel: 
     assert all(top == "motm_twin" or top.endswith(".dist-info") for top in tops)
 
 
+def test_the_wheel_carries_no_compiled_leftovers(wheel: Path):
+    leftovers = (".pyc", ".nbi", ".nbc")
+    assert not [name for name in zipfile.ZipFile(wheel).namelist() if name.endswith(leftovers)]
+
+
 def test_an_installed_package_finds_its_own_scenes_and_assets(installed: Path, tmp_path: Path):
     code = (
         "import motm_twin; from motm_twin.model.data_dirs import scenes_dir, web_assets_dir; "
