@@ -80,7 +80,7 @@ class StaaController:
             graph,
             goal.table,
             next_table if next_table is not None else goal.table,
-            self._reach.job(target, self._p, engaged=problem.engaged),
+            self._job(problem, target),
         )
         cells = self._cell_sights(graph, field)
         memory = self._room(budget.expansions, graph)
@@ -234,6 +234,13 @@ class StaaController:
             memory = staa.make_memory(expansions, self._p.notches, 2 * len(graph.vertex))
             self._memory = memory
         return memory
+
+    def _job(self, problem: BaseProblem, target: Target) -> Job:
+        """The target, with a reach that is a little smaller unless the robot is at its limit already."""
+        whole = self._reach.job(target, self._p, engaged=problem.engaged)
+        inner = self._reach.job(target, self._p, engaged=problem.engaged, slack=self._reach.parameters.plan_slack)
+        now = [float(value) for value in (*problem.pose, *problem.twist)]
+        return whole if in_reach(*now, whole) and not in_reach(*now, inner) else inner
 
     def _left(self, target: Target) -> float:
         return max(target.dwell, 0.05) if target.kind != "drive" else 1.0

@@ -103,7 +103,7 @@ def make_table(graph: Graph, place: Array, goal_start: IntArray, heading: Array,
     n, n_sites, n_edges = graph.vertex.shape[0], place.shape[0], graph.edge_to.shape[0]
     site, seen, extra = place.copy(), place.copy(), np.zeros(n_sites)
     for s in range(n_sites):
-        qx, qy, pushed = push_out(place[s, 0], place[s, 1], graph.walls, graph.solids)
+        qx, qy, pushed = push_out(place[s, 0], place[s, 1], graph.outline, graph.solids)
         seen[s, 0], seen[s, 1] = qx, qy
         if pushed > BESIDE:
             site[s, 0], site[s, 1], extra[s] = qx, qy, pushed
@@ -121,7 +121,7 @@ def make_table(graph: Graph, place: Array, goal_start: IntArray, heading: Array,
         vx, vy = graph.vertex[v, 0], graph.vertex[v, 1]
         for s in range(n_sites):
             dx, dy = site[s, 0] - vx, site[s, 1] - vy
-            if not tangential(v, dx, dy, graph.before, graph.after, graph.vertex):
+            if not tangential(v, seen[s, 0] - vx, seen[s, 1] - vy, graph.before, graph.after, graph.vertex):
                 continue
             if not segment_free(vx, vy, seen[s, 0], seen[s, 1], graph.walls):
                 continue
@@ -251,7 +251,7 @@ def sights_of(place: Array, graph: Graph) -> Sights:
     vertex = np.empty(m * n, np.int32)
     count = 0
     for i in range(m):
-        point[i, 0], point[i, 1], point[i, 2] = push_out(place[i, 0], place[i, 1], graph.walls, graph.solids)
+        point[i, 0], point[i, 1], point[i, 2] = push_out(place[i, 0], place[i, 1], graph.outline, graph.solids)
         count += visible_vertices(point[i, 0], point[i, 1], graph, vertex[count:])
         start[i + 1] = count
     return Sights(point, start, vertex[:count].copy())
@@ -279,7 +279,7 @@ def trace(px: float, py: float, heading: float, graph: Graph, table: Table) -> t
     path = np.empty((graph.vertex.shape[0] + 4, 2))
     path[0, 0], path[0, 1] = px, py
     size = 1
-    sx, sy, pushed = push_out(px, py, graph.walls, graph.solids)
+    sx, sy, pushed = push_out(px, py, graph.outline, graph.solids)
     visible = np.empty(graph.vertex.shape[0], np.int32)
     count = visible_vertices(sx, sy, graph, visible)
     if pushed > BESIDE:

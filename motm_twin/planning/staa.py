@@ -148,7 +148,7 @@ def _cell(x: float, y: float, field: Field, graph: Graph, cells: CellSights, scr
     c = j * cells.shape[1] + i
     if cells.start[c] < 0:
         px, py = field.x + (i + 0.5) / field.inverse_cell, field.y + (j + 0.5) / field.inverse_cell
-        qx, qy, pushed = push_out(px, py, graph.walls, graph.solids)
+        qx, qy, pushed = push_out(px, py, graph.outline, graph.solids)
         found = visible_vertices(qx, qy, graph, scratch)
         if cells.used[0] + found > cells.pool.shape[0]:
             return -1
@@ -168,7 +168,7 @@ def cost_at(
     """PathRTR cost [s] from a pose to the goals of a table."""
     c = _cell(x, y, world.field, world.graph, cells, scratch)
     if c < 0:
-        qx, qy, pushed = push_out(x, y, world.graph.walls, world.graph.solids)
+        qx, qy, pushed = push_out(x, y, world.graph.outline, world.graph.solids)
         found = visible_vertices(qx, qy, world.graph, scratch)
         return cost_from(x, y, heading, qx, qy, pushed, scratch, found, world.graph, table)
     first = cells.start[c]

@@ -34,7 +34,8 @@ class Graph(NamedTuple):
     vertex: Array  # (n, 2) [m]
     before: Array  # (n, 2) neighbours on the same ring
     after: Array
-    walls: Rings  # shrunk grown polygons: what blocks sight
+    outline: Rings  # grown polygons: what a point can be inside of
+    walls: Rings  # grown polygons shrunk by 2 mm: what blocks sight
     solids: Rings  # polygons as they are
     out_start: IntArray  # (n + 1,) edges leaving vertex v are out_start[v] .. out_start[v + 1] - 1
     edge_from: IntArray  # (e,)
@@ -70,17 +71,17 @@ def segment_free(ax: float, ay: float, bx: float, by: float, walls: Rings) -> bo
 
 
 @kernel
-def inside(px: float, py: float, walls: Rings) -> bool:
+def inside(px: float, py: float, rings: Rings) -> bool:
     """Whether a point is in the area of the rings (even-odd rule, so holes are outside)."""
     odd = False
-    for r in range(walls.box.shape[0]):
-        box = walls.box[r]
+    for r in range(rings.box.shape[0]):
+        box = rings.box[r]
         if px < box[0] or px > box[2] or py < box[1] or py > box[3]:
             continue
-        first, last = walls.start[r], walls.start[r + 1]
-        cx, cy = walls.point[last - 1, 0], walls.point[last - 1, 1]
+        first, last = rings.start[r], rings.start[r + 1]
+        cx, cy = rings.point[last - 1, 0], rings.point[last - 1, 1]
         for i in range(first, last):
-            ex, ey = walls.point[i, 0], walls.point[i, 1]
+            ex, ey = rings.point[i, 0], rings.point[i, 1]
             if (cy > py) != (ey > py) and px < (ex - cx) * (py - cy) / (ey - cy) + cx:
                 odd = not odd
             cx, cy = ex, ey
@@ -88,20 +89,20 @@ def inside(px: float, py: float, walls: Rings) -> bool:
 
 
 @kernel
-def push_out(px: float, py: float, walls: Rings, solids: Rings) -> tuple[float, float, float]:
+def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float, float, float]:
     """Nearest point outside the grown polygons, and how far it is [m]: 0 for a point that is outside.
 
     A way out that would lead through a solid is taken only when there is no other.
     """
-    if not inside(px, py, walls):
+    if not inside(px, py, outline):
         return px, py, 0.0
     qx, qy, nearest = px, py, math.inf
     for direct in range(2):
-        for r in range(walls.box.shape[0]):
-            first, last = walls.start[r], walls.start[r + 1]
-            cx, cy = walls.point[last - 1, 0], walls.point[last - 1, 1]
+        for r in range(outline.box.shape[0]):
+            first, last = outline.start[r], outline.start[r + 1]
+            cx, cy = outline.point[last - 1, 0], outline.point[last - 1, 1]
             for i in range(first, last):
-                ex, ey = walls.point[i, 0], walls.point[i, 1]
+                ex, ey = outline.point[i, 0], outline.point[i, 1]
                 fx, fy = ex - cx, ey - cy
                 squared = fx * fx + fy * fy
                 t = 0.0
@@ -113,9 +114,8 @@ def push_out(px: float, py: float, walls: Rings, solids: Rings) -> tuple[float, 
                 if distance >= nearest or (direct == 0 and not segment_free(px, py, nx, ny, solids)):
                     continue
                 nearest = distance
-                out = 2.0 * SHRINK
                 ux, uy = (nx - px) / max(distance, 1e-9), (ny - py) / max(distance, 1e-9)
-                qx, qy = nx + out * ux, ny + out * uy
+                qx, qy = nx + SHRINK * ux, ny + SHRINK * uy
         if nearest < math.inf:
             break
     return qx, qy, nearest
@@ -169,8 +169,8 @@ def _edges(vertex: Array, before: Array, after: Array, walls: Rings) -> tuple[In
 
 
 @njit(cache=True)
-def _corners(ring: Array) -> tuple[Array, NDArray[np.int32], Array]:
-    """Ring shrunk by SHRINK, indices of its convex corners, and the ring itself without repeated points."""
+def _corners(ring: Array) -> tuple[Array, IntArray]:
+    """The ring shrunk by SHRINK, and the indices of its convex corners."""
     n = ring.shape[0]
     shrunk = np.empty_like(ring)
     convex = np.empty(n, np.int32)
@@ -192,7 +192,7 @@ def _corners(ring: Array) -> tuple[Array, NDArray[np.int32], Array]:
         if ax * by - ay * bx > 1e-6:
             convex[count] = i
             count += 1
-    return shrunk, convex[:count].copy(), ring
+    return shrunk, convex[:count].copy()
 
 
 def _rings(rings: list[Array]) -> Rings:
@@ -226,9 +226,10 @@ def grown_rings(polygons: tuple[Array, ...], g: float) -> list[Array]:
 
 def build_graph(polygons: tuple[Array, ...], g: float) -> Graph:
     """The visibility graph of obstacle polygons, each (n, 2) [m], grown by g [m]."""
+    outline = grown_rings(polygons, g)
     shrunk, vertex, before, after = [], [], [], []
-    for ring in grown_rings(polygons, g):
-        wall, convex, _ = _corners(ring)
+    for ring in outline:
+        wall, convex = _corners(ring)
         shrunk.append(wall)
         vertex.append(ring[convex])
         before.append(ring[convex - 1])
@@ -244,6 +245,6 @@ def build_graph(polygons: tuple[Array, ...], g: float) -> Graph:
     in_start = np.zeros(len(vertices) + 1, np.int32)
     in_start[1:] = np.cumsum(np.bincount(edge_to, minlength=len(vertices)))
     return Graph(
-        vertices, befores, afters, walls, solids, out_start, edge_from, edge_to,
+        vertices, befores, afters, _rings(outline), walls, solids, out_start, edge_from, edge_to,
         np.hypot(line[:, 0], line[:, 1]), np.arctan2(line[:, 1], line[:, 0]), in_start, in_edge,
     )  # fmt: skip
