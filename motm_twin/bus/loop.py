@@ -274,6 +274,7 @@ class TwinLoop:
 
     def _reset(self, play: bool) -> None:
         if self._twin is not None:
+            self._set_state("loading", "back to the start")
             self._twin.reset()
             self._begin(play)
 

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import viser
@@ -16,6 +17,15 @@ KEEP_ALIVE = 0.5  # [s] a body that is held still is held again this often
 Point = tuple[float, float]
 
 
+@dataclass(frozen=True)
+class _Grip:
+    """Where a body was taken: its place relative to the grip, and the height of the grip [m]."""
+
+    x: float
+    y: float
+    height: float
+
+
 class Drag:
     """Which bodies are held by visitors of this page, and where to. One thread sends; the newest place wins."""
 
@@ -25,7 +35,7 @@ class Drag:
         self._held: dict[str, Point] = {}
         self._dirty: dict[str, Point] = {}
         self._released: list[str] = []
-        self._grips: dict[tuple[int, str], Point] = {}
+        self._grips: dict[tuple[int, str], _Grip] = {}
         self._stopping = False
         self._thread = threading.Thread(target=self._send, name="drag", daemon=True)
         self._thread.start()
@@ -56,13 +66,13 @@ class Drag:
             self._grips.pop(grip, None)
             self._release(name)
             return
-        eye = np.asarray(event.client.camera.position)
         if event.phase == "start" or grip not in self._grips:
-            self._grips[grip] = (*event.target.position[:2], event.start_position[2], *event.start_position[:2])  # type: ignore[assignment]
-        x, y, height, grip_x, grip_y = self._grips[grip]  # type: ignore[misc]
-        pointed = on_plane(eye, np.asarray(event.end_position), height)
+            body, held = event.target.position, event.start_position
+            self._grips[grip] = _Grip(float(body[0] - held[0]), float(body[1] - held[1]), float(held[2]))
+        offset = self._grips[grip]
+        pointed = on_plane(np.asarray(event.client.camera.position), np.asarray(event.end_position), offset.height)
         if pointed is not None:
-            self._move(name, (x + pointed[0] - grip_x, y + pointed[1] - grip_y))
+            self._move(name, (pointed[0] + offset.x, pointed[1] + offset.y))
 
     def _move(self, name: str, place: Point) -> None:
         with self._lock:

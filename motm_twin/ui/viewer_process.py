@@ -1,6 +1,7 @@
 """The viewer as a program: ``python -m motm_twin.ui.viewer_process --endpoint tcp/127.0.0.1:7447 --port 8080``."""
 
 import argparse
+import logging
 import os
 import sys
 import threading
@@ -22,6 +23,7 @@ def main() -> None:
     report, stop = Reporter(options.report), stop_event(options.report is not None)
     token = os.environ.pop("MOTM_TOKEN", None) or None
     os.nice(NICENESS)
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no news
     try:
         server = open_page(options.host, options.port, token)
     except (OSError, ValueError) as error:

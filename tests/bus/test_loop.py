@@ -147,6 +147,7 @@ def test_a_run_ends_after_settling_and_play_starts_it_again():
         assert "ended" in running.ask(Step())
         assert running.ask(Play()) == ""
         assert (running.loop.status().run, running.last.run) == (2, 2)
+        assert running.loop.status().state == "playing"
 
 
 def test_another_scene_can_be_loaded_and_a_wrong_one_changes_nothing():
