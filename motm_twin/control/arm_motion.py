@@ -20,7 +20,7 @@ from motm_twin.control.arm_reference import (
 from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmInputs
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.kinematics import HAND, TCP
 
 _EASE = 1.5  # a transit of T seconds goes at gain EASE / T: it begins briskly and arrives softly
@@ -29,6 +29,9 @@ _FOOT_RADIUS = 0.26  # [m] from the mount within which the hand is over the base
 _FUNNEL = 2.5  # height above the grasp point per metre of horizontal error
 _SURE = 0.004  # [m] of horizontal error that does not keep the hand up
 _TILT_ROOM = 1.5  # [rad/m] of tilt that the arm, folded at the stow pose, gains when the hand moves out
+_TURN_BY, _TURN_TIME = 0.3, 0.7  # [s] before arrival by which the hand is turned to the object, and for how long
+_BESIDE = 0.5  # [rad] of azimuth from the target beyond which the arm swings in its own plane
+_FAR = 0.8  # [m] no tilt for more radius than this before arrival
 _OVER = 0.15  # [m] horizontal distance within which a transit sinks to the hover height
 _HAND_CLEAR = 0.35  # [m] radius beyond which a retracting hand keeps its height
 
@@ -57,9 +60,11 @@ class _Swing:
 def hand_motion(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Array, p: ArmParameters) -> Motion:
     """Reference and velocity of the hand for the phase of this step; ``mount`` [m] in the base frame."""
     if state.phase in ("stow", "carry"):
-        return _swing(_stowed(state, view, p), _stow_rotation(view, p), view, mount, p, carried=True)
+        return _swing(_stowed(state, view, p), _stow_rotation(view, p), view, mount, p, planar=1.0)
     if state.phase == "transit":
-        return _swing(_inbound(state, view, inputs, mount, p), _rotation(state, view, p), view, mount, p, carried=False)
+        planar = _planar_share(view)
+        rotation = _transit_rotation(state, view, p, planar)
+        return _swing(_inbound(state, view, inputs, mount, p), rotation, view, mount, p, planar=planar)
     rotation = _rotation(state, view, p)
     if state.phase == "final":
         return _fixed(_final_point(view, p), rotation, view, p)
@@ -88,8 +93,11 @@ def _final_point(view: View, p: ArmParameters) -> Array:
     return point
 
 
-def _swing(swing: _Swing, rotation: Array, view: View, mount: Array, p: ArmParameters, *, carried: bool) -> Motion:
-    """Towards a point by radius, azimuth and height, relative to the moving base."""
+def _swing(swing: _Swing, rotation: Array, view: View, mount: Array, p: ArmParameters, *, planar: float) -> Motion:
+    """Towards a point by radius, azimuth and height, relative to the moving base.
+
+    ``planar`` 1: the hand turns with its azimuth, as the whole arm does about joint 1.
+    """
     radius, azimuth = polar(view.p, view.pose, mount)
     radial = swing.gain * (swing.radius - radius) + swing.radius_rate
     turning = swing.azimuth_gain * (swing.azimuth - azimuth) + swing.azimuth_rate
@@ -104,8 +112,7 @@ def _swing(swing: _Swing, rotation: Array, view: View, mount: Array, p: ArmParam
     linear += np.array([c * radial - s * across, s * radial + c * across, 0.0])
     linear[2] = min(max(p.k_transit * (swing.z - view.p[2]), -_VERTICAL), _VERTICAL)
     angular = _turn(rotation, view, p)
-    if carried:
-        angular[2] += view.twist[1]
+    angular[2] += planar * (view.twist[1] + turning)
     return Motion(np.concatenate([linear, angular]), from_polar(swing.radius, swing.azimuth, swing.z, view.pose, mount))
 
 
@@ -166,20 +173,33 @@ def _stow_rotation(view: View, p: ArmParameters) -> Array:
     return tool_rotation(outward, p.stow_tilt, outward)
 
 
+def _planar_share(view: View) -> float:
+    """1 as long as the arm should swing in one plane, 0 when the hand must be turned to the object."""
+    soon = min(max((view.time_to_range - _TURN_BY) / _TURN_TIME, 0.0), 1.0)
+    beside = abs(wrap_angle(_outward(view, view.target) - _outward(view, view.p)))
+    return max(soon, min(max((beside - _BESIDE) / _BESIDE, 0.0), 1.0))
+
+
+def _transit_rotation(state: ManipulatorState, view: View, p: ArmParameters, planar: float) -> Array:
+    """In the arm's own plane at first, at last as over the object; tilted so that the camera looks ahead for it."""
+    own, outward = _outward(view, view.p), _outward(view, view.target)
+    near = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1])
+    tilt = tilt_for(min(view.radius, _FAR), view.p[2] - view.mount[2], p.grasp_stretch, _largest_tilt(view, p))
+    if view.goal.kind == "pick":
+        tilt = max(tilt, _look_tilt(view, outward, p))
+    tilt = min(tilt, p.stow_tilt + _TILT_ROOM * max(0.0, near - p.stow_radius))
+    outward += planar * wrap_angle(own - outward)
+    wanted = state.yaw if state.yaw is not None and view.goal.kind == "pick" else own
+    return tool_rotation(wanted + planar * wrap_angle(own - wanted), tilt, outward)
+
+
 def _rotation(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
-    """Down, tilted outwards where the reach needs it, or where the camera must look ahead for the object."""
-    point = state.anchor if state.phase in ("closing", "lift", "release") else view.target
+    """Down over the object, tilted outwards where the reach needs it."""
+    point = view.target if state.phase in ("final", "retry") else state.anchor
     outward = _outward(view, point)
     radius = math.hypot(point[0] - view.mount[0], point[1] - view.mount[1])
     tilt = tilt_for(radius, view.p[2] - view.mount[2], p.grasp_stretch, _largest_tilt(view, p))
-    if view.goal.kind == "pick" and state.phase == "transit":
-        tilt = max(tilt, _look_tilt(view, outward, p))
-        near = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1])
-        tilt = min(tilt, p.stow_tilt + _TILT_ROOM * max(0.0, near - p.stow_radius))
-    natural = _outward(view, view.p)
-    yaw = state.yaw if state.yaw is not None and state.phase not in ("carry", "stow") else natural
-    if view.goal.kind == "place" and state.phase != "lift":
-        yaw = natural
+    yaw = state.yaw if state.yaw is not None and state.phase != "release" else _outward(view, view.p)
     return tool_rotation(yaw, tilt, outward)
 
 

@@ -158,7 +158,8 @@ class Manipulator(Stateful[ManipulatorState]):
         c = np.zeros(SIZE)
         c[BASE] = -p.base_weight * inputs.base_twist
         c[ARM] = -p.manipulability_weight * manipulability_gradient(view.q)
-        c[ARM] += p.rate_weight * self._posture_error(view)
+        cost = self._weights[self._state.phase in _SWINGING]
+        c[ARM] += cost[ARM] * self._posture_error(view)
         c[SLACK.stop :] = p.elastic_weight
         A = np.zeros((6, SIZE))
         A[:, BASE] = beta * view.J[:, :2]
@@ -169,7 +170,6 @@ class Manipulator(Stateful[ManipulatorState]):
             base_bounds(self._state.twist, inputs.dt, self.profile),
             joint_bounds(view.q, self._state.rates, inputs.dt, p),
         )
-        cost = self._weights[self._state.phase in _SWINGING]
         cost = self._free_return(view, cost, c)
         return Program(P=cost, c=c, A=A, b=b, G=rows.G, h=rows.h, lower=lower, upper=upper)
 

@@ -13,11 +13,13 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     solver: str = "daqp"  # daqp | osqp (eps 1e-5, polishing: the paper's solver, for comparison)
     base_weight: float = 1.0e5  # deviation from v_B: the base obeys its planner
     rate_weight: float = 0.01  # k_a, arm rates (MotM)
+    twist_rate_weight: float = 0.15  # of joints 3 and 5: the other five reach every pose of a hand that points down
     linear_slack_weight: float = 1.0e3
     tilt_slack_weight: float = 3.0  # angular slack is far cheaper than linear: tilt keeps the object in reach
     yaw_slack_weight: float = 30.0
     swing_linear_slack_weight: float = 100.0  # on the way nothing must be met exactly: rather slower than tilted
     swing_tilt_slack_weight: float = 30.0
+    swing_yaw_slack_weight: float = 5.0
     elbow_limit: float = -0.52  # [rad] joint 4: beyond -0.467 the elbow would bend the other way and lock
     posture_gain: float = 2.0  # [1/s] of joints 1, 3 and 5 to an arm in one plane, through the hand's azimuth
     swing_posture_gain: float = 8.0  # [1/s] the same while swinging: the elbow stays over the base

@@ -25,6 +25,7 @@ ARM = slice(2, 9)
 SLACK = slice(9, 15)
 LIDAR_ELASTIC, FURNITURE_ELASTIC = 15, 16
 SIZE = 17
+TWISTING = (2, 4)  # joints 3 and 5 turn the arm out of its plane
 _SLACK_BOUND = 20.0  # [m/s, rad/s]
 _FREE = 1.0e3  # bound of elastic variables [m/s]
 
@@ -136,10 +137,10 @@ def weights(parameters: QpParameters, *, swinging: bool) -> Array:
     tilt = p.swing_tilt_slack_weight if swinging else p.tilt_slack_weight
     return np.array(
         [p.base_weight] * 2
-        + [p.rate_weight] * 7
+        + [p.twist_rate_weight if joint in TWISTING else p.rate_weight for joint in range(7)]
         + [linear] * 3
         + [tilt] * 2
-        + [p.yaw_slack_weight]
+        + [p.swing_yaw_slack_weight if swinging else p.yaw_slack_weight]
         + [p.elastic_weight] * 2
     )
 
