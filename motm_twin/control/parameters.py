@@ -13,7 +13,8 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     solver: str = "daqp"  # daqp | osqp (eps 1e-5, polishing: the paper's solver, for comparison)
     base_weight: float = 1.0e5  # deviation from v_B: the base obeys its planner
     rate_weight: float = 0.01  # k_a, arm rates (MotM)
-    twist_rate_weight: float = 0.15  # of joints 3 and 5: the other five reach every pose of a hand that points down
+    twist_rate_weight: float = 0.3  # of joints 3 and 5: the other five reach every pose of a hand that points down
+    swing_twist_rate_weight: float = 5.0  # rather slower than twisted
     linear_slack_weight: float = 1.0e3
     tilt_slack_weight: float = 3.0  # angular slack is far cheaper than linear: tilt keeps the object in reach
     yaw_slack_weight: float = 30.0

@@ -134,10 +134,11 @@ def weights(parameters: QpParameters, *, swinging: bool) -> Array:
     """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where nothing must be met exactly."""
     p = parameters
     linear = p.swing_linear_slack_weight if swinging else p.linear_slack_weight
+    twist = p.swing_twist_rate_weight if swinging else p.twist_rate_weight
     tilt = p.swing_tilt_slack_weight if swinging else p.tilt_slack_weight
     return np.array(
         [p.base_weight] * 2
-        + [p.twist_rate_weight if joint in TWISTING else p.rate_weight for joint in range(7)]
+        + [twist if joint in TWISTING else p.rate_weight for joint in range(7)]
         + [linear] * 3
         + [tilt] * 2
         + [p.swing_yaw_slack_weight if swinging else p.yaw_slack_weight]
