@@ -98,7 +98,7 @@ class StaaController:
         poses = np.column_stack((memory.pose[branch], memory.twist[branch]))
         t_h = float(memory.t_goal[0])
         return BasePlan(
-            acceleration=frozen(self._first_action(memory, branch, problem)),
+            acceleration=frozen(self._first_action(memory, branch)),
             status="goal" if status == staa.GOAL else "aborted",
             reason="",
             global_path=frozen(goal.global_path),
@@ -252,16 +252,9 @@ class StaaController:
         near = math.hypot(pose[0] - placement.goal[0], pose[1] - placement.goal[1]) <= self._p.pass_distance
         return near and (not placement.goal_has_heading or turn(pose[2], placement.goal[2]) <= self._p.pass_heading)
 
-    def _first_action(self, memory: staa.Memory, branch: list[int], problem: BaseProblem) -> Array:
-        """The branch's first action, reduced so that the speed limits hold at the end of the period."""
-        half = self._p.notches // 2
-        i, j = divmod(int(memory.action[branch[1]]), self._p.notches)
-        a = self._limits.linear_acceleration * (i - half) / half
-        b = self._limits.yaw_acceleration * (j - half) / half
-        v, w = problem.twist
-        v_end = min(self._limits.forward_speed, max(-self._limits.reverse_speed, v + a * problem.period))
-        w_end = min(self._limits.yaw_rate, max(-self._limits.yaw_rate, w + b * problem.period))
-        return np.array([(v_end - v) / problem.period, (w_end - w) / problem.period])
+    def _first_action(self, memory: staa.Memory, branch: list[int]) -> Array:
+        """The branch's first acceleration; where a speed limit cut it, what the node was predicted with."""
+        return (memory.twist[branch[1]] - memory.twist[0]) / self._p.node_duration
 
     def _next_path(self, placement: Placement, graph: Graph) -> Array:
         table = self._next_table(graph, placement)

@@ -93,6 +93,7 @@ class Result:
     milliseconds: list[float]
     dry: int
     modes: set[str]
+    lost: int
     poses: np.ndarray
 
 
@@ -146,7 +147,7 @@ def run(
     pose, twist = np.zeros(3), np.zeros(2)
     model = planner.controller._reach
     index, hold, now = 0, 0.0, 0.0
-    result = Result(False, 0.0, 10.0, 0, 0.0, 0.0, 0, 0.0, [], [], 0, set(), np.zeros((0, 3)))
+    result = Result(False, 0.0, 10.0, 0, 0.0, 0.0, 0, 0.0, [], [], 0, set(), 0, np.zeros((0, 3)))
     closing, track, touching, before = [], [], False, None
     while now < limit:
         kind, name, position = tasks[index]
@@ -193,7 +194,9 @@ def run(
         if free <= 0.0 and not touching:
             result.contacts += 1
         touching = free <= 0.0
-        hold = hold + PERIOD if model.contains(pose, twist, target) else 0.0
+        reached = model.contains(pose, twist, target)
+        result.lost += hold > 0.3 and not reached
+        hold = hold + PERIOD if reached else 0.0
         if kind == "pick" and hold > 0.5:
             closing.append(abs(twist[0]))
         if hold >= full - 1e-9:
@@ -213,7 +216,7 @@ def report(name: str, r: Result) -> None:
     print(
         f"{name:12s} {'ok ' if r.finished else 'NOT'} {r.time:6.2f} s  clear {r.clearance:.3f}  contacts {r.contacts}"
         f"  turn {r.turning:5.1f}  L {r.length:5.1f}  sw {r.switches:3d}  close {r.closing_speed:.2f}"
-        f"  exp {ex.mean():5.0f}  ms {np.median(ms):5.2f}/{np.percentile(ms, 99):5.2f}  dry {r.dry} {sorted(r.modes)}",
+        f"  exp {ex.mean():5.0f}  ms {np.median(ms):5.2f}/{np.percentile(ms, 99):5.2f}  dry {r.dry} lost {r.lost} {sorted(r.modes)}",
         flush=True,
     )
 
