@@ -66,8 +66,8 @@ class BodyView:
             if len(drawn.trail) > 1:
                 points = np.array([(x, y, 0.012) for x, y in drawn.trail])
                 pieces.append(np.stack([points[:-1], points[1:]], axis=1))
-                fade = np.linspace(0.85, 0.0, len(points) - 1)[::-1, None]
-                tone = np.array(colours.TRAIL) * fade + 228.0 * (1.0 - fade)
+                fade = np.linspace(0.15, 1.0, len(points) - 1)[:, None]
+                tone = np.array(colours.TRAIL) * fade + 216.0 * (1.0 - fade)
                 tones.append(np.repeat(tone[:, None, :], 2, axis=1))
         self._trails.visible = bool(pieces) and self.trails_on
         if pieces:

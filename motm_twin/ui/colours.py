@@ -12,7 +12,7 @@ BEZIER: Rgb = (245, 158, 11)
 GHOST: Rgb = (44, 104, 200)
 GOAL: Rgb = (230, 57, 125)
 REJECTED: Rgb = (158, 162, 168)
-TRAIL: Rgb = (120, 100, 190)
+TRAIL: Rgb = (112, 72, 196)
 
 NAMED: dict[str, Rgb] = {
     "red": (214, 44, 40),

@@ -127,8 +127,8 @@ def relative_cost(placement: PlacementMessage) -> NDArray[np.float64]:
 
 
 def _pointed_ball() -> trimesh.Trimesh:
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.024)
-    nose = trimesh.creation.cone(radius=0.016, height=0.05, sections=12)
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.028)
+    nose = trimesh.creation.cone(radius=0.02, height=0.058, sections=12)
     nose.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
     nose.apply_translation((0.012, 0.0, 0.0))
     return trimesh.util.concatenate([ball, nose])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from motm_twin.bus.client import TwinClient
+from motm_twin.bus.health import page_answers
 from motm_twin.bus.session import free_port
 from motm_twin.ui.camera import FIELD_OF_VIEW, overview
 
@@ -48,6 +49,7 @@ def serving(scene, *options):
     process = subprocess.Popen([*command, "--zenoh-port", str(zenoh_port), *options])
     try:
         with TwinClient(f"tcp/127.0.0.1:{zenoh_port}") as client:
+            until(lambda: page_answers(page_port), 60.0, "the page did not come up")
             yield f"http://127.0.0.1:{page_port}/", client
     finally:
         process.terminate()
