@@ -66,7 +66,7 @@ def planar_joints(radius: float, height: float, tilt: float) -> Array:
         raise ValueError(f"radius {radius} m, height {height} m over the mount: out of reach of the arm")
     inner = math.acos(cosine)
     q4 = ELBOW - (math.pi - inner)
-    first = math.atan2(x, z) - math.asin(lower * math.sin(inner) / math.hypot(x, z))
+    first = math.atan2(x, z) - math.atan2(lower * math.sin(inner), upper - lower * math.cos(inner))
     q2 = first - math.atan(0.0825 / 0.316)
     q6 = tilt + q2 - q4
     return np.array([0.0, q2, 0.0, q4, 0.0, q6, math.pi / 4.0])

@@ -8,11 +8,10 @@ from qpsolvers import Problem, solve_problem
 
 from motm_twin.model.geometry import Array
 
-SOLVERS = ("daqp", "osqp", "piqp")
+SOLVERS = ("daqp", "osqp")
 _OPTIONS: dict[str, dict[str, Any]] = {
     "daqp": {},
     "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "polishing": True, "max_iter": 20000, "adaptive_rho_interval": 50},
-    "piqp": {},
 }
 
 

@@ -1,0 +1,73 @@
+"""The damper line of the paper, and what may come how near."""
+
+import math
+
+import numpy as np
+import pytest
+
+from motm_twin.control.arm_avoidance import damper_line, lidar_limits, nearest_distance, static_d_s
+from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.types import ArmObstacles
+
+PARAMETERS = AvoidanceParameters()
+NO_TARGETS = np.zeros((0, 2))
+
+
+def obstacles(points, static):
+    points = np.array(points, dtype=float).reshape(-1, 2)
+    return ArmObstacles(points=points, static=np.full(len(points), static))
+
+
+@pytest.mark.parametrize(
+    ("d", "speed"), [(0.6, math.inf), (0.5999, 0.6), (0.425, 0.3), (0.25, 0.0), (0.18, -0.12), (1.0, math.inf)]
+)
+def test_the_damper_line_has_the_papers_values(d, speed):
+    assert damper_line(d, 0.25, 0.6, 0.6) == pytest.approx(speed, abs=1e-3)
+
+
+def test_a_static_obstacle_gives_way_to_a_target_close_to_it():
+    assert static_d_s(0.15, PARAMETERS) == pytest.approx(0.10)
+    assert static_d_s(0.50, PARAMETERS) == 0.25
+    assert static_d_s(0.02, PARAMETERS) == 0.0
+
+
+def test_d_s_of_a_static_obstacle_follows_the_distance_of_the_whole_obstacle_to_the_target():
+    wall = [(0.30, y) for y in np.arange(-0.3, 0.31, 0.05)]
+    limits = lidar_limits(np.zeros(3), obstacles(wall, True), np.array([[0.15, 0.0]]), PARAMETERS)
+    np.testing.assert_allclose(limits.d_s, 0.10, atol=1e-9)
+
+
+def test_another_static_obstacle_keeps_its_distance():
+    points = [(0.30, 0.0), (-0.5, 0.0)]
+    limits = lidar_limits(np.zeros(3), obstacles(points, True), np.array([[0.15, 0.0]]), PARAMETERS)
+    assert limits.d_s[limits.normal[:, 0] > 0] == pytest.approx(0.10)
+    assert limits.d_s[limits.normal[:, 0] < 0] == pytest.approx(0.25)
+
+
+def test_a_moving_obstacle_keeps_its_distance_beside_any_target():
+    limits = lidar_limits(np.zeros(3), obstacles([(0.30, 0.0)], False), np.array([[0.15, 0.0]]), PARAMETERS)
+    assert limits.d_s[0] == 0.25
+    assert limits.allowed[0] == pytest.approx(0.6 * 0.05 / 0.35)
+
+
+def test_without_a_grasp_under_way_a_static_obstacle_keeps_its_distance():
+    limits = lidar_limits(np.zeros(3), obstacles([(0.30, 0.0)], True), NO_TARGETS, PARAMETERS)
+    assert limits.d_s[0] == 0.25
+
+
+def test_obstacles_on_both_sides_limit_both_directions():
+    limits = lidar_limits(np.zeros(3), obstacles([(0.4, 0.0), (-0.3, 0.0), (0.0, 2.0)], False), NO_TARGETS, PARAMETERS)
+    assert len(limits.distance) == 2
+    assert limits.distance[0] == pytest.approx(0.3)
+    np.testing.assert_allclose(limits.normal[0], [-1.0, 0.0])
+
+
+def test_what_is_beyond_d_i_limits_nothing_but_is_reported():
+    far = obstacles([(0.7, 0.0)], False)
+    assert len(lidar_limits(np.zeros(3), far, NO_TARGETS, PARAMETERS).distance) == 0
+    assert nearest_distance(np.zeros(3), far) == pytest.approx(0.7)
+
+
+def test_avoidance_can_be_switched_off():
+    near = obstacles([(0.1, 0.0)], False)
+    assert len(lidar_limits(np.zeros(3), near, NO_TARGETS, AvoidanceParameters(enabled=False)).distance) == 0

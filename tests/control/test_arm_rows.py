@@ -1,0 +1,131 @@
+"""Rows and bounds of the QP against independent computations."""
+
+import math
+
+import coal
+import numpy as np
+import pytest
+
+from motm_twin.control.furniture import arm_balls, mapped_solids, placed, solid_bounds, solid_distance
+from motm_twin.control.parameters import QpParameters
+from motm_twin.control.qp_rows import base_bounds, damper, hand_state, joint_bounds, lag_factor
+from motm_twin.model.body_geometry import CAPSULE_LINKS, CAPSULE_RADII, capsule_segments
+from motm_twin.model.geometry import drive
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, READY
+from motm_twin.model.kinematics import Frankie, fk_arm
+from motm_twin.model.known import known_world
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import Box, Cylinder, Prism
+from motm_twin.model.scene_file import load_scene
+
+PROFILE = RobotProfile()
+MOUNT = np.array([0.15, 0.0, 0.38])
+POSE = np.array([0.4, -1.2, 0.7])
+
+
+def random_joints(seed):
+    rng = np.random.default_rng(seed)
+    return Q_MIN + (Q_MAX - Q_MIN) * rng.uniform(0.1, 0.9, 7)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_hands_pose_and_jacobian_equal_pinocchio(seed):
+    q, frankie = random_joints(seed), Frankie(PROFILE)
+    _, p, R, J = hand_state(q, POSE, MOUNT)
+    expected_p, expected_R = frankie.tcp_pose(POSE, q)
+    np.testing.assert_allclose(p, expected_p, atol=1e-9)
+    np.testing.assert_allclose(R, expected_R, atol=1e-9)
+    np.testing.assert_allclose(J, frankie.tcp_jacobian(POSE, q), atol=1e-9)
+
+
+def test_the_jacobian_equals_finite_differences():
+    q, h = random_joints(7), 1e-6
+    _, p, _, J = hand_state(q, POSE, MOUNT)
+    for column in range(9):
+        pose, joints = POSE, q.copy()
+        if column < 2:
+            pose = drive(POSE, h if column == 0 else 0.0, h if column == 1 else 0.0, 1.0)
+        else:
+            joints[column - 2] += h
+        np.testing.assert_allclose((hand_state(joints, pose, MOUNT)[1] - p) / h, J[:3, column], atol=1e-5)
+
+
+def test_beta_is_the_part_of_a_command_that_the_lagging_base_follows():
+    beta = lag_factor(0.01, PROFILE)
+    v, dt = 0.0, 1e-5
+    for _ in range(round(0.015 / dt)):
+        v += dt / PROFILE.base.velocity_lag * (1.0 - v)
+    assert beta == pytest.approx(v, abs=1e-3)
+
+
+def test_joint_bounds_keep_speed_acceleration_and_brake_before_limits():
+    p = QpParameters()
+    lower, upper = joint_bounds(READY, np.zeros(7), 0.01, p)
+    np.testing.assert_allclose(upper, np.minimum(DQ_MAX, DDQ_MAX * 0.01))
+    q = READY.copy()
+    q[0] = Q_MAX[0] - 0.05
+    lower, upper = joint_bounds(q, np.full(7, 0.3), 0.01, p)
+    assert upper[0] == pytest.approx(damper(0.05, p.damper_gain, p.damper_start, p.damper_stop))
+
+
+def test_a_joint_beyond_its_limit_is_driven_back_as_fast_as_its_acceleration_allows():
+    q = READY.copy()
+    q[0] = Q_MAX[0] + 0.02
+    lower, upper = joint_bounds(q, np.zeros(7), 0.01, QpParameters())
+    assert lower[0] <= upper[0] < 0.0
+    assert upper[0] >= -DDQ_MAX[0] * 0.01 - 1e-12
+
+
+def test_base_bounds_are_one_step_of_acceleration_inside_the_speed_limits():
+    lower, upper = base_bounds(np.array([0.498, 0.0]), 0.01, PROFILE)
+    np.testing.assert_allclose(upper, [0.5, 0.0175])
+    np.testing.assert_allclose(lower, [0.493, -0.0175])
+
+
+def test_distances_to_mapped_furniture_equal_coal():
+    known = known_world(load_scene("exp1", "trial1", 0))
+    solids = mapped_solids(known)
+    rng = np.random.default_rng(0)
+    for k, solid in enumerate(known.solids):
+        if isinstance(solid.shape, Prism):
+            continue
+        height = solid.z_max - solid.z_min
+        centre = np.array([*solid.shape.centre, 0.5 * (solid.z_min + solid.z_max)])
+        if isinstance(solid.shape, Box):
+            geometry, yaw = coal.Box(*solid.shape.size, height), solid.shape.yaw
+        else:
+            assert isinstance(solid.shape, Cylinder)
+            geometry, yaw = coal.Cylinder(solid.shape.radius, height), 0.0
+        c, s = math.cos(yaw), math.sin(yaw)
+        place = coal.Transform3s(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), centre)
+        for point in centre + rng.uniform(-1.0, 1.0, (20, 3)):
+            result = coal.DistanceResult()
+            expected = coal.distance(
+                coal.Sphere(1e-6), coal.Transform3s(np.eye(3), point), geometry, place, coal.DistanceRequest(), result
+            )
+            d, *normal = solid_distance(*point, k, solids.first, solids.vertices, solids.radius, solids.z)
+            if d > 0.0:
+                assert d == pytest.approx(expected, abs=2e-5)
+                assert np.linalg.norm(normal) == pytest.approx(1.0)
+
+
+def test_bounds_of_solids_contain_them():
+    solids = mapped_solids(known_world(load_scene("exp1", "trial1", 0)))
+    bounds = solid_bounds(solids)
+    for k in range(len(solids.names)):
+        inside = solids.vertices[solids.first[k] : solids.first[k + 1]]
+        assert (inside[:, 0] >= bounds[k, 0] - 1e-9).all() and (inside[:, 1] <= bounds[k, 3] + 1e-9).all()
+
+
+def test_balls_cover_the_axis_of_every_capsule_from_the_elbow_to_the_hand():
+    balls = arm_balls()
+    centre, radius = placed(balls, 0.08, 0.04)
+    T = fk_arm(READY)
+    points = np.array([T[f, :3, :3] @ c + T[f, :3, 3] for f, c in zip(balls.frame, centre, strict=True)])
+    for i, segment in enumerate(capsule_segments(T)):
+        if CAPSULE_LINKS[i] in ("panda_link1", "panda_link2") or "finger" in CAPSULE_LINKS[i]:
+            continue
+        for part in np.linspace(0.0, 1.0, 11):
+            point = segment[0] + part * (segment[1] - segment[0])
+            inside = np.linalg.norm(points - point, axis=1) <= radius + 1e-9
+            assert inside.any(), f"{CAPSULE_LINKS[i]} of radius {CAPSULE_RADII[i]} is not covered"

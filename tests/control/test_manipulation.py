@@ -1,0 +1,195 @@
+"""The arm side as a whole: it picks and places in passing, and stops when it must."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from motm_twin.bench.arm_pass import Pass, run_pick, run_place
+from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
+from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
+from motm_twin.model.geometry import compose, inverse
+from motm_twin.model.kinematics import fk_arm
+from motm_twin.model.known import known_world
+from motm_twin.model.scene_file import load_scene
+from motm_twin.model.state import state_hash
+from motm_twin.sim.plant import SimulatedPlant
+
+SCENE = load_scene("exp1", "trial1", 0)
+CUBE = SCENE.objects[1]
+
+
+def inputs_of(plant: SimulatedPlant, *, base_twist=(0.0, 0.0), obstacles=None, time_to_range=math.inf) -> ArmInputs:
+    observation = plant.observe()
+    goal = ArmGoal(
+        kind="pick",
+        name=CUBE.name,
+        position=np.array(CUBE.position),
+        yaw=0.0,
+        side=0.04,
+        position_sd=0.03,
+        last_seen=None,
+    )
+    return ArmInputs(
+        observation=observation,
+        dt=0.01,
+        goal=goal,
+        base_twist=np.array(base_twist),
+        time_to_range=time_to_range,
+        plan_times=np.zeros(0),
+        plan_poses=np.zeros((0, 5)),
+        obstacles=obstacles or ArmObstacles(points=np.zeros((0, 2)), static=np.zeros(0, dtype=bool)),
+        T_odom_world=compose(observation.odometry, inverse(observation.pose)),
+    )
+
+
+def straight(v: float, lateral: float) -> Pass:
+    x, y, _ = CUBE.position
+    return Pass(start=(x - 1.4, y - lateral, 0.0), twist=lambda t: (v, 0.0), object=CUBE.name, time=9.0)
+
+
+@pytest.mark.parametrize(("v", "lateral"), [(0.5, 0.6), (0.4, 0.7), (0.3, 0.65)])
+def test_a_cube_is_picked_while_the_base_drives_by(v, lateral):
+    result = run_pick(SCENE, straight(v, lateral))
+    assert result.picked and result.held
+    assert result.missed == 0 and result.contacts == [] and result.faults == () and result.stops == 0
+    assert result.closing_speed == pytest.approx(v, abs=0.02)
+
+
+def test_a_cube_is_picked_from_a_standing_base():
+    x, y, _ = CUBE.position
+    result = run_pick(
+        SCENE, Pass(start=(x - 0.15, y - 0.6, 0.0), twist=lambda t: (0.0, 0.0), object=CUBE.name, time=6.0)
+    )
+    assert result.held and result.contacts == []
+
+
+def test_a_cube_is_dropped_into_a_bin_while_the_base_drives_by():
+    x, y, _ = CUBE.position
+    bin_x, bin_y = SCENE.bins[0].centre
+    result = run_place(
+        SCENE,
+        Pass(
+            start=(x - 0.15, y - 0.6, 0.0),
+            twist=lambda t: (0.5, 0.0),
+            object=CUBE.name,
+            bin=SCENE.bins[0].name,
+            place_start=(bin_x + 1.5, bin_y + 0.6, math.pi),
+            time=6.0,
+        ),
+    )
+    assert result.placed and result.contacts == []
+    assert result.closing_speed > 0.4
+
+
+def test_an_object_that_was_never_seen_is_not_grasped():
+    blind = msgspec.structs.replace(
+        SCENE,
+        robot=msgspec.structs.replace(SCENE.robot, camera=msgspec.structs.replace(SCENE.robot.camera, range=0.01)),
+    )
+    result = run_pick(blind, straight(0.3, 0.6))
+    assert not result.picked and result.missed == 0
+    assert any("waiting for a sight" in reason for reason in result.reasons)
+
+
+@pytest.mark.parametrize("spoil", ["q", "odometry", "twist"])
+def test_a_number_that_is_not_finite_stops_the_arm_within_one_period(spoil):
+    plant = SimulatedPlant(SCENE)
+    manipulator = Manipulator(known_world(SCENE))
+    for _ in range(30):
+        inputs = inputs_of(plant, base_twist=(0.05, 0.0))
+        step = manipulator.step(inputs)
+        plant.command(step.actuation)
+        plant.step(0.01)
+    assert np.abs(step.actuation.joint_velocity).max() > 0.05
+    inputs = inputs_of(plant)
+    values = getattr(inputs.observation, spoil).copy()
+    values[0] = np.nan
+    bad = msgspec.structs.replace(inputs, observation=msgspec.structs.replace(inputs.observation, **{spoil: values}))
+    rates = [manipulator.step(bad) for _ in range(5)]
+    assert all(step.qp_status.startswith("damped stop: ") and step.reason for step in rates)
+    assert np.abs(rates[-1].actuation.joint_velocity).max() < 1e-9
+    first, last = rates[0].actuation.twist[0], rates[-1].actuation.twist[0]
+    assert first - last == pytest.approx(4 * 0.005, abs=1e-9)
+    again = manipulator.step(inputs)
+    assert again.qp_status == "solved"
+
+
+def test_a_goal_that_is_not_finite_stops_the_arm_with_the_reason():
+    plant = SimulatedPlant(SCENE)
+    inputs = inputs_of(plant)
+    goal = msgspec.structs.replace(inputs.goal, position=np.array([np.inf, 0.0, 0.8]))
+    step = Manipulator(known_world(SCENE)).step(msgspec.structs.replace(inputs, goal=goal))
+    assert step.qp_status == "damped stop: goal position is not finite"
+
+
+def test_the_base_is_commanded_what_it_asked_for():
+    plant = SimulatedPlant(SCENE)
+    manipulator = Manipulator(known_world(SCENE))
+    for k in range(20):
+        wanted = (0.005 * (k + 1), -0.0175 * (k + 1))
+        step = manipulator.step(inputs_of(plant, base_twist=wanted))
+        np.testing.assert_allclose(step.actuation.twist, wanted, atol=2e-3)
+        plant.command(step.actuation)
+        plant.step(0.01)
+
+
+def test_the_base_never_changes_faster_than_its_acceleration_limit():
+    step = Manipulator(known_world(SCENE)).step(inputs_of(SimulatedPlant(SCENE), base_twist=(0.015, 0.0)))
+    assert step.actuation.twist[0] <= 0.01 + 1e-9
+
+
+def test_a_moving_obstacle_pushes_the_gripper_back_and_is_named():
+    plant = SimulatedPlant(SCENE)
+    manipulator = Manipulator(known_world(SCENE))
+    p = np.array([0.15 + 0.484, 0.0])
+    wall = np.array([[p[0] + 0.2, y] for y in np.arange(-0.2, 0.21, 0.05)])
+    obstacles = ArmObstacles(points=wall, static=np.zeros(len(wall), dtype=bool))
+    for _ in range(20):
+        step = manipulator.step(inputs_of(plant, obstacles=obstacles))
+        plant.command(step.actuation)
+        plant.step(0.01)
+    assert step.limiter == "moving obstacle"
+    assert step.obstacle_distance > 0.2
+
+
+def test_snapshots_restore_the_same_decisions():
+    plant = SimulatedPlant(SCENE)
+    manipulator = Manipulator(known_world(SCENE))
+    inputs = inputs_of(plant)
+    manipulator.step(inputs)
+    kept = manipulator.snapshot()
+    first = manipulator.step(inputs)
+    after = state_hash(manipulator.snapshot())
+    manipulator.restore(kept)
+    second = manipulator.step(inputs)
+    np.testing.assert_array_equal(first.actuation.joint_velocity, second.actuation.joint_velocity)
+    assert state_hash(manipulator.snapshot()) == after
+
+
+def test_the_papers_solver_can_be_chosen():
+    p = ArmParameters()
+    osqp = msgspec.structs.replace(p, qp=msgspec.structs.replace(p.qp, solver="osqp", residual=1e-3))
+    inputs = inputs_of(SimulatedPlant(SCENE))
+    first = Manipulator(known_world(SCENE), p).step(inputs)
+    second = Manipulator(known_world(SCENE), osqp).step(inputs)
+    np.testing.assert_allclose(first.actuation.joint_velocity, second.actuation.joint_velocity, atol=1e-2)
+
+
+def test_the_stowed_arm_stays_over_the_base():
+    plant = SimulatedPlant(SCENE)
+    manipulator = Manipulator(known_world(SCENE))
+    for _ in range(300):
+        step = manipulator.step(inputs_of(plant))
+        plant.command(step.actuation)
+        plant.step(0.01)
+    segments = capsule_segments(fk_arm(plant.observe().q)) + np.array([0.15, 0.0, 0.38])
+    low = (segments.min(axis=1) - CAPSULE_RADII[:, None]).min(axis=0)
+    high = (segments.max(axis=1) + CAPSULE_RADII[:, None]).max(axis=0)
+    foot = SCENE.robot.footprint
+    assert low[0] >= -0.5 * foot.length and high[0] <= 0.5 * foot.length
+    assert low[1] >= -0.5 * foot.width - 0.01 and high[1] <= 0.5 * foot.width + 0.01
+    assert low[2] > foot.height + 0.02
