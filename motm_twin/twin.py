@@ -10,7 +10,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.known import known_world
 from motm_twin.model.scene import Scene
-from motm_twin.model.state import Stateful, state_hash
+from motm_twin.model.state import HasState, state_hash
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.types import SearchBudget
@@ -69,7 +69,7 @@ class Twin:
             self.plant.apply(edit)
         return self.loop.period(edits, budget)
 
-    def parts(self) -> dict[str, Stateful]:
+    def parts(self) -> dict[str, HasState]:
         """Everything that has state."""
         return {"plant": self.plant, **self.loop.parts()}
 

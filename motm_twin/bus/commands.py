@@ -50,7 +50,7 @@ class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown
 
 Command = Play | Pause | Step | Reset | Speed | Load | AddObstacle | MoveBody | ReleaseBody | RemoveObstacle
 EDITS = (AddObstacle, MoveBody, ReleaseBody, RemoveObstacle)
-COMMAND_NAMES = tuple(kind.__struct_config__.tag for kind in (Play, Pause, Step, Reset, Speed, Load, *EDITS))
+COMMAND_NAMES = tuple(str(kind.__struct_config__.tag) for kind in (Play, Pause, Step, Reset, Speed, Load, *EDITS))
 
 
 class Envelope(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -8,6 +8,7 @@ import time
 from motm_twin.bus.commands import Load
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.loop import TwinLike
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import PortTaken
@@ -20,7 +21,7 @@ SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period
 WATCH = 0.1  # [s] between looks at the state for the report
 
 
-def make_twin(scene: Scene, budget: SearchBudget) -> object:
+def make_twin(scene: Scene, budget: SearchBudget) -> TwinLike:
     """A twin whose searches are bounded by the clock as well."""
     from motm_twin.twin import Twin  # slow to import: only once the server listens
 

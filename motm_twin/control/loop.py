@@ -16,7 +16,7 @@ from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, drive, from_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Plant, Truth
-from motm_twin.model.state import Stateful
+from motm_twin.model.state import HasState, Stateful
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
@@ -72,7 +72,7 @@ class ControlLoop(Stateful[LoopState]):
         self._clock = clock
         self._state = LoopState()
 
-    def parts(self) -> dict[str, Stateful]:
+    def parts(self) -> dict[str, HasState]:
         """Everything of the loop that has state."""
         return {
             "loop": self,

@@ -98,6 +98,7 @@ class _Reader:
         elif isinstance(event, yaml.SequenceStartEvent):
             value = self.sequence(place, depth)
         else:
+            assert isinstance(event, yaml.ScalarEvent)
             value = scalar(event.value) if not event.style else event.value
         return Node(value, self.file, event.start_mark.line + 1, place)
 
@@ -105,8 +106,8 @@ class _Reader:
         self.count += 1
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
             raise self.error(event, place, "YAML anchors and aliases are not allowed: write the value out")
-        if getattr(event, "tag", None):
-            raise self.error(event, place, f"the YAML tag {event.tag!r} is not allowed: write plain values")
+        if tag := getattr(event, "tag", None):
+            raise self.error(event, place, f"the YAML tag {tag!r} is not allowed: write plain values")
         if depth > MAX_DEPTH:
             raise self.error(event, place, f"nested deeper than {MAX_DEPTH} levels")
         if self.count > MAX_VALUES:

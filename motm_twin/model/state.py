@@ -8,7 +8,7 @@ import copy
 import dataclasses
 import hashlib
 import struct
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -28,6 +28,18 @@ class Stateful(Generic[S]):
     def restore(self, state: S) -> None:
         """Continue from a snapshot."""
         self._state = copy.deepcopy(state)
+
+
+class HasState(Protocol):
+    """Whatever can be copied and restored, be it one `Stateful` or several together."""
+
+    def snapshot(self) -> Any:
+        """A deep copy of the state."""
+        ...
+
+    def restore(self, state: Any) -> None:
+        """Continue from a snapshot."""
+        ...
 
 
 def state_hash(value: Any) -> str:
