@@ -11,6 +11,8 @@ from motm_twin.control.furniture import (
     HAND_BODY,
     HELD,
     MAX_ROWS,
+    IntArray,
+    Solids,
     arm_balls,
     body_distances,
     damper_rows,
@@ -42,8 +44,8 @@ class FurnitureRows:
         arm = known.robot.arm
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
 
-    def rows(self, view: View, state: ManipulatorState, T_odom_world: Array) -> tuple[Array, Array, tuple[str, ...]]:
-        """Rows over (v, w, arm), shape (k, 9), their bounds [m/s], shape (k,), and their names."""
+    def rows(self, view: View, state: ManipulatorState, T_odom_world: Array) -> tuple[Array, Array, IntArray]:
+        """Rows over (v, w, arm), shape (k, 9), their bounds [m/s], shape (k,), and what `name` names them by."""
         held = state.side if state.holding else 0.0
         centre, radius = placed(self._balls, view.width, held)
         d_s, d_i = self._distances(state)
@@ -74,9 +76,31 @@ class FurnitureRows:
         )
         rows = np.vstack([part[0] for part in parts])
         limits = np.maximum(np.concatenate([part[1] for part in parts]), _DEEP)
-        return rows, limits, tuple(name for part in parts for name in part[2])
+        return rows, limits, np.concatenate([part[2] for part in parts])
 
-    def _side(self, view, centre, radius, d_s, d_i, mount, solids, bounds, turn, room, *, own):
+    def name(self, which: int) -> str:
+        """Body and solid of a row."""
+        solids = self.solids
+        if which < 0:
+            solids, which = self.own, -1 - which
+        body, solid = divmod(which, len(solids.names))
+        return f"{BODIES[body]} - {solids.names[solid]}"
+
+    def _side(
+        self,
+        view: View,
+        centre: Array,
+        radius: Array,
+        d_s: Array,
+        d_i: Array,
+        mount: Array,
+        solids: Solids,
+        bounds: Array,
+        turn: float,
+        room: int,
+        *,
+        own: bool,
+    ) -> tuple[Array, Array, IntArray]:
         distance, normal, ball = body_distances(
             view.T,
             self._balls.frame,
@@ -112,8 +136,7 @@ class FurnitureRows:
         )
         if own:
             rows[:, :2] = 0.0  # the base carries its own body along
-        count = len(solids.names)
-        return rows, limits, tuple(f"{BODIES[i // count]} - {solids.names[i % count]}" for i in which)
+        return rows, limits, -1 - which if own else which
 
     def _distances(self, state: ManipulatorState) -> tuple[Array, Array]:
         """d_s and d_i of each body: smaller for what is at the supporting surface during a grasp."""

@@ -10,17 +10,17 @@ from motm_twin.control.arm_motion import Motion, hand_motion
 from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged
 from motm_twin.control.arm_reference import planar_joints, polar, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View, look
-from motm_twin.control.furniture_rows import FurnitureRows
+from motm_twin.control.furniture_rows import FurnitureRows, IntArray
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp import Program, solve
 from motm_twin.control.qp_rows import (
     ARM,
     BASE,
-    FURNITURE_ELASTIC,
-    LIDAR_ELASTIC,
     SIZE,
     SLACK,
     base_bounds,
+    elastic_rows,
+    hand_rows,
     joint_bounds,
     lag_factor,
     variable_bounds,
@@ -37,7 +37,7 @@ from motm_twin.model.state import Stateful
 
 _STOWED = 0.25  # [rad] joints this near to the stow pose are there
 _ACTIVE = 1e-6  # a row or bound this close to equality is active
-_BASE_NAMES = ("base speed", "base yaw rate")
+_BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
 _SWINGING = ("stow", "carry", "transit")
 _GRASPING = ("transit", "final", "closing", "lift", "retry")
 
@@ -48,7 +48,7 @@ class _Rows:
 
     G: Array  # shape (k, 17)
     h: Array  # shape (k,)
-    names: tuple[str, ...]
+    which: IntArray  # furniture rows: body and solid, for `FurnitureRows.name`
     lidar: LidarLimits
 
 
@@ -103,7 +103,7 @@ class Manipulator(Stateful[ManipulatorState]):
             rates=x[ARM],
             reference=motion.reference,
             slack=x[SLACK],
-            active=_active(program, rows.names, x),
+            active=self._active(program, rows, x),
             lidar=rows.lidar,
             status="solved",
             outcome=outcome,
@@ -125,17 +125,26 @@ class Manipulator(Stateful[ManipulatorState]):
         beta = lag_factor(inputs.dt, self.profile)
         lidar = lidar_limits(view.p, inputs.obstacles, self._relaxing(view, inputs), p)
         towards = np.hstack([lidar.normal, np.zeros((len(lidar.distance), 1))]) @ view.J[:3]
-        furniture, allowed, names = self._furniture.rows(view, self._state, inputs.T_odom_world)
+        furniture, allowed, which = self._furniture.rows(view, self._state, inputs.T_odom_world)
         velocity = np.vstack([towards, furniture])
-        limit = np.concatenate([lidar.allowed, allowed])
-        G = np.zeros((len(limit), SIZE))
-        drifting = velocity[:, :2] @ np.asarray(inputs.observation.twist)
-        G[:, BASE] = beta * velocity[:, :2]
-        G[:, ARM] = velocity[:, 2:]
-        G[: len(towards), LIDAR_ELASTIC] = -1.0
-        G[len(towards) :, FURNITURE_ELASTIC] = -1.0
-        labels = tuple(f"lidar {'static' if static else 'moving'}" for static in lidar.static)
-        return _Rows(G, limit - (1.0 - beta) * drifting, labels + names, lidar)
+        G, h = elastic_rows(
+            velocity, np.concatenate([lidar.allowed, allowed]), len(towards), beta, np.asarray(inputs.observation.twist)
+        )
+        return _Rows(G, h, which, lidar)
+
+    def _active(self, program: Program, rows: _Rows, x: Array) -> tuple[str, ...]:
+        """Names of rows and bounds that hold with equality."""
+        found = []
+        for k in np.flatnonzero(program.G @ x >= program.h - _ACTIVE):
+            lidar = k < len(rows.lidar.static)
+            if lidar:
+                found.append("lidar static" if rows.lidar.static[k] else "lidar moving")
+            else:
+                found.append(self._furniture.name(int(rows.which[k - len(rows.lidar.static)])))
+        rates, low, high = x[: ARM.stop], program.lower[: ARM.stop], program.upper[: ARM.stop]
+        at_bound = np.flatnonzero((rates <= low + _ACTIVE) | (rates >= high - _ACTIVE))
+        found += [_BOUND_NAMES[k] for k in at_bound]
+        return tuple(dict.fromkeys(found))
 
     def _relaxing(self, view: View, inputs: ArmInputs) -> Array:
         """Grasps for which static obstacles give way: the one under way, and the last until the gripper has left."""
@@ -155,17 +164,12 @@ class Manipulator(Stateful[ManipulatorState]):
         """min 1/2 x'Px + c'x: track v_B, small arm rates, manipulability, little slack; s.t. the hand's velocity."""
         p = self.parameters.qp
         beta = lag_factor(inputs.dt, self.profile)
+        cost = self._weights[self._state.phase in _SWINGING]
         c = np.zeros(SIZE)
         c[BASE] = -p.base_weight * inputs.base_twist
-        c[ARM] = -p.manipulability_weight * manipulability_gradient(view.q)
-        cost = self._weights[self._state.phase in _SWINGING]
-        c[ARM] += cost[ARM] * self._posture_error(view)
+        c[ARM] = cost[ARM] * self._posture_error(view) - p.manipulability_weight * manipulability_gradient(view.q)
         c[SLACK.stop :] = p.elastic_weight
-        A = np.zeros((6, SIZE))
-        A[:, BASE] = beta * view.J[:, :2]
-        A[:, ARM] = view.J[:, 2:]
-        A[:, SLACK] = np.eye(6)
-        b = motion.velocity - (1.0 - beta) * (view.J[:, :2] @ np.asarray(inputs.observation.twist))
+        A, b = hand_rows(view.J, motion.velocity, beta, np.asarray(inputs.observation.twist))
         lower, upper = variable_bounds(
             base_bounds(self._state.twist, inputs.dt, self.profile),
             joint_bounds(view.q, self._state.rates, inputs.dt, p),
@@ -262,21 +266,11 @@ class Manipulator(Stateful[ManipulatorState]):
         )
 
 
-def _active(program: Program, names: tuple[str, ...], x: Array) -> tuple[str, ...]:
-    """Names of rows and bounds that hold with equality."""
-    found = []
-    if len(program.h):
-        close = program.G @ x >= program.h - _ACTIVE
-        found += [name for name, here in zip(names, close, strict=True) if here]
-    at_bound = (x <= program.lower + _ACTIVE) | (x >= program.upper - _ACTIVE)
-    found += [name for name, here in zip(_BASE_NAMES, at_bound[BASE], strict=True) if here]
-    found += [f"joint {k + 1}" for k, here in enumerate(at_bound[ARM]) if here]
-    return tuple(dict.fromkeys(found))
-
-
 def _not_finite(inputs: ArmInputs) -> str:
     """Name of the first input that is not finite; points of obstacles that are not finite count too."""
     observation, goal = inputs.observation, inputs.goal
+    if math.isfinite(_total(inputs)) and inputs.dt > 0.0:
+        return ""
     values = {
         "odometry": observation.odometry,
         "base twist": observation.twist,
@@ -296,6 +290,25 @@ def _not_finite(inputs: ArmInputs) -> str:
         if not np.isfinite(value).all():
             return name
     return "step" if inputs.dt <= 0.0 else ""
+
+
+def _total(inputs: ArmInputs) -> float:
+    """A sum of all numbers: finite when each is."""
+    observation, goal = inputs.observation, inputs.goal
+    total = observation.gripper_width + observation.time + inputs.dt + goal.yaw
+    for values in (
+        observation.odometry,
+        observation.twist,
+        observation.q,
+        observation.dq,
+        inputs.base_twist,
+        goal.position,
+        inputs.obstacles.points,
+        inputs.plan_poses,
+        inputs.T_odom_world,
+    ):
+        total += float(np.add.reduce(values, axis=None))
+    return total
 
 
 def _safe_step(dt: float) -> float:

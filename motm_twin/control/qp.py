@@ -1,9 +1,11 @@
 """One quadratic program, solved and checked: solver answers are not trusted."""
 
+import math
 from typing import Any
 
 import msgspec
 import numpy as np
+from numba import njit
 from qpsolvers import Problem, solve_problem
 
 from motm_twin.model.geometry import Array
@@ -71,11 +73,24 @@ def solve(program: Program, *, solver: str, residual: float) -> Answer:
 
 def violation(program: Program, x: Array) -> float:
     """Largest violation of any equality, row or bound."""
-    worst = max(float((program.lower - x).max()), float((x - program.upper).max()), 0.0)
-    if len(program.b):
-        worst = max(worst, float(np.abs(program.A @ x - program.b).max()))
-    if len(program.h):
-        worst = max(worst, float((program.G @ x - program.h).max()))
+    return float(_violation(program.A, program.b, program.G, program.h, program.lower, program.upper, x))
+
+
+@njit(cache=True)
+def _violation(A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, x: Array) -> float:
+    worst = 0.0
+    for i in range(x.shape[0]):
+        worst = max(worst, lower[i] - x[i], x[i] - upper[i])
+    for r in range(b.shape[0]):
+        total = -b[r]
+        for i in range(x.shape[0]):
+            total += A[r, i] * x[i]
+        worst = max(worst, abs(total))
+    for r in range(h.shape[0]):
+        total = -h[r]
+        for i in range(x.shape[0]):
+            total += G[r, i] * x[i]
+        worst = max(worst, total)
     return worst
 
 
@@ -89,10 +104,27 @@ def _sparse(problem: Problem) -> Problem:
 
 
 def _not_finite(program: Program) -> str:
+    p = program
+    if math.isfinite(_total(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)):
+        return ""
     for name in program.__struct_fields__:
         if not np.isfinite(getattr(program, name)).all():
             return f"QP input {name}"
     return ""
+
+
+@njit(cache=True)
+def _total(P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array) -> float:
+    """A sum that is finite only when every number is (or nearly: then each is looked at)."""
+    total = 0.0
+    for values in (P, c, b, h, lower, upper):
+        for i in range(values.shape[0]):
+            total += abs(values[i])
+    for matrix in (A, G):
+        for r in range(matrix.shape[0]):
+            for i in range(matrix.shape[1]):
+                total += abs(matrix[r, i])
+    return total
 
 
 def _none(program: Program, reason: str) -> Answer:

@@ -130,6 +130,33 @@ def base_bounds(previous: Array, dt: float, profile: RobotProfile) -> tuple[Arra
     return np.minimum(lower, upper), np.maximum(lower, upper)
 
 
+@njit(cache=True)
+def hand_rows(J: Array, nu: Array, beta: float, measured: Array) -> tuple[Array, Array]:
+    """A x = b of the hand: ``beta J_b u + J_a qdot + slack = nu - (1 - beta) J_b v_measured``, shapes (6, 17), (6,)."""
+    A, b = np.zeros((6, SIZE)), np.empty(6)
+    for r in range(6):
+        A[r, 0], A[r, 1] = beta * J[r, 0], beta * J[r, 1]
+        for k in range(2, 9):
+            A[r, k] = J[r, k]
+        A[r, 9 + r] = 1.0
+        b[r] = nu[r] - (1.0 - beta) * (J[r, 0] * measured[0] + J[r, 1] * measured[1])
+    return A, b
+
+
+@njit(cache=True)
+def elastic_rows(velocity: Array, allowed: Array, lidar: int, beta: float, measured: Array) -> tuple[Array, Array]:
+    """G x <= h of speed limits: rows over (v, w, arm), the first ``lidar`` of them with their own elastic variable."""
+    count = velocity.shape[0]
+    G, h = np.zeros((count, SIZE)), np.empty(count)
+    for r in range(count):
+        G[r, 0], G[r, 1] = beta * velocity[r, 0], beta * velocity[r, 1]
+        for k in range(2, 9):
+            G[r, k] = velocity[r, k]
+        G[r, LIDAR_ELASTIC if r < lidar else FURNITURE_ELASTIC] = -1.0
+        h[r] = allowed[r] - (1.0 - beta) * (velocity[r, 0] * measured[0] + velocity[r, 1] * measured[1])
+    return G, h
+
+
 def weights(parameters: QpParameters, *, swinging: bool) -> Array:
     """Diagonal of the quadratic cost, shape (17,); ``swinging``: on the way, where nothing must be met exactly."""
     p = parameters

@@ -64,7 +64,7 @@ def test_joint_bounds_keep_speed_acceleration_and_brake_before_limits():
     np.testing.assert_allclose(upper, np.minimum(DQ_MAX, DDQ_MAX * 0.01))
     q = READY.copy()
     q[0] = Q_MAX[0] - 0.05
-    lower, upper = joint_bounds(q, np.full(7, 0.3), 0.01, p)
+    _, upper = joint_bounds(q, np.full(7, 0.3), 0.01, p)
     assert upper[0] == pytest.approx(damper(0.05, p.damper_gain, p.damper_start, p.damper_stop))
 
 
