@@ -33,10 +33,13 @@ class Body(NamedTuple):
 
 
 def field_of(world: WorldMap) -> Field:
-    """The map's distance field, as a copy: kernels are compiled once, for arrays that are not read-only."""
-    return Field(
-        np.array(world.distance, dtype=np.float32), float(world.origin[0]), float(world.origin[1]), 1.0 / world.resolution
-    )
+    """The map's distance field with the border of the map as an obstacle, as a copy that is not read-only."""
+    rows, columns = world.distance.shape
+    across = (np.minimum(np.arange(columns), np.arange(columns)[::-1]) + 0.5) * world.resolution
+    along = (np.minimum(np.arange(rows), np.arange(rows)[::-1]) + 0.5) * world.resolution
+    value = np.minimum(world.distance, across.astype(np.float32))
+    np.minimum(value, along.astype(np.float32)[:, None], out=value)
+    return Field(value, float(world.origin[0]), float(world.origin[1]), 1.0 / world.resolution)
 
 
 def body_of(footprint: Footprint) -> Body:

@@ -65,7 +65,7 @@ class StaaController:
         field = field_of(problem.world)
         if target is None or placement.mode == "none":
             return self._idle(problem, field, "nothing to do")
-        graph = self._graphs.graph(problem.world.polygons, self._p.growth)
+        graph = self._graphs.graph(problem.world, self._p.growth)
         goal = self._local_goal(problem, placement, graph)
         if placement.chosen < 0:
             return self._brake(problem, field, placement.reason, goal, 0)
@@ -116,7 +116,7 @@ class StaaController:
 
     def unmodified_path(self, problem: BaseProblem, placement: Placement) -> Array:
         """The global path that unmodified STAA* would take to the same goal, shape (m, 2) [m]."""
-        graph = self._graphs.graph(problem.world.polygons, self._p.growth)
+        graph = self._graphs.graph(problem.world, self._p.growth)
         return frozen(shortest_path(graph, problem.pose, placement.goal, self._limits))
 
     def _search(
@@ -185,6 +185,8 @@ class StaaController:
             yaw_rate_bins=p.yaw_rate_bins,
             epsilon=p.epsilon,
             margin=p.margin,
+            margin_floor=p.margin_floor,
+            margin_cost=p.margin_cost,
             brake_depth=p.brake_depth,
             grid_weight=p.grid_weight,
             grid_range=p.grid_range,

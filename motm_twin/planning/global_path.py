@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
+from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.cost_to_go import FAR, Rates, Sights, Table, costs_from, make_table, sights_of, trace
 from motm_twin.planning.visibility import Graph, build_graph
 
@@ -21,14 +22,16 @@ class GraphCache:
     """Builds the visibility graph and remembers the newest: a pure function of its arguments, so it is no state."""
 
     def __init__(self) -> None:
-        self._key: tuple[bytes, float] | None = None
+        self._key: tuple[bytes, float, tuple[float, ...]] | None = None
         self._graph: Graph | None = None
 
-    def graph(self, polygons: tuple[Array, ...], g: float) -> Graph:
-        """The graph of polygons, each (n, 2) [m], grown by g [m]; the same object while nothing changed."""
-        key = (b"|".join(p.tobytes() for p in polygons), g)
+    def graph(self, world: WorldMap, g: float) -> Graph:
+        """The graph of the map's polygons grown by g [m]; the same object while nothing changed."""
+        (x, y), (rows, columns) = world.origin.tolist(), world.distance.shape
+        bounds = (x, y, x + columns * world.resolution, y + rows * world.resolution)
+        key = (b"|".join(p.tobytes() for p in world.polygons), g, bounds)
         if self._graph is None or key != self._key:
-            self._graph, self._key = build_graph(polygons, g), key
+            self._graph, self._key = build_graph(world.polygons, g, bounds), key
         return self._graph
 
 

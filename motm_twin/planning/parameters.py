@@ -48,6 +48,8 @@ class StaaParameters:
     epsilon: float = 1.0  # STAA*: weight of the heuristic
     growth: float = 0.33  # [m] own g: half the width and 8 cm
     margin: float = 0.05  # [m] own: clearance that every node keeps
+    margin_floor: float = 0.01  # [m] own: a robot that is inside the margin may come this near while it leaves,
+    margin_cost: float = 3.0  # [s] own: and pays up to this per node for it; without a way back it would be stuck
     brake_depth: int = 2  # own: nodes up to this depth must be able to stop without a collision
     local_radius: float = 3.5  # [m] STAA*: local region (an 8 m box there), here a disc
     grid_weight: float = 0.3  # [s] own: 1 s over 0.25 m (STAA*) costs 6 s per trial beside a table

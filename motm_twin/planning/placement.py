@@ -10,7 +10,7 @@ from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.collision import Body, Field, body_of, clearances, distance_at, field_of
+from motm_twin.planning.collision import Body, Field, body_of, clearances, field_of
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import (
     GraphCache,
@@ -106,7 +106,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             self._state = PlacementState()
             return _nothing_to_do(problem.pose)
         target = problem.target
-        graph = self._graphs.graph(problem.world.polygons, self._parameters.staa.growth)
+        graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
         here = Here(problem.world, field_of(problem.world), self._body, graph)
         from_robot = robot_table(graph, problem.pose, self._rates)
         next_poses = self._next_poses(problem.next_target, here)
@@ -139,17 +139,20 @@ class NextTargetPlacement(Stateful[PlacementState]):
     def _evaluate(
         self, target: Target, here: Here, from_robot: Table, to_next: Table | None
     ) -> tuple[Candidates, Array, Array]:
-        """The first set of candidates of which one is free, in reach and has a path: with C_iC and C_iN."""
-        tried: Candidates | None = None
+        """The first set of candidates of which one is free, in reach and has a path: with C_iC and C_iN.
+
+        The candidates that were wanted in the first place stay in the list, with the reasons of their rejection.
+        """
+        first: Candidates | None = None
         for candidates in self._sets(target, here):
-            if tried is not None and tried.mode == "ring" and candidates.mode == "reach":
-                candidates = _joined(tried, candidates)
+            if first is not None and first.mode != candidates.mode:
+                candidates = _joined(first, candidates)
             current, onward = self._costs(candidates, here.graph, from_robot, to_next)
             if np.isfinite(current).any():
                 return candidates, current, onward
-            tried = candidates
-        assert tried is not None
-        return tried, np.full(len(tried.pose), np.inf), np.full(len(tried.pose), np.inf)
+            first = first if first is not None and first.mode != candidates.mode else candidates
+        assert first is not None
+        return first, np.full(len(first.pose), np.inf), np.full(len(first.pose), np.inf)
 
     def _sets(self, target: Target, here: Here):  # noqa: ANN202
         """Candidate sets in the order in which they are wanted."""
@@ -213,11 +216,12 @@ class NextTargetPlacement(Stateful[PlacementState]):
         wanted = self._parameters.placement.clearance
         free = clearances(pose, wanted, here.field, here.body)
         seen = _near_seen(pose, here)
+        outside = _beyond_border(pose, wanted, here)
         why = []
         for i in range(len(pose)):
             if free[i] >= wanted:
                 why.append("")
-            elif distance_at(pose[i, 0], pose[i, 1], here.field) < 0.0:
+            elif outside[i]:
                 why.append("outside the map")
             else:
                 why.append("collision with a seen obstacle" if seen[i] else "collision with mapped furniture")
@@ -297,6 +301,17 @@ def _joined(first: Candidates, second: Candidates) -> Candidates:
         np.concatenate((first.place_of, second.place_of + len(first.place))).astype(np.int32),
         first.rejected + second.rejected,
     )
+
+
+def _beyond_border(pose: Array, margin: float, here: Here) -> Array:
+    """Whether the footprint with a margin [m] reaches over the border of the map, shape (m,) of bool."""
+    c, s = np.cos(pose[:, 2])[:, None], np.sin(pose[:, 2])[:, None]
+    corner = here.body.corner
+    points = np.stack((c * corner[:, 0] - s * corner[:, 1], s * corner[:, 0] + c * corner[:, 1]), axis=-1)
+    points += pose[:, None, :2]
+    low = np.array([here.field.x, here.field.y]) + margin
+    high = low - 2.0 * margin + np.array(here.world.distance.shape[::-1]) * here.world.resolution
+    return ((points < low) | (points > high)).any(axis=(1, 2))
 
 
 def _near_seen(pose: Array, here: Here) -> Array:

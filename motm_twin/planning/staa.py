@@ -46,6 +46,8 @@ class Settings(NamedTuple):
     yaw_rate_bins: int
     epsilon: float
     margin: float
+    margin_floor: float
+    margin_cost: float
     brake_depth: int
     grid_weight: float
     grid_range: float
@@ -361,7 +363,8 @@ def _child(
         return
     k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
     cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
-    memory.g[n] = memory.g[node] + dt + k * s.grid_weight * cost
+    inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
+    memory.g[n] = memory.g[node] + dt + k * s.grid_weight * cost + inside
     memory.h[n], memory.t_goal[n], memory.left[n] = h, t_goal, left
     memory.parent[n], memory.action[n], memory.depth[n] = node, action, depth
     memory.passed[n] = done
@@ -380,8 +383,9 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
     """
     count = memory.count
     root = clearance(memory.pose[0, 0], memory.pose[0, 1], memory.pose[0, 2], 1.0, world.field, world.body)
-    # A root inside the margin may leave it; its children may not be worse than it is.
-    allowed = min(s.margin, root - 0.001)
+    # A root inside the margin may leave it. Turning away swings a corner outwards, so that coming a little nearer must
+    # be possible, down to the floor; a root below the floor may not make it worse.
+    allowed = s.margin if root >= s.margin else min(s.margin_floor, root - 0.001)
     root_reached = s.by_job and in_reach(
         memory.pose[0, 0], memory.pose[0, 1], memory.pose[0, 2], memory.twist[0, 0], memory.twist[0, 1], world.job
     )

@@ -17,6 +17,7 @@ from motm_twin.planning.kernel import kernel, length_of
 
 IntArray = NDArray[np.int32]
 SHRINK = 0.002  # [m]
+FAR = 1e9  # [m]
 TOUCH = 1e-9  # [m^2] cross products smaller than this count as collinear
 
 
@@ -224,12 +225,19 @@ def grown_rings(polygons: tuple[Array, ...], g: float) -> list[Array]:
     return [ring for ring in rings if len(ring) >= 3]
 
 
-def build_graph(polygons: tuple[Array, ...], g: float) -> Graph:
-    """The visibility graph of obstacle polygons, each (n, 2) [m], grown by g [m]."""
+def build_graph(
+    polygons: tuple[Array, ...], g: float, bounds: tuple[float, float, float, float] = (-FAR, -FAR, FAR, FAR)
+) -> Graph:
+    """The visibility graph of obstacle polygons, each (n, 2) [m], grown by g [m].
+
+    Corners outside the bounds (x_min, y_min, x_max, y_max) are left out, so that no path leaves the map.
+    """
     outline = grown_rings(polygons, g)
     shrunk, vertex, before, after = [], [], [], []
     for ring in outline:
         wall, convex = _corners(ring)
+        within = (ring[convex] >= bounds[:2]).all(axis=1) & (ring[convex] <= bounds[2:]).all(axis=1)
+        convex = convex[within]
         shrunk.append(wall)
         vertex.append(ring[convex])
         before.append(ring[convex - 1])

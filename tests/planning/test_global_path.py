@@ -7,7 +7,7 @@ import networkx
 import numpy as np
 import pytest
 import shapely
-from idealised import polygons
+from idealised import polygons, rectangle, world_of
 
 from motm_twin.model.profile import BaseLimits
 from motm_twin.planning.global_path import (
@@ -162,9 +162,17 @@ def test_every_point_has_a_path_wherever_it_lies_in_the_grown_border() -> None:
 def test_the_graph_is_kept_while_the_polygons_stay_and_rebuilt_when_one_moves() -> None:
     cache = GraphCache()
     shapes = polygons()
-    first = cache.graph(shapes, G)
-    assert cache.graph(tuple(p.copy() for p in shapes), G) is first
-    assert cache.graph((shapes[0] + 0.01, *shapes[1:]), G) is not first
+    first = cache.graph(world_of(shapes), G)
+    assert cache.graph(world_of(tuple(p.copy() for p in shapes)), G) is first
+    assert cache.graph(world_of((shapes[0] + 0.01, *shapes[1:])), G) is not first
+
+
+def test_no_path_leaves_the_map() -> None:
+    world = world_of((rectangle(2.0, -1.0, 2.2, 5.0),), (-2, -3, 8, 4))
+    path = shortest_path(GraphCache().graph(world, G), np.zeros(3), np.array([4.0, 3.0]), LIMITS)
+    assert path[:, 1].min() == pytest.approx(-1.33, abs=0.01)
+    closed = world_of((rectangle(2.0, -2.8, 2.2, 5.0),), (-2, -3, 8, 4))
+    assert len(shortest_path(GraphCache().graph(closed, G), np.zeros(3), np.array([4.0, 3.0]), LIMITS)) == 1
 
 
 def test_without_obstacles_the_path_is_straight() -> None:
