@@ -19,6 +19,7 @@ from motm_twin.model.profile import RobotProfile
 GRAVITY = 9.81  # [m/s^2]
 _WAIT = 0.3  # [s] beyond the closing time after which a closing counts as failed
 _MOVED = 0.03  # [m] by which an object seen away from the fingers ends a closing
+_LEFT = 0.02  # [m] by which the hand may leave the object while it closes
 _OPEN_ROOM = 0.015  # [m] wider than the object: the fingers are open enough for another try
 _YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
 _MID_DWELL = 0.6  # [s] after arrival the base is about nearest
@@ -217,6 +218,8 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str,
     closing_time = rules.profile.gripper.closing_time
     if view.width < state.side - p.held_tolerance or elapsed > closing_time + _WAIT:
         return _miss(state, view, "the fingers closed on nothing: trying again")
+    if float(np.linalg.norm(view.p - state.anchor)) > _LEFT:
+        return _miss(state, view, "the hand could not stay on the object: trying again")
     if math.hypot(*(state.anchor[:2] - view.target[:2])) > _MOVED:
         return _miss(state, view, "the object was pushed away: trying again")
     if elapsed >= closing_time - 0.5 * view.dt and not view.gripper_moving:

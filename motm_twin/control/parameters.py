@@ -48,7 +48,7 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     sectors: int = 12  # directions round the gripper, each limited by its nearest point
     furniture_d_s: float = 0.02  # [m] mapped furniture at its true height, whole arm
     furniture_d_i: float = 0.12  # [m]
-    fingers_d_s: float = 0.004  # [m] fingers over the surface that carries the object
+    fingers_d_s: float = 0.006  # [m] fingers over the surface that carries the object
     fingers_d_i: float = 0.05  # [m]
 
 
