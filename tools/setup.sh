@@ -45,5 +45,11 @@ if [ "$kind" = run ]; then
   OMP_NUM_THREADS=1 .venv/bin/python tools/warm.py
 fi
 touch .venv/.ready-run
-if [ "$kind" = dev ]; then touch .venv/.ready-dev; fi
+if [ "$kind" = dev ]; then
+  if ! .venv/bin/python -m playwright --version >/dev/null 2>&1; then
+    echo "setup: playwright's driver needs libatomic1; installing it"
+    tools/apt.sh libatomic1 || echo "setup: without it the browser tests will fail"
+  fi
+  touch .venv/.ready-dev
+fi
 echo "setup: done"
