@@ -31,7 +31,7 @@ def run(
         seed: Seed of noise and random arrangements.
         json: Write the report to a file, or to standard output with '-'.
     """
-    from motm_twin.trial import run_trial  # noqa: PLC0415 - keeps `--help` fast
+    from motm_twin.trial import run_trial
 
     result = run_trial(scene, variant, seed)
     if json is not None:
@@ -41,7 +41,7 @@ def run(
     return 0 if result["success"] else 1
 
 
-def serve(  # noqa: PLR0913 - options of a command
+def serve(
     scene: Positional[str] = "exp1",
     /,
     variant: str | None = None,
@@ -66,7 +66,7 @@ def serve(  # noqa: PLR0913 - options of a command
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         twin: Name of the twin in the Zenoh keys.
     """
-    from motm_twin.cli_serve import serve as serve_twin  # noqa: PLC0415
+    from motm_twin.cli_serve import serve as serve_twin
 
     return serve_twin(
         scene,
@@ -88,7 +88,7 @@ def scene(action: Positional[Literal["list", "check", "schema"]], path: Position
         action: What to do.
         path: Scene name or file, for check.
     """
-    from motm_twin import cli_scene  # noqa: PLC0415
+    from motm_twin import cli_scene
 
     if action == "list":
         return cli_scene.list_scenes()
@@ -107,7 +107,7 @@ def bench(groups: Positional[list[str]] = ["all"], /, workers: int = 2, out: Pat
         workers: Processes.
         out: Folder of the JSON results.
     """
-    from motm_twin.bench.__main__ import main as run_groups  # noqa: PLC0415
+    from motm_twin.bench.__main__ import main as run_groups
 
     return run_groups([*groups, "--workers", str(workers), "--out", str(out)])
 
@@ -129,7 +129,7 @@ def main() -> None:
 def _write(result: dict, target: str) -> None:
     text = json_module.dumps(result, indent=2)
     if target == "-":
-        print(text)  # noqa: T201 - the answer of the command
+        print(text)
     else:
         Path(target).write_text(text + "\n", encoding="utf-8")
 

@@ -46,7 +46,9 @@ def serve(
         check_token(host, token)
         if not headless:
             require_free_port(host, port, "choose another one with --port (0 takes any free one)")
-        require_free_port(LOOPBACK, zenoh_port, "is another twin running? Choose another one with --zenoh-port (0: any)")
+        require_free_port(
+            LOOPBACK, zenoh_port, "is another twin running? Choose another one with --zenoh-port (0: any)"
+        )
     except (PortTaken, ValueError) as error:
         console.print(f"motm-twin serve: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT

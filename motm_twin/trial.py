@@ -31,7 +31,7 @@ class Tally:
 
     def add(self, tick: Tick) -> None:
         """Take one Tick into account."""
-        assert tick.truth is not None  # noqa: S101 - a simulated plant always has it
+        assert tick.truth is not None
         pose = tick.truth.pose
         if self.last_pose is not None:
             self.path_length += float(np.hypot(*(pose[:2] - self.last_pose[:2])))
@@ -60,7 +60,7 @@ def run_scene(
         tally.add(tick)
         if on_tick is not None:
             on_tick(tick)
-        assert tick.truth is not None  # noqa: S101
+        assert tick.truth is not None
         finished = tick.done and (tick.truth.places >= places_total or settle == 0)
         settle -= int(tick.done)
         if finished or tick.time >= scene.time_limit:
@@ -71,14 +71,12 @@ def run_scene(
 def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, Any]:
     """The trial in numbers, from its last Tick and what was added up."""
     scene, truth, sequence = twin.scene, tick.truth, twin.loop.sequence
-    assert truth is not None  # noqa: S101
+    assert truth is not None
     places_total = sum(isinstance(task, Place) for task in scene.tasks)
     caused = [contact for contact in truth.contacts if contact.caused_by_robot]
     completed = tick.success and truth.places == places_total
     p50, p99 = np.percentile(tally.period_ms, [50, 99])
-    attempts = sum(
-        task.attempts for task, spec in zip(tick.tasks, scene.tasks, strict=True) if isinstance(spec, Pick)
-    )
+    attempts = sum(task.attempts for task, spec in zip(tick.tasks, scene.tasks, strict=True) if isinstance(spec, Pick))
     return {
         "scene": scene.name,
         "variant": scene.variant,

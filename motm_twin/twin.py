@@ -11,8 +11,8 @@ from motm_twin.model.edits import WorldEdit
 from motm_twin.model.known import known_world
 from motm_twin.model.scene import Scene
 from motm_twin.model.state import HasState, state_hash
-from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
 from motm_twin.sim.plant import SimulatedPlant
 

@@ -11,7 +11,12 @@ from motm_twin.model.data_dirs import scenes_dir
 
 def call(*arguments, cwd=None):
     return subprocess.run(
-        [sys.executable, "-m", "motm_twin.cli", *arguments], capture_output=True, text=True, timeout=240, cwd=cwd, check=False
+        [sys.executable, "-m", "motm_twin.cli", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=240,
+        cwd=cwd,
+        check=False,
     )
 
 

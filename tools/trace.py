@@ -17,7 +17,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.trial import run_scene
 
 mpl.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402 - after the backend is chosen
+import matplotlib.pyplot as plt
 
 
 def line(tick: Tick) -> str:
@@ -36,7 +36,9 @@ def line(tick: Tick) -> str:
 
 def draw(scene: Scene, ticks: list[Tick], path: Path) -> None:
     """The trial as a picture."""
-    figure, axes = plt.subplot_mosaic([["map", "map"], ["speed", "speed"], ["arm", "arm"]], figsize=(13, 16), height_ratios=[3, 1, 1])
+    figure, axes = plt.subplot_mosaic(
+        [["map", "map"], ["speed", "speed"], ["arm", "arm"]], figsize=(13, 16), height_ratios=[3, 1, 1]
+    )
     top = axes["map"]
     for solid in scene.solids:
         colour = "0.75" if solid.mapped else "orange"
@@ -91,7 +93,7 @@ def main() -> int:
     options = parser.parse_args()
     scene = load_scene(options.scene, options.variant, options.seed)
     if options.stop:
-        import msgspec  # noqa: PLC0415
+        import msgspec
 
         scene = msgspec.structs.replace(scene, time_limit=options.stop)
     ticks: list[Tick] = []

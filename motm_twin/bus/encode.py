@@ -22,7 +22,6 @@ from motm_twin.bus.messages import (
 )
 from motm_twin.control.tick import Tick
 from motm_twin.control.types import ArmStep
-from motm_twin.model.geometry import Array
 from motm_twin.model.plant import BodyTruth, Observation, Truth
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement

@@ -11,9 +11,20 @@ from typing import Protocol
 
 import msgspec
 
-from motm_twin.bus.commands import EDITS, AddObstacle, Command, Load, MoveBody, Pause, Play, RemoveObstacle, Reset
+from motm_twin.bus.commands import (
+    EDITS,
+    AddObstacle,
+    Command,
+    Load,
+    MoveBody,
+    Pause,
+    Play,
+    RemoveObstacle,
+    Reset,
+    Speed,
+    Step,
+)
 from motm_twin.bus.commands import ReleaseBody as Release
-from motm_twin.bus.commands import Speed, Step
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.gate import Refused
 from motm_twin.bus.holds import Holds
@@ -315,7 +326,7 @@ class TwinLoop:
             action()
         except Refused as refusal:
             self._set_state("error", str(refusal))
-        except Exception as error:  # noqa: BLE001 - whatever goes wrong in a period must be seen on the page
+        except Exception as error:
             traceback.print_exc()
             self._set_state("error", f"{type(error).__name__}: {error}")
 

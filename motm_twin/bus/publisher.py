@@ -66,9 +66,7 @@ class Publisher:
         sent = self._sent_map
         if sent is None or new_run:
             return True
-        return not (
-            np.array_equal(sent.occupied, world.occupied) and np.array_equal(sent.proximity, world.proximity)
-        )
+        return not (np.array_equal(sent.occupied, world.occupied) and np.array_equal(sent.proximity, world.proximity))
 
     def _put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
         with self._lock:

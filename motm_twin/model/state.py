@@ -52,7 +52,7 @@ def state_hash(value: Any) -> str:
     return digest.hexdigest()
 
 
-def _feed(digest: Any, value: Any) -> None:  # noqa: PLR0912 - one branch per kind of state
+def _feed(digest: Any, value: Any) -> None:
     if value is None or isinstance(value, (bool, int, str, bytes)):
         digest.update(f"{type(value).__name__}:{value!r};".encode())
     elif isinstance(value, (float, np.floating)):

@@ -117,7 +117,11 @@ class BodyView:
             )
         else:
             length, width, height = body.size
-            mesh = loose_cylinder_mesh(length, height) if body.kind == "cylinder" else loose_box_mesh((length, width, height))
+            mesh = (
+                loose_cylinder_mesh(length, height)
+                if body.kind == "cylinder"
+                else loose_box_mesh((length, width, height))
+            )
             handle = scene.add_glb(path, mesh.export(file_type="glb"), cast_shadow=False, receive_shadow=False)
         shadow = scene.add_glb(
             f"{ROOT}/shadow/{name}", shadow_glb(*body.size[:2]), cast_shadow=False, receive_shadow=False

@@ -121,7 +121,9 @@ def _jobs(tasks: list[TaskMessage]) -> str:
             )
         cells.append(f'<div style="white-space:nowrap">{" &rarr; ".join(parts)}</div>')
     return (
-        '<div style="display:grid;grid-template-columns:1fr 1fr;gap:1px 10px;margin-top:6px">' + "".join(cells) + "</div>"
+        '<div style="display:grid;grid-template-columns:1fr 1fr;gap:1px 10px;margin-top:6px">'
+        + "".join(cells)
+        + "</div>"
     )
 
 

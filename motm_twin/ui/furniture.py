@@ -39,7 +39,9 @@ def bin_mesh(box: Bin) -> trimesh.Scene:
     """An open box, origin at the world's."""
     outer = box.side / 2
     floor = _extrude(_rectangle(box.side, box.side, 0.02), box.floor_z, box.floor_z + box.wall)
-    ring = _rectangle(box.side, box.side, 0.02).difference(shapely.box(*(-outer + box.wall,) * 2, *(outer - box.wall,) * 2))
+    ring = _rectangle(box.side, box.side, 0.02).difference(
+        shapely.box(*(-outer + box.wall,) * 2, *(outer - box.wall,) * 2)
+    )
     walls = _extrude(ring, box.floor_z, box.rim_z)
     rim = _extrude(ring.buffer(0.006, join_style="mitre"), box.rim_z - 0.012, box.rim_z)
     parts: list[Part] = [(floor, "bin"), (walls, "bin"), (rim, "white")]
@@ -195,7 +197,10 @@ def _extrude(outline: shapely.Polygon, z_min: float, z_max: float) -> trimesh.Tr
         points = np.array(ring.coords)
         start, end = points[:-1], points[1:]
         low_start, low_end, high_start, high_end = (_at(p, z) for z in (z_min, z_max) for p in (start, end))
-        triangles += [np.stack([low_start, low_end, high_end], axis=1), np.stack([low_start, high_end, high_start], axis=1)]
+        triangles += [
+            np.stack([low_start, low_end, high_end], axis=1),
+            np.stack([low_start, high_end, high_start], axis=1),
+        ]
     corners = np.concatenate(triangles).reshape(-1, 3)
     return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
 

@@ -88,7 +88,9 @@ class Panels:
         self._play = self._gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="space")
         self._play.on_click(self._async(lambda _: self._toggle()))
         steps = self._gui.add_button_group("Time", ("Step", "Reset"), hint="N: one period of 50 ms; R: from the start")
-        steps.on_click(self._async(lambda event: self._actions.send(Step() if event.target.value == "Step" else Reset())))
+        steps.on_click(
+            self._async(lambda event: self._actions.send(Step() if event.target.value == "Step" else Reset()))
+        )
         speed = self._gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x", hint="wanted real-time factor")
         speed.on_update(self._async(lambda event: self._from_visitor(event, Speed(factor=SPEEDS[event.target.value]))))
         self._speed = speed
@@ -124,9 +126,7 @@ class Panels:
         with self._gui.add_folder("Layers", expand_by_default=False):
             for name in LAYERS:
                 box = self._gui.add_checkbox(name, True)
-                box.on_update(
-                    self._async(lambda event, name=name: self._actions.layer(name, bool(event.target.value)))
-                )
+                box.on_update(self._async(lambda event, name=name: self._actions.layer(name, bool(event.target.value))))
 
     def _commands(self) -> None:
         table: list[tuple[str, str, Callable[[viser.CommandEvent], object]]] = [

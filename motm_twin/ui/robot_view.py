@@ -26,7 +26,9 @@ class RobotView:
         scene = server.scene
         self._kinematics: Frankie | None = None
         self._links = [
-            scene.add_glb(f"{ROOT}/link/{link}", glb_bytes(link), cast_shadow=False, receive_shadow=False, visible=False)
+            scene.add_glb(
+                f"{ROOT}/link/{link}", glb_bytes(link), cast_shadow=False, receive_shadow=False, visible=False
+            )
             for link in LINKS
         ]
         self._shadow = scene.add_glb(
@@ -58,7 +60,9 @@ class RobotView:
         """Set the ghosts along the local plan, with the arm as it is now."""
         if self._kinematics is None:
             return
-        poses = ghost_poses(np.array(tick.plan.local_poses).reshape(-1, 5)[:, :3]) if self.ghosts_on else np.zeros((0, 3))
+        poses = (
+            ghost_poses(np.array(tick.plan.local_poses).reshape(-1, 5)[:, :3]) if self.ghosts_on else np.zeros((0, 3))
+        )
         positions = np.full((len(GHOST_LINKS), GHOSTS, 3), _FAR_BELOW)
         quaternions = np.zeros((len(GHOST_LINKS), GHOSTS, 4))
         quaternions[..., 0] = 1.0

@@ -70,7 +70,7 @@ class Viewer:
             now = time.monotonic()
             try:
                 self._draw(now, now - last)
-            except Exception as error:  # noqa: BLE001 - one bad picture must not end the page
+            except Exception as error:
                 traceback.print_exc()
                 self._report(f"drawing: {type(error).__name__}: {error}")
                 self._stop.wait(1.0)
@@ -152,7 +152,9 @@ class Viewer:
             return
         x, y, heading = tick.robot.true_pose
         taken = [body.position for body in (*tick.agents, *tick.obstacles)]
-        spots = ((x + 1.3 * math.cos(heading + a), y + 1.3 * math.sin(heading + a)) for a in (1.2, -1.2, 1.9, -1.9, 0.6))
+        spots = (
+            (x + 1.3 * math.cos(heading + a), y + 1.3 * math.sin(heading + a)) for a in (1.2, -1.2, 1.9, -1.9, 0.6)
+        )
         place = next((p for p in spots if all(math.dist(p, other[:2]) > 0.6 for other in taken)), (x + 1.5, y))
         names = {body.name for body in (*tick.agents, *tick.obstacles)} | {solid.name for solid in scene.solids}
         name = next(n for i in self._numbers if (n := f"{kind} {i}") not in names)

@@ -27,32 +27,81 @@ def fake_scene(name="fake", variant="a", seed=0):
         part
         for i, x in enumerate((3.6, 4.8))
         for part in (
-            Solid(name=f"table post {i}", shape=Cylinder(centre=(x, 1.77), radius=0.05), z_min=0.08, z_max=0.75,
-                  mapped=True, group="object table", style="table"),
-            Solid(name=f"table foot {i}", shape=Cylinder(centre=(x, 1.77), radius=0.3), z_min=0.0, z_max=0.08,
-                  mapped=True, group="object table", style="table"),
+            Solid(
+                name=f"table post {i}",
+                shape=Cylinder(centre=(x, 1.77), radius=0.05),
+                z_min=0.08,
+                z_max=0.75,
+                mapped=True,
+                group="object table",
+                style="table",
+            ),
+            Solid(
+                name=f"table foot {i}",
+                shape=Cylinder(centre=(x, 1.77), radius=0.3),
+                z_min=0.0,
+                z_max=0.08,
+                mapped=True,
+                group="object table",
+                style="table",
+            ),
         )
     )
     solids = (
-        Solid(name="table top", shape=Box(centre=(4.2, 1.77), size=(2.4, 0.8)), z_min=0.75, z_max=0.78, mapped=True,
-              group="object table", style="table"),
+        Solid(
+            name="table top",
+            shape=Box(centre=(4.2, 1.77), size=(2.4, 0.8)),
+            z_min=0.75,
+            z_max=0.78,
+            mapped=True,
+            group="object table",
+            style="table",
+        ),
         *posts,
-        Solid(name="desk", shape=Box(centre=(-0.095, 2.22), size=(0.77, 1.18)), z_min=0.0, z_max=0.6, mapped=True,
-              style="desk"),
-        Solid(name="round table", shape=Cylinder(centre=(4.27, -1.44), radius=0.365), z_min=0.0, z_max=0.6,
-              mapped=True, style="table"),
-        Solid(name="cabinet", shape=Box(centre=(0.335, -1.5525), size=(1.87, 0.295)), z_min=0.0, z_max=0.69,
-              mapped=True, style="cabinet"),
-        Solid(name="box 1", shape=Box(centre=(2.7, 1.7), size=(0.5, 0.5)), z_min=0.0, z_max=0.6, mapped=False,
-              style="box"),
+        Solid(
+            name="desk",
+            shape=Box(centre=(-0.095, 2.22), size=(0.77, 1.18)),
+            z_min=0.0,
+            z_max=0.6,
+            mapped=True,
+            style="desk",
+        ),
+        Solid(
+            name="round table",
+            shape=Cylinder(centre=(4.27, -1.44), radius=0.365),
+            z_min=0.0,
+            z_max=0.6,
+            mapped=True,
+            style="table",
+        ),
+        Solid(
+            name="cabinet",
+            shape=Box(centre=(0.335, -1.5525), size=(1.87, 0.295)),
+            z_min=0.0,
+            z_max=0.69,
+            mapped=True,
+            style="cabinet",
+        ),
+        Solid(
+            name="box 1", shape=Box(centre=(2.7, 1.7), size=(0.5, 0.5)), z_min=0.0, z_max=0.6, mapped=False, style="box"
+        ),
     )
     objects = tuple(SceneObject(name=f"cube{i + 1}", position=(x, y, 0.80)) for i, (x, y) in enumerate(slots))
     bins = (Bin(name="drop1", centre=(4.25, -1.29)), Bin(name="drop2", centre=(0.1, 2.13)))
     tasks = tuple(t for i in range(4) for t in (Pick(object=f"cube{i + 1}"), Place(bin=f"drop{i % 2 + 1}")))
     return Scene(
-        name=name, variant=variant, seed=seed, title="A circle round a table", robot=RobotProfile(),
-        start=(0.0, 0.0, 0.0), solids=solids, objects=objects, bins=bins,
-        agents=(Agent(name="temi1", start=(2.0, -0.8, 0.0)),), tasks=tasks, noise=Noise(),
+        name=name,
+        variant=variant,
+        seed=seed,
+        title="A circle round a table",
+        robot=RobotProfile(),
+        start=(0.0, 0.0, 0.0),
+        solids=solids,
+        objects=objects,
+        bins=bins,
+        agents=(Agent(name="temi1", start=(2.0, -0.8, 0.0)),),
+        tasks=tasks,
+        noise=Noise(),
         bounds=(-1.5, -2.5, 7.0, 4.0),
     )
 
@@ -62,8 +111,10 @@ class FakeLibrary:
         self.loads = []
 
     def choices(self):
-        return [SceneChoice(name="fake", title="A circle", variants=["a", "b"]),
-                SceneChoice(name="other", title="Another circle", variants=["c"])]
+        return [
+            SceneChoice(name="fake", title="A circle", variants=["a", "b"]),
+            SceneChoice(name="other", title="Another circle", variants=["c"]),
+        ]
 
     def load(self, scene, variant, seed):
         if scene not in ("fake", "other"):
@@ -126,7 +177,7 @@ def fake_map(scene, time, added):
     xs, ys = np.meshgrid(x0 + (np.arange(nx) + 0.5) * res, y0 + (np.arange(ny) + 0.5) * res)
     distance = np.full((ny, nx), 9.0)
     for solid in scene.solids:
-        if solid.z_min > 0.2 or solid.z_max < 0.2 and solid.style != "table":
+        if solid.z_min > 0.2 or (solid.z_max < 0.2 and solid.style != "table"):
             continue
         cx, cy = solid.shape.centre
         if isinstance(solid.shape, Box):
@@ -139,9 +190,17 @@ def fake_map(scene, time, added):
         distance = np.minimum(distance, np.maximum(np.hypot(xs - x, ys - y) - 0.25, 0))
     occupied = (distance <= 0).astype(np.uint8)
     proximity = np.clip(1.0 - distance / 0.6, 0, 1).astype(np.float32) ** 1.5
-    return WorldMap(stamp=time, resolution=res, origin=np.array([x0, y0]), occupied=occupied,
-                    distance=distance.astype(np.float32), proximity=proximity, polygons=(),
-                    seen_points=np.zeros((0, 2)), seen_static=np.zeros(0, dtype=bool))
+    return WorldMap(
+        stamp=time,
+        resolution=res,
+        origin=np.array([x0, y0]),
+        occupied=occupied,
+        distance=distance.astype(np.float32),
+        proximity=proximity,
+        polygons=(),
+        seen_points=np.zeros((0, 2)),
+        seen_static=np.zeros(0, dtype=bool),
+    )
 
 
 def fake_placement(cube, time):
@@ -158,50 +217,137 @@ def fake_placement(cube, time):
     cost = np.array(cost)
     chosen = int(np.argmin(cost)) if np.isfinite(cost).any() else -1
     goal = np.array(poses[chosen])
-    return Placement(mode="ring", radius=0.6, poses=np.array(poses), cost_current=cost * 0.6, cost_next=cost * 0.4 / 1.05,
-                     cost=cost, rejected=tuple(rejected), chosen=chosen, goal=goal, goal_has_heading=True,
-                     reason="cheapest free candidate", next_goal=np.array([4.25, -0.6, 0.0]))
+    return Placement(
+        mode="ring",
+        radius=0.6,
+        poses=np.array(poses),
+        cost_current=cost * 0.6,
+        cost_next=cost * 0.4 / 1.05,
+        cost=cost,
+        rejected=tuple(rejected),
+        chosen=chosen,
+        goal=goal,
+        goal_has_heading=True,
+        reason="cheapest free candidate",
+        next_goal=np.array([4.25, -0.6, 0.0]),
+    )
 
 
 def fake_tick(twin, edits):
     scene, index = twin.scene, twin.index
     time = index * 0.05
     pose = circle(time)
-    q = HOME + np.array([1.5 * math.sin(time * 0.3), 0.2 * math.sin(time * 0.7), 0, 0.2 * math.sin(time * 0.5), 0, 0, 0])
-    observation = Observation(time=time, pose=pose, odometry=pose, twist=np.array([0.4, 0.2]), q=q, dq=np.zeros(7),
-                              gripper_width=0.08, gripper_moving=False, scan=None, detections=())
+    q = HOME + np.array(
+        [1.5 * math.sin(time * 0.3), 0.2 * math.sin(time * 0.7), 0, 0.2 * math.sin(time * 0.5), 0, 0, 0]
+    )
+    observation = Observation(
+        time=time,
+        pose=pose,
+        odometry=pose,
+        twist=np.array([0.4, 0.2]),
+        q=q,
+        dq=np.zeros(7),
+        gripper_width=0.08,
+        gripper_moving=False,
+        scan=None,
+        detections=(),
+    )
     cube = np.array(scene.objects[0].position)
     placement = fake_placement(cube, time)
     times = np.arange(0, 3.0, 0.375)
     local = np.array([(*circle(time + t), 0.4, 0.2) for t in times])
-    plan = BasePlan(acceleration=np.zeros(2), status="goal", reason="",
-                    global_path=np.array([pose[:2], (pose[:2] + placement.goal[:2]) / 2 + 0.3, placement.goal[:2]]),
-                    next_path=np.array([placement.goal[:2], [4.25, -0.6]]), intermediate_goal=placement.goal,
-                    local_poses=local, local_times=times, bezier=local[3:, :2], expansions=120, cut_by_clock=False,
-                    t_h=4.0, k=1.0, time_to_range=2.0)
-    step = ArmStep(time=time, phase="transit",
-                   actuation=Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open"),
-                   reference=np.zeros(3), error=0.1, tilt=0.0, slack=np.zeros(6), manipulability=0.08, active=(),
-                   limiter="", obstacle_distance=math.inf, allowed_approach=math.inf, qp_status="solved",
-                   holding=False, engaged=False, dwell=1.0, outcome="", reason="")
-    agents = tuple(BodyTruth(name=name, kind="temi", position=(x, y, 0.0), yaw=heading, state=state,
-                             size=(0.5, 0.5, 1.0)) for name, (x, y, heading, state) in twin.agents.items())
-    obstacles = tuple(BodyTruth(name=name, kind=shape, position=(x, y, 0.0), yaw=heading, size=size)
-                      for name, (shape, x, y, heading, size) in twin.added.items())
-    objects = tuple(BodyTruth(name=o.name, kind="cube", position=o.position, yaw=o.yaw, state="resting",
-                              size=(o.side,) * 3) for o in scene.objects)
-    truth = Truth(pose=pose, objects=objects, agents=agents, obstacles=obstacles, contacts=(), picks=1, places=1,
-                  drops=0, min_base_clearance=0.2, min_arm_clearance=0.1, min_ee_obstacle=0.4, ee_obstacle=0.6,
-                  plant_faults=())
-    tasks = tuple(TaskState(kind="pick" if isinstance(t, Pick) else "place",
-                            target=t.object if isinstance(t, Pick) else t.bin,
-                            status="done" if i < 2 else "active" if i == 2 else "waiting", attempts=int(i <= 2))
-                  for i, t in enumerate(scene.tasks))
+    plan = BasePlan(
+        acceleration=np.zeros(2),
+        status="goal",
+        reason="",
+        global_path=np.array([pose[:2], (pose[:2] + placement.goal[:2]) / 2 + 0.3, placement.goal[:2]]),
+        next_path=np.array([placement.goal[:2], [4.25, -0.6]]),
+        intermediate_goal=placement.goal,
+        local_poses=local,
+        local_times=times,
+        bezier=local[3:, :2],
+        expansions=120,
+        cut_by_clock=False,
+        t_h=4.0,
+        k=1.0,
+        time_to_range=2.0,
+    )
+    step = ArmStep(
+        time=time,
+        phase="transit",
+        actuation=Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open"),
+        reference=np.zeros(3),
+        error=0.1,
+        tilt=0.0,
+        slack=np.zeros(6),
+        manipulability=0.08,
+        active=(),
+        limiter="",
+        obstacle_distance=math.inf,
+        allowed_approach=math.inf,
+        qp_status="solved",
+        holding=False,
+        engaged=False,
+        dwell=1.0,
+        outcome="",
+        reason="",
+    )
+    agents = tuple(
+        BodyTruth(name=name, kind="temi", position=(x, y, 0.0), yaw=heading, state=state, size=(0.5, 0.5, 1.0))
+        for name, (x, y, heading, state) in twin.agents.items()
+    )
+    obstacles = tuple(
+        BodyTruth(name=name, kind=shape, position=(x, y, 0.0), yaw=heading, size=size)
+        for name, (shape, x, y, heading, size) in twin.added.items()
+    )
+    objects = tuple(
+        BodyTruth(name=o.name, kind="cube", position=o.position, yaw=o.yaw, state="resting", size=(o.side,) * 3)
+        for o in scene.objects
+    )
+    truth = Truth(
+        pose=pose,
+        objects=objects,
+        agents=agents,
+        obstacles=obstacles,
+        contacts=(),
+        picks=1,
+        places=1,
+        drops=0,
+        min_base_clearance=0.2,
+        min_arm_clearance=0.1,
+        min_ee_obstacle=0.4,
+        ee_obstacle=0.6,
+        plant_faults=(),
+    )
+    tasks = tuple(
+        TaskState(
+            kind="pick" if isinstance(t, Pick) else "place",
+            target=t.object if isinstance(t, Pick) else t.bin,
+            status="done" if i < 2 else "active" if i == 2 else "waiting",
+            attempts=int(i <= 2),
+        )
+        for i, t in enumerate(scene.tasks)
+    )
     done = index >= twin.periods
-    return Tick(index=index, time=time, observation=observation, map=fake_map(scene, time, twin.added), tasks=tasks,
-                task_index=2, beliefs=tuple(ObjectBelief(name=o.name, position=np.array(o.position), yaw=0.0,
-                                                         position_sd=0.03, seen=False, held=False)
-                                            for o in scene.objects),
-                placement=placement, plan=plan, arm=(step,) * 5, stop_reason="",
-                events=(Event(time=time, kind="picked", text="picked cube1"),) if index == 1 else (), edits=edits,
-                stage_ms={"plan": 3.0}, truth=truth, done=done, success=done)
+    return Tick(
+        index=index,
+        time=time,
+        observation=observation,
+        map=fake_map(scene, time, twin.added),
+        tasks=tasks,
+        task_index=2,
+        beliefs=tuple(
+            ObjectBelief(name=o.name, position=np.array(o.position), yaw=0.0, position_sd=0.03, seen=False, held=False)
+            for o in scene.objects
+        ),
+        placement=placement,
+        plan=plan,
+        arm=(step,) * 5,
+        stop_reason="",
+        events=(Event(time=time, kind="picked", text="picked cube1"),) if index == 1 else (),
+        edits=edits,
+        stage_ms={"plan": 3.0},
+        truth=truth,
+        done=done,
+        success=done,
+    )

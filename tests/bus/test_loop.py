@@ -47,7 +47,12 @@ class Running:
             return self.twins[-1]
 
         self.loop = TwinLoop(
-            twin_name="t", library=self.library, make_twin=make, sink=self.sink, first=Load(scene=first), playing=playing
+            twin_name="t",
+            library=self.library,
+            make_twin=make,
+            sink=self.sink,
+            first=Load(scene=first),
+            playing=playing,
         )
         self.thread = threading.Thread(target=self.loop.run)
 
