@@ -128,7 +128,8 @@ def _stowed(state: ManipulatorState, view: View, p: ArmParameters) -> _Swing:
 def _inbound(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Array, p: ArmParameters) -> _Swing:
     """The hover point, at the limited radius on the line from the mount, where the base will be on arrival.
 
-    The hand turns towards it first and reaches out last: an arm stretched out early meets more obstacles.
+    The hand turns towards it first and reaches out last: an arm stretched out early meets more obstacles, and a hand
+    held up by one on its way out would slide along it, away from its target.
     """
     remaining = view.time_to_range if math.isfinite(view.time_to_range) else p.abandon_time
     pose = pose_at(remaining, view.pose, inputs.plan_times, inputs.plan_poses)
@@ -150,7 +151,10 @@ def _inbound(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Arra
             max(radius - early, p.swing_radius),
             p.extension_speed if radius - early > p.swing_radius else 0.0,
         )
-    now = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1])
+    now, heading = polar(view.p, view.pose, mount)
+    turned = max(0.0, 1.0 - abs(azimuth - heading) / p.extension_azimuth)
+    if radius > p.swing_radius and turned < 1.0:
+        radius, radius_rate = p.swing_radius + turned * (radius - p.swing_radius), turned * radius_rate
     if view.p[2] < z - 0.03 and now < _FOOT_RADIUS + 0.02:  # first up, then out
         radius, radius_rate = min(radius, _FOOT_RADIUS), 0.0
     return _Swing(max(radius, p.swing_radius), azimuth, z, radius_rate, azimuth_rate, p.k_transit, gain)

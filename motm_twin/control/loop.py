@@ -1,5 +1,6 @@
 """The control period: observe, map, place the base, plan, reach, check, command. One street, one Tick."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -204,7 +205,7 @@ def _standing(plan: BasePlan, step: ArmStep, observation: Observation) -> str:
 
 def _stages(marks: list[float], arm_seconds: float) -> dict[str, float]:
     """Wall time of each stage [ms]; `period` is observation to last command, without the plant's own time."""
-    observe, mapping, planning = (1e3 * (b - a) for a, b in zip(marks, marks[1:], strict=False))
+    observe, mapping, planning = (1e3 * (b - a) for a, b in itertools.pairwise(marks))
     arm = 1e3 * arm_seconds
     return {"observe": observe, "map": mapping, "plan": planning, "arm": arm, "period": mapping + planning + arm}
 
