@@ -140,7 +140,8 @@ def _print(result: dict) -> None:
     console.print("[green]completed[/green]" if result["success"] else f"[red]failed[/red]: {result['reason']}")
     console.print(
         f"time {result['time_s']:.1f} s (reference tour {result['reference_tour_s']:.1f} s), "
-        f"picked {result['picks_done']}/{result['picks_total']}, placed {result['places_done']}/{result['places_total']}, "
+        f"picked {result['picks_done']}/{result['picks_total']}, "
+        f"placed {result['places_done']}/{result['places_total']}, "
         f"contacts {result['contacts_caused_by_robot']} caused of {len(result['contacts'])}"
     )
     tick = result["tick_ms"]

@@ -1,6 +1,7 @@
 """The command line, as a user calls it."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -36,7 +37,7 @@ def test_run_prints_json_and_nothing_else_and_exits_with_success(tmp_path):
 def test_a_task_that_cannot_be_completed_exits_with_one_and_a_reason(tmp_path):
     text = (scenes_dir() / "exp1.yaml").read_text(encoding="utf-8")
     path = tmp_path / "short.yaml"
-    path.write_text(text + "\ntime_limit: 5\n")
+    path.write_text(re.sub(r"^time_limit: .*$", "time_limit: 5", text, flags=re.MULTILINE))
     result = call("run", str(path), "--variant", "trial1", "--json", str(tmp_path / "out.json"))
     assert result.returncode == 1, result.stderr
     report = json.loads((tmp_path / "out.json").read_text())

@@ -1,4 +1,4 @@
-"""What travels on Zenoh, version 1: JSON made from these structs (UTF-8; lengths in [m], angles in [rad], times in [s]).
+"""What travels on Zenoh, version 1: JSON made from these structs (UTF-8; lengths [m], angles [rad], times [s]).
 
 Numbers that are infinite or undefined (the cost of a rejected candidate) are ``null``. Fields may be added within a
 version; a change of meaning or a removal makes a new one.

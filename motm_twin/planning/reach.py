@@ -67,9 +67,11 @@ class ReachModel:
                 math.inf, ARRIVED, heading, staa.pass_heading,
             )  # fmt: skip
         r_max = p.r_max(target.kind) + (p.engaged_slack if engaged else 0.0)
+        speed = p.relative_speed * (p.plan_speed if slack > 0.0 else 1.0)
         return Job(
             MANIPULATE, float(target.position[0]), float(target.position[1]), self._arm.mount_x, self._arm.mount_y,
-            p.r_min + slack, r_max - slack, p.relative_speed * (0.95 if slack > 0.0 else 1.0), p.dwell(target.kind), math.nan, 0.0,
+            p.r_min + slack, r_max - slack, speed, p.dwell(target.kind),
+            math.nan, 0.0,
         )  # fmt: skip
 
     def contains(self, pose: Array, twist: Array, target: Target, staa: StaaParameters | None = None) -> bool:

@@ -35,8 +35,8 @@ HELP = """
 
 **Ask** &nbsp; click one of the coloured candidates to read its costs
 
-**Keys** &nbsp; `space` play / pause &middot; `N` one step &middot; `R` reset &middot; `1` overview &middot; `2` top &middot;
-`3` follow &middot; `H` this card
+**Keys** &nbsp; `space` play / pause &middot; `N` one step &middot; `R` reset &middot; `1` overview &middot;
+`2` top &middot; `3` follow &middot; `H` this card
 """
 
 
@@ -88,7 +88,8 @@ def progress_card(tick: TickMessage) -> str:
     rows = [f'<div style="font-weight:600;font-size:14px">{html.escape(phase or "Driving")}</div>']
     speed, turn = tick.robot.twist
     rows.append(
-        f'<div style="{_MUTED}font-variant-numeric:tabular-nums">base {speed:+.2f} m/s, {math.degrees(turn):+.0f}&deg;/s'
+        f'<div style="{_MUTED}font-variant-numeric:tabular-nums">'
+        f"base {speed:+.2f} m/s, {math.degrees(turn):+.0f}&deg;/s"
         f"{_goal(tick)}</div>"
     )
     why = tick.stop_reason or tick.plan.reason or (step.reason if step else "")
@@ -208,7 +209,8 @@ def legend(placement: PlacementMessage | None = None) -> str:
     )
     return (
         f'<div style="{_BOX}"><div style="display:flex;align-items:center;gap:6px">'
-        f'<span style="white-space:nowrap">places {low}</span><span style="flex:1;height:8px;border-radius:4px;background:'
+        f'<span style="white-space:nowrap">places {low}</span>'
+        f'<span style="flex:1;height:8px;border-radius:4px;background:'
         f'{colours.viridis_css()}"></span><span style="white-space:nowrap">{high}</span></div>'
         f'<div style="{_MUTED}margin-top:3px">{marks}<span style="white-space:nowrap">'
         f'<span style="display:inline-block;width:8px;height:8px;border-radius:4px;background:'

@@ -1,5 +1,6 @@
 """What the base intends: candidates by cost, the way to the chosen one and on to the next target, the local plan."""
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -138,5 +139,5 @@ def _goal_mark() -> NDArray[np.float32]:
     """The outline of the base with an arrow, at the origin; shape (n, 2, 3)."""
     outline = [(-0.35, -0.25), (0.35, -0.25), (0.35, 0.25), (-0.35, 0.25), (-0.35, -0.25)]
     arrow = [((0.0, 0.0), (0.28, 0.0)), ((0.28, 0.0), (0.18, 0.08)), ((0.28, 0.0), (0.18, -0.08))]
-    pieces = [*zip(outline[:-1], outline[1:], strict=True), *arrow]
+    pieces = [*itertools.pairwise(outline), *arrow]
     return np.array([[(*start, 0.0), (*end, 0.0)] for start, end in pieces], dtype=np.float32)

@@ -60,7 +60,7 @@ def test_beta_is_the_part_of_a_command_that_the_lagging_base_follows():
 
 def test_joint_bounds_keep_speed_acceleration_and_brake_before_limits():
     p = QpParameters()
-    lower, upper = joint_bounds(READY, np.zeros(7), 0.01, p)
+    _, upper = joint_bounds(READY, np.zeros(7), 0.01, p)
     np.testing.assert_allclose(upper, np.minimum(DQ_MAX, DDQ_MAX * 0.01))
     q = READY.copy()
     q[0] = Q_MAX[0] - 0.05

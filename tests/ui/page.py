@@ -1,4 +1,4 @@
-"""A person at the page, for tests: Chromium, a mouse that aims at points of the world, a client that checks the twin."""
+"""A person at the page, for tests: Chromium, a mouse that aims at points of the world, a client to check the twin."""
 
 import os
 import shutil

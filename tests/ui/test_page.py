@@ -1,5 +1,6 @@
 """The page in real Chromium, with the real twin behind it, used by mouse and keyboard as a person would."""
 
+import itertools
 import math
 
 import numpy as np
@@ -17,7 +18,7 @@ def page_shows(page, text):
 def ahead(tick, distance):
     """A point of the robot's own path, ``distance`` [m] ahead."""
     path = np.array([tick.robot.pose[:2], *tick.plan.global_path])
-    for start, end in zip(path[:-1], path[1:], strict=True):
+    for start, end in itertools.pairwise(path):
         length = float(np.linalg.norm(end - start))
         if distance <= length:
             return start + (end - start) * (distance / length)
