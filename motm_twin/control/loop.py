@@ -48,7 +48,7 @@ class LoopState:
 class ControlLoop(Stateful[LoopState]):
     """Runs a Plant through its tasks, period by period; every decision is in the Tick it returns."""
 
-    def __init__(  # noqa: PLR0913 - the parts of the street, each replaceable
+    def __init__(
         self,
         known: KnownWorld,
         plant: Plant,
@@ -198,7 +198,7 @@ def _to_odometry(T_odom_world: Array, poses: Array) -> Array:
 
 def _standing(plan: BasePlan, step: ArmStep, observation: Observation) -> str:
     """Why the base stands, when it does."""
-    if abs(observation.twist[0]) > 0.03 or abs(observation.twist[1]) > 0.05:  # noqa: PLR2004 - visibly moving
+    if abs(observation.twist[0]) > 0.03 or abs(observation.twist[1]) > 0.05:
         return plan.reason if plan.status == "braking" else ""
     return plan.reason or step.reason
 

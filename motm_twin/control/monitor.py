@@ -102,7 +102,7 @@ class Monitor(Stateful[MonitorState]):
 
     def _hits(self, twist: Array, observation: Observation) -> bool:
         scan, base, body = observation.scan, self.profile.base, self.profile.footprint
-        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):  # noqa: PLR2004 - standing
+        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):
             return False
         count = points_in_stop(
             scan.ranges,
@@ -128,7 +128,7 @@ def _healthy(observation: Observation) -> bool:
 
 
 @njit(cache=True)
-def points_in_stop(  # noqa: PLR0913 - a kernel takes plain numbers
+def points_in_stop(
     ranges: Array,
     angle_min: float,
     angle_step: float,
