@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint
-from motm_twin.planning.kernel import kernel
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.kernel import kernel
 
 
 class Field(NamedTuple):
@@ -98,25 +98,3 @@ def clearances(poses: Array, enough: float, field: Field, body: Body) -> Array:
     for i in range(poses.shape[0]):
         result[i] = clearance(poses[i, 0], poses[i, 1], poses[i, 2], enough, field, body)
     return result
-
-
-@kernel
-def stopping_clearance(
-    x: float, y: float, heading: float, v: float, w: float, a_max: float, b_max: float, wanted: float,
-    field: Field, body: Body,
-) -> float:  # fmt: skip
-    """Least clearance [m] while braking with full deceleration from speed v and yaw rate w; stops below `wanted`."""
-    dt = 0.1
-    least = clearance(x, y, heading, 1.0, field, body)
-    if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= wanted:
-        return wanted
-    while (v != 0.0 or w != 0.0) and least >= wanted:
-        v_end = max(0.0, abs(v) - a_max * dt) * (1.0 if v > 0.0 else -1.0)
-        w_end = max(0.0, abs(w) - b_max * dt) * (1.0 if w > 0.0 else -1.0)
-        ahead = heading + 0.25 * (w + w_end) * dt
-        x += 0.5 * (v + v_end) * dt * math.cos(ahead)
-        y += 0.5 * (v + v_end) * dt * math.sin(ahead)
-        heading += 0.5 * (w + w_end) * dt
-        v, w = v_end, w_end
-        least = min(least, clearance(x, y, heading, 1.0, field, body))
-    return least

@@ -8,8 +8,9 @@ import numpy as np
 
 from motm_twin.model.geometry import Array, drive, frozen
 from motm_twin.model.profile import RobotProfile
-from motm_twin.planning import staa
+from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
+from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, field_of
 from motm_twin.planning.cost_to_go import FAR, Table
 from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path
@@ -56,8 +57,8 @@ class StaaController:
         self._graphs = graphs or GraphCache()
         self._rates = rates_of(profile.base)
         self._global_rates = rates_of(profile.base, rotation_cost=parameters.staa.rotation_cost)
-        self._memory: staa.Memory | None = None
-        self._cells: tuple[Graph, tuple[float, ...], staa.CellSights] | None = None
+        self._memory: search_memory.Memory | None = None
+        self._cells: tuple[Graph, tuple[float, ...], search_memory.CellSights] | None = None
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """How to accelerate in this period."""
@@ -73,7 +74,7 @@ class StaaController:
             return self._idle(problem, field, placement.reason)
         next_table = self._next_table(graph, placement)
         settings = self._settings(problem, placement, goal, next_table is not None)
-        world = staa.World(
+        world = search_memory.World(
             field,
             Field(np.array(problem.world.proximity, dtype=np.float32), field.x, field.y, field.inverse_cell),
             self._body,
@@ -120,7 +121,12 @@ class StaaController:
         return frozen(shortest_path(graph, problem.pose, placement.goal, self._limits))
 
     def _search(
-        self, budget: SearchBudget, s: staa.Settings, world: staa.World, cells: staa.CellSights, memory: staa.Memory
+        self,
+        budget: SearchBudget,
+        s: search_memory.Settings,
+        world: search_memory.World,
+        cells: search_memory.CellSights,
+        memory: search_memory.Memory,
     ) -> tuple[int, bool]:
         """Run to the expansion limit, or until the clock says stop: status and whether the clock did."""
         if budget.seconds is None or self._clock is None:
@@ -163,7 +169,7 @@ class StaaController:
 
     def _settings(
         self, problem: BaseProblem, placement: Placement, goal: LocalGoal, has_next: bool
-    ) -> staa.Settings:
+    ) -> search_memory.Settings:
         p, limits = self._p, self._limits
         by_job = p.termination == "task" and placement.mode in ("ring", "reach", "drive")
         goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST
@@ -171,7 +177,7 @@ class StaaController:
             goal_test = staa.NO_GOAL_TEST
         elif placement.mode == "closest" and goal.is_goal:
             goal_test = staa.END_TEST
-        return staa.Settings(
+        return search_memory.Settings(
             v_f=limits.forward_speed,
             v_r=limits.reverse_speed,
             w_max=limits.yaw_rate,
@@ -219,21 +225,21 @@ class StaaController:
             if placement.next_goal is None:
                 return None
             given = placement.next_goal
-            poses = np.array([[given[0], given[1], given[2] if len(given) > 2 else math.nan]])  # noqa: PLR2004
+            poses = np.array([[given[0], given[1], given[2] if len(given) > 2 else math.nan]])
         order = np.lexsort((poses[:, 1], poses[:, 0]))
         return goal_table(graph, poses[order], self._rates)
 
-    def _cell_sights(self, graph: Graph, field: Field) -> staa.CellSights:
+    def _cell_sights(self, graph: Graph, field: Field) -> search_memory.CellSights:
         grid = (field.x, field.y, field.inverse_cell, *field.value.shape)
         if self._cells is None or self._cells[0] is not graph or self._cells[1] != grid:
-            self._cells = (graph, grid, staa.make_cell_sights(field))
+            self._cells = (graph, grid, search_memory.make_cell_sights(field))
         return self._cells[2]
 
-    def _room(self, expansions: int, graph: Graph) -> staa.Memory:
+    def _room(self, expansions: int, graph: Graph) -> search_memory.Memory:
         needed = expansions * self._p.notches**2 + 2
         memory = self._memory
         if memory is None or len(memory.g) < needed or len(memory.scratch) <= len(graph.vertex):
-            memory = staa.make_memory(expansions, self._p.notches, 2 * len(graph.vertex))
+            memory = search_memory.make_memory(expansions, self._p.notches, 2 * len(graph.vertex))
             self._memory = memory
         return memory
 
@@ -254,7 +260,7 @@ class StaaController:
         near = math.hypot(pose[0] - placement.goal[0], pose[1] - placement.goal[1]) <= self._p.pass_distance
         return near and (not placement.goal_has_heading or turn(pose[2], placement.goal[2]) <= self._p.pass_heading)
 
-    def _first_action(self, memory: staa.Memory, branch: list[int]) -> Array:
+    def _first_action(self, memory: search_memory.Memory, branch: list[int]) -> Array:
         """The branch's first acceleration; where a speed limit cut it, what the node was predicted with."""
         return (memory.twist[branch[1]] - memory.twist[0]) / self._p.node_duration
 
@@ -262,7 +268,7 @@ class StaaController:
         table = self._next_table(graph, placement)
         return empty_path() if table is None else path_to_goal(graph, table, placement.goal)[0]
 
-    def _bezier(self, last: Array, s: staa.Settings, finished: bool) -> Array:
+    def _bezier(self, last: Array, s: search_memory.Settings, finished: bool) -> Array:
         if finished or not s.bezier or math.isnan(s.goal_heading):
             return empty_path()
         goal = np.array([s.goal_x, s.goal_y, s.goal_heading])
@@ -291,7 +297,7 @@ class StaaController:
         for i in range(1, len(path)):
             step = path[i] - path[i - 1]
             length = math.hypot(step[0], step[1])
-            if length < 1e-9:  # noqa: PLR2004
+            if length < 1e-9:
                 continue
             facing = math.atan2(step[1], step[0]) + (math.pi if in_reverse else 0.0)
             time += turn(heading, facing) / self._limits.yaw_rate
@@ -306,9 +312,7 @@ class StaaController:
     def _idle(self, problem: BaseProblem, field: Field, reason: str) -> BasePlan:
         return self._stop(problem, field, "idle", reason, None, 0)
 
-    def _brake(
-        self, problem: BaseProblem, field: Field, reason: str, goal: LocalGoal, expansions: int
-    ) -> BasePlan:
+    def _brake(self, problem: BaseProblem, field: Field, reason: str, goal: LocalGoal, expansions: int) -> BasePlan:
         return self._stop(problem, field, "braking", reason, goal, expansions)
 
     def _stop(
@@ -319,7 +323,7 @@ class StaaController:
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
         acceleration = np.clip(-twist / problem.period, -most, most)
         if status == "braking" and abs(twist[0]) > STILL_V:
-            acceleration[1], _ = staa.best_braking(
+            acceleration[1], _ = best_braking(
                 pose, twist, self._limits.yaw_rate, most[0], most[1], self._p.notches, field, self._body
             )
             if abs(twist[1]) < most[1] * problem.period and acceleration[1] * twist[1] < 0.0:
@@ -348,7 +352,7 @@ def proximity_scale(t_h: float, k_min: float = 0.1, k_time: float = 3.0) -> floa
     return max(k_min, min(t_h / k_time, 1.0))
 
 
-def _branch(memory: staa.Memory, node: int) -> list[int]:
+def _branch(memory: search_memory.Memory, node: int) -> list[int]:
     branch = [node]
     while memory.parent[branch[-1]] >= 0:
         branch.append(int(memory.parent[branch[-1]]))

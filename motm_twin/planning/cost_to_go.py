@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import inlined, kernel, length_of
+from motm_twin.planning.kernel import inlined, length_of
 from motm_twin.planning.rtr import turn
 from motm_twin.planning.visibility import Graph, push_out, segment_free, tangential, visible_vertices
 

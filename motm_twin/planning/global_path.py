@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.cost_to_go import FAR, Rates, Sights, Table, costs_from, make_table, sights_of, trace
+from motm_twin.planning.cost_to_go import Rates, Sights, Table, costs_from, make_table, sights_of, trace
 from motm_twin.planning.visibility import Graph, build_graph
 
 
@@ -94,5 +94,3 @@ def shortest_path(graph: Graph, start: Array, goal: Array, limits: BaseLimits) -
     rates = rates_of(limits, rotation_cost=False)
     table = goal_table(graph, np.array([[goal[0], goal[1], math.nan]]), rates)
     return path_to_goal(graph, table, np.asarray(start, dtype=np.float64))[0]
-
-

@@ -20,7 +20,9 @@ class PlacementParameters:
     radius_max: float = 0.80  # [m] Paper, Sec. IV
     radius_step: float = 0.05  # [m] own: 0.02 finds the same candidates in the shipped scenes
     next_weight: float = 1.05  # Paper, Sec. IV: weight of C_iN
-    clearance: float = 0.06  # [m] own: a candidate must keep 1 cm more than the search margin, or it cannot be driven to
+    clearance: float = (
+        0.06  # [m] own: a candidate must keep 1 cm more than the search margin, or it cannot be driven to
+    )
     hysteresis: float = 0.3  # [s] own: cuts changes of mind from 22 to 5 per trial at no cost in time
     reach_step: float = 0.05  # [m] own: rings searched when no tangential candidate is viable
     reach_headings: int = 16  # own: headings per position of such a ring
@@ -89,6 +91,7 @@ class ReachParameters:
     dwell_pick: float = 1.3  # [s] uninterrupted time in reach of a pick: 0.5 s approach and 0.8 s closing
     dwell_place: float = 0.7  # [s] the same of a drop: 0.5 s approach and 0.2 s opening
     plan_slack: float = 0.005  # [m] plans keep this far inside the reach: they are sampled, and driven with errors
+    plan_speed: float = 0.95  # own: and this far below the speed limit
     engaged_slack: float = 0.0  # [m] added to r_max while the arm is at the object
 
     def r_max(self, kind: str) -> float:

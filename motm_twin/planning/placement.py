@@ -89,9 +89,7 @@ def spokes(centre: Array, radius: float, positions: int, headings: int) -> tuple
 class NextTargetPlacement(Stateful[PlacementState]):
     """C_i = C_iC + 1.05 C_iN over 36 x 2 candidates on the smallest ring, 0.6 to 0.8 m, that has a viable one."""
 
-    def __init__(
-        self, profile: RobotProfile, parameters: PlanningParameters, graphs: GraphCache | None = None
-    ) -> None:
+    def __init__(self, profile: RobotProfile, parameters: PlanningParameters, graphs: GraphCache | None = None) -> None:
         self._body = body_of(profile.footprint)
         self._mount_offset = math.hypot(profile.arm.mount_x, profile.arm.mount_y)
         self._parameters = parameters
@@ -144,9 +142,9 @@ class NextTargetPlacement(Stateful[PlacementState]):
         The candidates that were wanted in the first place stay in the list, with the reasons of their rejection.
         """
         first: Candidates | None = None
-        for candidates in self._sets(target, here):
-            if first is not None and first.mode != candidates.mode:
-                candidates = _joined(first, candidates)
+        for wanted in self._sets(target, here):
+            joined = first is not None and first.mode != wanted.mode
+            candidates = _joined(first, wanted) if joined else wanted
             current, onward = self._costs(candidates, here.graph, from_robot, to_next)
             if np.isfinite(current).any():
                 return candidates, current, onward
@@ -154,7 +152,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         assert first is not None
         return first, np.full(len(first.pose), np.inf), np.full(len(first.pose), np.inf)
 
-    def _sets(self, target: Target, here: Here):  # noqa: ANN202
+    def _sets(self, target: Target, here: Here):
         """Candidate sets in the order in which they are wanted."""
         if target.kind == "drive":
             yield self._drive(target, here)
@@ -163,7 +161,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             yield from self._reach_sets(target, here)
         yield from self._closest_sets(target, here)
 
-    def _rings(self, target: Target, here: Here):  # noqa: ANN202
+    def _rings(self, target: Target, here: Here):
         p = self._parameters.placement
         steps = max(1, round((p.radius_max - p.radius_min) / p.radius_step))
         for radius in np.linspace(p.radius_min, p.radius_max, steps + 1):
@@ -175,7 +173,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             if candidates.viable().any() or radius == p.radius_max:
                 yield candidates
 
-    def _reach_sets(self, target: Target, here: Here):  # noqa: ANN202
+    def _reach_sets(self, target: Target, here: Here):
         """Free poses of any heading from which the arm reaches, the closest rings first, two at a time."""
         p = self._parameters.placement
         largest = self._parameters.reach.r_max(target.kind) + self._mount_offset
@@ -194,7 +192,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         if previous is not None:
             yield previous
 
-    def _closest_sets(self, target: Target, here: Here):  # noqa: ANN202
+    def _closest_sets(self, target: Target, here: Here):
         p = self._parameters.placement
         for radius in np.arange(0.0, CLOSEST_MAX, CLOSEST_STEP):
             pose, place, place_of = spokes(target.position, radius, p.positions, 4)

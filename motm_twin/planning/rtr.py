@@ -51,9 +51,7 @@ def path_rtr_both(
     return front, back
 
 
-def path_rtr(
-    path: Array, heading: float, goal_heading: float | None, *, v_f: float, v_r: float, w_max: float
-) -> float:
+def path_rtr(path: Array, heading: float, goal_heading: float | None, *, v_f: float, v_r: float, w_max: float) -> float:
     """PathRTR [s] = min(h_front, h_back) of a path of shape (n, 2) [m]; a goal heading of None is free."""
     goal = math.nan if goal_heading is None else goal_heading
     return min(path_rtr_both(np.asarray(path, dtype=np.float64), heading, goal, v_f, v_r, w_max))

@@ -7,138 +7,27 @@ All state is in `Memory`, so that a search can be interrupted after any number o
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.planning.bezier import bezier_points, curve_time
-from motm_twin.planning.collision import Body, Field, clearance, distance_at, stopping_clearance
+from motm_twin.planning.braking import stopping_clearance
+from motm_twin.planning.collision import Field, clearance, distance_at
 from motm_twin.planning.cost_to_go import FAR, Table, cost_from
 from motm_twin.planning.heap import heap_pop, heap_push
 from motm_twin.planning.kernel import inlined, kernel, length_of
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.rtr import TWO_PI, turn
+from motm_twin.planning.search_memory import CellSights, Memory, Settings, World
 from motm_twin.planning.visibility import Graph, push_out, visible_vertices
 
 IntArray = NDArray[np.int32]
 RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
 NODES, QUEUE, EXPANSIONS, BEST, SOLUTION, POOL = 0, 1, 2, 3, 4, 5  # of Memory.count
 NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
-BEZIER_SAMPLES = 8
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
-
-
-class Settings(NamedTuple):
-    """Numbers of one search; see `StaaParameters`, `BaseLimits` and the problem for their meaning."""
-
-    v_f: float
-    v_r: float
-    w_max: float
-    a_max: float
-    b_max: float
-    node_duration: float
-    notches: int
-    cell: float
-    heading_bins: int
-    speed_bins: int
-    yaw_rate_bins: int
-    epsilon: float
-    margin: float
-    margin_floor: float
-    margin_cost: float
-    brake_depth: int
-    grid_weight: float
-    grid_range: float
-    grid_map: bool
-    k_min: float
-    k_time: float
-    scale_penalty: bool
-    bezier: bool
-    bezier_offset: float
-    goal_test: int
-    pass_distance: float
-    pass_heading: float
-    goal_x: float
-    goal_y: float
-    goal_heading: float  # nan: free
-    after_goal: float  # [s] of the table's cost that comes after the goal (not part of t_h)
-    by_job: bool  # end when the job is done
-    drive_on: bool
-    next_weight: float
-    has_next: bool
-    keep_reach: bool  # the arm is at the object
-    region_x: float
-    region_y: float
-    region_radius: float
-
-
-class World(NamedTuple):
-    """What one search reads."""
-
-    field: Field
-    proximity: Field
-    body: Body
-    graph: Graph
-    table: Table  # to the local goal, with what comes after it
-    next_table: Table  # to the next target
-    job: Job
-
-
-class CellSights(NamedTuple):
-    """Seen vertices per map cell, found when first asked for: a pure function of the graph, kept while it stays."""
-
-    start: IntArray  # (cells,) into pool; -1: not known yet
-    count: IntArray
-    point: Array  # (cells, 3) point outside the grown polygons, and how far it is
-    pool: IntArray
-    shape: IntArray  # rows, columns
-    used: IntArray  # (1,)
-
-
-class Memory(NamedTuple):
-    """All nodes of a search, its queue and its closed list."""
-
-    pose: Array  # (n, 3)
-    twist: Array  # (n, 2)
-    g: Array
-    h: Array
-    left: Array  # [s] that the job still needs
-    t_goal: Array  # [s] estimated until the goal is achieved
-    parent: IntArray
-    action: IntArray
-    depth: IntArray
-    passed: NDArray[np.bool_]
-    key: Array
-    item: IntArray
-    closed: NDArray[np.int64]
-    count: NDArray[np.int64]
-    scratch: IntArray
-    curve: Array
-
-
-def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
-    """Room for a search of that many expansions."""
-    n = expansions * notches * notches + 2
-    slots = 1 << (4 * expansions + 16).bit_length()
-    ints = (np.zeros(n, np.int32) for _ in range(4))
-    return Memory(
-        np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
-        next(ints), next(ints), next(ints), np.zeros(n, np.bool_), np.zeros(n), next(ints),
-        np.full(slots, -1, np.int64), np.zeros(8, np.int64), np.zeros(vertices + 1, np.int32),
-        np.zeros((BEZIER_SAMPLES + 1, 2)),
-    )  # fmt: skip
-
-
-def make_cell_sights(field: Field) -> CellSights:
-    """An empty store for the cells of a map."""
-    rows, columns = field.value.shape
-    n = rows * columns
-    return CellSights(
-        np.full(n, -1, np.int32), np.zeros(n, np.int32), np.zeros((n, 3)), np.zeros(16 * n, np.int32),
-        np.array([rows, columns], np.int32), np.zeros(1, np.int32),
-    )  # fmt: skip
 
 
 @inlined
@@ -182,9 +71,7 @@ def cost_at(
 
 
 @inlined
-def _bezier_cost(
-    x: float, y: float, heading: float, limit: float, s: Settings, world: World, memory: Memory
-) -> float:
+def _bezier_cost(x: float, y: float, heading: float, limit: float, s: Settings, world: World, memory: Memory) -> float:
     """Time [s] of the Bezier curve to the goal when it is free and below `limit`, else FAR."""
     straight = length_of(s.goal_x - x, s.goal_y - y)
     if straight / s.v_f + BEZIER_GAIN >= limit or straight < 1e-3:
@@ -278,9 +165,7 @@ def start_search(
     memory.g[0], memory.left[0] = 0.0, left
     memory.parent[0], memory.action[0], memory.depth[0], memory.passed[0] = -1, -1, 0, False
     reached = s.by_job and in_reach(pose[0], pose[1], pose[2], twist[0], twist[1], world.job)
-    memory.h[0], memory.t_goal[0] = _judge(
-        pose[0], pose[1], pose[2], reached, False, s, world, cells, memory
-    )
+    memory.h[0], memory.t_goal[0] = _judge(pose[0], pose[1], pose[2], reached, False, s, world, cells, memory)
     memory.count[NODES] = 1
     memory.count[QUEUE] = heap_push(memory.key, memory.item, 0, memory.h[0], 0)
     memory.count[BEST] = -1
@@ -424,37 +309,3 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
                 w_before = w_end
                 action = (i + half) * s.notches + j + half
                 _child(node, v_end, w_end, action, allowed, root_reached, s, world, cells, memory)
-
-
-@kernel
-def best_braking(
-    pose: Array, twist: Array, w_max: float, a_max: float, b_max: float, notches: int, field: Field,
-    body: Body,
-) -> tuple[float, float]:  # fmt: skip
-    """Yaw acceleration [rad/s^2] that, with full braking, keeps most clearance on the way to rest, and that [m].
-
-    Braking the rotation too is preferred unless another choice is at least 5 mm better.
-    """
-    half = notches // 2
-    stop = -math.copysign(b_max, twist[1]) if twist[1] != 0.0 else 0.0
-    best_b, best = stop, -math.inf
-    for j in range(-1, notches):
-        b = stop if j < 0 else b_max * (j - half) / half
-        x, y, heading = pose[0], pose[1], pose[2]
-        v, w = twist[0], twist[1]
-        least = math.inf
-        for _ in range(3):
-            v_end = math.copysign(max(0.0, abs(v) - a_max * 0.1), v)
-            w_end = w + b * 0.1
-            if j < 0:
-                w_end = math.copysign(max(0.0, abs(w) - b_max * 0.1), w)
-            w_end = min(w_max, max(-w_max, w_end))
-            x += 0.05 * (v + v_end) * math.cos(heading + 0.025 * (w + w_end))
-            y += 0.05 * (v + v_end) * math.sin(heading + 0.025 * (w + w_end))
-            heading += 0.05 * (w + w_end)
-            v, w = v_end, w_end
-            least = min(least, clearance(x, y, heading, 1.0, field, body))
-        least = min(least, stopping_clearance(x, y, heading, v, w, a_max, b_max, -1.0, field, body))
-        if least > best + (0.005 if j >= 0 else 0.0):
-            best_b, best = b, least
-    return best_b, best

@@ -56,14 +56,16 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     goal_has_heading: bool
     reason: str  # one sentence: why this goal
     next_goal: Array | None  # pose or point of the next target used for C_iN, shape (3,) or (2,)
-    next_goals: Array | None = None  # best poses of the next target, `next_goal` first; heading nan: free, shape (k, 3)
+    next_goals: Array | None = None  # best poses of the next target, cheapest first; nan: free, (k, 3)
 
 
 class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What the base does in this period, and the plan behind it."""
 
     acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
-    status: str  # "goal" (a node satisfied the termination) | "aborted" (best heuristic) | "braking" (queue dry) | "idle"
+    status: (
+        str  # "goal" (a node satisfied the termination) | "aborted" (best heuristic) | "braking" (queue dry) | "idle"
+    )
     reason: str  # one sentence whenever the robot brakes, waits or idles; else ""
     global_path: Array  # robot to goal, shape (m, 2)
     next_path: Array  # goal to next target, shape (k, 2)

@@ -1,11 +1,9 @@
 """A light harness: unicycle with limits, known furniture, and an arm that only needs time in reach."""
 
 import dataclasses
-import json
 import math
 import sys
 import time as wall
-from pathlib import Path
 
 import numpy as np
 import shapely
@@ -54,7 +52,9 @@ def polygons(*, boxes: bool = False) -> tuple[np.ndarray, ...]:
 
 
 def world_of(
-    shapes: tuple[np.ndarray, ...], bounds: tuple[float, float, float, float] = (-2.5, -3.6, 7.4, 4.4), cell: float = 0.05
+    shapes: tuple[np.ndarray, ...],
+    bounds: tuple[float, float, float, float] = (-2.5, -3.6, 7.4, 4.4),
+    cell: float = 0.05,
 ) -> WorldMap:
     """A map with exact distances to the polygons."""
     nx, ny = round((bounds[2] - bounds[0]) / cell), round((bounds[3] - bounds[1]) / cell)
@@ -111,7 +111,9 @@ def step_unicycle(pose: np.ndarray, twist: np.ndarray, acceleration: np.ndarray,
     return np.array([x, y, h]), np.array([v, w])
 
 
-def tasks_of(slots: list[str], *, first_drop: str = "1", shift: np.ndarray | None = None) -> list[tuple[str, str, tuple]]:
+def tasks_of(
+    slots: list[str], *, first_drop: str = "1", shift: np.ndarray | None = None
+) -> list[tuple[str, str, tuple]]:
     """Pick and place in turn: (kind, name, position)."""
     order = ("1", "2") if first_drop == "1" else ("2", "1")
     tasks = []
@@ -261,7 +263,9 @@ if __name__ == "__main__":
         summary(found)
     elif mode == "trace":
         trial = int(options.get("trial", 1))
-        r = run(tasks_of(TRIALS[trial].split()), boxes="boxes" in options, trace=True, limit=float(options.get("t", 20)))
+        r = run(
+            tasks_of(TRIALS[trial].split()), boxes="boxes" in options, trace=True, limit=float(options.get("t", 20))
+        )
         report("trace", r)
     else:
         experiment(

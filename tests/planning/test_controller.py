@@ -6,13 +6,14 @@ import math
 import numpy as np
 import pytest
 import shapely
-from idealised import TRIALS, polygons, rectangle, run, step_unicycle, tasks_of, world_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from idealised import TRIALS, polygons, rectangle, run, step_unicycle, tasks_of, world_of
 
 from motm_twin.model.profile import BaseLimits, Footprint, RobotProfile
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.collision import body_of, clearance, field_of, stopping_clearance
+from motm_twin.planning.braking import stopping_clearance
+from motm_twin.planning.collision import body_of, clearance, field_of
 from motm_twin.planning.parameters import PlanningParameters, StaaParameters, paper_literal, unmodified_staa
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
@@ -24,7 +25,13 @@ BUDGET = SearchBudget(expansions=300)
 
 
 def ask(
-    world: WorldMap, pose: np.ndarray, twist: np.ndarray, now: Target | None, after: Target | None = None, *, engaged: bool = False
+    world: WorldMap,
+    pose: np.ndarray,
+    twist: np.ndarray,
+    now: Target | None,
+    after: Target | None = None,
+    *,
+    engaged: bool = False,
 ) -> BaseProblem:
     """One period's question."""
     return BaseProblem(time=0.0, world=world, pose=pose, twist=twist, target=now, next_target=after, engaged=engaged)
@@ -41,7 +48,13 @@ def drive_to(x: float, y: float, heading: float | None = None) -> Target:
 
 
 def go(
-    world: WorldMap, pose: tuple, target: Target, *, seconds: float, twist: tuple = (0.0, 0.0), planner: BasePlanner | None = None
+    world: WorldMap,
+    pose: tuple,
+    target: Target,
+    *,
+    seconds: float,
+    twist: tuple = (0.0, 0.0),
+    planner: BasePlanner | None = None,
 ) -> tuple[np.ndarray, list[BasePlan], float]:
     """Drive for a while: last pose, plans, least clearance (exact)."""
     planner = planner or BasePlanner(RobotProfile())
@@ -101,7 +114,11 @@ def test_from_standstill_the_robot_starts() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.floats(-1.0, 6.4), st.floats(-2.5, 3.4), st.floats(-math.pi, math.pi), st.floats(-0.25, 0.5), st.floats(-1.74, 1.74)
+    st.floats(-1.0, 6.4),
+    st.floats(-2.5, 3.4),
+    st.floats(-math.pi, math.pi),
+    st.floats(-0.25, 0.5),
+    st.floats(-1.74, 1.74),
 )
 def test_accelerations_never_lead_over_a_limit(x: float, y: float, heading: float, v: float, w: float) -> None:
     limits = BaseLimits()
@@ -183,7 +200,9 @@ def test_an_engaged_base_keeps_the_object_in_reach_until_the_job_is_done() -> No
     speeds = []
     while left > 1e-9:
         target = pick(3.65, 1.47, dwell=left)
-        problem = ask(WORLD, pose, twist, target, Target(kind="place", name="bin", position=np.array([4.25, -1.29])), engaged=True)
+        problem = ask(
+            WORLD, pose, twist, target, Target(kind="place", name="bin", position=np.array([4.25, -1.29])), engaged=True
+        )
         _, plan = planner.plan(problem, BUDGET)
         pose, twist = step_unicycle(pose, twist, plan.acceleration, PERIOD)
         assert model.contains(pose, twist, target)
@@ -230,7 +249,9 @@ def test_k_shrinks_towards_the_goal_and_stays_one_without_the_modification() -> 
 
 
 @pytest.mark.parametrize("parameters", [unmodified_staa(), paper_literal()])
-def test_unmodified_staa_and_the_literal_paper_are_the_same_code_by_configuration(parameters: PlanningParameters) -> None:
+def test_unmodified_staa_and_the_literal_paper_are_the_same_code_by_configuration(
+    parameters: PlanningParameters,
+) -> None:
     planner = BasePlanner(RobotProfile(), parameters)
     here, plans, least = go(WORLD, (0.0, 0.0, 0.0), drive_to(2.5, -0.5), seconds=15.0, planner=planner)
     assert math.dist(here[:2], (2.5, -0.5)) < 0.2

@@ -66,7 +66,7 @@ def test_shortest_paths_without_rotation_cost_equal_those_of_networkx_and_shapel
         assert np.allclose(path[-1], goal)
 
 
-def brute_force(graph, start: np.ndarray, goal: np.ndarray, limit: int = 5) -> float:  # noqa: ANN001
+def brute_force(graph, start: np.ndarray, goal: np.ndarray, limit: int = 5) -> float:
     """Cheapest PathRTR over all vertex sequences of up to `limit` visible corners."""
     rings = [graph.walls.point[a:b] for a, b in itertools.pairwise(graph.walls.start)]
     inner = shapely.union_all([shapely.Polygon(ring) for ring in rings])

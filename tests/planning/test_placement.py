@@ -1,5 +1,6 @@
 """Base placement: the rule of the paper on hand-worked cases, rejections, fallbacks, memory."""
 
+import itertools
 import math
 
 import numpy as np
@@ -21,7 +22,9 @@ def target(kind: str, x: float, y: float, name: str = "it", **more: float) -> Ta
     return Target(kind=kind, name=name, position=np.array([x, y]), **more)
 
 
-def problem(world: WorldMap, now: Target | None, after: Target | None = None, pose: tuple = (0.0, 0.0, 0.0)) -> BaseProblem:
+def problem(
+    world: WorldMap, now: Target | None, after: Target | None = None, pose: tuple = (0.0, 0.0, 0.0)
+) -> BaseProblem:
     """A robot at rest."""
     return BaseProblem(
         time=0.0, world=world, pose=np.array(pose), twist=np.zeros(2), target=now, next_target=after, engaged=False
@@ -185,7 +188,7 @@ def test_a_choice_is_kept_until_another_is_clearly_cheaper() -> None:
         for i in range(40):
             pose = (-2.5, 0.08 * (-1) ** i, 0.0)
             goals.append(strategy.place(problem(world, target("pick", 0.0, 0.0), pose=pose)).goal)
-        return sum(bool(np.abs(a - b).sum() > 1e-6) for a, b in zip(goals, goals[1:], strict=False))
+        return sum(bool(np.abs(a - b).sum() > 1e-6) for a, b in itertools.pairwise(goals))
 
     assert switches(0.0) > 10
     assert switches(0.3) <= 1
@@ -207,7 +210,9 @@ def test_restored_memory_gives_the_same_choice_and_hash() -> None:
 def test_reach_can_be_set_for_another_arm() -> None:
     world = world_of((), (-4, -4, 4, 4))
     short = PlanningParameters(reach=ReachParameters(r_max_pick=0.60))
-    placement = NextTargetPlacement(RobotProfile(), short).place(problem(world, target("pick", 0.0, 0.0), pose=(-2, 0, 0)))
+    placement = NextTargetPlacement(RobotProfile(), short).place(
+        problem(world, target("pick", 0.0, 0.0), pose=(-2, 0, 0))
+    )
     assert placement.mode == "reach"
     with pytest.raises(ValueError, match="ring radii"):
         PlacementParameters(radius_min=0.9)

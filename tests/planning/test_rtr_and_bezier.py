@@ -52,7 +52,9 @@ def test_turn_is_the_smallest_angle_between_directions(a: float, b: float) -> No
 
 
 @given(angles, angles, st.floats(-3.0, 3.0), st.floats(0.1, 3.0))
-def test_a_path_costs_the_same_in_the_other_direction_with_turned_headings(a: float, b: float, x: float, y: float) -> None:
+def test_a_path_costs_the_same_in_the_other_direction_with_turned_headings(
+    a: float, b: float, x: float, y: float
+) -> None:
     path = np.array([[0.0, 0.0], [0.5, y], [x + 4.0, y]])
     there = path_rtr(path, a, b, **LIMITS)
     back = path_rtr(path[::-1].copy(), b + math.pi, a + math.pi, **LIMITS)

@@ -1,0 +1,63 @@
+"""Coming to rest without a collision: how much clearance braking leaves, and how to steer while braking."""
+
+import math
+
+from motm_twin.model.geometry import Array
+from motm_twin.planning.collision import Body, Field, clearance
+from motm_twin.planning.kernel import kernel
+
+
+@kernel
+def stopping_clearance(
+    x: float, y: float, heading: float, v: float, w: float, a_max: float, b_max: float, wanted: float,
+    field: Field, body: Body,
+) -> float:  # fmt: skip
+    """Least clearance [m] while braking with full deceleration from speed v and yaw rate w; stops below `wanted`."""
+    dt = 0.1
+    least = clearance(x, y, heading, 1.0, field, body)
+    if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= wanted:
+        return wanted
+    while (v != 0.0 or w != 0.0) and least >= wanted:
+        v_end = max(0.0, abs(v) - a_max * dt) * (1.0 if v > 0.0 else -1.0)
+        w_end = max(0.0, abs(w) - b_max * dt) * (1.0 if w > 0.0 else -1.0)
+        ahead = heading + 0.25 * (w + w_end) * dt
+        x += 0.5 * (v + v_end) * dt * math.cos(ahead)
+        y += 0.5 * (v + v_end) * dt * math.sin(ahead)
+        heading += 0.5 * (w + w_end) * dt
+        v, w = v_end, w_end
+        least = min(least, clearance(x, y, heading, 1.0, field, body))
+    return least
+
+
+@kernel
+def best_braking(
+    pose: Array, twist: Array, w_max: float, a_max: float, b_max: float, notches: int, field: Field,
+    body: Body,
+) -> tuple[float, float]:  # fmt: skip
+    """Yaw acceleration [rad/s^2] that, with full braking, keeps most clearance on the way to rest, and that [m].
+
+    Braking the rotation too is preferred unless another choice is at least 5 mm better.
+    """
+    half = notches // 2
+    stop = -math.copysign(b_max, twist[1]) if twist[1] != 0.0 else 0.0
+    best_b, best = stop, -math.inf
+    for j in range(-1, notches):
+        b = stop if j < 0 else b_max * (j - half) / half
+        x, y, heading = pose[0], pose[1], pose[2]
+        v, w = twist[0], twist[1]
+        least = math.inf
+        for _ in range(3):
+            v_end = math.copysign(max(0.0, abs(v) - a_max * 0.1), v)
+            w_end = w + b * 0.1
+            if j < 0:
+                w_end = math.copysign(max(0.0, abs(w) - b_max * 0.1), w)
+            w_end = min(w_max, max(-w_max, w_end))
+            x += 0.05 * (v + v_end) * math.cos(heading + 0.025 * (w + w_end))
+            y += 0.05 * (v + v_end) * math.sin(heading + 0.025 * (w + w_end))
+            heading += 0.05 * (w + w_end)
+            v, w = v_end, w_end
+            least = min(least, clearance(x, y, heading, 1.0, field, body))
+        least = min(least, stopping_clearance(x, y, heading, v, w, a_max, b_max, -1.0, field, body))
+        if least > best + (0.005 if j >= 0 else 0.0):
+            best_b, best = b, least
+    return best_b, best
