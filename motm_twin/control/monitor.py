@@ -18,6 +18,9 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 
+_MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
+
+
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     """When the monitor acts."""
 
@@ -67,8 +70,10 @@ class Monitor(Stateful[MonitorState]):
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
         twist, reason = self._scan_age(actuation.twist, observation.time, scan_stamp)
         twist = self._within_limits(twist, dt)
-        if self._hits(twist, observation):
-            twist, reason = self._brake(dt), "braking: the lidar sees something within the stopping distance"
+        free, turning = self._free_stop(twist, observation)
+        if not free:
+            stop = np.array([0.0, twist[1] if turning else 0.0])
+            twist, reason = self._within_limits(stop, dt), "braking: the lidar sees something within the stopping way"
         rates = np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)
         return self._let_through(twist, rates, actuation.gripper, reason)
 
@@ -100,26 +105,27 @@ class Monitor(Stateful[MonitorState]):
     def _brake(self, dt: float) -> Array:
         return self._within_limits(np.zeros(2), dt)
 
-    def _hits(self, twist: Array, observation: Observation) -> bool:
+    def _free_stop(self, twist: Array, observation: Observation) -> tuple[bool, bool]:
+        """Whether some stop from a twist is free, and whether the better one holds the yaw rate to the end.
+
+        A base that turns away from something may have to keep turning while it brakes.
+        """
         scan, base, body = observation.scan, self.profile.base, self.profile.footprint
-        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):
-            return False
-        count = points_in_stop(
-            scan.ranges,
-            scan.angle_min,
-            scan.angle_step,
-            scan.origin,
-            twist[0],
-            twist[1],
-            base.linear_acceleration,
-            base.yaw_acceleration,
-            base.velocity_lag,
-            0.5 * body.length,
-            0.5 * body.width,
-            body.offset_x,
-            self.parameters.stop_margin,
-        )
-        return count >= self.parameters.minimum_points
+        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):  # noqa: PLR2004 - standing
+            return True, False
+        rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
+        v, w = float(twist[0]), float(twist[1])
+        travel = abs(v) * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
+        reach = travel + float(np.hypot(rectangle[0] + abs(body.offset_x), rectangle[1])) + _MARGIN_OF_REACH
+        points = near_points(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach)
+        counts = [
+            points_in_stop(
+                points, v, w, base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, held, rectangle,
+                self.parameters.stop_margin,
+            )
+            for held in (False, True)
+        ]  # fmt: skip
+        return min(counts) < self.parameters.minimum_points, counts[1] < counts[0]
 
 
 def _healthy(observation: Observation) -> bool:
@@ -128,26 +134,42 @@ def _healthy(observation: Observation) -> bool:
 
 
 @njit(cache=True)
-def points_in_stop(
-    ranges: Array,
-    angle_min: float,
-    angle_step: float,
-    origin: Array,
+def near_points(ranges: Array, angle_min: float, angle_step: float, origin: Array, reach: float) -> Array:
+    """Scan points within `reach` [m] of the base's centre, base frame, shape (m, 2)."""
+    points = np.empty((ranges.shape[0], 2))
+    count = 0
+    for i in range(ranges.shape[0]):
+        if not ranges[i] < math.inf:
+            continue
+        angle = angle_min + i * angle_step
+        x = origin[0] + ranges[i] * math.cos(angle)
+        y = origin[1] + ranges[i] * math.sin(angle)
+        if x * x + y * y < reach * reach:
+            points[count, 0] = x
+            points[count, 1] = y
+            count += 1
+    return points[:count]
+
+
+@njit(cache=True)
+def points_in_stop(  # noqa: PLR0913, PLR0917 - a kernel takes plain numbers
+    points: Array,
     v: float,
     w: float,
     a: float,
     b: float,
     lag: float,
-    half_length: float,
-    half_width: float,
-    offset: float,
+    hold_yaw_rate: bool,
+    rectangle: Array,
     margin: float,
 ) -> int:
-    """Most scan points that enter the footprint while the base stops from (v, w) and are not inside it already.
+    """Most points that are within the footprint at once while the base stops from (v, w), and are not so already.
 
-    The stop: constant twist for the lag, then deceleration at a [m/s^2] and b [rad/s^2].
+    The stop: constant twist for the lag, then deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the
+    turn goes on until the base has come to rest. `rectangle`: half length, half width, offset of the footprint [m].
     """
     dt = 0.05
+    half_length, half_width, offset = rectangle[0] + margin, rectangle[1] + margin, rectangle[2]
     worst = 0
     x = 0.0
     y = 0.0
@@ -156,8 +178,9 @@ def points_in_stop(
     while True:
         if time >= lag:
             v = math.copysign(max(abs(v) - a * dt, 0.0), v)
-            w = math.copysign(max(abs(w) - b * dt, 0.0), w)
-        if v == 0.0 and w == 0.0:
+            if not hold_yaw_rate or v == 0.0:
+                w = math.copysign(max(abs(w) - b * dt, 0.0), w)
+        if v == 0.0 and (w == 0.0 or hold_yaw_rate):
             return worst
         heading += w * dt
         x += v * dt * math.cos(heading)
@@ -166,17 +189,13 @@ def points_in_stop(
         c = math.cos(heading)
         s = math.sin(heading)
         count = 0
-        for i in range(ranges.shape[0]):
-            r = ranges[i]
-            if not r < 3.0:
-                continue
-            angle = angle_min + i * angle_step
-            px = origin[0] + r * math.cos(angle)
-            py = origin[1] + r * math.sin(angle)
-            if abs(px - offset) <= half_length + margin and abs(py) <= half_width + margin:
+        for i in range(points.shape[0]):
+            px = points[i, 0]
+            py = points[i, 1]
+            if abs(px - offset) <= half_length and abs(py) <= half_width:
                 continue
             dx = px - x
             dy = py - y
-            if abs(c * dx + s * dy - offset) <= half_length + margin and abs(c * dy - s * dx) <= half_width + margin:
+            if abs(c * dx + s * dy - offset) <= half_length and abs(c * dy - s * dx) <= half_width:
                 count += 1
         worst = max(worst, count)
