@@ -16,6 +16,7 @@ from motm_twin.model.scene import Scene
 from motm_twin.perception.world_map import WorldMap
 
 GRID_INTERVAL = 0.25  # [s] the grid is sent on change, at most four times a second
+GRID_REFRESH = 2.0  # [s] unchanged, it is sent again this often, for subscribers that came late
 
 
 class Publisher:
@@ -42,10 +43,11 @@ class Publisher:
         self._sent_at = 0.0
 
     def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
-        """Send a period, and the grid when it changed and the last one is old enough."""
+        """Send a period, and the grid when it changed (and the last one is old enough) or was not sent for long."""
         self._put(self._keys.tick, self._encode(message))
-        new_run = message.run != self._sent_run
-        if (last or new_run or time.monotonic() - self._sent_at >= GRID_INTERVAL) and self._changed(tick.map, new_run):
+        new_run, age = message.run != self._sent_run, time.monotonic() - self._sent_at
+        due = age >= GRID_REFRESH or ((last or new_run or age >= GRID_INTERVAL) and self._changed(tick.map, new_run))
+        if due:
             self._sent_map, self._sent_run, self._sent_at = tick.map, message.run, time.monotonic()
             self._put(self._keys.grid, grid_bytes(tick.map), self._encode(grid_info(tick.map, message.run)))
 

@@ -1,0 +1,157 @@
+"""`motm-twin serve` as a user starts it: the real twin, a plain Zenoh subscriber, ports, signals, deaths."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import zenoh
+from waiting import until
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import AddObstacle, MoveBody, Pause, Speed
+from motm_twin.bus.running import all_running
+from motm_twin.bus.session import free_port
+
+READY = 240.0  # [s] the first start compiles, on a machine that may be busy
+
+
+@contextmanager
+def serving(*options, zenoh_port=None):
+    zenoh_port = zenoh_port or free_port()
+    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--zenoh-port", str(zenoh_port), *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        try:
+            yield process, zenoh_port
+        finally:
+            process.terminate()
+
+
+def children(process):
+    return [int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.timeout(600)
+def test_a_plain_zenoh_subscriber_sees_the_robot_drive_and_a_clean_end():
+    with serving("--headless", "--variant", "trial2", "--twin", "mine") as (process, port):
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("connect/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
+        config.insert_json5("connect/timeout_ms", "60000")
+        ticks, grids = [], []
+        with zenoh.open(config) as session:
+            tick_subscriber = session.declare_subscriber(
+                "motm/mine/tick", lambda sample: ticks.append(json.loads(sample.payload.to_string()))
+            )
+            grid_subscriber = session.declare_subscriber(
+                "motm/mine/grid",
+                lambda sample: grids.append((sample.payload.to_bytes(), json.loads(sample.attachment.to_string()))),
+            )
+            until(lambda: len(ticks) > 40, "no ticks", READY)
+            until(lambda: grids, "no grid", READY)
+            tick_subscriber.undeclare()
+            grid_subscriber.undeclare()
+            (scene,) = [json.loads(reply.ok.payload.to_string()) for reply in session.get("motm/mine/scene")]
+        assert [tick["version"] for tick in ticks[:2]] == ["motm.tick/1"] * 2
+        times = [tick["time"] for tick in ticks]
+        assert all(after - before == pytest.approx(0.05) for before, after in zip(times[:-1], times[1:], strict=True))
+        assert ticks[-1]["robot"]["pose"][:2] != ticks[0]["robot"]["pose"][:2]
+        assert len(ticks[-1]["robot"]["q"]) == 7
+        assert len(ticks[-1]["arm"]) >= 5
+        assert {cost is None for cost in ticks[-1]["placement"]["cost"]} <= {True, False}
+        payload, info = grids[-1]
+        assert len(payload) == info["width"] * info["height"]
+        assert (scene["name"], scene["variant"]) == ("exp1", "trial2")
+        assert any(item.pid == process.pid and item.twin == "mine" for item in all_running())
+
+        pids = children(process)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(2.5) == 0
+        assert not any(alive(pid) for pid in pids)
+        assert not any(item.pid == process.pid for item in all_running())
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", port))
+
+
+@pytest.mark.timeout(600)
+def test_edits_through_zenoh_reach_the_real_world_in_the_next_period():
+    with serving("--headless") as (_, port), TwinClient(f"tcp/127.0.0.1:{port}") as client:
+        until(client.tick, "no tick", READY)
+        assert client.command(Speed(factor=0.5)).ok
+        added = client.command(AddObstacle(name="crate", x=2.0, y=-0.6, size=(0.3, 0.3, 0.5)))
+        assert added.ok
+        seen = until(lambda: (tick := client.tick()).obstacles and tick, "the obstacle never came")
+        assert seen.obstacles[0].name == "crate"
+        assert client.command(MoveBody(name="crate", x=2.2, y=-0.7)).ok
+        until(lambda: client.tick().obstacles[0].position[:2] == [2.2, -0.7], "it never moved")
+        assert "there is no" in client.command(MoveBody(name="nothing", x=0.0, y=0.0)).reason
+        assert client.command(Pause()).ok
+
+
+@pytest.mark.timeout(600)
+def test_a_killed_server_is_started_again_and_its_clients_find_it():
+    with serving("--headless") as (process, port), TwinClient(f"tcp/127.0.0.1:{port}") as client:
+        until(client.tick, "no tick", READY)
+        until(lambda: client.tick().index > 10, "it stands")
+        (server,) = children(process)
+        os.kill(server, signal.SIGKILL)
+        until(lambda: children(process) not in ([], [server]), "no new server")
+        until(lambda: client.alive and client.tick().index < 10, "the new server was not found", READY)
+        until(lambda: client.tick().index > 10, "the new one stands")
+
+
+@pytest.mark.timeout(600)
+def test_no_child_survives_when_serve_itself_is_killed():
+    page = free_port()
+    with serving("--port", str(page)) as (process, _):
+        pids = until(lambda: (found := children(process)) if len(children(process)) == 2 else None, "no children")
+        process.kill()
+        process.wait()
+        until(lambda: not any(alive(pid) for pid in pids), "children are left")
+
+
+@pytest.mark.parametrize("option", ["--port", "--zenoh-port"])
+def test_a_taken_port_is_exit_code_2_with_advice(option):
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        ports = {"--port": str(free_port()), "--zenoh-port": str(free_port()), option: str(holder.getsockname()[1])}
+        command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1"]
+        ended = subprocess.run(
+            [*command, *(word for pair in ports.items() for word in pair)],
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+    assert ended.returncode == 2
+    assert f"port {ports[option]} on 127.0.0.1 is taken" in ended.stdout + ended.stderr
+    assert option in ended.stdout + ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--host", "0.0.0.0"], "--token"),
+        (["--host", "0.0.0.0", "--token", "short"], "too weak"),
+        (["--host", "0.0.0.0", "--token", "a" * 64], "too weak"),
+        (["--twin", "no/slash"], "twin name"),
+        (["--variant", "trial99"], "trial9"),
+    ],
+)
+def test_bad_input_is_exit_code_2_with_a_sentence(options, words):
+    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--zenoh-port", "0", "--port", "0", *options]
+    environment = {name: value for name, value in os.environ.items() if name != "MOTM_TOKEN"}
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    assert ended.returncode == 2
+    assert words in ended.stdout + ended.stderr

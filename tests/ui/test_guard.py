@@ -1,0 +1,124 @@
+"""The door of the page, over real sockets. If a newer Viser slips past the guard, these fail."""
+
+import asyncio
+import http.client
+
+import pytest
+import websockets
+from websockets.asyncio.client import connect
+
+from motm_twin.bus.session import PortTaken, free_port
+from motm_twin.ui.guard import check_token, open_page, page_url
+
+TOKEN = "0123456789abcdef0123456789abcdef"
+
+
+@pytest.fixture
+def local():
+    server = open_page("127.0.0.1", 0)
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def secret():
+    server = open_page("127.0.0.1", 0, TOKEN)
+    yield server
+    server.stop()
+
+
+def get(server, path="/", **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+    response = connection.getresponse()
+    response.read()
+    connection.close()
+    return response
+
+
+def websocket_opens(server, origin=None, cookie=None):
+    async def attempt():
+        headers = {} if cookie is None else {"Cookie": cookie}
+        address = f"ws://127.0.0.1:{server.get_port()}"
+        async with connect(address, origin=origin, additional_headers=headers, subprotocols=["viser-v1.1.1"]):
+            return True
+
+    try:
+        return asyncio.run(attempt())
+    except websockets.exceptions.InvalidStatus:
+        return False
+
+
+def test_the_page_is_served_on_loopback_under_its_own_names(local):
+    port = local.get_port()
+    assert get(local).status == 200
+    assert get(local, Host=f"localhost:{port}").status == 200
+    assert get(local, Host="localhost:9000").status == 200  # through a forwarded port
+    assert get(local, "/healthz").status == 200
+
+
+def test_a_name_that_somebody_pointed_at_this_machine_is_refused(local):
+    assert get(local, Host="evil.example").status == 403
+    assert get(local, Host="localhost.evil.example").status == 403
+
+
+def test_another_web_page_can_not_open_the_websocket(local):
+    port = local.get_port()
+    assert websocket_opens(local, origin=f"http://127.0.0.1:{port}")
+    assert not websocket_opens(local, origin="http://evil.example")
+    assert not websocket_opens(local, origin=f"http://127.0.0.1:{port + 1}")
+    assert not websocket_opens(local, origin="null")
+
+
+def test_nothing_is_served_without_the_token(secret):
+    port = secret.get_port()
+    assert get(secret).status == 401
+    assert get(secret, "/?token=wrong").status == 401
+    assert get(secret, Cookie="motm_token=wrong").status == 401
+    assert not websocket_opens(secret, origin=f"http://127.0.0.1:{port}")
+    assert not websocket_opens(secret, origin=f"http://127.0.0.1:{port}", cookie="motm_token=wrong")
+    assert get(secret, "/healthz").status == 200
+
+
+def test_the_token_in_the_address_becomes_a_cookie_that_opens_page_and_websocket(secret):
+    port = secret.get_port()
+    answer = get(secret, f"/?token={TOKEN}")
+    assert (answer.status, answer.getheader("Location")) == (303, "/")
+    cookie = answer.getheader("Set-Cookie")
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    pair = cookie.split(";")[0]
+    assert get(secret, Cookie=pair).status == 200
+    assert websocket_opens(secret, origin=f"http://127.0.0.1:{port}", cookie=pair)
+    assert not websocket_opens(secret, origin="http://evil.example", cookie=pair)
+
+
+def test_the_public_tunnel_is_switched_off(local):
+    assert local.request_share_url() is None
+
+
+def test_a_taken_port_is_an_error_and_never_the_next_one(local):
+    with pytest.raises(PortTaken, match=str(local.get_port())):
+        open_page("127.0.0.1", local.get_port())
+
+
+def test_a_given_port_is_the_port():
+    port = free_port()
+    server = open_page("127.0.0.1", port)
+    assert server.get_port() == port
+    server.stop()
+
+
+@pytest.mark.parametrize(
+    ("host", "token"),
+    [("0.0.0.0", None), ("192.168.1.5", None), ("0.0.0.0", "short"), ("127.0.0.1", "short"), ("0.0.0.0", "a" * 40),
+     ("0.0.0.0", "0123456789abcdef;123456789abcdef"), ("0.0.0.0", "0123456789ábcdef0123456789abcdef")],
+)  # fmt: skip
+def test_an_open_page_needs_a_strong_token(host, token):
+    with pytest.raises(ValueError, match="token"):
+        check_token(host, token)
+
+
+def test_the_printed_address_carries_the_token():
+    assert page_url("0.0.0.0", 8080, TOKEN) == f"http://127.0.0.1:8080/?token={TOKEN}"
+    assert page_url("127.0.0.1", 8080, None) == "http://127.0.0.1:8080/"
