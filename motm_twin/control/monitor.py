@@ -17,7 +17,6 @@ from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
-
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
 
 
@@ -111,7 +110,7 @@ class Monitor(Stateful[MonitorState]):
         A base that turns away from something may have to keep turning while it brakes.
         """
         scan, base, body = observation.scan, self.profile.base, self.profile.footprint
-        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):  # noqa: PLR2004 - standing
+        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):
             return True, False
         rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
         v, w = float(twist[0]), float(twist[1])
@@ -152,7 +151,7 @@ def near_points(ranges: Array, angle_min: float, angle_step: float, origin: Arra
 
 
 @njit(cache=True)
-def points_in_stop(  # noqa: PLR0913, PLR0917 - a kernel takes plain numbers
+def points_in_stop(
     points: Array,
     v: float,
     w: float,

@@ -44,7 +44,7 @@ class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
 class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """All candidates of a period with their costs, and the choice."""
 
-    mode: str  # "ring" | "reach" (free pose, any heading, arm reaches) | "closest" (closest free place) | "drive" | "none"
+    mode: str  # "ring" | "reach" (free pose, any heading, arm reaches) | "closest" (free place) | "drive" | "none"
     radius: float  # [m] of the ring; 0 when there is none
     poses: Array  # candidate base poses, shape (n, 3)
     cost_current: Array  # C_iC [s], inf when rejected, shape (n,)
@@ -63,9 +63,7 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What the base does in this period, and the plan behind it."""
 
     acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
-    status: (
-        str  # "goal" (a node satisfied the termination) | "aborted" (best heuristic) | "braking" (queue dry) | "idle"
-    )
+    status: str  # "goal" (a node satisfied the termination) | "aborted" (best node) | "braking" (queue dry) | "idle"
     reason: str  # one sentence whenever the robot brakes, waits or idles; else ""
     global_path: Array  # robot to goal, shape (m, 2)
     next_path: Array  # goal to next target, shape (k, 2)
@@ -83,13 +81,17 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class PlacementStrategy(Protocol):
     """Chooses where the base should stand for the target."""
 
-    def place(self, problem: BaseProblem) -> Placement: ...
+    def place(self, problem: BaseProblem) -> Placement:
+        """The candidates for this period's target, with their costs, and the choice."""
+        ...
 
 
 class BaseController(Protocol):
     """Chooses how the base accelerates in this period."""
 
-    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan: ...
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """This period's acceleration on the way to the chosen place, and the plan behind it."""
+        ...
 
 
 def empty_path() -> Array:
