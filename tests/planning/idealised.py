@@ -176,7 +176,8 @@ def run(
         before = (index, placement.goal)
         if trace:
             print(
-                f"{now:6.2f} {name:7s} {placement.mode:5s} {pose.round(2)} {twist.round(2)} goal {placement.goal.round(2)}"
+                f"{now:6.2f} {name:7s} {placement.mode:5s} {pose.round(2)} {twist.round(2)}"
+                f" goal {placement.goal.round(2)}"
                 f" {plan.status:8s} n={plan.expansions} a={plan.acceleration.round(2)} hold={hold:.2f}"
                 f" range={plan.time_to_range:.2f} th={plan.t_h:.2f} {plan.reason}"
             )
@@ -218,7 +219,8 @@ def report(name: str, r: Result) -> None:
     print(
         f"{name:12s} {'ok ' if r.finished else 'NOT'} {r.time:6.2f} s  clear {r.clearance:.3f}  contacts {r.contacts}"
         f"  turn {r.turning:5.1f}  L {r.length:5.1f}  sw {r.switches:3d}  close {r.closing_speed:.2f}"
-        f"  exp {ex.mean():5.0f}  ms {np.median(ms):5.2f}/{np.percentile(ms, 99):5.2f}  dry {r.dry} lost {r.lost} {sorted(r.modes)}",
+        f"  exp {ex.mean():5.0f}  ms {np.median(ms):5.2f}/{np.percentile(ms, 99):5.2f}"
+        f"  dry {r.dry} lost {r.lost} {sorted(r.modes)}",
         flush=True,
     )
 
@@ -241,7 +243,8 @@ def summary(results: list[Result]) -> None:
     print(
         f"MEAN {np.mean([r.time for r in results]):.2f} s, finished {sum(r.finished for r in results)}/{len(results)},"
         f" contacts {sum(r.contacts for r in results)}, clearance {min(r.clearance for r in results):.3f},"
-        f" turning {np.mean([r.turning for r in results]):.1f}, closing {np.mean([r.closing_speed for r in results]):.2f},"
+        f" turning {np.mean([r.turning for r in results]):.1f},"
+        f" closing {np.mean([r.closing_speed for r in results]):.2f},"
         f" ms {np.median(np.concatenate([r.milliseconds for r in results])):.2f}"
         f"/{np.percentile(np.concatenate([r.milliseconds for r in results]), 99):.2f}",
         flush=True,
