@@ -11,7 +11,7 @@ from motm_twin.model.assets import glb_bytes
 from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
 from motm_twin.ui.drag import Drag
-from motm_twin.ui.furniture import loose_box_mesh, loose_cylinder_mesh, shadow_glb
+from motm_twin.ui.furniture import glb, loose_box_mesh, loose_cylinder_mesh, shadow_glb
 from motm_twin.ui.rotation import yaw_wxyz
 
 ROOT = "/bodies"
@@ -22,7 +22,7 @@ TEMI_HEIGHT = 0.97  # [m] of the mesh
 
 @dataclass
 class _Drawn:
-    handle: viser.SceneNodeHandle
+    handle: viser.GlbHandle | viser.BoxHandle
     shape: tuple
     shadow: viser.GlbHandle | None = None
     trail: deque = field(default_factory=lambda: deque(maxlen=TRAIL_LENGTH))
@@ -122,7 +122,7 @@ class BodyView:
                 if body.kind == "cylinder"
                 else loose_box_mesh((length, width, height))
             )
-            handle = scene.add_glb(path, mesh.export(file_type="glb"), cast_shadow=False, receive_shadow=False)
+            handle = scene.add_glb(path, glb(mesh), cast_shadow=False, receive_shadow=False)
         shadow = scene.add_glb(
             f"{ROOT}/shadow/{name}", shadow_glb(*body.size[:2]), cast_shadow=False, receive_shadow=False
         )

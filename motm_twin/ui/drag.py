@@ -45,7 +45,7 @@ class Drag:
         with self._lock:
             return self._held.get(name)
 
-    def attach(self, handle: viser.SceneNodeHandle, name: str) -> None:
+    def attach(self, handle: viser.GlbHandle, name: str) -> None:
         """Make a drawn body draggable."""
 
         async def on_drag(event: viser.SceneNodeDragEvent) -> None:

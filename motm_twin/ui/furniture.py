@@ -15,6 +15,7 @@ from motm_twin.model.scene import Bin, Box, Cylinder, Scene, Solid
 from motm_twin.ui.textures import blob, floor, wood
 
 TOP = 0.03  # [m] thickness of a wooden top
+PICTURE = 1.2  # [m] side of a surface picture
 Part = tuple[trimesh.Trimesh, str]
 
 _PLAIN = {
@@ -30,6 +31,13 @@ _PLAIN = {
 }
 
 
+def glb(scene: trimesh.Scene) -> bytes:
+    """A scene as the bytes of a GLB file."""
+    exported = scene.export(file_type="glb")
+    assert isinstance(exported, bytes)
+    return exported
+
+
 def solid_mesh(solid: Solid) -> trimesh.Scene:
     """One piece of furniture in world coordinates."""
     return _assemble(_PARTS.get(solid.style, _plain_parts)(solid))
@@ -37,11 +45,9 @@ def solid_mesh(solid: Solid) -> trimesh.Scene:
 
 def bin_mesh(box: Bin) -> trimesh.Scene:
     """An open box, origin at the world's."""
-    outer = box.side / 2
     floor = _extrude(_rectangle(box.side, box.side, 0.02), box.floor_z, box.floor_z + box.wall)
-    ring = _rectangle(box.side, box.side, 0.02).difference(
-        shapely.box(*(-outer + box.wall,) * 2, *(outer - box.wall,) * 2)
-    )
+    inner = _rectangle(box.side - 2 * box.wall, box.side - 2 * box.wall, 0.0)
+    ring = shapely.Polygon(_rectangle(box.side, box.side, 0.02).exterior, [inner.exterior])
     walls = _extrude(ring, box.floor_z, box.rim_z)
     rim = _extrude(ring.buffer(0.006, join_style="mitre"), box.rim_z - 0.012, box.rim_z)
     parts: list[Part] = [(floor, "bin"), (walls, "bin"), (rim, "white")]
@@ -69,7 +75,7 @@ def shadow_glb(length: float, width: float) -> bytes:
     material = PBRMaterial(baseColorTexture=blob(), alphaMode="BLEND", metallicFactor=0.0, roughnessFactor=1.0)
     visual = TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), material=material)
     mesh = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False)
-    return mesh.export(file_type="glb")
+    return glb(trimesh.Scene(mesh))
 
 
 def floor_glb(scene: Scene) -> bytes:
@@ -87,7 +93,7 @@ def floor_glb(scene: Scene) -> bytes:
         roughnessFactor=1.0,
     )
     visual = TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), material=material)
-    return trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False).export(file_type="glb")
+    return glb(trimesh.Scene(trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False)))
 
 
 def _table_parts(solid: Solid) -> list[Part]:
@@ -190,7 +196,8 @@ def _rectangle(length: float, width: float, rounding: float) -> shapely.Polygon:
 def _extrude(outline: shapely.Polygon, z_min: float, z_max: float) -> trimesh.Trimesh:
     """A vertical prism over an outline, with its holes."""
     outline = shapely.geometry.polygon.orient(outline)
-    caps = [np.array(cap.exterior.coords)[:3] for cap in shapely.constrained_delaunay_triangles(outline).geoms]
+    triangulated = shapely.constrained_delaunay_triangles(outline)
+    caps = shapely.get_coordinates(triangulated).reshape(-1, 4, 2)[:, :3]
     flat = np.array([cap if _turns_left(cap) else cap[::-1] for cap in caps])
     triangles = [_at(flat, z_max), _at(flat[:, ::-1], z_min)]
     for ring in (outline.exterior, *outline.interiors):
@@ -223,19 +230,19 @@ def _assemble(parts: list[Part]) -> trimesh.Scene:
     """Join parts of one material each into a scene."""
     scene = trimesh.Scene()
     for material in dict.fromkeys(name for _, name in parts):
-        mesh = trimesh.util.concatenate([part for part, name in parts if name == material])
-        scene.add_geometry(_textured(mesh, material), node_name=material)
+        corners = np.concatenate([part.triangles for part, name in parts if name == material])
+        scene.add_geometry(_textured(corners, material), node_name=material)
     return scene
 
 
-def _textured(mesh: trimesh.Trimesh, material: str) -> trimesh.Trimesh:
-    flat = trimesh.Trimesh(mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3), process=False)
-    normals = np.repeat(mesh.face_normals, 3, axis=0)
-    axis = np.abs(normals).argmax(axis=1)
-    uv = np.where((axis == 2)[:, None], flat.vertices[:, :2], np.where((axis == 1)[:, None], flat.vertices[:, ::2],
-                                                                      flat.vertices[:, 1:]))  # fmt: skip
-    flat.visual = TextureVisuals(uv=uv / 1.2, material=_material(material))
-    return flat
+def _textured(triangles: np.ndarray, material: str) -> trimesh.Trimesh:
+    """Flat triangles, shape (n, 3, 3), with the picture laid on along the axis that each one faces."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    corners = triangles.reshape(-1, 3)
+    axis = np.repeat(np.abs(normals).argmax(axis=1), 3)[:, None]
+    uv = np.where(axis == 2, corners[:, :2], np.where(axis == 1, corners[:, ::2], corners[:, 1:])) / PICTURE
+    visual = TextureVisuals(uv=uv, material=_material(material))
+    return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), visual=visual, process=False)
 
 
 def _material(name: str) -> PBRMaterial:

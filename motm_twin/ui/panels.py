@@ -11,6 +11,7 @@ from motm_twin.ui import cards, colours
 from motm_twin.ui.camera import PRESETS, Cameras
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
+_NOTHING: tuple[str, ...] = ("",)
 WIDTH = 320  # [px]
 LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails")
 
@@ -111,8 +112,8 @@ class Panels:
 
     def _scene_widgets(self) -> None:
         with self._gui.add_folder("Scene", expand_by_default=False):
-            self._scene = self._gui.add_dropdown("Scene", ("",))
-            self._variant = self._gui.add_dropdown("Variant", ("",))
+            self._scene: viser.GuiDropdownHandle[str] = self._gui.add_dropdown("Scene", _NOTHING)
+            self._variant: viser.GuiDropdownHandle[str] = self._gui.add_dropdown("Variant", _NOTHING)
             self._seed = self._gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
             load = self._gui.add_button("Load", icon=viser.Icon.REFRESH)
         self._scene.on_update(self._async(lambda _: self._offer_variants()))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from motm_twin.bus.messages import PlacementMessage, TickMessage
 from motm_twin.ui import colours
-from motm_twin.ui.rotation import yaws_wxyz
+from motm_twin.ui.rotation import yaw_wxyz, yaws_wxyz
 
 ROOT = "/plan"
 CAPACITY = 72
@@ -83,7 +83,8 @@ class CandidateView:
                 if index is not None and 0 <= index < count:
                     scales[index] *= factor
         handle = self._handle
-        handle.batched_positions, handle.batched_wxyzs = positions, yaws_wxyz(yaws)
+        handle.batched_positions = positions.astype(np.float32)
+        handle.batched_wxyzs = yaws_wxyz(yaws).astype(np.float32)
         handle.batched_scales, handle.batched_colors = scales, tones
         self._show_goal(placement, on)
 
@@ -92,8 +93,8 @@ class CandidateView:
         if self._goal.visible != visible:
             self._goal.visible = visible
         if visible:
-            x, y, heading = placement.goal
-            self._goal.position, self._goal.wxyz = (x, y, 0.02), yaws_wxyz(np.array([heading or 0.0]))[0]
+            x, y, heading = (value or 0.0 for value in placement.goal)
+            self._goal.position, self._goal.wxyz = (x, y, 0.02), yaw_wxyz(heading)
 
 
 class PlanView:
@@ -132,7 +133,11 @@ def _pointed_ball() -> trimesh.Trimesh:
     nose = trimesh.creation.cone(radius=0.02, height=0.058, sections=12)
     nose.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
     nose.apply_translation((0.012, 0.0, 0.0))
-    return trimesh.util.concatenate([ball, nose])
+    return trimesh.Trimesh(
+        np.concatenate([ball.vertices, nose.vertices]),
+        np.concatenate([ball.faces, nose.faces + len(ball.vertices)]),
+        process=False,
+    )
 
 
 def _goal_mark() -> NDArray[np.float32]:

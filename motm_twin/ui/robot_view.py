@@ -63,8 +63,8 @@ class RobotView:
         poses = (
             ghost_poses(np.array(tick.plan.local_poses).reshape(-1, 5)[:, :3]) if self.ghosts_on else np.zeros((0, 3))
         )
-        positions = np.full((len(GHOST_LINKS), GHOSTS, 3), _FAR_BELOW)
-        quaternions = np.zeros((len(GHOST_LINKS), GHOSTS, 4))
+        positions = np.full((len(GHOST_LINKS), GHOSTS, 3), _FAR_BELOW, dtype=np.float32)
+        quaternions = np.zeros((len(GHOST_LINKS), GHOSTS, 4), dtype=np.float32)
         quaternions[..., 0] = 1.0
         for index, pose in enumerate(poses):
             T = self._kinematics.link_transforms(pose, np.array(tick.robot.q), tick.robot.gripper_width)

@@ -3,7 +3,7 @@
 import viser
 
 from motm_twin.model.scene import Scene
-from motm_twin.ui.furniture import bin_mesh, floor_glb, solid_mesh
+from motm_twin.ui.furniture import bin_mesh, floor_glb, glb, solid_mesh
 from motm_twin.ui.rotation import yaw_wxyz
 
 ROOT = "/scene"
@@ -36,9 +36,9 @@ class SceneView:
         add.remove_by_name(ROOT)
         self._add(f"{ROOT}/floor", floor_glb(scene))
         for number, solid in enumerate(scene.solids):
-            self._add(f"{ROOT}/solid/{number}", solid_mesh(solid).export(file_type="glb"))
+            self._add(f"{ROOT}/solid/{number}", glb(solid_mesh(solid)))
         for number, box in enumerate(scene.bins):
-            self._add(f"{ROOT}/bin/{number}", bin_mesh(box).export(file_type="glb"))
+            self._add(f"{ROOT}/bin/{number}", glb(bin_mesh(box)))
             add.add_label(
                 f"{ROOT}/bin/{number}/name", box.name, position=(*box.centre, box.rim_z + 0.12), wxyz=yaw_wxyz(0.0),
                 font_screen_scale=0.8, anchor="bottom-center", depth_test=True,
