@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import inlined, length_of
+from motm_twin.planning.kernel import inlined, kernel, length_of
 from motm_twin.planning.rtr import turn
 from motm_twin.planning.visibility import Graph, push_out, segment_free, tangential, visible_vertices
 
@@ -214,6 +214,18 @@ def cost_outside(
     return best, in_reverse, via, follow
 
 
+@kernel
+def _way_out(
+    px: float, py: float, heading: float, sx: float, sy: float, pushed: float, back: bool, rates: Rates
+) -> tuple[float, float, float, float]:
+    """Pose at the point outside when it is driven to forwards or in reverse, and the time [s] until then."""
+    out = math.atan2(sy - py, sx - px)
+    a_0 = turn(heading, out)
+    if back:
+        return sx, sy, out + math.pi, (math.pi - a_0) * rates.turn + pushed * rates.back
+    return sx, sy, out, a_0 * rates.turn + pushed * rates.front
+
+
 @inlined
 def cost_from(
     px: float, py: float, heading: float, sx: float, sy: float, pushed: float, visible: IntArray, count: int,
@@ -224,15 +236,15 @@ def cost_from(
     From deep inside (a pocket, a gap narrower than the growth) the way leads to that point, forwards or in reverse,
     and on from there in whichever direction is best.
     """
-    if pushed <= BESIDE:
-        return cost_outside(px, py, heading, sx, sy, visible, count, graph, table)[0]
-    out = math.atan2(sy - py, sx - px)
-    a_0 = turn(heading, out)
-    front = a_0 * table.rates.turn + pushed * table.rates.front
-    back = (math.pi - a_0) * table.rates.turn + pushed * table.rates.back
-    front += cost_outside(sx, sy, out, sx, sy, visible, count, graph, table)[0]
-    back += cost_outside(sx, sy, out + math.pi, sx, sy, visible, count, graph, table)[0]
-    return min(front, back)
+    best = FAR
+    for way in range(2):
+        x, y, facing, spent = px, py, heading, 0.0
+        if pushed > BESIDE:
+            x, y, facing, spent = _way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
+        best = min(best, spent + cost_outside(x, y, facing, sx, sy, visible, count, graph, table)[0])
+        if pushed <= BESIDE:
+            break
+    return best
 
 
 class Sights(NamedTuple):
@@ -282,19 +294,21 @@ def trace(px: float, py: float, heading: float, graph: Graph, table: Table) -> t
     sx, sy, pushed = push_out(px, py, graph.outline, graph.solids)
     visible = np.empty(graph.vertex.shape[0], np.int32)
     count = visible_vertices(sx, sy, graph, visible)
-    if pushed > BESIDE:
-        out = math.atan2(sy - py, sx - px)
-        a_0 = turn(heading, out)
-        front = a_0 * table.rates.turn + pushed * table.rates.front
-        back = (math.pi - a_0) * table.rates.turn + pushed * table.rates.back
-        front += cost_outside(sx, sy, out, sx, sy, visible, count, graph, table)[0]
-        back += cost_outside(sx, sy, out + math.pi, sx, sy, visible, count, graph, table)[0]
-        px, py, heading = sx, sy, out if front <= back else out + math.pi
-        path[1, 0], path[1, 1] = px, py
-        size = 2
-    cost, in_reverse, via, follow = cost_outside(px, py, heading, sx, sy, visible, count, graph, table)
+    cost, in_reverse, via, follow = FAR, False, -1, 0
+    for way in range(2):
+        x, y, facing, spent = px, py, heading, 0.0
+        if pushed > BESIDE:
+            x, y, facing, spent = _way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
+        found = cost_outside(x, y, facing, sx, sy, visible, count, graph, table)
+        if spent + found[0] < cost:
+            cost, in_reverse, via, follow = spent + found[0], found[1], found[2], found[3]
+        if pushed <= BESIDE:
+            break
     if cost >= FAR:
         return path[:1].copy(), False, -1
+    if pushed > BESIDE:
+        path[1, 0], path[1, 1] = sx, sy
+        size = 2
     if via < 0:
         site = -1 - follow
     else:

@@ -6,10 +6,10 @@ from numba import njit
 
 # Without reference counts: numba counts every array of a tuple at every call, which made a search node 30 times
 # slower. Such a kernel cannot allocate; its arrays belong to the caller.
-kernel = njit(cache=True, _nrt=False)
+kernel = njit(cache=True, _nrt=False, error_model="numpy")
 
 # The same for functions that take large tuples: passing those (by value) costs more than the work inside.
-inlined = njit(cache=True, _nrt=False, forceinline=True)
+inlined = njit(cache=True, _nrt=False, error_model="numpy", forceinline=True)
 
 
 @kernel

@@ -30,26 +30,23 @@ NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
 
 
-@inlined
-def _cell(x: float, y: float, field: Field, graph: Graph, cells: CellSights, scratch: IntArray) -> int:
-    """Index of the map cell of a point, its sights made sure of; -1 when they do not fit into the store."""
-    i = int(math.floor((x - field.x) * field.inverse_cell))
-    j = int(math.floor((y - field.y) * field.inverse_cell))
-    i, j = min(max(i, 0), cells.shape[1] - 1), min(max(j, 0), cells.shape[0] - 1)
-    c = j * cells.shape[1] + i
-    if cells.start[c] < 0:
-        px, py = field.x + (i + 0.5) / field.inverse_cell, field.y + (j + 0.5) / field.inverse_cell
-        qx, qy, pushed = push_out(px, py, graph.outline, graph.solids)
-        found = visible_vertices(qx, qy, graph, scratch)
-        if cells.used[0] + found > cells.pool.shape[0]:
-            return -1
-        first = cells.used[0]
-        for k in range(found):
-            cells.pool[first + k] = scratch[k]
-        cells.point[c, 0], cells.point[c, 1], cells.point[c, 2] = qx, qy, pushed
-        cells.start[c], cells.count[c] = first, found
-        cells.used[0] = first + found
-    return c
+@kernel
+def _look_round(c: int, field: Field, graph: Graph, cells: CellSights, scratch: IntArray) -> None:
+    """Find what is seen from the middle of map cell c. A store that is full starts anew."""
+    px = field.x + (c % cells.shape[1] + 0.5) / field.inverse_cell
+    py = field.y + (c // cells.shape[1] + 0.5) / field.inverse_cell
+    qx, qy, pushed = push_out(px, py, graph.outline, graph.solids)
+    found = visible_vertices(qx, qy, graph, scratch)
+    if cells.used[0] + found > cells.pool.shape[0]:
+        cells.used[0] = 0
+        for i in range(cells.start.shape[0]):
+            cells.start[i] = -1
+    first = cells.used[0]
+    for k in range(found):
+        cells.pool[first + k] = scratch[k]
+    cells.point[c, 0], cells.point[c, 1], cells.point[c, 2] = qx, qy, pushed
+    cells.start[c], cells.count[c] = first, found
+    cells.used[0] = first + found
 
 
 @inlined
@@ -57,11 +54,12 @@ def cost_at(
     x: float, y: float, heading: float, table: Table, world: World, cells: CellSights, scratch: IntArray
 ) -> float:
     """PathRTR cost [s] from a pose to the goals of a table."""
-    c = _cell(x, y, world.field, world.graph, cells, scratch)
-    if c < 0:
-        qx, qy, pushed = push_out(x, y, world.graph.outline, world.graph.solids)
-        found = visible_vertices(qx, qy, world.graph, scratch)
-        return cost_from(x, y, heading, qx, qy, pushed, scratch, found, world.graph, table)
+    i = int(math.floor((x - world.field.x) * world.field.inverse_cell))
+    j = int(math.floor((y - world.field.y) * world.field.inverse_cell))
+    i, j = min(max(i, 0), cells.shape[1] - 1), min(max(j, 0), cells.shape[0] - 1)
+    c = j * cells.shape[1] + i
+    if cells.start[c] < 0:
+        _look_round(c, world.field, world.graph, cells, scratch)
     first = cells.start[c]
     sx, sy, pushed = cells.point[c, 0], cells.point[c, 1], cells.point[c, 2]
     if pushed == 0.0:
