@@ -12,7 +12,7 @@ from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, field_of
-from motm_twin.planning.cost_to_go import FAR, Table
+from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import Job, ReachModel, in_reach
@@ -32,6 +32,7 @@ class LocalGoal(NamedTuple):
     table: Table  # costs to it, with `after` [s] added
     after: float  # [s] counted after the goal: the weighted way to the next target
     global_path: Array
+    heading: float  # [rad] at the end of the global path, nan: free
     path_found: bool
     is_goal: bool
 
@@ -87,17 +88,19 @@ class StaaController:
         memory = self._room(budget.expansions, graph)
         left = self._left(target)
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
-        staa.start_search(pose, twist, left, settings, world, cells, memory)
+        staa.start_search(pose, twist, left, memory)
         status, cut = self._search(budget, settings, world, cells, memory)
-        solution = int(memory.count[staa.SOLUTION])
-        if memory.h[0] >= FAR:
-            return self._brake(problem, field, f"no path to {target.name}", goal, int(memory.count[staa.EXPANSIONS]))
+        solution = int(memory.count[search_memory.SOLUTION])
+        if not goal.path_found:
+            return self._brake(
+                problem, field, f"no path to {target.name}", goal, int(memory.count[search_memory.EXPANSIONS])
+            )
         if solution < 0:
             why = "no collision-free motion from here: braking"
-            return self._brake(problem, field, why, goal, int(memory.count[staa.EXPANSIONS]))
+            return self._brake(problem, field, why, goal, int(memory.count[search_memory.EXPANSIONS]))
         branch = _branch(memory, solution)
-        poses = np.column_stack((memory.pose[branch], memory.twist[branch]))
-        t_h = float(memory.t_goal[0])
+        poses = memory.state[branch]
+        t_h = self._time_to_goal(problem, world.job, settings, goal)
         return BasePlan(
             acceleration=frozen(self._first_action(memory, branch)),
             status="goal" if status == staa.GOAL else "aborted",
@@ -108,7 +111,7 @@ class StaaController:
             local_poses=frozen(poses),
             local_times=frozen(np.arange(len(branch)) * self._p.node_duration),
             bezier=frozen(self._bezier(poses[-1], settings, bool(memory.passed[solution]))),
-            expansions=int(memory.count[staa.EXPANSIONS]),
+            expansions=int(memory.count[search_memory.EXPANSIONS]),
             cut_by_clock=cut,
             t_h=t_h,
             k=self._k(t_h),
@@ -154,7 +157,7 @@ class StaaController:
         leaves = _leave(path, self._p.local_radius)
         if leaves is None:
             local = goal_table(graph, goal, self._rates, np.array([after]))
-            return LocalGoal(goal, 0.0, local, after, path, len(path) > 1, True)
+            return LocalGoal(goal, 0.0, local, after, path, float(goal[2]), len(path) > 1, True)
         segment, place = leaves
         step = path[segment + 1] - path[segment]
         heading = math.atan2(step[1], step[0]) + (math.pi if in_reverse else 0.0)
@@ -165,7 +168,7 @@ class StaaController:
         )  # fmt: skip
         pose = np.array([place[0], place[1], heading if self._p.goal_orientation else math.nan])
         local = goal_table(graph, pose, self._rates, np.array([after + remaining]))
-        return LocalGoal(pose, remaining, local, after, path, True, False)
+        return LocalGoal(pose, remaining, local, after, path, float(goal[2]), True, False)
 
     def _settings(
         self, problem: BaseProblem, placement: Placement, goal: LocalGoal, has_next: bool
@@ -238,7 +241,7 @@ class StaaController:
     def _room(self, expansions: int, graph: Graph) -> search_memory.Memory:
         needed = expansions * self._p.notches**2 + 2
         memory = self._memory
-        if memory is None or len(memory.g) < needed or len(memory.scratch) <= len(graph.vertex):
+        if memory is None or len(memory.cost) < needed or len(memory.scratch) <= len(graph.vertex):
             memory = search_memory.make_memory(expansions, self._p.notches, 2 * len(graph.vertex))
             self._memory = memory
         return memory
@@ -253,6 +256,15 @@ class StaaController:
     def _left(self, target: Target) -> float:
         return max(target.dwell, 0.05) if target.kind != "drive" else 1.0
 
+    def _time_to_goal(self, problem: BaseProblem, job: Job, s: search_memory.Settings, goal: LocalGoal) -> float:
+        """t_h [s]: PathRTR of the whole global path, 0 while the target is in reach."""
+        if s.by_job and in_reach(*(float(value) for value in (*problem.pose, *problem.twist)), job):
+            return 0.0
+        return path_rtr(
+            goal.global_path, float(problem.pose[2]), None if math.isnan(goal.heading) else goal.heading,
+            v_f=self._limits.forward_speed, v_r=self._limits.reverse_speed, w_max=self._limits.yaw_rate,
+        )  # fmt: skip
+
     def _k(self, t_h: float) -> float:
         return proximity_scale(t_h, self._p.k_min, self._p.k_time) if self._p.scale_penalty else 1.0
 
@@ -262,7 +274,7 @@ class StaaController:
 
     def _first_action(self, memory: search_memory.Memory, branch: list[int]) -> Array:
         """The branch's first acceleration; where a speed limit cut it, what the node was predicted with."""
-        return (memory.twist[branch[1]] - memory.twist[0]) / self._p.node_duration
+        return (memory.state[branch[1], 3:] - memory.state[0, 3:]) / self._p.node_duration
 
     def _next_path(self, placement: Placement, graph: Graph) -> Array:
         table = self._next_table(graph, placement)
@@ -354,8 +366,8 @@ def proximity_scale(t_h: float, k_min: float = 0.1, k_time: float = 3.0) -> floa
 
 def _branch(memory: search_memory.Memory, node: int) -> list[int]:
     branch = [node]
-    while memory.parent[branch[-1]] >= 0:
-        branch.append(int(memory.parent[branch[-1]]))
+    while memory.link[branch[-1], search_memory.PARENT] >= 0:
+        branch.append(int(memory.link[branch[-1], search_memory.PARENT]))
     return branch[::-1]
 
 

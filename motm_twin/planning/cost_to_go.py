@@ -34,128 +34,113 @@ class Rates(NamedTuple):
 class Table(NamedTuple):
     """Costs of all directed edges to the goals, which stand at sites (places with one or more headings)."""
 
-    site: Array  # (s, 2) [m], where the path ends (outside the grown polygons)
-    seen: Array  # (s, 2) [m], the point from which sight is tested
-    extra: Array  # (s,) [m] from there to the true position
+    site: Array  # (s, 5) end of the path x, y; point from which sight is tested x, y; [m] from the end to the place
     goal_start: IntArray  # (s + 1,)
-    goal_heading: Array  # (goals,) [rad], nan: free
-    goal_offset: Array  # (goals,) [s] added to the cost of ending there
+    goal: Array  # (goals, 2) heading [rad], nan: free; offset [s] added to the cost of ending there
     exit_start: IntArray  # (n + 1,) straight lines from vertex v to sites
     exit_site: IntArray
-    exit_angle: Array
-    exit_front: Array  # [s] drive and final turn
-    exit_back: Array
-    front: Array  # (e,) [s] from the start of each directed edge to a goal
-    back: Array
-    next_front: IntArray  # (e,) edge that follows, or -1 - k for exit k
-    next_back: IntArray
+    exit: Array  # (m, 3) direction, [s] drive and final turn forwards and in reverse
+    way: Array  # (e, 2) [s] from the start of each directed edge to a goal, forwards and in reverse
+    follow: IntArray  # (e, 2) edge that follows, or -1 - k for exit k
     bound: Array  # (n,) [s] no way on from a vertex is cheaper than this
     rates: Rates
 
 
 @inlined
-def final_cost(site: int, angle: float, back: bool, table: Table) -> float:
-    """Least turn and offset [s] at a site that is reached in direction `angle`."""
-    best = FAR
+def final_costs(site: int, angle: float, table: Table) -> tuple[float, float]:
+    """Least turn and offset [s] at a site that is reached in direction `angle`, forwards and in reverse."""
+    front, back = FAR, FAR
     for j in range(table.goal_start[site], table.goal_start[site + 1]):
-        spin = 0.0
-        if not math.isnan(table.goal_heading[j]):
-            spin = turn(angle, table.goal_heading[j])
-            if back:
-                spin = math.pi - spin
-        best = min(best, spin * table.rates.turn + table.goal_offset[j])
-    return best
+        spin, spin_back = 0.0, 0.0
+        if not math.isnan(table.goal[j, 0]):
+            spin = turn(angle, table.goal[j, 0])
+            spin_back = math.pi - spin
+        front = min(front, spin * table.rates.turn + table.goal[j, 1])
+        back = min(back, spin_back * table.rates.turn + table.goal[j, 1])
+    return front, back
 
 
 @njit(cache=True)
-def _settle(graph: Graph, first: Array, first_exit: IntArray, rate: float, turn_rate: float, cost: Array) -> IntArray:
-    """Dijkstra over directed edges, backwards from the goals; fills `cost`, returns what follows each edge."""
-    n_edges = graph.edge_to.shape[0]
-    follow = first_exit.copy()
-    key = np.empty(4 * n_edges + 16 * n_edges)
+def _settle(graph: Graph, side: int, rate: float, turn_rate: float, way: Array, follow: IntArray) -> None:
+    """Dijkstra over directed edges, backwards from the goals.
+
+    Column `side` of way (e, 2) holds the cost [s] from the end of each edge to a goal, and then from its start.
+    """
+    n_edges = graph.ends.shape[0]
+    key = np.empty(20 * n_edges)
     item = np.empty(20 * n_edges, np.int32)
     size = 0
     for e in range(n_edges):
-        cost[e] = first[e] + graph.edge_length[e] * rate
-        if cost[e] < FAR:
-            size = heap_push(key, item, size, cost[e], e)
+        way[e, side] += graph.edge[e, 0] * rate
+        if way[e, side] < FAR:
+            size = heap_push(key, item, size, way[e, side], e)
     while size > 0:
         reached, e = key[0], item[0]
         size = heap_pop(key, item, size)
-        if reached > cost[e]:
+        if reached > way[e, side]:
             continue
-        u = graph.edge_from[e]
+        u = graph.ends[e, 0]
         for k in range(graph.in_start[u], graph.in_start[u + 1]):
             d = graph.in_edge[k]
-            if graph.edge_from[d] == graph.edge_to[e]:
+            if graph.ends[d, 0] == graph.ends[e, 1]:
                 continue
-            through = graph.edge_length[d] * rate + turn(graph.edge_angle[d], graph.edge_angle[e]) * turn_rate + reached
-            if through < cost[d] - 1e-12 and size < key.shape[0]:
-                cost[d] = through
-                follow[d] = e
+            spin = turn(graph.edge[d, 1], graph.edge[e, 1]) * turn_rate
+            through = graph.edge[d, 0] * rate + spin + reached
+            if through < way[d, side] - 1e-12 and size < key.shape[0]:
+                way[d, side] = through
+                follow[d, side] = e
                 size = heap_push(key, item, size, through, d)
-    return follow
 
 
 @njit(cache=True)
-def make_table(graph: Graph, place: Array, goal_start: IntArray, heading: Array, offset: Array, rates: Rates) -> Table:
-    """The costs to goals at places (s, 2), each with headings goal_start[s] .. goal_start[s + 1] - 1."""
-    n, n_sites, n_edges = graph.vertex.shape[0], place.shape[0], graph.edge_to.shape[0]
-    site, seen, extra = place.copy(), place.copy(), np.zeros(n_sites)
+def make_table(graph: Graph, place: Array, goal_start: IntArray, goal: Array, rates: Rates) -> Table:
+    """The costs to goals (heading, offset) at places (s, 2), whose goals are goal_start[s] .. goal_start[s + 1] - 1."""
+    n, n_sites, n_edges = graph.vertex.shape[0], place.shape[0], graph.ends.shape[0]
+    site = np.zeros((n_sites, 5))
     for s in range(n_sites):
         qx, qy, pushed = push_out(place[s, 0], place[s, 1], graph.outline, graph.solids)
-        seen[s, 0], seen[s, 1] = qx, qy
+        site[s, 0], site[s, 1], site[s, 2], site[s, 3] = place[s, 0], place[s, 1], qx, qy
         if pushed > BESIDE:
-            site[s, 0], site[s, 1], extra[s] = qx, qy, pushed
-    none = np.zeros(0)
-    nothing = np.zeros(0, np.int32)
-    goals = Table(
-        site, seen, extra, goal_start, heading, offset, nothing, nothing, none, none, none, none, none,
-        nothing, nothing, none, rates,
-    )  # fmt: skip
+            site[s, 0], site[s, 1], site[s, 4] = qx, qy, pushed
     exit_start = np.zeros(n + 1, np.int32)
     exit_site = np.empty(n * n_sites, np.int32)
-    exit_angle, exit_front, exit_back = np.empty(n * n_sites), np.empty(n * n_sites), np.empty(n * n_sites)
+    exits = np.empty((n * n_sites, 3))
+    way = np.full((n_edges, 2), FAR)
+    follow = np.zeros((n_edges, 2), np.int32)
+    bound = np.full(n, FAR)
+    table = Table(site, goal_start, goal, exit_start, exit_site, exits, way, follow, bound, rates)
     count = 0
     for v in range(n):
         vx, vy = graph.vertex[v, 0], graph.vertex[v, 1]
         for s in range(n_sites):
+            if not tangential(v, site[s, 2] - vx, site[s, 3] - vy, graph.vertex):
+                continue
+            if not segment_free(vx, vy, site[s, 2], site[s, 3], graph.walls):
+                continue
             dx, dy = site[s, 0] - vx, site[s, 1] - vy
-            if not tangential(v, seen[s, 0] - vx, seen[s, 1] - vy, graph.before, graph.after, graph.vertex):
-                continue
-            if not segment_free(vx, vy, seen[s, 0], seen[s, 1], graph.walls):
-                continue
-            length = length_of(dx, dy) + extra[s]
+            length = length_of(dx, dy) + site[s, 4]
             angle = math.atan2(dy, dx)
-            exit_site[count], exit_angle[count] = s, angle
-            exit_front[count] = length * rates.front + final_cost(s, angle, False, goals)
-            exit_back[count] = length * rates.back + final_cost(s, angle, True, goals)
+            front, back = final_costs(s, angle, table)
+            exit_site[count] = s
+            exits[count, 0] = angle
+            exits[count, 1], exits[count, 2] = length * rates.front + front, length * rates.back + back
             count += 1
         exit_start[v + 1] = count
-    front, back = np.full(n_edges, FAR), np.full(n_edges, FAR)
-    first_front, first_back = np.full(n_edges, FAR), np.full(n_edges, FAR)
-    by_front, by_back = np.zeros(n_edges, np.int32), np.zeros(n_edges, np.int32)
     for e in range(n_edges):
-        v = graph.edge_to[e]
+        v = graph.ends[e, 1]
         for k in range(exit_start[v], exit_start[v + 1]):
-            spin = turn(graph.edge_angle[e], exit_angle[k]) * rates.turn
-            if spin + exit_front[k] < first_front[e]:
-                first_front[e], by_front[e] = spin + exit_front[k], -1 - k
-            if spin + exit_back[k] < first_back[e]:
-                first_back[e], by_back[e] = spin + exit_back[k], -1 - k
-    next_front = _settle(graph, first_front, by_front, rates.front, rates.turn, front)
-    next_back = _settle(graph, first_back, by_back, rates.back, rates.turn, back)
-    bound = np.full(n, FAR)
+            spin = turn(graph.edge[e, 1], exits[k, 0]) * rates.turn
+            for side in range(2):
+                if spin + exits[k, 1 + side] < way[e, side]:
+                    way[e, side], follow[e, side] = spin + exits[k, 1 + side], -1 - k
+    for side in range(2):
+        _settle(graph, side, rates.back if side else rates.front, rates.turn, way, follow)
     for v in range(n):
         for k in range(exit_start[v], exit_start[v + 1]):
-            bound[v] = min(bound[v], exit_front[k], exit_back[k])
+            bound[v] = min(bound[v], exits[k, 1], exits[k, 2])
         for e in range(graph.out_start[v], graph.out_start[v + 1]):
-            bound[v] = min(bound[v], front[e], back[e])
-    return Table(
-        site, seen, extra, goal_start, heading, offset, exit_start, exit_site[:count].copy(),
-        exit_angle[:count].copy(), exit_front[:count].copy(), exit_back[:count].copy(), front, back,
-        next_front, next_back, bound, rates,
-    )  # fmt: skip
+            bound[v] = min(bound[v], way[e, 0], way[e, 1])
+    return table
 
 
 @inlined
@@ -172,17 +157,19 @@ def cost_outside(
     for s in range(table.site.shape[0]):
         dx, dy = table.site[s, 0] - px, table.site[s, 1] - py
         length = length_of(dx, dy)
-        total = length + table.extra[s]
-        if total * rates.front >= best or not segment_free(sx, sy, table.seen[s, 0], table.seen[s, 1], graph.walls):
+        total = length + table.site[s, 4]
+        if total * rates.front >= best or not segment_free(sx, sy, table.site[s, 2], table.site[s, 3], graph.walls):
             continue
-        if length < 1e-6:
-            front = final_cost(s, heading, False, table) + total * rates.front
-            back = front
-        else:
-            angle = math.atan2(dy, dx)
+        straight = length >= 1e-6
+        angle = math.atan2(dy, dx) if straight else heading
+        front, back = final_costs(s, angle, table)
+        if straight:
             a_0 = turn(heading, angle)
-            front = a_0 * rates.turn + total * rates.front + final_cost(s, angle, False, table)
-            back = (math.pi - a_0) * rates.turn + total * rates.back + final_cost(s, angle, True, table)
+            front += a_0 * table.rates.turn + total * table.rates.front
+            back += (math.pi - a_0) * table.rates.turn + total * table.rates.back
+        else:
+            front += total * table.rates.front
+            back = FAR
         if front < best:
             best, in_reverse, via, follow = front, False, -1, -1 - s
         if back < best:
@@ -198,19 +185,19 @@ def cost_outside(
         front_0 = a_0 * rates.turn + length * rates.front
         back_0 = (math.pi - a_0) * rates.turn + length * rates.back
         for k in range(table.exit_start[v], table.exit_start[v + 1]):
-            spin = turn(angle, table.exit_angle[k]) * rates.turn
-            if front_0 + spin + table.exit_front[k] < best:
-                best, in_reverse, via, follow = front_0 + spin + table.exit_front[k], False, v, -1 - k
-            if back_0 + spin + table.exit_back[k] < best:
-                best, in_reverse, via, follow = back_0 + spin + table.exit_back[k], True, v, -1 - k
+            spin = turn(angle, table.exit[k, 0]) * rates.turn
+            if front_0 + spin + table.exit[k, 1] < best:
+                best, in_reverse, via, follow = front_0 + spin + table.exit[k, 1], False, v, -1 - k
+            if back_0 + spin + table.exit[k, 2] < best:
+                best, in_reverse, via, follow = back_0 + spin + table.exit[k, 2], True, v, -1 - k
         for e in range(graph.out_start[v], graph.out_start[v + 1]):
-            if front_0 + table.front[e] >= best and back_0 + table.back[e] >= best:
+            if front_0 + table.way[e, 0] >= best and back_0 + table.way[e, 1] >= best:
                 continue
-            spin = turn(angle, graph.edge_angle[e]) * rates.turn
-            if front_0 + spin + table.front[e] < best:
-                best, in_reverse, via, follow = front_0 + spin + table.front[e], False, v, e
-            if back_0 + spin + table.back[e] < best:
-                best, in_reverse, via, follow = back_0 + spin + table.back[e], True, v, e
+            spin = turn(angle, graph.edge[e, 1]) * rates.turn
+            if front_0 + spin + table.way[e, 0] < best:
+                best, in_reverse, via, follow = front_0 + spin + table.way[e, 0], False, v, e
+            if back_0 + spin + table.way[e, 1] < best:
+                best, in_reverse, via, follow = back_0 + spin + table.way[e, 1], True, v, e
     return best, in_reverse, via, follow
 
 
@@ -278,7 +265,7 @@ def costs_from(poses: Array, place_of: IntArray, sights: Sights, graph: Graph, t
         first, last = sights.start[p], sights.start[p + 1]
         result[i] = cost_from(
             poses[i, 0], poses[i, 1], poses[i, 2], sights.point[p, 0], sights.point[p, 1], sights.point[p, 2],
-            sights.vertex[first:last], last - first, graph, table,
+            sights.vertex[first:last], int(last - first), graph, table,
         )  # fmt: skip
         if result[i] >= FAR:
             result[i] = math.inf
@@ -315,10 +302,10 @@ def trace(px: float, py: float, heading: float, graph: Graph, table: Table) -> t
         path[size, 0], path[size, 1] = graph.vertex[via, 0], graph.vertex[via, 1]
         size += 1
         while follow >= 0 and size < path.shape[0] - 1:
-            v = graph.edge_to[follow]
+            v = graph.ends[follow, 1]
             path[size, 0], path[size, 1] = graph.vertex[v, 0], graph.vertex[v, 1]
             size += 1
-            follow = table.next_back[follow] if in_reverse else table.next_front[follow]
+            follow = table.follow[follow, 1 if in_reverse else 0]
         site = table.exit_site[-1 - follow] if follow < 0 else -1
     path[size, 0], path[size, 1] = table.site[site, 0], table.site[site, 1]
     size += 1

@@ -64,7 +64,8 @@ def goal_table(graph: Graph, poses: Array, rates: Rates, offsets: Array | None =
     first = np.ones(len(poses), dtype=bool)
     first[1:] = (poses[1:, :2] != poses[:-1, :2]).any(axis=1)
     start = np.append(np.flatnonzero(first), len(poses)).astype(np.int32)
-    return make_table(graph, np.ascontiguousarray(poses[first, :2]), start, poses[:, 2].copy(), offset, rates)
+    goal = np.column_stack((poses[:, 2], offset))
+    return make_table(graph, np.ascontiguousarray(poses[first, :2]), start, goal, rates)
 
 
 def robot_table(graph: Graph, pose: Array, rates: Rates) -> Table:

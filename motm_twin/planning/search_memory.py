@@ -82,19 +82,18 @@ class CellSights(NamedTuple):
     used: IntArray  # (1,)
 
 
+G, H, LEFT, T_GOAL = 0, 1, 2, 3  # columns of Memory.cost
+PARENT, ACTION, DEPTH = 0, 1, 2  # columns of Memory.link
+NODES, QUEUE, EXPANSIONS, BEST, SOLUTION = 0, 1, 2, 3, 4  # of Memory.count
+
+
 class Memory(NamedTuple):
     """All nodes of a search, its queue and its closed list."""
 
-    pose: Array  # (n, 3)
-    twist: Array  # (n, 2)
-    g: Array
-    h: Array
-    left: Array  # [s] that the job still needs
-    t_goal: Array  # [s] estimated until the goal is achieved
-    parent: IntArray
-    action: IntArray
-    depth: IntArray
-    passed: NDArray[np.bool_]
+    state: Array  # (n, 5) x, y, heading, v, w
+    cost: Array  # (n, 4) g, h, time that the job still needs, estimated time until the goal is achieved [s]
+    link: IntArray  # (n, 3) parent, action, depth
+    passed: NDArray[np.bool_]  # (n,) ends the search
     key: Array
     item: IntArray
     closed: NDArray[np.int64]
@@ -107,13 +106,18 @@ def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
     """Room for a search of that many expansions."""
     n = expansions * notches * notches + 2
     slots = 1 << (4 * expansions + 16).bit_length()
-    ints = (np.zeros(n, np.int32) for _ in range(4))
     return Memory(
-        np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
-        next(ints), next(ints), next(ints), np.zeros(n, np.bool_), np.zeros(n), next(ints),
-        np.full(slots, -1, np.int64), np.zeros(8, np.int64), np.zeros(vertices + 1, np.int32),
-        np.zeros((BEZIER_SAMPLES + 1, 2)),
-    )  # fmt: skip
+        state=np.zeros((n, 5)),
+        cost=np.zeros((n, 4)),
+        link=np.zeros((n, 3), np.int32),
+        passed=np.zeros(n, np.bool_),
+        key=np.zeros(n),
+        item=np.zeros(n, np.int32),
+        closed=np.full(slots, -1, np.int64),
+        count=np.zeros(8, np.int64),
+        scratch=np.zeros(vertices + 1, np.int32),
+        curve=np.zeros((BEZIER_SAMPLES + 1, 2)),
+    )
 
 
 def make_cell_sights(field: Field) -> CellSights:

@@ -20,12 +20,28 @@ from motm_twin.planning.heap import heap_pop, heap_push
 from motm_twin.planning.kernel import inlined, kernel, length_of
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.rtr import TWO_PI, turn
-from motm_twin.planning.search_memory import CellSights, Memory, Settings, World
+from motm_twin.planning.search_memory import (
+    ACTION,
+    BEST,
+    DEPTH,
+    EXPANSIONS,
+    G,
+    H,
+    LEFT,
+    NODES,
+    PARENT,
+    QUEUE,
+    SOLUTION,
+    T_GOAL,
+    CellSights,
+    Memory,
+    Settings,
+    World,
+)
 from motm_twin.planning.visibility import Graph, push_out, visible_vertices
 
 IntArray = NDArray[np.int32]
 RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
-NODES, QUEUE, EXPANSIONS, BEST, SOLUTION, POOL = 0, 1, 2, 3, 4, 5  # of Memory.count
 NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
 
@@ -65,7 +81,7 @@ def cost_at(
     if pushed == 0.0:
         sx, sy = x, y
     seen = cells.pool[first : first + cells.count[c]]
-    return cost_from(x, y, heading, sx, sy, pushed, seen, cells.count[c], world.graph, table)
+    return cost_from(x, y, heading, sx, sy, pushed, seen, int(cells.count[c]), world.graph, table)
 
 
 @inlined
@@ -100,7 +116,7 @@ def _judge(
             return onward, 0.0
     h = cost_at(x, y, heading, world.table, world, cells, memory.scratch)
     if s.bezier and not math.isnan(s.goal_heading):
-        after = world.table.goal_offset[0]
+        after = world.table.goal[0, 1]
         h = min(h, after + _bezier_cost(x, y, heading, h - after, s, world, memory))
     return min(h, onward), 0.0 if reached else max(0.0, h - s.after_goal)
 
@@ -115,13 +131,13 @@ def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
 
 
 @kernel
-def _close(pose: Array, twist: Array, s: Settings, closed: NDArray[np.int64], add: bool) -> bool:
+def _close(state: Array, s: Settings, closed: NDArray[np.int64], add: int) -> bool:
     """Whether the node's cell is closed already; with `add`, it is from now on."""
-    i, j = int(math.floor(pose[0] / s.cell)) + 100_000, int(math.floor(pose[1] / s.cell)) + 100_000
-    turns = pose[2] / TWO_PI
+    i, j = int(math.floor(state[0] / s.cell)) + 100_000, int(math.floor(state[1] / s.cell)) + 100_000
+    turns = state[2] / TWO_PI
     k = min(s.heading_bins - 1, int((turns - math.floor(turns)) * s.heading_bins))
-    v = min(s.speed_bins - 1, max(0, int((twist[0] + s.v_r) / (s.v_f + s.v_r) * s.speed_bins)))
-    w = min(s.yaw_rate_bins - 1, max(0, int((twist[1] + s.w_max) / (2.0 * s.w_max) * s.yaw_rate_bins)))
+    v = min(s.speed_bins - 1, max(0, int((state[3] + s.v_r) / (s.v_f + s.v_r) * s.speed_bins)))
+    w = min(s.yaw_rate_bins - 1, max(0, int((state[4] + s.w_max) / (2.0 * s.w_max) * s.yaw_rate_bins)))
     key = (((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v) * s.yaw_rate_bins + w
     slots = closed.shape[0]
     at = (key * 2_654_435_761) & (slots - 1)
@@ -129,7 +145,7 @@ def _close(pose: Array, twist: Array, s: Settings, closed: NDArray[np.int64], ad
         if closed[at] == key:
             return True
         at = (at + 1) & (slots - 1)
-    if add:
+    if add == 1:
         closed[at] = key
     return False
 
@@ -148,25 +164,21 @@ def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world
 
 
 @kernel
-def start_search(
-    pose: Array, twist: Array, left: float, s: Settings, world: World, cells: CellSights, memory: Memory
-) -> None:
+def start_search(pose: Array, twist: Array, left: float, memory: Memory) -> None:
     """Put the root into the queue. left: time [s] that the job still needs."""
     for i in range(memory.closed.shape[0]):
         memory.closed[i] = -1
     for i in range(memory.count.shape[0]):
         memory.count[i] = 0
     for i in range(3):
-        memory.pose[0, i] = pose[i]
+        memory.state[0, i] = pose[i]
     for i in range(2):
-        memory.twist[0, i] = twist[i]
-    memory.g[0], memory.left[0] = 0.0, left
-    memory.parent[0], memory.action[0], memory.depth[0], memory.passed[0] = -1, -1, 0, False
-    reached = s.by_job and in_reach(pose[0], pose[1], pose[2], twist[0], twist[1], world.job)
-    memory.h[0], memory.t_goal[0] = _judge(pose[0], pose[1], pose[2], reached, False, s, world, cells, memory)
-    memory.count[NODES] = 1
-    memory.count[QUEUE] = heap_push(memory.key, memory.item, 0, memory.h[0], 0)
-    memory.count[BEST] = -1
+        memory.state[0, 3 + i] = twist[i]
+    memory.cost[0, G], memory.cost[0, H], memory.cost[0, LEFT], memory.cost[0, T_GOAL] = 0.0, 0.0, left, 0.0
+    memory.link[0, PARENT], memory.link[0, ACTION], memory.link[0, DEPTH] = -1, -1, 0
+    memory.passed[0] = False
+    memory.key[0], memory.item[0] = 0.0, 0
+    memory.count[NODES], memory.count[QUEUE], memory.count[BEST] = 1, 1, -1
 
 
 @kernel
@@ -189,22 +201,22 @@ def _child(
 ) -> None:  # fmt: skip
     """Make the child that ends at the given speeds, if it is free and new, and queue it."""
     dt, job = s.node_duration, world.job
-    x, y, heading = memory.pose[node, 0], memory.pose[node, 1], memory.pose[node, 2]
-    v_0, w_0 = memory.twist[node, 0], memory.twist[node, 1]
+    before = memory.state[node]
+    x, y, heading, v_0, w_0 = before[0], before[1], before[2], before[3], before[4]
     v, w = 0.5 * (v_0 + v_end), 0.5 * (w_0 + w_end)
     half = 0.5 * w * dt
     chord = v * dt * (math.sin(half) / half if abs(half) > 1e-6 else 1.0)
     n = memory.count[NODES]
-    pose, twist = memory.pose[n], memory.twist[n]
+    pose = memory.state[n]
     pose[0] = x + chord * math.cos(heading + half)
     pose[1] = y + chord * math.sin(heading + half)
     pose[2] = heading + w * dt
-    twist[0], twist[1] = v_end, w_end
+    pose[3], pose[4] = v_end, w_end
     if length_of(pose[0] - s.region_x, pose[1] - s.region_y) > s.region_radius:
         return
-    if _close(pose, twist, s, memory.closed, False):
+    if _close(pose, s, memory.closed, 0):
         return
-    depth = memory.depth[node] + 1
+    depth = memory.link[node, DEPTH] + 1
     enough = 0.25
     free = clearance(pose[0], pose[1], pose[2], enough, world.field, world.body)
     if free < allowed:
@@ -222,7 +234,7 @@ def _child(
         )
         if stop < allowed:
             return
-    left, reached, done = memory.left[node], False, False
+    left, reached, done = memory.cost[node, LEFT], False, False
     if s.by_job:
         reached = in_reach(pose[0], pose[1], pose[2], v_end, w_end, job)
         if job.kind == MANIPULATE:
@@ -247,15 +259,15 @@ def _child(
     k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
     cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
     inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
-    memory.g[n] = memory.g[node] + dt + k * s.grid_weight * cost + inside
-    memory.h[n], memory.t_goal[n], memory.left[n] = h, t_goal, left
-    memory.parent[n], memory.action[n], memory.depth[n] = node, action, depth
+    memory.cost[n, G] = memory.cost[node, G] + dt + k * s.grid_weight * cost + inside
+    memory.cost[n, H], memory.cost[n, T_GOAL], memory.cost[n, LEFT] = h, t_goal, left
+    memory.link[n, PARENT], memory.link[n, ACTION], memory.link[n, DEPTH] = node, action, depth
     memory.passed[n] = done
     if s.goal_test != NO_GOAL_TEST:
         at_end = _passes(pose[0], pose[1], pose[2], s)
         memory.passed[n] = done or at_end or (s.goal_test == PASS_TEST and _passes(mx, my, m_heading, s))
     memory.count[NODES] = n + 1
-    memory.count[QUEUE] = heap_push(memory.key, memory.item, memory.count[QUEUE], memory.g[n] + s.epsilon * h, n)
+    memory.count[QUEUE] = heap_push(memory.key, memory.item, memory.count[QUEUE], memory.cost[n, G] + s.epsilon * h, n)
 
 
 @kernel
@@ -265,13 +277,12 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
     The answer is then node count[SOLUTION]; -1 when nothing but the root was popped.
     """
     count = memory.count
-    root = clearance(memory.pose[0, 0], memory.pose[0, 1], memory.pose[0, 2], 1.0, world.field, world.body)
+    start = memory.state[0]
+    root = clearance(start[0], start[1], start[2], 1.0, world.field, world.body)
     # A root inside the margin may leave it. Turning away swings a corner outwards, so that coming a little nearer must
     # be possible, down to the floor; a root below the floor may not make it worse.
     allowed = s.margin if root >= s.margin else min(s.margin_floor, root - 0.001)
-    root_reached = s.by_job and in_reach(
-        memory.pose[0, 0], memory.pose[0, 1], memory.pose[0, 2], memory.twist[0, 0], memory.twist[0, 1], world.job
-    )
+    root_reached = s.by_job and in_reach(start[0], start[1], start[2], start[3], start[4], world.job)
     half = s.notches // 2
     while True:
         if count[EXPANSIONS] >= limit:
@@ -286,22 +297,22 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
             if memory.passed[node]:
                 count[SOLUTION] = node
                 return GOAL
-            if count[BEST] < 0 or memory.h[node] < memory.h[count[BEST]]:
+            if count[BEST] < 0 or memory.cost[node, H] < memory.cost[count[BEST], H]:
                 count[BEST] = node
-            if _close(memory.pose[node], memory.twist[node], s, memory.closed, True):
+            if _close(memory.state[node], s, memory.closed, 1):
                 continue
         count[EXPANSIONS] += 1
         v_before = math.inf
         for i in range(-half, half + 1):
             a = s.a_max * i / half
-            v_end = min(s.v_f, max(-s.v_r, memory.twist[node, 0] + a * s.node_duration))
+            v_end = min(s.v_f, max(-s.v_r, memory.state[node, 3] + a * s.node_duration))
             if v_end == v_before:
                 continue
             v_before = v_end
             w_before = math.inf
             for j in range(-half, half + 1):
                 b = s.b_max * j / half
-                w_end = min(s.w_max, max(-s.w_max, memory.twist[node, 1] + b * s.node_duration))
+                w_end = min(s.w_max, max(-s.w_max, memory.state[node, 4] + b * s.node_duration))
                 if w_end == w_before:
                     continue
                 w_before = w_end

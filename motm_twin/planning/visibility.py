@@ -22,27 +22,22 @@ TOUCH = 1e-9  # [m^2] cross products smaller than this count as collinear
 
 
 class Rings(NamedTuple):
-    """Closed polygon rings: points (n, 2), start of each ring (r + 1), bounding boxes (r, 4)."""
+    """Closed polygon rings: points (n, 2); per ring (r, 6) x_low, y_low, x_high, y_high, first point, end of points."""
 
     point: Array
-    start: IntArray
-    box: Array
+    ring: Array
 
 
 class Graph(NamedTuple):
-    """Directed tangential edges between the convex corners of the grown polygons."""
+    """Directed tangential edges between the convex corners of the grown polygons. Few arrays: they compile faster."""
 
-    vertex: Array  # (n, 2) [m]
-    before: Array  # (n, 2) neighbours on the same ring
-    after: Array
+    vertex: Array  # (n, 6) x, y and the same of its neighbours before and after on the ring [m]
     outline: Rings  # grown polygons: what a point can be inside of
     walls: Rings  # grown polygons shrunk by 2 mm: what blocks sight
     solids: Rings  # polygons as they are
     out_start: IntArray  # (n + 1,) edges leaving vertex v are out_start[v] .. out_start[v + 1] - 1
-    edge_from: IntArray  # (e,)
-    edge_to: IntArray
-    edge_length: Array  # [m]
-    edge_angle: Array  # [rad]
+    ends: IntArray  # (e, 2) vertices from, to
+    edge: Array  # (e, 2) length [m], direction [rad]
     in_start: IntArray  # (n + 1,)
     in_edge: IntArray  # (e,) edges arriving at each vertex
 
@@ -53,11 +48,11 @@ def segment_free(ax: float, ay: float, bx: float, by: float, walls: Rings) -> bo
     dx, dy = bx - ax, by - ay
     x_low, x_high = min(ax, bx), max(ax, bx)
     y_low, y_high = min(ay, by), max(ay, by)
-    for r in range(walls.box.shape[0]):
-        box = walls.box[r]
-        if box[0] > x_high or box[2] < x_low or box[1] > y_high or box[3] < y_low:
+    for r in range(walls.ring.shape[0]):
+        ring = walls.ring
+        if ring[r, 0] > x_high or ring[r, 2] < x_low or ring[r, 1] > y_high or ring[r, 3] < y_low:
             continue
-        first, last = walls.start[r], walls.start[r + 1]
+        first, last = int(walls.ring[r, 4]), int(walls.ring[r, 5])
         cx, cy = walls.point[last - 1, 0], walls.point[last - 1, 1]
         side_c = dx * (cy - ay) - dy * (cx - ax) > 0.0
         for i in range(first, last):
@@ -75,11 +70,11 @@ def segment_free(ax: float, ay: float, bx: float, by: float, walls: Rings) -> bo
 def inside(px: float, py: float, rings: Rings) -> bool:
     """Whether a point is in the area of the rings (even-odd rule, so holes are outside)."""
     odd = False
-    for r in range(rings.box.shape[0]):
-        box = rings.box[r]
-        if px < box[0] or px > box[2] or py < box[1] or py > box[3]:
+    for r in range(rings.ring.shape[0]):
+        ring = rings.ring
+        if px < ring[r, 0] or px > ring[r, 2] or py < ring[r, 1] or py > ring[r, 3]:
             continue
-        first, last = rings.start[r], rings.start[r + 1]
+        first, last = int(rings.ring[r, 4]), int(rings.ring[r, 5])
         cx, cy = rings.point[last - 1, 0], rings.point[last - 1, 1]
         for i in range(first, last):
             ex, ey = rings.point[i, 0], rings.point[i, 1]
@@ -99,8 +94,8 @@ def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float
         return px, py, 0.0
     qx, qy, nearest = px, py, math.inf
     for direct in range(2):
-        for r in range(outline.box.shape[0]):
-            first, last = outline.start[r], outline.start[r + 1]
+        for r in range(outline.ring.shape[0]):
+            first, last = int(outline.ring[r, 4]), int(outline.ring[r, 5])
             cx, cy = outline.point[last - 1, 0], outline.point[last - 1, 1]
             for i in range(first, last):
                 ex, ey = outline.point[i, 0], outline.point[i, 1]
@@ -123,10 +118,10 @@ def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float
 
 
 @kernel
-def tangential(v: int, dx: float, dy: float, before: Array, after: Array, vertex: Array) -> bool:
+def tangential(v: int, dx: float, dy: float, vertex: Array) -> bool:
     """Whether a line of direction (dx, dy) through vertex v leaves both its neighbours on one side."""
-    one = dx * (before[v, 1] - vertex[v, 1]) - dy * (before[v, 0] - vertex[v, 0])
-    two = dx * (after[v, 1] - vertex[v, 1]) - dy * (after[v, 0] - vertex[v, 0])
+    one = dx * (vertex[v, 3] - vertex[v, 1]) - dy * (vertex[v, 2] - vertex[v, 0])
+    two = dx * (vertex[v, 5] - vertex[v, 1]) - dy * (vertex[v, 4] - vertex[v, 0])
     return (one >= -TOUCH and two >= -TOUCH) or (one <= TOUCH and two <= TOUCH)
 
 
@@ -136,16 +131,14 @@ def visible_vertices(px: float, py: float, graph: Graph, found: IntArray) -> int
     count = 0
     for v in range(graph.vertex.shape[0]):
         vx, vy = graph.vertex[v, 0], graph.vertex[v, 1]
-        if tangential(v, vx - px, vy - py, graph.before, graph.after, graph.vertex) and segment_free(
-            px, py, vx, vy, graph.walls
-        ):
+        if tangential(v, vx - px, vy - py, graph.vertex) and segment_free(px, py, vx, vy, graph.walls):
             found[count] = v
             count += 1
     return count
 
 
 @njit(cache=True)
-def _edges(vertex: Array, before: Array, after: Array, walls: Rings) -> tuple[IntArray, IntArray]:
+def _edges(vertex: Array, walls: Rings) -> tuple[IntArray, IntArray]:
     n = vertex.shape[0]
     start = np.zeros(n + 1, np.int32)
     to = np.empty(n * n, np.int32)
@@ -155,8 +148,8 @@ def _edges(vertex: Array, before: Array, after: Array, walls: Rings) -> tuple[In
         for v in range(u + 1, n):
             dx, dy = vertex[v, 0] - vertex[u, 0], vertex[v, 1] - vertex[u, 1]
             if (
-                tangential(u, dx, dy, before, after, vertex)
-                and tangential(v, dx, dy, before, after, vertex)
+                tangential(u, dx, dy, vertex)
+                and tangential(v, dx, dy, vertex)
                 and segment_free(vertex[u, 0], vertex[u, 1], vertex[v, 0], vertex[v, 1], walls)
             ):
                 free[u, v] = free[v, u] = True
@@ -197,10 +190,11 @@ def _corners(ring: Array) -> tuple[Array, IntArray]:
 
 
 def _rings(rings: list[Array]) -> Rings:
-    start = np.zeros(len(rings) + 1, np.int32)
-    start[1:] = np.cumsum([len(ring) for ring in rings])
-    box = np.array([[*ring.min(axis=0), *ring.max(axis=0)] for ring in rings]).reshape(-1, 4)
-    return Rings(np.concatenate(rings) if rings else np.zeros((0, 2)), start, box)
+    end = np.cumsum([len(ring) for ring in rings])
+    table = [
+        [*ring.min(axis=0), *ring.max(axis=0), last - len(ring), last] for ring, last in zip(rings, end, strict=True)
+    ]
+    return Rings(np.concatenate(rings) if rings else np.zeros((0, 2)), np.array(table, dtype=np.float64).reshape(-1, 6))
 
 
 def _oriented(coordinates: Array, *, counter_clockwise: bool) -> Array:
@@ -233,26 +227,29 @@ def build_graph(
     Corners outside the bounds (x_min, y_min, x_max, y_max) are left out, so that no path leaves the map.
     """
     outline = grown_rings(polygons, g)
-    shrunk, vertex, before, after = [], [], [], []
+    shrunk, corners = [], [np.zeros((0, 6))]
     for ring in outline:
         wall, convex = _corners(ring)
-        within = (ring[convex] >= bounds[:2]).all(axis=1) & (ring[convex] <= bounds[2:]).all(axis=1)
-        convex = convex[within]
+        convex = convex[(ring[convex] >= bounds[:2]).all(axis=1) & (ring[convex] <= bounds[2:]).all(axis=1)]
         shrunk.append(wall)
-        vertex.append(ring[convex])
-        before.append(ring[convex - 1])
-        after.append(ring[(convex + 1) % len(ring)])
-    empty = np.zeros((0, 2))
-    vertices, befores, afters = (np.concatenate([empty, *parts]) for parts in (vertex, before, after))
+        corners.append(np.hstack((ring[convex], ring[convex - 1], ring[(convex + 1) % len(ring)])))
+    vertex = np.concatenate(corners)
     walls = _rings(shrunk)
-    solids = _rings([np.ascontiguousarray(p, dtype=np.float64) for p in polygons])
-    out_start, edge_to = _edges(vertices, befores, afters, walls)
-    edge_from = np.repeat(np.arange(len(vertices), dtype=np.int32), np.diff(out_start))
-    line = vertices[edge_to] - vertices[edge_from]
+    solids = _rings([np.array(p, dtype=np.float64) for p in polygons])
+    out_start, edge_to = _edges(vertex, walls)
+    edge_from = np.repeat(np.arange(len(vertex), dtype=np.int32), np.diff(out_start))
+    line = vertex[edge_to, :2] - vertex[edge_from, :2]
     in_edge = np.argsort(edge_to, kind="stable").astype(np.int32)
-    in_start = np.zeros(len(vertices) + 1, np.int32)
-    in_start[1:] = np.cumsum(np.bincount(edge_to, minlength=len(vertices)))
+    in_start = np.zeros(len(vertex) + 1, np.int32)
+    in_start[1:] = np.cumsum(np.bincount(edge_to, minlength=len(vertex)))
     return Graph(
-        vertices, befores, afters, _rings(outline), walls, solids, out_start, edge_from, edge_to,
-        np.hypot(line[:, 0], line[:, 1]), np.arctan2(line[:, 1], line[:, 0]), in_start, in_edge,
-    )  # fmt: skip
+        vertex=vertex,
+        outline=_rings(outline),
+        walls=walls,
+        solids=solids,
+        out_start=out_start,
+        ends=np.column_stack((edge_from, edge_to)),
+        edge=np.column_stack((np.hypot(line[:, 0], line[:, 1]), np.arctan2(line[:, 1], line[:, 0]))),
+        in_start=in_start,
+        in_edge=in_edge,
+    )

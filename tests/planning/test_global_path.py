@@ -68,10 +68,10 @@ def test_shortest_paths_without_rotation_cost_equal_those_of_networkx_and_shapel
 
 def brute_force(graph, start: np.ndarray, goal: np.ndarray, limit: int = 5) -> float:
     """Cheapest PathRTR over all vertex sequences of up to `limit` visible corners."""
-    rings = [graph.walls.point[a:b] for a, b in itertools.pairwise(graph.walls.start)]
+    rings = [graph.walls.point[int(row[4]) : int(row[5])] for row in graph.walls.ring]
     inner = shapely.union_all([shapely.Polygon(ring) for ring in rings])
     shapely.prepare(inner)
-    nodes = [*map(tuple, graph.vertex), tuple(goal[:2])]
+    nodes = [*map(tuple, graph.vertex[:, :2]), tuple(goal[:2])]
     near: dict[tuple, list[tuple]] = {}
     for a in [tuple(start[:2]), *nodes]:
         near[a] = [b for b in nodes if a != b and not shapely.LineString((a, b)).crosses(inner)
