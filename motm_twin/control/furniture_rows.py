@@ -1,4 +1,4 @@
-"""Speed limits of the whole arm towards mapped furniture and towards the robot's own base, as rows of the QP."""
+"""Speed limits of the whole arm towards mapped furniture, the robot's own base and what the lidar sees, as QP rows."""
 
 import math
 
@@ -22,11 +22,14 @@ from motm_twin.control.furniture import (
     solid_bounds,
 )
 from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.seen_rows import seen_rows
+from motm_twin.control.types import ArmObstacles
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 
 _OWN_ROWS = 8
-_DEEP = -0.10  # [m/s] no row asks for a faster retreat than this
+_SEEN = 1_000_000  # what rows of seen obstacles are named by begins here
+_DEEP = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _TOUCHING = ("final", "closing", "lift", "retry")  # phases in which the fingers are at the supporting surface
 
 
@@ -44,7 +47,9 @@ class FurnitureRows:
         arm = known.robot.arm
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
 
-    def rows(self, view: View, state: ManipulatorState, T_odom_world: Array) -> tuple[Array, Array, IntArray]:
+    def rows(
+        self, view: View, state: ManipulatorState, T_odom_world: Array, seen: ArmObstacles
+    ) -> tuple[Array, Array, IntArray]:
         """Rows over (v, w, arm), shape (k, 9), their bounds [m/s], shape (k,), and what `name` names them by."""
         held = state.side if state.holding else 0.0
         centre, radius = placed(self._balls, view.width, held)
@@ -74,13 +79,18 @@ class FurnitureRows:
                 own=True,
             )
         )
-        rows = np.vstack([part[0] for part in parts])
-        limits = np.maximum(np.concatenate([part[1] for part in parts]), _DEEP)
-        return rows, limits, np.concatenate([part[2] for part in parts])
+        parts = [(rows, np.maximum(limits, _DEEP), which) for rows, limits, which in parts]
+        if self.parameters.enabled and len(seen.points):
+            rows, limits, bodies = seen_rows(view, self._balls, (centre, radius), seen, self._mount, self.parameters)
+            parts.append((rows, limits, _SEEN + bodies))
+        rows, limits, which = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        return rows, limits, which
 
     def name(self, which: int) -> str:
         """Body and solid of a row."""
         solids = self.solids
+        if which >= _SEEN:
+            return f"{BODIES[which - _SEEN]} - lidar"
         if which < 0:
             solids, which = self.own, -1 - which
         body, solid = divmod(which, len(solids.names))

@@ -125,7 +125,7 @@ class Manipulator(Stateful[ManipulatorState]):
         beta = lag_factor(inputs.dt, self.profile)
         lidar = lidar_limits(view.p, inputs.obstacles, self._relaxing(view, inputs), p)
         towards = np.hstack([lidar.normal, np.zeros((len(lidar.distance), 1))]) @ view.J[:3]
-        furniture, allowed, which = self._furniture.rows(view, self._state, inputs.T_odom_world)
+        furniture, allowed, which = self._furniture.rows(view, self._state, inputs.T_odom_world, inputs.obstacles)
         velocity = np.vstack([towards, furniture])
         G, h = elastic_rows(
             velocity, np.concatenate([lidar.allowed, allowed]), len(towards), beta, np.asarray(inputs.observation.twist)

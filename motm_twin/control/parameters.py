@@ -46,6 +46,10 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     d_i: float = 0.6  # [m], Paper, Sec. V
     static_margin: float = 0.05  # [m] a static obstacle's d_s is the target's distance to it less this, at most d_s
     sectors: int = 12  # directions round the gripper, each limited by its nearest point
+    link_d_s: float = 0.05  # [m] elbow, forearm and wrist from a moving obstacle: beyond the paper, which has one point
+    link_d_i: float = 0.35  # [m]
+    static_link_d_s: float = 0.02  # [m] the same from a static one: the arm stays on its side of it
+    static_link_d_i: float = 0.12  # [m]
     furniture_d_s: float = 0.02  # [m] mapped furniture at its true height, whole arm
     furniture_d_i: float = 0.12  # [m]
     fingers_d_s: float = 0.006  # [m] fingers over the surface that carries the object

@@ -1,0 +1,88 @@
+"""Speed limits of elbow, forearm and wrist towards what the lidar sees outside the map, as rows of the QP.
+
+The paper limits one point, the gripper's centre. That is not enough beside a person or a Temi: while the hand is over
+the table, the elbow swings out behind it. As in the paper, whatever the lidar sees counts as tall.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from motm_twin.control.arm_view import View
+from motm_twin.control.furniture import HAND_BODY, Balls, IntArray, damper_rows
+from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.types import ArmObstacles
+from motm_twin.model.geometry import Array
+
+_REACH = 1.2  # [m] from the mount: no part of the arm is further out
+_HALF_CELL = 0.025  # [m] a seen point is the centre of a map cell
+
+
+def seen_rows(
+    view: View, balls: Balls, placed: tuple[Array, Array], obstacles: ArmObstacles, mount: Array, p: AvoidanceParameters
+) -> tuple[Array, Array, IntArray]:
+    """Rows over (v, w, arm), shape (k, 9), their bounds [m/s], shape (k,), and the body of each; ``mount`` in the base.
+
+    A static obstacle is not approached further; a moving one is retreated from.
+    """
+    near = np.hypot(obstacles.points[:, 0] - view.mount[0], obstacles.points[:, 1] - view.mount[1]) < _REACH
+    parts = []
+    for static in (False, True):
+        points = obstacles.points[near & (obstacles.static == static)]
+        if len(points) == 0:
+            continue
+        d_s, d_i = (p.static_link_d_s, p.static_link_d_i) if static else (p.link_d_s, p.link_d_i)
+        centre, radius = placed
+        distance, normal, ball = seen_distances(
+            view.T, balls.frame, centre, radius, balls.body, HAND_BODY, d_i, points, view.mount, float(view.pose[2])
+        )
+        rows, limits, which = damper_rows(
+            view.T, balls.frame, centre, distance, normal, ball, np.full(HAND_BODY, d_s), np.full(HAND_BODY, d_i),
+            p.xi, 0.0, view.pose, mount, HAND_BODY,
+        )  # fmt: skip
+        parts.append((rows, np.maximum(limits, 0.0) if static else limits, which))
+    if not parts:
+        return np.zeros((0, 9)), np.zeros(0), np.zeros(0, dtype=np.int64)
+    rows, limits, which = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    return rows, limits, which
+
+
+@njit(cache=True)
+def seen_distances(
+    T: Array,
+    frame: IntArray,
+    centre: Array,
+    ball_radius: Array,
+    body: IntArray,
+    bodies: int,
+    d_i: float,
+    points: Array,
+    mount: Array,
+    heading: float,
+) -> tuple[Array, Array, IntArray]:
+    """Horizontal distance of the nearest ball of each of the first `bodies` to the nearest point, when below d_i.
+
+    Shapes (bodies, 1), (bodies, 1, 3) away from the point, and (bodies, 1) index of the ball; odometry frame.
+    """
+    distance = np.full((bodies, 1), np.inf)
+    normal = np.zeros((bodies, 1, 3))
+    ball = np.zeros((bodies, 1), dtype=np.int64)
+    c, s = math.cos(heading), math.sin(heading)
+    for i in range(frame.shape[0]):
+        b = body[i]
+        if b >= bodies or ball_radius[i] <= 0.0:
+            continue
+        f = frame[i]
+        px = T[f, 0, 3] + T[f, 0, 0] * centre[i, 0] + T[f, 0, 1] * centre[i, 1] + T[f, 0, 2] * centre[i, 2]
+        py = T[f, 1, 3] + T[f, 1, 0] * centre[i, 0] + T[f, 1, 1] * centre[i, 1] + T[f, 1, 2] * centre[i, 2]
+        x, y = mount[0] + c * px - s * py, mount[1] + s * px + c * py
+        for k in range(points.shape[0]):
+            dx, dy = x - points[k, 0], y - points[k, 1]
+            length = math.hypot(dx, dy)
+            d = length - ball_radius[i] - _HALF_CELL
+            if d < d_i and d < distance[b, 0] and length > 1e-6:
+                distance[b, 0] = d
+                normal[b, 0, 0], normal[b, 0, 1] = dx / length, dy / length
+                ball[b, 0] = i
+    return distance, normal, ball
