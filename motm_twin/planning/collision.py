@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
@@ -91,10 +90,14 @@ def clearance(px: float, py: float, heading: float, enough: float, field: Field,
     return least
 
 
-@njit(cache=True)
-def clearances(poses: Array, enough: float, field: Field, body: Body) -> Array:
-    """`clearance` of poses, shape (n, 3) -> (n,)."""
-    result = np.empty(poses.shape[0])
+@kernel
+def _clearances(poses: Array, enough: float, field: Field, body: Body, result: Array) -> None:
     for i in range(poses.shape[0]):
         result[i] = clearance(poses[i, 0], poses[i, 1], poses[i, 2], enough, field, body)
+
+
+def clearances(poses: Array, enough: float, field: Field, body: Body) -> Array:
+    """`clearance` of poses, shape (n, 3) -> (n,)."""
+    result = np.empty(len(poses))
+    _clearances(np.ascontiguousarray(poses), enough, field, body, result)
     return result

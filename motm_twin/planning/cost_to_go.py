@@ -9,7 +9,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
@@ -60,16 +59,16 @@ def final_costs(site: int, angle: float, table: Table) -> tuple[float, float]:
     return front, back
 
 
-@njit(cache=True)
-def _settle(graph: Graph, side: int, rate: float, turn_rate: float, way: Array, follow: IntArray) -> None:
+@kernel
+def _settle(
+    graph: Graph, side: int, rate: float, turn_rate: float, way: Array, follow: IntArray, key: Array, item: IntArray
+) -> None:
     """Dijkstra over directed edges, backwards from the goals.
 
     Column `side` of way (e, 2) holds the cost [s] from the end of each edge to a goal, and then from its start.
     """
     n_edges = graph.ends.shape[0]
-    key = np.empty(20 * n_edges)
-    item = np.empty(20 * n_edges, np.int32)
-    size = 0
+    size = key.shape[0] - key.shape[0]  # a plain int, not the literal 0: one compilation of the heap is enough
     for e in range(n_edges):
         way[e, side] += graph.edge[e, 0] * rate
         if way[e, side] < FAR:
@@ -92,23 +91,16 @@ def _settle(graph: Graph, side: int, rate: float, turn_rate: float, way: Array, 
                 size = heap_push(key, item, size, through, d)
 
 
-@njit(cache=True)
-def make_table(graph: Graph, place: Array, goal_start: IntArray, goal: Array, rates: Rates) -> Table:
-    """The costs to goals (heading, offset) at places (s, 2), whose goals are goal_start[s] .. goal_start[s + 1] - 1."""
+@kernel
+def _fill(graph: Graph, place: Array, table: Table, key: Array, item: IntArray) -> None:
+    """Compute a table whose arrays are there but empty; key and item are room for a queue."""
     n, n_sites, n_edges = graph.vertex.shape[0], place.shape[0], graph.ends.shape[0]
-    site = np.zeros((n_sites, 5))
+    site = table.site
     for s in range(n_sites):
         qx, qy, pushed = push_out(place[s, 0], place[s, 1], graph.outline, graph.solids)
         site[s, 0], site[s, 1], site[s, 2], site[s, 3] = place[s, 0], place[s, 1], qx, qy
         if pushed > BESIDE:
             site[s, 0], site[s, 1], site[s, 4] = qx, qy, pushed
-    exit_start = np.zeros(n + 1, np.int32)
-    exit_site = np.empty(n * n_sites, np.int32)
-    exits = np.empty((n * n_sites, 3))
-    way = np.full((n_edges, 2), FAR)
-    follow = np.zeros((n_edges, 2), np.int32)
-    bound = np.full(n, FAR)
-    table = Table(site, goal_start, goal, exit_start, exit_site, exits, way, follow, bound, rates)
     count = 0
     for v in range(n):
         vx, vy = graph.vertex[v, 0], graph.vertex[v, 1]
@@ -121,36 +113,65 @@ def make_table(graph: Graph, place: Array, goal_start: IntArray, goal: Array, ra
             length = length_of(dx, dy) + site[s, 4]
             angle = math.atan2(dy, dx)
             front, back = final_costs(s, angle, table)
-            exit_site[count] = s
-            exits[count, 0] = angle
-            exits[count, 1], exits[count, 2] = length * rates.front + front, length * rates.back + back
+            table.exit_site[count] = s
+            table.exit[count, 0] = angle
+            table.exit[count, 1], table.exit[count, 2] = (
+                length * table.rates.front + front,
+                length * table.rates.back + back,
+            )
             count += 1
-        exit_start[v + 1] = count
+        table.exit_start[v + 1] = count
     for e in range(n_edges):
         v = graph.ends[e, 1]
-        for k in range(exit_start[v], exit_start[v + 1]):
-            spin = turn(graph.edge[e, 1], exits[k, 0]) * rates.turn
+        for k in range(table.exit_start[v], table.exit_start[v + 1]):
+            spin = turn(graph.edge[e, 1], table.exit[k, 0]) * table.rates.turn
             for side in range(2):
-                if spin + exits[k, 1 + side] < way[e, side]:
-                    way[e, side], follow[e, side] = spin + exits[k, 1 + side], -1 - k
+                if spin + table.exit[k, 1 + side] < table.way[e, side]:
+                    table.way[e, side], table.follow[e, side] = spin + table.exit[k, 1 + side], -1 - k
     for side in range(2):
-        _settle(graph, side, rates.back if side else rates.front, rates.turn, way, follow)
+        _settle(
+            graph,
+            side,
+            table.rates.back if side == 1 else table.rates.front,
+            table.rates.turn,
+            table.way,
+            table.follow,
+            key,
+            item,
+        )
     for v in range(n):
-        for k in range(exit_start[v], exit_start[v + 1]):
-            bound[v] = min(bound[v], exits[k, 1], exits[k, 2])
+        for k in range(table.exit_start[v], table.exit_start[v + 1]):
+            table.bound[v] = min(table.bound[v], table.exit[k, 1], table.exit[k, 2])
         for e in range(graph.out_start[v], graph.out_start[v + 1]):
-            bound[v] = min(bound[v], way[e, 0], way[e, 1])
+            table.bound[v] = min(table.bound[v], table.way[e, 0], table.way[e, 1])
+
+
+def make_table(graph: Graph, place: Array, goal_start: IntArray, goal: Array, rates: Rates) -> Table:
+    """The costs to goals (heading, offset) at places (s, 2), whose goals are goal_start[s] .. goal_start[s + 1] - 1."""
+    n, n_sites, n_edges = len(graph.vertex), len(place), len(graph.ends)
+    table = Table(
+        site=np.zeros((n_sites, 5)),
+        goal_start=goal_start,
+        goal=goal,
+        exit_start=np.zeros(n + 1, np.int32),
+        exit_site=np.zeros(n * n_sites, np.int32),
+        exit=np.zeros((n * n_sites, 3)),
+        way=np.full((n_edges, 2), FAR),
+        follow=np.zeros((n_edges, 2), np.int32),
+        bound=np.full(n, FAR),
+        rates=rates,
+    )
+    _fill(graph, place, table, np.empty(20 * n_edges), np.empty(20 * n_edges, np.int32))
     return table
 
 
 @inlined
 def cost_outside(
-    px: float, py: float, heading: float, sx: float, sy: float, visible: IntArray, count: int, graph: Graph,
-    table: Table,
+    px: float, py: float, heading: float, sx: float, sy: float, visible: IntArray, graph: Graph, table: Table
 ) -> tuple[float, bool, int, int]:  # fmt: skip
     """Cost [s] from a pose outside the grown polygons: cost, in reverse?, first vertex (-1: straight), what follows.
 
-    (sx, sy) is the point from which sight is tested and from which the first `count` of `visible` are seen.
+    (sx, sy) is the point from which sight is tested, and from which the vertices `visible` are seen.
     """
     best, in_reverse, via, follow = FAR, False, -1, 0
     rates = table.rates
@@ -174,7 +195,7 @@ def cost_outside(
             best, in_reverse, via, follow = front, False, -1, -1 - s
         if back < best:
             best, in_reverse, via, follow = back, True, -1, -1 - s
-    for i in range(count):
+    for i in range(visible.shape[0]):
         v = visible[i]
         dx, dy = graph.vertex[v, 0] - px, graph.vertex[v, 1] - py
         length = length_of(dx, dy)
@@ -215,8 +236,8 @@ def _way_out(
 
 @inlined
 def cost_from(
-    px: float, py: float, heading: float, sx: float, sy: float, pushed: float, visible: IntArray, count: int,
-    graph: Graph, table: Table,
+    px: float, py: float, heading: float, sx: float, sy: float, pushed: float, visible: IntArray, graph: Graph,
+    table: Table,
 ) -> float:  # fmt: skip
     """Cost [s] from any pose; (sx, sy) is its point outside the grown polygons, `pushed` [m] away.
 
@@ -228,7 +249,7 @@ def cost_from(
         x, y, facing, spent = px, py, heading, 0.0
         if pushed > BESIDE:
             x, y, facing, spent = _way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
-        best = min(best, spent + cost_outside(x, y, facing, sx, sy, visible, count, graph, table)[0])
+        best = min(best, spent + cost_outside(x, y, facing, sx, sy, visible, graph, table)[0])
         if pushed <= BESIDE:
             break
     return best
@@ -242,63 +263,68 @@ class Sights(NamedTuple):
     vertex: IntArray
 
 
-@njit(cache=True)
+@kernel
+def _look(place: Array, graph: Graph, sights: Sights) -> int:
+    count = 0
+    for i in range(place.shape[0]):
+        qx, qy, pushed = push_out(place[i, 0], place[i, 1], graph.outline, graph.solids)
+        sights.point[i, 0], sights.point[i, 1], sights.point[i, 2] = qx, qy, pushed
+        count += visible_vertices(qx, qy, graph, sights.vertex[count:])
+        sights.start[i + 1] = count
+    return count
+
+
 def sights_of(place: Array, graph: Graph) -> Sights:
     """The vertices seen from places, shape (m, 2)."""
-    m, n = place.shape[0], graph.vertex.shape[0]
-    point, start = np.empty((m, 3)), np.zeros(m + 1, np.int32)
-    vertex = np.empty(m * n, np.int32)
-    count = 0
-    for i in range(m):
-        point[i, 0], point[i, 1], point[i, 2] = push_out(place[i, 0], place[i, 1], graph.outline, graph.solids)
-        count += visible_vertices(point[i, 0], point[i, 1], graph, vertex[count:])
-        start[i + 1] = count
-    return Sights(point, start, vertex[:count].copy())
+    m, n = len(place), len(graph.vertex)
+    sights = Sights(np.empty((m, 3)), np.zeros(m + 1, np.int32), np.empty(m * n, np.int32))
+    _look(place, graph, sights)
+    return sights
 
 
-@njit(cache=True)
-def costs_from(poses: Array, place_of: IntArray, sights: Sights, graph: Graph, table: Table) -> Array:
-    """Costs [s] of poses (m, 3), pose i standing at place place_of[i] of `sights`; inf: no path."""
-    result = np.empty(poses.shape[0])
+@kernel
+def _costs(poses: Array, place_of: IntArray, sights: Sights, graph: Graph, table: Table, result: Array) -> None:
     for i in range(poses.shape[0]):
         p = place_of[i]
-        first, last = sights.start[p], sights.start[p + 1]
-        result[i] = cost_from(
-            poses[i, 0], poses[i, 1], poses[i, 2], sights.point[p, 0], sights.point[p, 1], sights.point[p, 2],
-            sights.vertex[first:last], int(last - first), graph, table,
-        )  # fmt: skip
-        if result[i] >= FAR:
-            result[i] = math.inf
+        seen = sights.vertex[sights.start[p] : sights.start[p + 1]]
+        x, y, pushed = sights.point[p, 0], sights.point[p, 1], sights.point[p, 2]
+        cost = cost_from(poses[i, 0], poses[i, 1], poses[i, 2], x, y, pushed, seen, graph, table)
+        result[i] = cost if cost < FAR else math.inf
+
+
+def costs_from(poses: Array, place_of: IntArray, sights: Sights, graph: Graph, table: Table) -> Array:
+    """Costs [s] of poses (m, 3), pose i standing at place place_of[i] of `sights`; inf: no path."""
+    result = np.empty(len(poses))
+    _costs(poses, place_of, sights, graph, table, result)
     return result
 
 
-@njit(cache=True)
-def trace(px: float, py: float, heading: float, graph: Graph, table: Table) -> tuple[Array, bool, int]:
-    """Cheapest path from a pose: points (m, 2), whether its last part is in reverse, site (-1: no path)."""
-    path = np.empty((graph.vertex.shape[0] + 4, 2))
+@kernel
+def _trace(
+    px: float, py: float, heading: float, graph: Graph, table: Table, scratch: IntArray, path: Array
+) -> tuple[int, bool, int]:
+    """Write the path; returns its size, whether it is driven in reverse, and the site (-1: no path)."""
     path[0, 0], path[0, 1] = px, py
     size = 1
     sx, sy, pushed = push_out(px, py, graph.outline, graph.solids)
-    visible = np.empty(graph.vertex.shape[0], np.int32)
-    count = visible_vertices(sx, sy, graph, visible)
+    visible = scratch[: visible_vertices(sx, sy, graph, scratch)]
     cost, in_reverse, via, follow = FAR, False, -1, 0
     for way in range(2):
         x, y, facing, spent = px, py, heading, 0.0
         if pushed > BESIDE:
             x, y, facing, spent = _way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
-        found = cost_outside(x, y, facing, sx, sy, visible, count, graph, table)
+        found = cost_outside(x, y, facing, sx, sy, visible, graph, table)
         if spent + found[0] < cost:
             cost, in_reverse, via, follow = spent + found[0], found[1], found[2], found[3]
         if pushed <= BESIDE:
             break
     if cost >= FAR:
-        return path[:1].copy(), False, -1
+        return 1, False, -1
     if pushed > BESIDE:
         path[1, 0], path[1, 1] = sx, sy
         size = 2
-    if via < 0:
-        site = -1 - follow
-    else:
+    site = -1 - follow
+    if via >= 0:
         path[size, 0], path[size, 1] = graph.vertex[via, 0], graph.vertex[via, 1]
         size += 1
         while follow >= 0 and size < path.shape[0] - 1:
@@ -307,6 +333,15 @@ def trace(px: float, py: float, heading: float, graph: Graph, table: Table) -> t
             size += 1
             follow = table.follow[follow, 1 if in_reverse else 0]
         site = table.exit_site[-1 - follow] if follow < 0 else -1
-    path[size, 0], path[size, 1] = table.site[site, 0], table.site[site, 1]
-    size += 1
+    if site >= 0:
+        path[size, 0], path[size, 1] = table.site[site, 0], table.site[site, 1]
+        size += 1
+    return size, in_reverse, site
+
+
+def trace(px: float, py: float, heading: float, graph: Graph, table: Table) -> tuple[Array, bool, int]:
+    """Cheapest path from a pose: points (m, 2), whether it is driven in reverse, site (-1: no path)."""
+    n = len(graph.vertex)
+    path = np.empty((n + 4, 2))
+    size, in_reverse, site = _trace(px, py, heading, graph, table, np.empty(n + 1, np.int32), path)
     return path[:size].copy(), in_reverse, site

@@ -25,8 +25,6 @@ from motm_twin.planning.search_memory import (
     BEST,
     DEPTH,
     EXPANSIONS,
-    G,
-    H,
     LEFT,
     NODES,
     PARENT,
@@ -34,6 +32,8 @@ from motm_twin.planning.search_memory import (
     SOLUTION,
     T_GOAL,
     CellSights,
+    G,
+    H,
     Memory,
     Settings,
     World,
@@ -81,10 +81,10 @@ def cost_at(
     if pushed == 0.0:
         sx, sy = x, y
     seen = cells.pool[first : first + cells.count[c]]
-    return cost_from(x, y, heading, sx, sy, pushed, seen, int(cells.count[c]), world.graph, table)
+    return cost_from(x, y, heading, sx, sy, pushed, seen, world.graph, table)
 
 
-@inlined
+@kernel
 def _bezier_cost(x: float, y: float, heading: float, limit: float, s: Settings, world: World, memory: Memory) -> float:
     """Time [s] of the Bezier curve to the goal when it is free and below `limit`, else FAR."""
     straight = length_of(s.goal_x - x, s.goal_y - y)
@@ -150,7 +150,7 @@ def _close(state: Array, s: Settings, closed: NDArray[np.int64], add: int) -> bo
     return False
 
 
-@inlined
+@kernel
 def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world: World) -> float:
     """C: 0 .. 1, how near the footprint is to obstacles."""
     if not s.grid_map:
@@ -194,7 +194,7 @@ def _reached_at(
     return in_reach(x + v_m * t * math.cos(ahead), y + v_m * t * math.sin(ahead), heading + w_m * t, v, w, job)
 
 
-@inlined
+@kernel
 def _child(
     node: int, v_end: float, w_end: float, action: int, allowed: float, root_reached: bool, s: Settings, world: World,
     cells: CellSights, memory: Memory,

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
@@ -137,15 +136,10 @@ def visible_vertices(px: float, py: float, graph: Graph, found: IntArray) -> int
     return count
 
 
-@njit(cache=True)
-def _edges(vertex: Array, walls: Rings) -> tuple[IntArray, IntArray]:
-    n = vertex.shape[0]
-    start = np.zeros(n + 1, np.int32)
-    to = np.empty(n * n, np.int32)
-    count = 0
-    free = np.zeros((n, n), np.bool_)
-    for u in range(n):
-        for v in range(u + 1, n):
+@kernel
+def _see_each_other(vertex: Array, walls: Rings, free: NDArray[np.bool_]) -> None:
+    for u in range(vertex.shape[0]):
+        for v in range(u + 1, vertex.shape[0]):
             dx, dy = vertex[v, 0] - vertex[u, 0], vertex[v, 1] - vertex[u, 1]
             if (
                 tangential(u, dx, dy, vertex)
@@ -153,40 +147,19 @@ def _edges(vertex: Array, walls: Rings) -> tuple[IntArray, IntArray]:
                 and segment_free(vertex[u, 0], vertex[u, 1], vertex[v, 0], vertex[v, 1], walls)
             ):
                 free[u, v] = free[v, u] = True
-    for u in range(n):
-        for v in range(n):
-            if free[u, v]:
-                to[count] = v
-                count += 1
-        start[u + 1] = count
-    return start, to[:count].copy()
 
 
-@njit(cache=True)
 def _corners(ring: Array) -> tuple[Array, IntArray]:
     """The ring shrunk by SHRINK, and the indices of its convex corners."""
-    n = ring.shape[0]
-    shrunk = np.empty_like(ring)
-    convex = np.empty(n, np.int32)
-    count = 0
-    for i in range(n):
-        px, py = ring[i - 1, 0], ring[i - 1, 1]
-        x, y = ring[i, 0], ring[i, 1]
-        qx, qy = ring[(i + 1) % n, 0], ring[(i + 1) % n, 1]
-        ax, ay = x - px, y - py
-        bx, by = qx - x, qy - y
-        la, lb = length_of(ax, ay), length_of(bx, by)
-        ax, ay, bx, by = ax / la, ay / la, bx / lb, by / lb
-        nx, ny = -(ay + by), ax + bx
-        scale = length_of(nx, ny)
-        if scale < 1e-6:
-            nx, ny, scale = -ax, -ay, 1.0
-        shrunk[i, 0] = x + SHRINK * nx / scale
-        shrunk[i, 1] = y + SHRINK * ny / scale
-        if ax * by - ay * bx > 1e-6:
-            convex[count] = i
-            count += 1
-    return shrunk, convex[:count].copy()
+    come, go = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
+    come /= np.hypot(come[:, 0], come[:, 1])[:, None]
+    go /= np.hypot(go[:, 0], go[:, 1])[:, None]
+    inward = np.column_stack((-(come[:, 1] + go[:, 1]), come[:, 0] + go[:, 0]))
+    scale = np.hypot(inward[:, 0], inward[:, 1])
+    spike = scale < 1e-6
+    inward = np.where(spike[:, None], -come, inward / np.where(spike, 1.0, scale)[:, None])
+    convex = np.flatnonzero(come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0] > 1e-6).astype(np.int32)
+    return ring + SHRINK * inward, convex
 
 
 def _rings(rings: list[Array]) -> Rings:
@@ -236,8 +209,11 @@ def build_graph(
     vertex = np.concatenate(corners)
     walls = _rings(shrunk)
     solids = _rings([np.array(p, dtype=np.float64) for p in polygons])
-    out_start, edge_to = _edges(vertex, walls)
-    edge_from = np.repeat(np.arange(len(vertex), dtype=np.int32), np.diff(out_start))
+    free = np.zeros((len(vertex), len(vertex)), dtype=bool)
+    _see_each_other(vertex, walls, free)
+    edge_from, edge_to = (part.astype(np.int32) for part in np.nonzero(free))
+    out_start = np.zeros(len(vertex) + 1, np.int32)
+    out_start[1:] = np.cumsum(free.sum(axis=1))
     line = vertex[edge_to, :2] - vertex[edge_from, :2]
     in_edge = np.argsort(edge_to, kind="stable").astype(np.int32)
     in_start = np.zeros(len(vertex) + 1, np.int32)

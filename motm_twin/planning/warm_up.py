@@ -1,0 +1,51 @@
+"""Compile the kernels of this room before they are needed. Each part can run in a process of its own, at the same time.
+
+Numba stores what it compiled, so that this takes time only once per installation.
+"""
+
+import numpy as np
+
+from motm_twin.model.profile import RobotProfile
+from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.controller import StaaController
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.placement import NextTargetPlacement
+from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Target
+
+
+def warm_up_placement() -> Placement:
+    """Compile what base placement and global paths need."""
+    return NextTargetPlacement(RobotProfile(), PlanningParameters()).place(_problem())
+
+
+def warm_up_search() -> None:
+    """Compile the local search."""
+    problem = _problem()
+    goal = np.array([2.0, -0.6, 0.0])
+    one = np.ones(1)
+    placement = Placement(
+        mode="ring", radius=0.6, poses=goal[None], cost_current=one, cost_next=one, cost=one, rejected=("",), chosen=0,
+        goal=goal, goal_has_heading=True, reason="", next_goal=goal + 1.0, next_goals=goal[None] + 1.0,
+    )  # fmt: skip
+    StaaController(RobotProfile(), PlanningParameters()).plan(problem, placement, SearchBudget(expansions=8))
+
+
+def _problem() -> BaseProblem:
+    x, y = np.meshgrid(np.arange(-2.0, 4.0, 0.05), np.arange(-2.0, 2.0, 0.05))
+    distance = np.hypot(np.maximum(np.abs(x - 2.0) - 0.3, 0.0), np.maximum(np.abs(y) - 0.3, 0.0)).astype(np.float32)
+    world = WorldMap(
+        stamp=0.0,
+        resolution=0.05,
+        origin=np.array([-2.025, -2.025]),
+        occupied=(distance == 0.0).astype(np.uint8),
+        distance=distance,
+        proximity=np.clip(1.0 - distance, 0.0, 1.0),
+        polygons=(np.array([[1.7, -0.3], [2.3, -0.3], [2.3, 0.3], [1.7, 0.3]]),),
+        seen_points=np.zeros((0, 2)),
+        seen_static=np.zeros(0, dtype=bool),
+    )
+    target = Target(kind="pick", name="cube", position=np.array([2.0, 0.0]), dwell=1.0)
+    after = Target(kind="place", name="bin", position=np.array([0.0, 1.0]), dwell=1.0)
+    return BaseProblem(
+        time=0.0, world=world, pose=np.zeros(3), twist=np.zeros(2), target=target, next_target=after, engaged=False
+    )
