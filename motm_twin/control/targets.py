@@ -11,7 +11,7 @@ from motm_twin.model.scene import DriveTo, Pick, Task
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.types import Target
 
-DWELL = {"pick": 1.3, "place": 0.7, "drive": 0.0}  # [s] in reach that a job needs before the arm has begun it
+DWELL = {"pick": 1.3, "place": 0.5, "drive": 0.0}  # [s] in reach that a job needs before the arm has begun it
 
 
 def odometry_to_world(observation: Observation) -> Array:

@@ -85,11 +85,11 @@ class ReachParameters:
     """When an object is in reach of the arm, and how long a job takes (own, from measured pass-bys of the arm)."""
 
     r_min: float = 0.35  # [m] arm mount to object, horizontally
-    r_max_pick: float = 0.75  # [m]
-    r_max_place: float = 0.75  # [m]
+    r_max_pick: float = 0.77  # [m] measured: 0.78 at 0.5 m/s fails
+    r_max_place: float = 0.88  # [m] to the bin's centre; measured: the cube is let go up to 0.135 m nearer
     relative_speed: float = 1.0  # [m/s] fastest motion of the object in the base frame that the arm follows
     dwell_pick: float = 1.3  # [s] uninterrupted time in reach of a pick: 0.5 s approach and 0.8 s closing
-    dwell_place: float = 0.7  # [s] the same of a drop: 0.5 s approach and 0.2 s opening
+    dwell_place: float = 0.5  # [s] the same of a drop: 0.3 s approach and 0.2 s opening
     plan_slack: float = 0.02  # [m] plans keep this far inside the reach: poses are known to 1 cm; costs 0.5 s per trial
     plan_speed: float = 0.95  # own: and this far below the speed limit
     engaged_slack: float = 0.0  # [m] added to r_max while the arm is at the object
