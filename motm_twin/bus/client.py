@@ -4,6 +4,7 @@ import itertools
 import secrets
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,8 +65,10 @@ class TwinClient:
         self._slots = {key: _Slot() for key in (self.keys.tick, self.keys.grid, self.keys.scene, self.keys.status)}
         self._decoded: dict[str, tuple[int, Any]] = {}
         self._clock_offset: float | None = None
-        self._declared = [self._session.declare_subscriber(key, self._on_sample) for key in self._slots]
-        self._liveliness = self._session.liveliness().declare_subscriber(self.keys.alive, self._on_alive, history=True)
+        self._declared = [self._session.declare_subscriber(key, _direct(self._on_sample)) for key in self._slots]
+        self._liveliness = self._session.liveliness().declare_subscriber(
+            self.keys.alive, _direct(self._on_alive), history=True
+        )
 
     @property
     def alive(self) -> bool:
@@ -117,7 +120,9 @@ class TwinClient:
         return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
 
     def close(self) -> None:
-        """Leave."""
+        """Leave; closing twice is fine."""
+        if self._closed:
+            return
         self._closed = True
         self._liveliness.undeclare()
         for subscriber in self._declared:
@@ -183,6 +188,11 @@ class TwinClient:
         _require(status.version, STATUS_VERSION)
         self._clock_offset = status.server_time - at
         return status
+
+
+def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
+    """Called in Zenoh's own thread: with a thread in Python, a program that forgets to close would never end."""
+    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 def _decode_scene(payload: bytes, _attachment: bytes | None, _at: float) -> Scene:

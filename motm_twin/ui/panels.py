@@ -111,7 +111,7 @@ class Panels:
         bodies.on_click(self._async(act))
 
     def _scene_widgets(self) -> None:
-        with self._gui.add_folder("Scene", expand_by_default=False):
+        with self._gui.add_folder("Scene"):
             self._scene: viser.GuiDropdownHandle[str] = self._gui.add_dropdown("Scene", _NOTHING)
             self._variant: viser.GuiDropdownHandle[str] = self._gui.add_dropdown("Variant", _NOTHING)
             self._seed = self._gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
@@ -152,8 +152,9 @@ class Panels:
 
     def _help(self, client: viser.ClientHandle | None) -> None:
         if client is not None:
-            with client.gui.add_modal("How to drive"):
+            with client.gui.add_modal("How to drive") as modal:
                 client.gui.add_markdown(cards.HELP)
+                client.gui.add_button("Close").on_click(self._async(lambda _: modal.close()))
 
     def _toggle(self) -> None:
         self._actions.send(Pause() if self._playing else Play())

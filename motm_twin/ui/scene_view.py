@@ -21,7 +21,9 @@ class SceneView:
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(enabled=False)
         server.scene.configure_environment_map(None)  # twenty times the cost of lights where there is no graphics card
-        server.scene.configure_fog(near=30.0, far=90.0)
+        server.scene.configure_fog(
+            near=30.0, far=90.0, enabled=False
+        )  # with fog, a hovered candidate stops the drawing
         server.scene.add_light_hemisphere(
             "/light/sky", sky_color=(255, 255, 255), ground_color=(196, 188, 178), intensity=1.45
         )

@@ -5,7 +5,6 @@ It can be started, stopped and restarted at any time; the twin does not notice. 
 """
 
 import itertools
-import math
 import queue
 import threading
 import time
@@ -22,6 +21,7 @@ from motm_twin.model.scene import Scene
 from motm_twin.ui.body_view import BodyView
 from motm_twin.ui.camera import Cameras
 from motm_twin.ui.drag import Drag
+from motm_twin.ui.free_place import free_place
 from motm_twin.ui.map_view import MapView
 from motm_twin.ui.panels import Actions, Panels
 from motm_twin.ui.plan_view import PlanView
@@ -43,6 +43,7 @@ class Viewer:
         self._commands: queue.Queue[Command] = queue.Queue(maxsize=100)
         self._note, self._note_until = "", 0.0
         self._numbers = itertools.count(1)
+        self._added: dict[str, tuple[float, float]] = {}  # asked for, not yet in a tick
         self._drag = Drag(client, self._report)
         self._scene_view, self._robot = SceneView(server), RobotView(server)
         self._bodies, self._map = BodyView(server, self._drag), MapView(server)
@@ -105,6 +106,8 @@ class Viewer:
 
     def _show_tick(self, tick: TickMessage, slow: bool) -> None:
         new, self._tick = tick is not self._tick, tick
+        for body in tick.obstacles:
+            self._added.pop(body.name, None)
         with self._server.atomic():
             if new:
                 self._robot.update(tick)
@@ -150,18 +153,16 @@ class Viewer:
         tick, scene = self._tick, self._scene
         if tick is None or scene is None:
             return
-        x, y, heading = tick.robot.true_pose
-        taken = [body.position for body in (*tick.agents, *tick.obstacles)]
-        spots = (
-            (x + 1.3 * math.cos(heading + a), y + 1.3 * math.sin(heading + a)) for a in (1.2, -1.2, 1.9, -1.9, 0.6)
-        )
-        place = next((p for p in spots if all(math.dist(p, other[:2]) > 0.6 for other in taken)), (x + 1.5, y))
-        names = {body.name for body in (*tick.agents, *tick.obstacles)} | {solid.name for solid in scene.solids}
+        bodies = (*tick.agents, *tick.obstacles)
+        names = {body.name for body in bodies} | {solid.name for solid in scene.solids} | set(self._added)
+        taken = [body.position[:2] for body in bodies] + list(self._added.values())
+        x, y, heading = free_place(tick.robot.true_pose, self._client.grid(), taken)
         name = next(n for i in self._numbers if (n := f"{kind} {i}") not in names)
-        size = SIZES[kind]
-        self._queue_command(AddObstacle(name=name, shape=kind, x=place[0], y=place[1], heading=heading, size=size))
+        self._added[name] = (x, y)
+        self._queue_command(AddObstacle(name=name, shape=kind, x=x, y=y, heading=heading, size=SIZES[kind]))
 
     def _clear(self) -> None:
+        self._added.clear()
         for body in self._tick.obstacles if self._tick else ():
             self._queue_command(RemoveObstacle(name=body.name))
 

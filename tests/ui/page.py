@@ -81,6 +81,13 @@ class Visitor:
         self.page.mouse.move(*self.pixel(point))
         self.page.wait_for_timeout(500)
 
+    def click(self, point):
+        """Click on a point of the world."""
+        self.hover(point)
+        self.page.mouse.down()
+        self.page.wait_for_timeout(100)
+        self.page.mouse.up()
+
     def drag(self, start, end, steps=12):
         """Drag from one point of the world to another."""
         self.hover(start)

@@ -8,12 +8,14 @@ import pytest
 import trimesh
 from fake_twin import FakeTwin, fake_scene
 
+from motm_twin.bus.client import Grid
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.messages import TickMessage
+from motm_twin.bus.messages import GRID_VERSION, GridInfo, TickMessage
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
 from motm_twin.ui import cards, colours
 from motm_twin.ui.camera import from_above, interest, overview
 from motm_twin.ui.drag import on_plane
+from motm_twin.ui.free_place import free_place, is_free
 from motm_twin.ui.furniture import bin_mesh, floor_glb, loose_box_mesh, solid_mesh
 from motm_twin.ui.plan_view import relative_cost
 from motm_twin.ui.robot_view import GHOST_GAP, GHOSTS, ghost_poses
@@ -160,3 +162,21 @@ def test_the_overview_looks_at_the_scene_from_outside():
     assert np.linalg.norm(look_at[:2] - np.array(centre)) < 1e-9
     above, below = from_above(scene)
     assert np.hypot(*(above[:2] - below[:2])) < 0.05
+
+
+def test_a_new_obstacle_comes_to_free_floor_away_from_others():
+    cells = np.zeros((100, 100), dtype=np.uint8)
+    cells[:, 60:] = 255  # x > 1 m is occupied
+    info = GridInfo(
+        version=GRID_VERSION, run=1, encoding="", resolution=0.05, origin=[-2.0, -2.0], width=100, height=100, stamp=0.0
+    )
+    grid = Grid(info=info, cells=cells)
+    taken = []
+    for _ in range(4):
+        x, y, _ = free_place([0.0, 0.0, math.pi], grid, taken)
+        assert x < 0.62
+        assert all(math.dist((x, y), other) > 0.7 for other in taken)
+        assert is_free(grid, (x, y))
+        taken.append((x, y))
+    assert not is_free(grid, (0.9, 0.0))
+    assert not is_free(grid, (9.0, 0.0))
