@@ -40,10 +40,8 @@ if ! .venv/bin/python -c 'import pinocchio' 2>/dev/null; then
   tools/apt.sh libgomp1
   .venv/bin/python -c 'import pinocchio'
 fi
-if [ "$kind" = run ]; then
-  echo "setup: compiling the numeric kernels (about a minute, once)"
-  OMP_NUM_THREADS=1 .venv/bin/python tools/warm.py
-fi
+echo "setup: compiling the numeric kernels (about a minute, once)"
+OMP_NUM_THREADS=1 .venv/bin/python -m motm_twin.warm_up
 touch .venv/.ready-run
 if [ "$kind" = dev ]; then
   if ! .venv/bin/python -m playwright --version >/dev/null 2>&1; then
