@@ -33,9 +33,9 @@ def compile_planning() -> None:
 
 def _warm_up_the_rest() -> None:
     """Compile simulation and perception while planning is compiled elsewhere."""
-    from motm_twin.model.known import known_world  # noqa: PLC0415 - only when there is something to compile
-    from motm_twin.perception.mapper import Mapper  # noqa: PLC0415
-    from motm_twin.sim.plant import SimulatedPlant  # noqa: PLC0415
+    from motm_twin.model.known import known_world
+    from motm_twin.perception.mapper import Mapper
+    from motm_twin.sim.plant import SimulatedPlant
 
     scene = load_scene("exp1a")
     plant, mapper = SimulatedPlant(scene), Mapper(known_world(scene))
@@ -46,7 +46,7 @@ def _warm_up_the_rest() -> None:
 
 def main() -> None:
     """Compile everything, by running the twin."""
-    from motm_twin.twin import Twin  # noqa: PLC0415
+    from motm_twin.twin import Twin
 
     compile_planning()
     twin = Twin(load_scene("exp1"))
