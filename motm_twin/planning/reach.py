@@ -30,6 +30,7 @@ class Job(NamedTuple):
     dwell: float  # [s] a whole job, started anew whenever reach is lost
     heading: float  # [rad] drive only, nan: free
     heading_tolerance: float  # [rad]
+    behind: float  # cosine of the largest azimuth that joint 1 can turn the arm to
 
 
 @kernel
@@ -45,13 +46,13 @@ def in_reach(x: float, y: float, heading: float, v: float, w: float, job: Job) -
     c, s = math.cos(heading), math.sin(heading)
     px, py = c * dx + s * dy, -s * dx + c * dy
     distance = length_of(px - job.mount_x, py - job.mount_y)
-    if distance < job.r_min or distance > job.r_max:
+    if distance < job.r_min or distance > job.r_max or px - job.mount_x < job.behind * distance:
         return False
     return length_of(v - w * py, w * px) <= job.speed
 
 
 class ReachModel:
-    """Reach of the arm of one robot: horizontal distance from mount to object, and speed of the object."""
+    """Reach of the arm of one robot: horizontal distance and azimuth of the object from the mount, and its speed."""
 
     def __init__(self, profile: RobotProfile, parameters: ReachParameters) -> None:
         self._arm = profile.arm
@@ -64,14 +65,14 @@ class ReachModel:
             heading = math.nan if target.heading is None else float(target.heading)
             return Job(
                 DRIVE, float(target.position[0]), float(target.position[1]), 0.0, 0.0, 0.0, float(target.tolerance),
-                math.inf, ARRIVED, heading, staa.pass_heading,
+                math.inf, ARRIVED, heading, staa.pass_heading, -1.0,
             )  # fmt: skip
         r_max = p.r_max(target.kind) + (p.engaged_slack if engaged else 0.0)
         speed = p.relative_speed * (p.plan_speed if slack > 0.0 else 1.0)
         return Job(
             MANIPULATE, float(target.position[0]), float(target.position[1]), self._arm.mount_x, self._arm.mount_y,
             p.r_min + slack, r_max - slack, speed, p.dwell(target.kind),
-            math.nan, 0.0,
+            math.nan, 0.0, math.cos(p.azimuth_max),
         )  # fmt: skip
 
     def contains(self, pose: Array, twist: Array, target: Target, staa: StaaParameters | None = None) -> bool:
@@ -85,8 +86,10 @@ class ReachModel:
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         mount_x = poses[:, 0] + c * self._arm.mount_x - s * self._arm.mount_y
         mount_y = poses[:, 1] + s * self._arm.mount_x + c * self._arm.mount_y
-        distance = np.hypot(target.position[0] - mount_x, target.position[1] - mount_y)
-        return (distance >= p.r_min + slack) & (distance <= p.r_max(target.kind) - slack)
+        dx, dy = target.position[0] - mount_x, target.position[1] - mount_y
+        distance = np.hypot(dx, dy)
+        turned_to = c * dx + s * dy >= math.cos(p.azimuth_max) * distance
+        return (distance >= p.r_min + slack) & (distance <= p.r_max(target.kind) - slack) & turned_to
 
     def passes(self, radius: float, target: Target) -> bool:
         """Whether a base driving along a tangent of a circle of `radius` [m] gets the target into reach at all."""
