@@ -98,7 +98,7 @@ def _swing(swing: _Swing, rotation: Array, view: View, mount: Array, p: ArmParam
 
     ``planar`` 1: the hand turns with its azimuth, as the whole arm does about joint 1.
     """
-    radius, azimuth = polar(view.p, view.pose, mount)
+    radius, azimuth = _hand_polar(view, mount)
     radial = swing.gain * (swing.radius - radius) + swing.radius_rate
     turning = swing.azimuth_gain * (swing.azimuth - azimuth) + swing.azimuth_rate
     turning = min(max(turning, -p.hand_yaw_rate), p.hand_yaw_rate)
@@ -151,13 +151,22 @@ def _inbound(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Arra
             max(radius - early, p.swing_radius),
             p.extension_speed if radius - early > p.swing_radius else 0.0,
         )
-    now, heading = polar(view.p, view.pose, mount)
+    now, heading = _hand_polar(view, mount)
     turned = max(0.0, 1.0 - abs(azimuth - heading) / p.extension_azimuth)
     if radius > p.swing_radius and turned < 1.0:
         radius, radius_rate = p.swing_radius + turned * (radius - p.swing_radius), turned * radius_rate
     if view.p[2] < z - 0.03 and now < _FOOT_RADIUS + 0.02:  # first up, then out
         radius, radius_rate = min(radius, _FOOT_RADIUS), 0.0
     return _Swing(max(radius, p.swing_radius), azimuth, z, radius_rate, azimuth_rate, p.k_transit, gain)
+
+
+def _hand_polar(view: View, mount: Array) -> tuple[float, float]:
+    """Radius and azimuth of the hand about the mount, the azimuth counted on from joint 1: it may pass half a turn.
+
+    Joint 1 does not turn all round, so a hand that is there has to go back the way it came.
+    """
+    radius, azimuth = polar(view.p, view.pose, mount)
+    return radius, float(view.q[0]) + math.remainder(azimuth - float(view.q[0]), 2.0 * math.pi)
 
 
 def _apparent_motion(view: View, radius: float, azimuth: float) -> tuple[float, float]:
