@@ -152,7 +152,8 @@ def _inbound(state: ManipulatorState, view: View, inputs: ArmInputs, mount: Arra
             p.extension_speed if radius - early > p.swing_radius else 0.0,
         )
     now, heading = _hand_polar(view, mount)
-    turned = max(0.0, 1.0 - abs(azimuth - heading) / p.extension_azimuth)
+    turned = (p.withdrawal_azimuth - abs(azimuth - heading)) / (p.withdrawal_azimuth - p.extension_azimuth)
+    turned = min(max(turned, 0.0), 1.0)
     if radius > p.swing_radius and turned < 1.0:
         radius, radius_rate = p.swing_radius + turned * (radius - p.swing_radius), turned * radius_rate
     if view.p[2] < z - 0.03 and now < _FOOT_RADIUS + 0.02:  # first up, then out

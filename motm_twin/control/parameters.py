@@ -67,7 +67,8 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     swing_radius: float = 0.25  # [m] from the mount at which the hand swings before it is stretched out
     extension_lead: float = 0.4  # [s] before arrival at which the hand is stretched out to the hover point
     extension_speed: float = 0.5  # [m/s] at which it is stretched out
-    extension_azimuth: float = 0.45  # [rad] of azimuth error at which it is not stretched out at all
+    extension_azimuth: float = 0.3  # [rad] of azimuth error up to which it may be stretched out fully
+    withdrawal_azimuth: float = 0.55  # [rad] from which on it is not stretched out at all
     k_transit: float = 8.0  # [1/s] largest gain in transit
     k_orientation: float = 6.0  # [1/s]
     approach_distance: float = 0.10  # [m] d_T, the final approach begins (MotM)
