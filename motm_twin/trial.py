@@ -11,11 +11,15 @@ import numpy as np
 from motm_twin.bench.reference_tour import reference_tour_s
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
+from motm_twin.model.geometry import to_frame
+from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Pick, Place, Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import SearchBudget
 from motm_twin.twin import Twin
 
+ENCOUNTER = 1.0  # [m] between base and agent at which an encounter begins
+PARTED = 1.2  # [m] and at which it has ended
 SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest
 
 
@@ -27,7 +31,8 @@ class Tally:
     closing_speed: list[float] = field(default_factory=list)
     period_ms: list[float] = field(default_factory=list)
     last_pose: Any = None
-    attempts: int = 0
+    encounters: int = 0
+    meeting: set[str] = field(default_factory=set)
 
     def add(self, tick: Tick) -> None:
         """Take one Tick into account."""
@@ -39,6 +44,19 @@ class Tally:
         closing = sum(step.phase == "closing" for step in tick.arm)
         self.closing_speed += [abs(float(tick.observation.twist[0]))] * closing
         self.period_ms.append(tick.stage_ms["period"])
+
+    def meet(self, tick: Tick, footprint: Footprint) -> None:
+        """Count encounters: an agent comes within 1 m of the base, and parts again before it counts anew."""
+        assert tick.truth is not None
+        for agent in tick.truth.agents:
+            x, y = to_frame(tick.truth.pose, np.array(agent.position[:2])) - (footprint.offset_x, 0.0)
+            beside = np.maximum(np.abs([x, y]) - 0.5 * np.array([footprint.length, footprint.width]), 0.0)
+            gap = float(np.hypot(*beside)) - 0.5 * agent.size[0]
+            if gap < ENCOUNTER and agent.name not in self.meeting:
+                self.meeting.add(agent.name)
+                self.encounters += 1
+            elif gap > PARTED:
+                self.meeting.discard(agent.name)
 
 
 def run_trial(scene: str, variant: str | None = None, seed: int | None = None) -> dict[str, Any]:
@@ -58,6 +76,7 @@ def run_scene(
     while True:
         tick = twin.advance()
         tally.add(tick)
+        tally.meet(tick, scene.robot.footprint)
         if on_tick is not None:
             on_tick(tick)
         assert tick.truth is not None
@@ -97,9 +116,10 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, An
         "min_ee_obstacle_m": _finite(truth.min_ee_obstacle),
         "path_length_m": round(tally.path_length, 3),
         "mean_closing_base_speed_mps": round(float(np.mean(tally.closing_speed)), 4) if tally.closing_speed else None,
+        "encounters": tally.encounters,
         "plant_faults": list(truth.plant_faults),
         "reason": failure(twin, tick, completed, len(caused), sequence.failures),
-        "tick_ms": {"p50": round(p50, 3), "p99": round(p99, 3), "max": round(max(tally.period_ms), 3)},
+        "tick_ms": {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(max(tally.period_ms), 3)},
         "realtime_factor": round(tick.time / seconds, 2),
         "state_hash": twin.state_hash(),
     }

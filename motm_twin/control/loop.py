@@ -22,7 +22,7 @@ from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget
+from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget
 
 PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
@@ -208,6 +208,3 @@ def _stages(marks: list[float], arm_seconds: float) -> dict[str, float]:
     observe, mapping, planning = (1e3 * (b - a) for a, b in itertools.pairwise(marks))
     arm = 1e3 * arm_seconds
     return {"observe": observe, "map": mapping, "plan": planning, "arm": arm, "period": mapping + planning + arm}
-
-
-__all__ = ["ARM_STEPS", "PERIOD", "ControlLoop", "LoopState", "Placement", "Settings"]
