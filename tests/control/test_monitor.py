@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.control.monitor import Monitor
+from motm_twin.control.monitor import Monitor, points_in_stop
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
@@ -110,3 +110,12 @@ def test_numbers_that_are_not_finite_stop_the_robot():
     assert "not finite" in verdict.reason
     assert np.all(verdict.actuation.joint_velocity == 0.0)
     assert np.all(verdict.actuation.twist == 0.0)
+
+
+def test_a_base_that_turns_away_from_a_post_may_keep_turning_while_it_brakes():
+    """Braking the turn as well drove into the post that the base was turning away from."""
+    points = np.array([[0.58, -0.10], [0.60, -0.10], [0.60, -0.08]])
+    stop = (points, 0.45, 0.9, 0.5, 1.75, 0.1)
+    rectangle = np.array([0.35, 0.25, 0.0])
+    assert points_in_stop(*stop, False, rectangle, 0.01) == 3
+    assert points_in_stop(*stop, True, rectangle, 0.01) == 0

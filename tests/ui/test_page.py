@@ -108,7 +108,9 @@ def test_another_variant_is_chosen_by_mouse_and_a_silent_server_is_told():
         page.get_by_role("button", name="Load").click()
         until(lambda: client.status().variant == "trial4" and client.scene().variant == "trial4", 60.0, "not loaded")
         page_shows(page, "exp1 / trial4")
-        server = next(pid for pid in processes("motm_twin.bus.server_process") if client.endpoint.rsplit(":")[-1] in command(pid))
+        server = next(
+            pid for pid in processes("motm_twin.bus.server_process") if client.endpoint.rsplit(":")[-1] in command(pid)
+        )
         os.kill(server, signal.SIGSTOP)
         page_says(page, "Connection lost")
         os.kill(server, signal.SIGCONT)
