@@ -1,16 +1,29 @@
 """Compile the numeric kernels, once per installation: ``python -m motm_twin.warm_up``.
 
-Numba keeps what it compiled, so every later start takes it from there. The three big parts are compiled at the same
+Numba keeps what it compiled, so every later start takes it from there. The four big parts are compiled at the same
 time, in processes of their own.
 """
 
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
+
+from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.monitor import Monitor
+from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
+from motm_twin.model.joint_limits import READY
+from motm_twin.model.known import known_world
+from motm_twin.model.plant import Observation, Scan
+from motm_twin.model.profile import Lidar
 from motm_twin.model.scene_file import load_scene
+from motm_twin.perception.mapper import Mapper
 from motm_twin.planning.staa import run_search
 from motm_twin.planning.warm_up import warm_up_placement, warm_up_search
+from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.twin import Twin
 
+ARM_STEP = 0.01  # [s]
 PERIODS = 10  # of Experiment 1: the first one needs nearly every kernel that is left
 
 
@@ -19,36 +32,83 @@ def is_warm() -> bool:
     return any(Path(run_search.stats.cache_path).glob(f"*{run_search.__name__}*.nbi"))
 
 
-def compile_planning() -> None:
-    """Compile the kernels of base placement and local search, unless they are there already."""
+def compile_kernels() -> None:
+    """Compile the big parts in processes of their own, unless they are compiled already."""
     if is_warm():
         return
-    parts = [get_context("spawn").Process(target=part) for part in (warm_up_search, warm_up_placement)]
+    context = get_context("spawn")
+    parts = [context.Process(target=part) for part in (warm_up_search, _plant, _arm, _perception)]
     for part in parts:
         part.start()
-    _warm_up_the_rest()
     for part in parts:
         part.join()
 
 
-def _warm_up_the_rest() -> None:
-    """Compile simulation and perception while planning is compiled elsewhere."""
-    from motm_twin.model.known import known_world
-    from motm_twin.perception.mapper import Mapper
-    from motm_twin.sim.plant import SimulatedPlant
-
-    scene = load_scene("exp1a")
-    plant, mapper = SimulatedPlant(scene), Mapper(known_world(scene))
+def _plant() -> None:
+    plant = SimulatedPlant(load_scene("exp1a"))
     for _ in range(PERIODS):
-        mapper.update(plant.observe())
-        plant.step(0.05)
+        plant.observe()
+        plant.step(ARM_STEP)
+
+
+def _perception() -> None:
+    """Perception, and base placement after it: together about as long as the others."""
+    known = known_world(load_scene("exp1a"))
+    mapper = Mapper(known)
+    for k in range(PERIODS):
+        mapper.update(_observation(known.robot.lidar, 0.05 * k))
+    warm_up_placement()
+
+
+def _arm() -> None:
+    known = known_world(load_scene("exp1a"))
+    manipulator, monitor = Manipulator(known), Monitor(known.robot)
+    for k in range(PERIODS):
+        observation = _observation(known.robot.lidar, ARM_STEP * k)
+        monitor.check(manipulator.step(_arm_inputs(observation)).actuation, observation, ARM_STEP)
+
+
+def _observation(lidar: Lidar, time: float) -> Observation:
+    """A standing robot in a round room."""
+    scan = Scan(
+        stamp=time,
+        ranges=np.full(lidar.beams, 2.0),
+        angle_min=-0.5 * lidar.field_of_view,
+        angle_step=lidar.field_of_view / max(1, lidar.beams - 1),
+        origin=np.array([lidar.x, lidar.y]),
+        range_min=lidar.range_min,
+        range_max=lidar.range_max,
+        pose=np.zeros(3),
+    )
+    return Observation(
+        time=time, pose=np.zeros(3), odometry=np.zeros(3), twist=np.zeros(2), q=READY.copy(), dq=np.zeros(7),
+        gripper_width=0.08, gripper_moving=False, scan=scan, detections=(),
+    )  # fmt: skip
+
+
+def _arm_inputs(observation: Observation) -> ArmInputs:
+    """A cube and an obstacle within reach of the arm."""
+    goal = ArmGoal(
+        kind="pick", name="cube", position=np.array([0.7, 0.3, 0.8]), yaw=0.0, side=0.04, position_sd=0.001,
+        last_seen=observation.time,
+    )  # fmt: skip
+    near = np.array([[0.8, -0.4], [0.8, 0.5]])
+    return ArmInputs(
+        observation=observation,
+        dt=ARM_STEP,
+        goal=goal,
+        base_twist=np.array([0.01, 0.01]),
+        time_to_range=0.0,
+        plan_times=np.array([0.3]),
+        plan_poses=np.zeros((1, 5)),
+        obstacles=ArmObstacles(points=near, static=np.array([False, True])),
+        T_odom_world=np.zeros(3),
+    )
 
 
 def main() -> None:
     """Compile everything, by running the twin."""
-    from motm_twin.twin import Twin
-
-    compile_planning()
+    compile_kernels()
     twin = Twin(load_scene("exp1"))
     for _ in range(PERIODS):
         twin.advance()

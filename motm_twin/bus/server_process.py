@@ -24,9 +24,9 @@ WATCH = 0.1  # [s] between looks at the state for the report
 def make_twin(scene: Scene, budget: SearchBudget) -> TwinLike:
     """A twin whose searches are bounded by the clock as well."""
     from motm_twin.twin import Twin  # slow to import: only once the server listens
-    from motm_twin.warm_up import compile_planning
+    from motm_twin.warm_up import compile_kernels
 
-    compile_planning()
+    compile_kernels()
     return Twin(scene, budget=budget, clock=time.perf_counter)
 
 
