@@ -1,6 +1,6 @@
 """Compile the numeric kernels, once per installation: ``python -m motm_twin.warm_up``.
 
-Numba keeps what it compiled, so every later start takes it from there. The four big parts are compiled at the same
+Numba keeps what it compiled, so every later start takes it from there. The five big parts are compiled at the same
 time, in processes of their own.
 """
 
@@ -37,7 +37,7 @@ def compile_kernels() -> None:
     if is_warm():
         return
     context = get_context("spawn")
-    parts = [context.Process(target=part) for part in (warm_up_search, _plant, _arm, _perception)]
+    parts = [context.Process(target=part) for part in (warm_up_search, _plant, _arm, _perception, warm_up_placement)]
     for part in parts:
         part.start()
     for part in parts:
@@ -52,12 +52,10 @@ def _plant() -> None:
 
 
 def _perception() -> None:
-    """Perception, and base placement after it: together about as long as the others."""
     known = known_world(load_scene("exp1a"))
     mapper = Mapper(known)
     for k in range(PERIODS):
         mapper.update(_observation(known.robot.lidar, 0.05 * k))
-    warm_up_placement()
 
 
 def _arm() -> None:
