@@ -28,7 +28,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 
 _OWN_ROWS = 8
-_SEEN = 1_000_000  # what rows of seen obstacles are named by begins here
+SEEN = 1_000_000  # what rows of seen obstacles are named by begins here
 _DEEP = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _TOUCHING = ("final", "closing", "lift", "retry")  # phases in which the fingers are at the supporting surface
 
@@ -82,15 +82,15 @@ class FurnitureRows:
         parts = [(rows, np.maximum(limits, _DEEP), which) for rows, limits, which in parts]
         if self.parameters.enabled and len(seen.points):
             rows, limits, bodies = seen_rows(view, self._balls, (centre, radius), seen, self._mount, self.parameters)
-            parts.append((rows, limits, _SEEN + bodies))
+            parts.append((rows, limits, SEEN + bodies))
         rows, limits, which = (np.concatenate([part[k] for part in parts]) for k in range(3))
         return rows, limits, which
 
     def name(self, which: int) -> str:
         """Body and solid of a row."""
         solids = self.solids
-        if which >= _SEEN:
-            return f"{BODIES[which - _SEEN]} - lidar"
+        if which >= SEEN:
+            return f"{BODIES[which - SEEN]} - lidar"
         if which < 0:
             solids, which = self.own, -1 - which
         body, solid = divmod(which, len(solids.names))

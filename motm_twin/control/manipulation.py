@@ -10,12 +10,14 @@ from motm_twin.control.arm_motion import Motion, hand_motion
 from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged
 from motm_twin.control.arm_reference import planar_joints, polar, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View, look
-from motm_twin.control.furniture_rows import FurnitureRows, IntArray
+from motm_twin.control.furniture_rows import SEEN, FurnitureRows, IntArray
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp import Program, solve
 from motm_twin.control.qp_rows import (
     ARM,
     BASE,
+    FURNITURE_ELASTIC,
+    LIDAR_ELASTIC,
     SIZE,
     SLACK,
     base_bounds,
@@ -130,6 +132,8 @@ class Manipulator(Stateful[ManipulatorState]):
         G, h = elastic_rows(
             velocity, np.concatenate([lidar.allowed, allowed]), len(towards), beta, np.asarray(inputs.observation.twist)
         )
+        seen = len(towards) + np.flatnonzero(which >= SEEN)  # these give way together with the gripper's lidar rows:
+        G[seen, FURNITURE_ELASTIC], G[seen, LIDAR_ELASTIC] = 0.0, -1.0  # mapped furniture must not give way for them
         return _Rows(G, h, which, lidar)
 
     def _active(self, program: Program, rows: _Rows, x: Array) -> tuple[str, ...]:
