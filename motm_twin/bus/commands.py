@@ -10,7 +10,24 @@ this is Unix time). The answer is an `Answer` as JSON.
 
 import msgspec
 
-from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveObstacle, WorldEdit
+from motm_twin.model.edits import (
+    EDITS,
+    AddObstacle,
+    Announce,
+    Edit,
+    FreezeBody,
+    InjectFault,
+    InsertTask,
+    MoveBody,
+    MoveObject,
+    MoveTask,
+    PushRobot,
+    ReleaseBody,
+    RemoveBody,
+    RemoveTask,
+    SendAgent,
+    SetParameter,
+)
 
 MAX_COMMAND_BYTES = 64 * 1024
 SPEED_MIN, SPEED_MAX = 0.125, 8.0
@@ -48,9 +65,33 @@ class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown
     seed: int | None = None
 
 
-Command = Play | Pause | Step | Reset | Speed | Load | AddObstacle | MoveBody | ReleaseBody | RemoveObstacle
-EDITS = (AddObstacle, MoveBody, ReleaseBody, RemoveObstacle)
-COMMAND_NAMES = tuple(str(kind.__struct_config__.tag) for kind in (Play, Pause, Step, Reset, Speed, Load, *EDITS))
+class Branch(msgspec.Struct, frozen=True, kw_only=True, tag="branch", forbid_unknown_fields=True):
+    """Go back to the start of period ``index`` of this run and go on from there; what came after is forgotten."""
+
+    index: int
+
+
+class Inspect(msgspec.Struct, frozen=True, kw_only=True, tag="inspect", forbid_unknown_fields=True):
+    """What the ticks explain in addition, for everybody: the two paths of a candidate, the path of unmodified STAA*."""
+
+    candidate: int = -1  # index into the candidates; -1: none
+    staa_path: bool = False
+
+
+class TakeWheel(msgspec.Struct, frozen=True, kw_only=True, tag="take_wheel", forbid_unknown_fields=True):
+    """Become the driver, when nobody drives; sent again, it keeps the wheel through silence."""
+
+
+class HandOver(msgspec.Struct, frozen=True, kw_only=True, tag="hand_over", forbid_unknown_fields=True):
+    """Give the wheel to another sender; an empty one leaves it to whoever acts next."""
+
+    to: str = ""
+    name: str = ""  # shown name of the new driver
+
+
+SERVER_COMMANDS = (Play, Pause, Step, Reset, Speed, Load, Branch, Inspect, TakeWheel, HandOver)
+Command = Play | Pause | Step | Reset | Speed | Load | Branch | Inspect | TakeWheel | HandOver | Edit
+COMMAND_NAMES = tuple(str(kind.__struct_config__.tag) for kind in (*SERVER_COMMANDS, *EDITS))
 
 
 class Envelope(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -60,6 +101,7 @@ class Envelope(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     seq: int
     expires: float
     command: Command
+    name: str = ""  # of the person, to be shown to others
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,21 +122,36 @@ __all__ = [
     "COMMAND_NAMES",
     "EDITS",
     "MAX_COMMAND_BYTES",
+    "SERVER_COMMANDS",
     "SPEED_MAX",
     "SPEED_MIN",
     "AddObstacle",
+    "Announce",
     "Answer",
+    "Branch",
     "Command",
+    "Edit",
     "Envelope",
+    "FreezeBody",
+    "HandOver",
+    "InjectFault",
+    "InsertTask",
+    "Inspect",
     "Load",
     "MoveBody",
+    "MoveObject",
+    "MoveTask",
     "Pause",
     "Play",
+    "PushRobot",
     "ReleaseBody",
-    "RemoveObstacle",
+    "RemoveBody",
+    "RemoveTask",
     "Reset",
+    "SendAgent",
+    "SetParameter",
     "Speed",
     "Step",
-    "WorldEdit",
+    "TakeWheel",
     "command_name",
 ]

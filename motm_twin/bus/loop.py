@@ -19,7 +19,7 @@ from motm_twin.bus.commands import (
     MoveBody,
     Pause,
     Play,
-    RemoveObstacle,
+    RemoveBody,
     Reset,
     Speed,
     Step,
@@ -235,7 +235,7 @@ class TwinLoop:
                     raise Refused(f"the name {name!r} is in use")
                 if len(added) >= MAX_ADDED:
                     raise Refused(f"{MAX_ADDED} obstacles were added already; remove one first")
-            case RemoveObstacle(name=name):
+            case RemoveBody(name=name):
                 _require_known(name, added)
             case MoveBody(name=name) | Release(name=name):
                 _require_known(name, agents + added)

@@ -6,6 +6,8 @@ version; a change of meaning or a removal makes a new one.
 
 import msgspec
 
+from motm_twin.model.edits import ParameterValue
+
 TICK_VERSION = "motm.tick/1"
 STATUS_VERSION = "motm.status/1"
 GRID_VERSION = "motm.grid/1"
@@ -74,6 +76,14 @@ class PlacementMessage(msgspec.Struct, frozen=True, kw_only=True):
     next_goal: list[MaybeNumber] | None
 
 
+class InspectedMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The two paths behind the costs of one candidate, as asked for by an Inspect command."""
+
+    candidate: int
+    path: Vectors  # robot to candidate, shape (m, 2)
+    next_path: Vectors  # candidate to the next target, shape (k, 2); empty without one
+
+
 class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
     """What the base does and the plan behind it."""
 
@@ -91,6 +101,7 @@ class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
     t_h: MaybeNumber
     k: float
     time_to_range: MaybeNumber
+    staa_path: Vectors = []  # shortest path of unmodified STAA*, when asked for
 
 
 class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -148,6 +159,7 @@ class ScoreMessage(msgspec.Struct, frozen=True, kw_only=True):
     min_arm_clearance: MaybeNumber
     min_ee_obstacle: MaybeNumber
     ee_obstacle: MaybeNumber
+    path_length: float = 0.0  # [m] driven by the base so far
 
 
 class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -174,6 +186,10 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     score: ScoreMessage | None
     done: bool
     success: bool
+    furniture: list[BodyMessage] = []  # pieces that stand elsewhere than in the scene: reference point, turn as yaw
+    removed: list[str] = []  # pieces and agents of the scene that are gone
+    faults: list[str] = []  # injected faults that last, one phrase each
+    inspected: InspectedMessage | None = None
     preview: bool  # True: paused; bodies stand where posted edits will put them in the next period
 
 
@@ -202,6 +218,13 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     actual_speed: float  # reached over the last second
     capped: bool  # the machine can not keep up with the wanted speed
     scenes: list[SceneChoice]
+    driver: str = ""  # sender that holds the wheel; "": nobody, the next who acts takes it
+    driver_name: str = ""
+    driver_left: float = 0.0  # [s] of silence after which the wheel is free
+    parameters: dict[str, ParameterValue] = {}  # those that were changed, by name
+    oldest: int = 0  # first period that `branch` can go back to
+    recorded: int = 0  # edits in the log of this run
+    reference_tour: MaybeNumber = None  # [s] lower bound of this scene's task, see bench.reference_tour
 
 
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import msgspec
 
 from motm_twin.bus.messages import BodyMessage, TickMessage
-from motm_twin.model.edits import AddObstacle, MoveBody, RemoveObstacle, WorldEdit
+from motm_twin.model.edits import AddObstacle, MoveBody, RemoveBody, WorldEdit
 
 
 def preview(message: TickMessage, edits: Sequence[WorldEdit]) -> TickMessage:
@@ -27,7 +27,7 @@ def preview(message: TickMessage, edits: Sequence[WorldEdit]) -> TickMessage:
                 bodies = agents if edit.name in agents else obstacles
                 if edit.name in bodies:
                     bodies[edit.name] = _moved(bodies[edit.name], edit)
-            case RemoveObstacle():
+            case RemoveBody():
                 obstacles.pop(edit.name, None)
     return msgspec.structs.replace(
         message, agents=list(agents.values()), obstacles=list(obstacles.values()), preview=bool(edits)

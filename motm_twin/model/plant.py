@@ -119,3 +119,7 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     min_ee_obstacle: float  # gripper centre to anything that is not in the map, so far
     ee_obstacle: float  # the same now [m]
     plant_faults: tuple[str, ...]  # limits the plant itself broke: must stay empty
+    furniture: tuple[BodyTruth, ...] = ()  # pieces that were moved: reference point, yaw = turn from the scene's pose
+    removed: tuple[str, ...] = ()  # pieces, loose solids and agents of the scene that a person took away
+    faults: tuple[str, ...] = ()  # injected faults that last, one phrase each: "lidar off for 0.6 s"
+    path_length: float = 0.0  # [m] driven by the base so far (pushes by a person not counted)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 import numpy as np
 
-from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveObstacle, WorldEdit
+from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveBody, WorldEdit
 from motm_twin.model.scene import Box, Cylinder, Scene, Solid
 from motm_twin.sim.agents import AgentState
 
@@ -83,7 +83,7 @@ def apply_to_obstacles(
         loose = [solid for solid in scene.solids if solid.name == edit.name and movable(solid)]
         if loose and edit.name not in taken:
             obstacles, taken = (*obstacles, as_obstacle(loose[0])), (*taken, edit.name)
-    if isinstance(edit, RemoveObstacle):
+    if isinstance(edit, RemoveBody):
         return tuple(item for item in obstacles if item.name != edit.name), taken
     if isinstance(edit, MoveBody):
         return tuple(_moved(item, edit) if item.name == edit.name else item for item in obstacles), taken

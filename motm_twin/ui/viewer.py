@@ -16,7 +16,7 @@ import viser
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Command
 from motm_twin.bus.messages import StatusMessage, TickMessage
-from motm_twin.model.edits import AddObstacle, RemoveObstacle
+from motm_twin.model.edits import AddObstacle, RemoveBody
 from motm_twin.model.scene import Scene
 from motm_twin.ui.body_view import BodyView
 from motm_twin.ui.camera import Cameras
@@ -164,7 +164,7 @@ class Viewer:
     def _clear(self) -> None:
         self._added.clear()
         for body in self._tick.obstacles if self._tick else ():
-            self._queue_command(RemoveObstacle(name=body.name))
+            self._queue_command(RemoveBody(name=body.name))
 
     def _pick(self, index: int) -> None:
         self._plan.picked = None if self._plan.picked == index else index
