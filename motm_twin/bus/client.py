@@ -98,19 +98,25 @@ class TwinClient:
             self._changed.wait_for(lambda: slot.count > after, timeout)
         return slot.count
 
-    def command(self, command: Command, timeout: float = 2.0) -> Answer:
-        """Send a command and wait for its answer; a silent server is an answer too (not ok)."""
-        name = command_name(command)
+    def command(
+        self, command: Command, timeout: float = 2.0, *, sender: str | None = None, name: str = ""
+    ) -> Answer:
+        """Send a command and wait for its answer; a silent server is an answer too (not ok).
+
+        One client may speak for several persons: ``sender`` and the shown ``name`` say for whom.
+        """
+        kind = command_name(command)
         if self._clock_offset is None and not self._fetch_status(timeout):
             return Answer(ok=False, reason="the twin server does not answer")
         assert self._clock_offset is not None
         envelope = Envelope(
-            sender=self.sender,
+            sender=sender or self.sender,
+            name=name,
             seq=next(self._sequence),
             expires=time.monotonic() + self._clock_offset + timeout,
             command=command,
         )
-        for payload in self.query(name, self._encode(envelope), timeout):
+        for payload in self.query(kind, self._encode(envelope), timeout):
             return msgspec.json.decode(payload, type=Answer)
         return Answer(ok=False, reason="the twin server does not answer")
 

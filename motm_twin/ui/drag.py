@@ -2,15 +2,13 @@
 
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import viser
 
-from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Answer
 from motm_twin.model.edits import MoveBody, ReleaseBody
+from motm_twin.ui.hub import Hub, Visitor
 
 INTERVAL = 0.05  # [s] between two moves of one body
 KEEP_ALIVE = 0.5  # [s] a body that is held still is held again this often
@@ -29,11 +27,11 @@ class _Grip:
 class Drag:
     """Which bodies are held by visitors of this page, and where to. One thread sends; the newest place wins."""
 
-    def __init__(self, client: TwinClient, report: Callable[[str], None]) -> None:
-        self._client, self._report = client, report
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
         self._lock = threading.Condition()
-        self._held: dict[str, Point] = {}
-        self._dirty: dict[str, Point] = {}
+        self._held: dict[str, tuple[Visitor, Point]] = {}
+        self._dirty: set[str] = set()
         self._released: list[str] = []
         self._grips: dict[tuple[int, str], _Grip] = {}
         self._stopping = False
@@ -43,15 +41,19 @@ class Drag:
     def target(self, name: str) -> Point | None:
         """Where a body is being dragged to now, or None."""
         with self._lock:
-            return self._held.get(name)
+            held = self._held.get(name)
+            return None if held is None else held[1]
 
     def attach(self, handle: viser.GlbHandle, name: str) -> None:
         """Make a drawn body draggable."""
+        handle.on_drag("left")(self._hub.watching(lambda event, visitor: self._on_drag(name, event, visitor)))
 
-        async def on_drag(event: viser.SceneNodeDragEvent) -> None:
-            self._on_drag(name, event)
-
-        handle.on_drag("left")(on_drag)
+    def leave(self, visitor: Visitor) -> None:
+        """Let go of everything that a visitor holds."""
+        with self._lock:
+            names = [name for name, (holder, _) in self._held.items() if holder is visitor]
+        for name in names:
+            self._release(name)
 
     def stop(self) -> None:
         """End the sending thread."""
@@ -60,7 +62,9 @@ class Drag:
             self._lock.notify()
         self._thread.join(1.0)
 
-    def _on_drag(self, name: str, event: viser.SceneNodeDragEvent) -> None:
+    def _on_drag(self, name: str, event: viser.SceneNodeDragEvent, visitor: Visitor) -> None:
+        if not self._hub.drives(visitor):
+            return
         grip = (event.client_id, name)
         if event.phase == "end":
             self._grips.pop(grip, None)
@@ -72,11 +76,12 @@ class Drag:
         offset = self._grips[grip]
         pointed = on_plane(np.asarray(event.client.camera.position), np.asarray(event.end_position), offset.height)
         if pointed is not None:
-            self._move(name, (pointed[0] + offset.x, pointed[1] + offset.y))
+            self._move(name, visitor, (pointed[0] + offset.x, pointed[1] + offset.y))
 
-    def _move(self, name: str, place: Point) -> None:
+    def _move(self, name: str, visitor: Visitor, place: Point) -> None:
         with self._lock:
-            self._held[name] = self._dirty[name] = place
+            self._held[name] = (visitor, place)
+            self._dirty.add(name)
             self._lock.notify()
 
     def _release(self, name: str) -> None:
@@ -91,20 +96,17 @@ class Drag:
                 self._lock.wait_for(lambda: self._stopping or self._dirty or self._released, KEEP_ALIVE)
                 if self._stopping:
                     return
-                moves = dict(self._dirty) or dict(self._held)
+                names = self._dirty or set(self._held)
+                moves = [(name, *self._held[name]) for name in sorted(names) if name in self._held]
                 released, self._released = self._released, []
-                self._dirty = {}
-            for name, (x, y) in moves.items():
-                self._note(self._client.command(MoveBody(name=name, x=x, y=y)))
+                self._dirty = set()
+            for name, visitor, (x, y) in moves:
+                self._hub.command(visitor, MoveBody(name=name, x=x, y=y))
             for name in released:
-                self._note(self._client.command(ReleaseBody(name=name)))
                 with self._lock:
-                    self._held.pop(name, None)
+                    visitor, _ = self._held.pop(name)
+                self._hub.command(visitor, ReleaseBody(name=name))
             time.sleep(INTERVAL)
-
-    def _note(self, answer: Answer) -> None:
-        if not answer.ok:
-            self._report(answer.reason)
 
 
 def on_plane(eye: np.ndarray, through: np.ndarray, height: float) -> Point | None:

@@ -41,7 +41,7 @@ class PathLine:
 class CandidateView:
     """All candidates as one batched mesh: a ball with a nose that points along the heading."""
 
-    def __init__(self, server: viser.ViserServer, on_pick: Callable[[int], None]) -> None:
+    def __init__(self, server: viser.ViserServer, on_pick: Callable) -> None:
         mesh = _pointed_ball()
         waiting = np.zeros((CAPACITY, 3))
         self._handle = server.scene.add_batched_meshes_simple(
@@ -59,11 +59,7 @@ class CandidateView:
         self._goal = server.scene.add_line_segments(
             f"{ROOT}/goal", _goal_mark(), colours.GOAL, thickness=0.022, visible=False
         )
-
-        @self._handle.on_click
-        async def _(event: viser.SceneNodePointerEvent) -> None:
-            if event.instance_index is not None:
-                on_pick(event.instance_index)
+        self._handle.on_click(on_pick)
 
     def update(self, placement: PlacementMessage, on: bool, picked: int | None) -> None:
         """Place and colour the candidates; the chosen and the picked one are larger."""
@@ -100,7 +96,7 @@ class CandidateView:
 class PlanView:
     """Paths and candidates of a tick."""
 
-    def __init__(self, server: viser.ViserServer, on_pick: Callable[[int], None]) -> None:
+    def __init__(self, server: viser.ViserServer, on_pick: Callable) -> None:
         self._paths = PathLine(server, "global_path", colours.GLOBAL_PATH, 0.022, 0.032)
         self._next = PathLine(server, "next_path", colours.NEXT_PATH, 0.018, 0.028)
         self._bezier = PathLine(server, "bezier", colours.BEZIER, 0.026, 0.02)

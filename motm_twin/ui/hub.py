@@ -1,0 +1,178 @@
+"""What all parts of the page share: who is here, what is shown, and the way from a widget to the twin.
+
+One 3D scene is drawn for everybody, as the driver has arranged it; each visitor has an own panel and camera. Any number
+of visitors may look; only the driver (of the twin's lease) can change something, and every callback is checked here.
+"""
+
+import asyncio
+import queue
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import viser
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Answer, Command, Inspect
+from motm_twin.bus.messages import StatusMessage, TickMessage
+from motm_twin.model.scene import Scene
+
+LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails")
+NOTE_TIME = 6.0  # [s] a note stays on the page
+WAITING = 100  # commands that may wait to be sent
+
+
+@dataclass(eq=False)
+class Visitor:
+    """A browser page. ``sender`` speaks for it on the bus; ``name`` is shown to others, escaped."""
+
+    client: viser.ClientHandle
+    sender: str
+    name: str
+
+
+@dataclass
+class View:
+    """What the driver has chosen to see, for everybody."""
+
+    layers: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(LAYERS, True))
+    picked: int | None = None  # candidate whose costs and paths are shown
+    staa_path: bool = False  # path of unmodified STAA*
+    selected: str = ""  # body, cube or piece of furniture that the next action is about
+    at: int | None = None  # period that is shown; None: the newest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """What one update of the page shows."""
+
+    state: str  # of the server, or "waiting" (not seen yet) or "lost" (silent)
+    status: StatusMessage | None
+    scene: Scene | None
+    tick: TickMessage | None  # the newest, or one of the history
+    newest: TickMessage | None
+    live: bool
+    view: View
+
+    @property
+    def behind(self) -> float:
+        """How far [s] the shown period lies before the newest one."""
+        return 0.0 if self.tick is None or self.newest is None else max(0.0, self.newest.time - self.tick.time)
+
+
+class Hub:
+    """Between the widgets of all visitors and the twin."""
+
+    def __init__(self, server: viser.ViserServer, client: TwinClient) -> None:
+        self.server, self.client = server, client
+        self.view = View()
+        self._visitors: dict[int, Visitor] = {}
+        self._queue: queue.Queue[tuple[Visitor | None, Command]] = queue.Queue(maxsize=WAITING)
+        self._stop = threading.Event()
+        self._sender = threading.Thread(target=self._send_queued, name="commands", daemon=True)
+        self._sender.start()
+
+    def stop(self) -> None:
+        """End the sending thread."""
+        self._stop.set()
+        self._sender.join(1.0)
+
+    @property
+    def visitors(self) -> list[Visitor]:
+        """Everybody who looks at the page now."""
+        return list(self._visitors.values())
+
+    def enter(self, client: viser.ClientHandle) -> Visitor:
+        """A new visitor."""
+        number = client.client_id
+        visitor = Visitor(client, f"{self.client.sender}.{number}", f"Visitor {number + 1}")
+        self._visitors[number] = visitor
+        return visitor
+
+    def leave(self, client: viser.ClientHandle) -> Visitor | None:
+        """The visitor that is gone."""
+        return self._visitors.pop(client.client_id, None)
+
+    def visitor(self, client: viser.ClientHandle | int | None) -> Visitor | None:
+        """Who a client is, by handle or number."""
+        number = client.client_id if isinstance(client, viser.ClientHandle) else client
+        return None if number is None else self._visitors.get(number)
+
+    def drives(self, visitor: Visitor) -> bool:
+        """Whether this visitor drives, or may because nobody else does."""
+        status = self.client.status()
+        return status is None or status.driver in ("", visitor.sender)
+
+    def send(self, visitor: Visitor | None, command: Command) -> None:
+        """Have a command sent soon; a refusal is told to the visitor."""
+        try:
+            self._queue.put_nowait((visitor, command))
+        except queue.Full:
+            self.tell(visitor, "too many commands at once")
+
+    def command(self, visitor: Visitor | None, command: Command) -> Answer:
+        """Send a command now and wait for the answer; a refusal is told to the visitor. Not for Viser's own thread."""
+        if visitor is None:
+            answer = self.client.command(command)
+        else:
+            answer = self.client.command(command, sender=visitor.sender, name=visitor.name)
+        if not answer.ok:
+            self.tell(visitor, answer.reason)
+        return answer
+
+    def tell(self, visitor: Visitor | None, text: str, title: str = "", colour: str = "orange") -> None:
+        """A note on one page, or on all."""
+        for reader in self.visitors if visitor is None else [visitor]:
+            reader.client.add_notification(
+                title or "Note", text, auto_close_seconds=NOTE_TIME, color=colour  # type: ignore[arg-type]
+            )  # fmt: skip
+
+    def inspect(self) -> None:
+        """Ask the twin to explain what the view needs."""
+        picked = -1 if self.view.picked is None else self.view.picked
+        self.send(None, Inspect(candidate=picked, staa_path=self.view.staa_path))
+
+    def watching(self, act: Callable[[Any, Visitor], object]) -> Callable:
+        """A callback anybody may trigger: kept in order, errors shown on the page. ``act(event, visitor)``."""
+
+        async def callback(event: Any) -> None:
+            visitor = self.visitor(getattr(event, "client_id", None))
+            if visitor is None:
+                return  # set by this program, or the visitor is gone
+            try:
+                result = act(event, visitor)
+                if asyncio.iscoroutine(result):
+                    await result
+            except Exception as error:
+                traceback.print_exc()
+                self.tell(visitor, f"{type(error).__name__}: {error}", "This did not work", "red")
+
+        return callback
+
+    def driving(self, act: Callable[[Any, Visitor], object]) -> Callable:
+        """A callback only for the driver; others are told who drives."""
+
+        def checked(event: Any, visitor: Visitor) -> object:
+            if self.drives(visitor):
+                return act(event, visitor)
+            status = self.client.status()
+            self.tell(visitor, f"{status.driver_name if status else 'somebody else'} is driving", "Only looking")
+            return None
+
+        return self.watching(checked)
+
+    def _send_queued(self) -> None:
+        while not self._stop.is_set():
+            try:
+                visitor, command = self._queue.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            try:
+                self.command(visitor, command)
+            except Exception as error:
+                traceback.print_exc()
+                self.tell(visitor, f"{type(error).__name__}: {error}", "Not sent", "red")
+                time.sleep(0.1)
