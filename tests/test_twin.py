@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from motm_twin.model.edits import AddObstacle, MoveBody, RemoveObstacle
+from motm_twin.model.edits import AddObstacle, MoveBody, RemoveBody
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import SearchBudget
 from motm_twin.trial import run_scene
@@ -84,7 +84,7 @@ def test_edits_are_applied_at_the_next_period_and_logged_in_its_tick():
     assert [edit.name for edit in tick.edits] == ["crate"]
     assert [body.name for body in tick.truth.obstacles] == ["crate"]
     twin.post(MoveBody(name="crate", x=2.5, y=-0.5))
-    twin.post(RemoveObstacle(name="crate"))
+    twin.post(RemoveBody(name="crate"))
     tick = twin.advance()
     assert len(tick.edits) == 2
     assert tick.truth.obstacles == ()

@@ -10,7 +10,7 @@ import numpy as np
 from motm_twin.bus.messages import SceneChoice
 from motm_twin.control.tick import Event, ObjectBelief, TaskState, Tick
 from motm_twin.control.types import ArmStep
-from motm_twin.model.edits import AddObstacle, MoveBody, RemoveObstacle
+from motm_twin.model.edits import AddObstacle, MoveBody, RemoveBody
 from motm_twin.model.plant import Actuation, BodyTruth, Observation, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Agent, Bin, Box, Cylinder, Noise, Pick, Place, Scene, SceneObject, Solid
@@ -153,7 +153,7 @@ class FakeTwin:
     def _apply(self, edit):
         if isinstance(edit, AddObstacle):
             self.added[edit.name] = (edit.shape, edit.x, edit.y, edit.heading, edit.size)
-        elif isinstance(edit, RemoveObstacle):
+        elif isinstance(edit, RemoveBody):
             self.added.pop(edit.name)
         elif isinstance(edit, MoveBody) and edit.name in self.added:
             shape, _, _, heading, size = self.added[edit.name]

@@ -11,7 +11,7 @@ from motm_twin.bus.commands import (
     Pause,
     Play,
     ReleaseBody,
-    RemoveObstacle,
+    RemoveBody,
     Reset,
     Speed,
     Step,
@@ -117,7 +117,7 @@ def test_an_edit_acts_in_the_next_period_and_is_previewed_while_paused():
         assert not running.last.preview
         assert running.last.obstacles[0].position[:2] == [3.0, 2.0]
         assert running.last.agents[0].position[:2] == [-1.0, 0.5]
-        assert running.ask(RemoveObstacle(name="crate")) == ""
+        assert running.ask(RemoveBody(name="crate")) == ""
         running.ask(Step())
         assert running.last.obstacles == []
 
@@ -125,7 +125,7 @@ def test_an_edit_acts_in_the_next_period_and_is_previewed_while_paused():
 def test_edits_of_unknown_or_taken_names_are_refused_with_the_names_there_are():
     with Running() as running:
         assert "temi1" in running.ask(MoveBody(name="temi7", x=0.0, y=0.0))
-        assert "no 'cube1'" in running.ask(RemoveObstacle(name="cube1"))
+        assert "no 'cube1'" in running.ask(RemoveBody(name="cube1"))
         assert "in use" in running.ask(AddObstacle(name="temi1", x=0.0, y=0.0))
         assert "in use" in running.ask(AddObstacle(name="desk", x=0.0, y=0.0))
         assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == ""

@@ -5,7 +5,7 @@ import pytest
 from sim_hands import act
 from sim_scenes import box, experiment, scene, temis
 
-from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveObstacle
+from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveBody
 from motm_twin.model.scene import Agent, Noise, SceneObject
 from motm_twin.model.state import state_hash
 from motm_twin.sim.localisation import Localisation
@@ -34,7 +34,7 @@ def test_a_restored_plant_continues_to_the_same_hash():
     plant.apply(AddObstacle(name="crate", x=1.0, y=0.6))
     kept = plant.snapshot()
     first = drive_about(plant, 4.0, seed=1)
-    plant.apply(RemoveObstacle(name="crate"))
+    plant.apply(RemoveBody(name="crate"))
     drive_about(plant, 1.0, seed=2)
     plant.restore(kept)
     assert drive_about(plant, 4.0, seed=1) == first
@@ -112,7 +112,7 @@ def test_added_obstacles_are_seen_by_the_lidar_move_and_go_again():
     plant.step(0.05)
     assert plant.observe().scan.ranges[360] == pytest.approx(2.3)
     assert [item.name for item in plant.truth().obstacles] == ["crate"]
-    plant.apply(RemoveObstacle(name="crate"))
+    plant.apply(RemoveBody(name="crate"))
     plant.step(0.05)
     assert np.isinf(plant.observe().scan.ranges).all()
 
@@ -122,7 +122,7 @@ def test_a_box_of_the_scene_that_the_map_does_not_know_can_be_moved_and_removed(
     plant.apply(MoveBody(name="crate", x=2.55, y=0.0))
     plant.step(0.05)
     assert plant.observe().scan.ranges[360] == pytest.approx(2.3)
-    plant.apply(RemoveObstacle(name="crate"))
+    plant.apply(RemoveBody(name="crate"))
     plant.step(0.05)
     assert np.isinf(plant.observe().scan.ranges).all()
 
@@ -161,7 +161,7 @@ def test_a_held_agent_stays_where_it_is_put_and_drives_on_when_released():
         (AddObstacle(name="new", x=1.0, y=0.0, size=(0.5, -0.5, 0.5)), "size"),
         (MoveBody(name="dsek", x=1.0, y=0.0), "not an agent"),
         (MoveBody(name="desk", x=1.0, y=0.0), "loose"),
-        (RemoveObstacle(name="temi0"), "loose"),
+        (RemoveBody(name="temi0"), "loose"),
     ],
 )
 def test_an_edit_that_cannot_be_is_refused_with_the_reason_and_changes_nothing(edit, message):
@@ -180,7 +180,7 @@ def test_edits_that_wait_are_taken_into_account_when_the_next_is_checked():
     with pytest.raises(ValueError, match="taken"):
         plant.check(added, pending=(added,))
     plant.check(MoveBody(name="new", x=1.0, y=1.0), pending=(added,))
-    gone = RemoveObstacle(name="crate")
+    gone = RemoveBody(name="crate")
     with pytest.raises(ValueError, match="loose"):
         plant.check(gone, pending=(gone,))
     plant.apply(gone)
@@ -193,7 +193,7 @@ def test_a_cube_falls_when_the_box_under_it_is_taken_away():
     plant = SimulatedPlant(scene(solids=(box("crate", (2.0, 0.0), (0.5, 0.5), 0.6, mapped=False),), objects=(cube,)))
     plant.step(0.5)
     assert plant.truth().objects[0].state == "resting"
-    plant.apply(RemoveObstacle(name="crate"))
+    plant.apply(RemoveBody(name="crate"))
     plant.step(1.0)
     assert plant.truth().objects[0].state == "dropped"
     assert plant.truth().objects[0].position[2] == pytest.approx(0.02)
