@@ -4,7 +4,9 @@ import itertools
 import secrets
 import threading
 import time
-from collections.abc import Callable
+import traceback
+from collections import defaultdict
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +23,14 @@ from motm_twin.model.scene import Scene
 
 LOST_AFTER = 2.0  # [s] without a status message
 GET_TIMEOUT = 1.0  # [s]
+SESSION_TIMEOUT = 5.0  # [s]
+
+OnTick = Callable[[bytes], None]  # a TickMessage as JSON
+OnGrid = Callable[[bytes, bytes], None]  # cells, and their GridInfo as JSON
+
+
+class NoSession(Exception):
+    """The server gave no session; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +50,8 @@ class _Slot:
         self.count = 0
         self.at = -1e9  # [s] monotonic
 
-    def put(self, sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
-        self.attachment = None if attachment is None else attachment.to_bytes()
-        self.payload = sample.payload.to_bytes()
+    def put(self, payload: bytes, attachment: bytes | None) -> None:
+        self.payload, self.attachment = payload, attachment
         self.at = time.monotonic()
         self.count += 1
 
@@ -54,7 +62,11 @@ class TwinClient:
     def __init__(self, endpoint: str, twin: str = "frankie", sender: str | None = None) -> None:
         self.keys, self.endpoint = Keys(twin), endpoint
         self.sender = sender or f"client-{secrets.token_hex(6)}"
-        self._sequence = itertools.count(1)
+        # Numbers begin at the time, so that they go on rising when a program starts again under the same name.
+        self._sequences: dict[str, itertools.count[int]] = defaultdict(lambda: itertools.count(time.time_ns() // 1000))
+        self._sending = threading.Lock()  # numbers must arrive in order
+        self._on_tick: list[OnTick] = []
+        self._on_grid: list[OnGrid] = []
         self._fetches: list[threading.Thread] = []
         self._closed = False
         self._session = open_client(endpoint)
@@ -98,32 +110,51 @@ class TwinClient:
             self._changed.wait_for(lambda: slot.count > after, timeout)
         return slot.count
 
-    def command(
-        self, command: Command, timeout: float = 2.0, *, sender: str | None = None, name: str = ""
-    ) -> Answer:
+    def on_tick(self, callback: OnTick) -> Callable[[], None]:
+        """Call ``callback`` with the payload of every tick, in order; what is given back ends this.
+
+        It is called in Zenoh's thread, which reads nothing else meanwhile: it must be quick (put the payload into a
+        queue). A tick may come twice, after a reconnection, and previews repeat the index of the tick before.
+        """
+        return self._listen(self._on_tick, callback)
+
+    def on_grid(self, callback: OnGrid) -> Callable[[], None]:
+        """Call ``callback`` with the payload and attachment of every grid that is sent, as `on_tick` does."""
+        return self._listen(self._on_grid, callback)
+
+    def session(self, timeout: float = SESSION_TIMEOUT) -> bytes:
+        """The run so far, a `record.session.Session` as JSON. Raises NoSession."""
+        for reply in self._session.get(self.keys.session, timeout=timeout):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+            assert reply.err is not None
+            raise NoSession(reply.err.payload.to_string())
+        raise NoSession("the twin server does not answer")
+
+    def command(self, command: Command, timeout: float = 2.0, *, sender: str | None = None, name: str = "") -> Answer:
         """Send a command and wait for its answer; a silent server is an answer too (not ok).
 
         One client may speak for several persons: ``sender`` and the shown ``name`` say for whom.
         """
-        kind = command_name(command)
         if self._clock_offset is None and not self._fetch_status(timeout):
             return Answer(ok=False, reason="the twin server does not answer")
         assert self._clock_offset is not None
-        envelope = Envelope(
-            sender=sender or self.sender,
-            name=name,
-            seq=next(self._sequence),
-            expires=time.monotonic() + self._clock_offset + timeout,
-            command=command,
-        )
-        for payload in self.query(kind, self._encode(envelope), timeout):
+        with self._sending:
+            envelope = Envelope(
+                sender=sender or self.sender,
+                name=name,
+                seq=next(self._sequences[sender or self.sender]),
+                expires=time.monotonic() + self._clock_offset + timeout,
+                command=command,
+            )
+            replies = self._get(command_name(command), self._encode(envelope), timeout)
+        for payload in _payloads(replies):
             return msgspec.json.decode(payload, type=Answer)
         return Answer(ok=False, reason="the twin server does not answer")
 
     def query(self, name: str, payload: bytes, timeout: float = 2.0) -> list[bytes]:
         """Send raw bytes to the command key of this name; the payloads of all answers."""
-        replies = self._session.get(self.keys.command(name), payload=payload, timeout=timeout)
-        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+        return _payloads(self._get(name, payload, timeout))
 
     def close(self) -> None:
         """Leave; closing twice is fine."""
@@ -145,10 +176,33 @@ class TwinClient:
         """Leave."""
         self.close()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
+    def _get(self, name: str, payload: bytes, timeout: float) -> Iterable[zenoh.Reply]:
+        return self._session.get(self.keys.command(name), payload=payload, timeout=timeout)
+
+    def _listen(self, listeners: list, callback: Callable[..., None]) -> Callable[[], None]:
         with self._changed:
-            self._slots[str(sample.key_expr)].put(sample)
+            listeners.append(callback)
+
+        def leave() -> None:
+            with self._changed:
+                listeners.remove(callback)
+
+        return leave
+
+    def _on_sample(self, sample: zenoh.Sample, unless_after: int | None = None) -> None:
+        """Keep a sample, unless more than ``unless_after`` of its key came before."""
+        key, attachment = str(sample.key_expr), sample.attachment
+        payload, attached = sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes()
+        with self._changed:
+            slot = self._slots[key]
+            if unless_after is not None and slot.count > unless_after:
+                return
+            slot.put(payload, attached)
             self._changed.notify_all()
+            if key == self.keys.tick:
+                _tell(self._on_tick, payload)
+            elif key == self.keys.grid:
+                _tell(self._on_grid, payload, attached or b"null")
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT and not self._closed:
@@ -163,8 +217,8 @@ class TwinClient:
                 return
             count = slot.count
             for reply in self._session.get(key, timeout=GET_TIMEOUT):
-                if reply.ok is not None and (slot.count == count or key == self.keys.scene):
-                    self._on_sample(reply.ok)
+                if reply.ok is not None:
+                    self._on_sample(reply.ok, None if key == self.keys.scene else count)
 
     def _fetch_status(self, timeout: float) -> bool:
         for reply in self._session.get(self.keys.status, timeout=timeout):
@@ -194,6 +248,18 @@ class TwinClient:
         _require(status.version, STATUS_VERSION)
         self._clock_offset = status.server_time - at
         return status
+
+
+def _tell(listeners: list, *payloads: bytes) -> None:
+    for listener in list(listeners):
+        try:
+            listener(*payloads)
+        except Exception:
+            traceback.print_exc()  # the fault of one: the others and this client go on
+
+
+def _payloads(replies: Iterable[zenoh.Reply]) -> list[bytes]:
+    return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
 
 
 def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:

@@ -30,6 +30,7 @@ from motm_twin.model.edits import (
 )
 
 MAX_COMMAND_BYTES = 64 * 1024
+NAME_MAX = 40  # characters of a person's name
 SPEED_MIN, SPEED_MAX = 0.125, 8.0
 
 
@@ -113,6 +114,10 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     index: int = -1  # last period before the command takes effect
 
 
+class Refused(Exception):
+    """A command that must have no effect; the message says why."""
+
+
 def command_name(command: Command) -> str:
     """The type tag of a command, which is also the last part of its key."""
     return str(command.__struct_config__.tag)
@@ -122,6 +127,7 @@ __all__ = [
     "COMMAND_NAMES",
     "EDITS",
     "MAX_COMMAND_BYTES",
+    "NAME_MAX",
     "SERVER_COMMANDS",
     "SPEED_MAX",
     "SPEED_MIN",
@@ -144,6 +150,7 @@ __all__ = [
     "Pause",
     "Play",
     "PushRobot",
+    "Refused",
     "ReleaseBody",
     "RemoveBody",
     "RemoveTask",

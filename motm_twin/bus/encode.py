@@ -22,6 +22,7 @@ from motm_twin.bus.messages import (
 )
 from motm_twin.control.tick import Tick
 from motm_twin.control.types import ArmStep
+from motm_twin.model.geometry import Array
 from motm_twin.model.plant import BodyTruth, Observation, Truth
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
@@ -127,7 +128,13 @@ def _score(truth: Truth) -> ScoreMessage:
         min_arm_clearance=float(truth.min_arm_clearance),
         min_ee_obstacle=float(truth.min_ee_obstacle),
         ee_obstacle=float(truth.ee_obstacle),
+        path_length=float(truth.path_length),
     )
+
+
+def path_message(points: Array) -> list[list[float]]:
+    """A polyline, shape (n, 2)."""
+    return _numbers(points)
 
 
 def tick_message(tick: Tick, run: int, server_time: float) -> TickMessage:
@@ -165,6 +172,9 @@ def tick_message(tick: Tick, run: int, server_time: float) -> TickMessage:
         score=None if truth is None else _score(truth),
         done=bool(tick.done),
         success=bool(tick.success),
+        furniture=[] if truth is None else [body_message(body) for body in truth.furniture],
+        removed=[] if truth is None else list(truth.removed),
+        faults=[] if truth is None else list(truth.faults),
         preview=False,
     )
 

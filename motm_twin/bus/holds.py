@@ -1,6 +1,6 @@
-"""Who holds which body: a dragged body is let go when its holder has fallen silent."""
+"""Which bodies are being dragged: they are let go when their holder falls silent or gives the wheel away."""
 
-from motm_twin.model.edits import MoveBody, ReleaseBody, WorldEdit
+from motm_twin.model.edits import Edit, MoveBody, ReleaseBody, RemoveBody
 
 SILENCE = 1.5  # [s] after the last move of a held body
 
@@ -11,11 +11,11 @@ class Holds:
     def __init__(self) -> None:
         self._until: dict[str, float] = {}
 
-    def note(self, edit: WorldEdit, now: float) -> None:
+    def note(self, edit: Edit, now: float) -> None:
         """Follow an edit that was accepted at ``now`` [s]."""
         if isinstance(edit, MoveBody) and edit.held:
             self._until[edit.name] = now + SILENCE
-        else:
+        elif isinstance(edit, MoveBody | ReleaseBody | RemoveBody):
             self._until.pop(edit.name, None)
 
     def expired(self, now: float) -> list[ReleaseBody]:
@@ -24,6 +24,12 @@ class Holds:
         for name in silent:
             del self._until[name]
         return [ReleaseBody(name=name) for name in silent]
+
+    def all(self) -> list[ReleaseBody]:
+        """Releases for everything that is held; it is forgotten."""
+        releases = [ReleaseBody(name=name) for name in self._until]
+        self._until.clear()
+        return releases
 
     def clear(self) -> None:
         """A new run: nothing is held."""

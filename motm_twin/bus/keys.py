@@ -20,6 +20,7 @@ class Keys:
         self.grid = f"{root}/grid"  # raw bytes with an attachment, on change
         self.scene = f"{root}/scene"  # JSON, on change; answers queries
         self.status = f"{root}/status"  # JSON, on change and twice a second; answers queries
+        self.session = f"{root}/session"  # JSON of the run so far; answers queries only
         self.alive = f"{root}/alive"  # liveliness token
         self.commands = f"{root}/cmd/**"
         self._command = f"{root}/cmd"

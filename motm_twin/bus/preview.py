@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import msgspec
 
 from motm_twin.bus.messages import BodyMessage, TickMessage
-from motm_twin.model.edits import AddObstacle, MoveBody, RemoveBody, WorldEdit
+from motm_twin.model.edits import AddObstacle, Edit, MoveBody, RemoveBody
+from motm_twin.model.scene import Scene
 
 
-def preview(message: TickMessage, edits: Sequence[WorldEdit]) -> TickMessage:
+def preview(scene: Scene, message: TickMessage, edits: Sequence[Edit]) -> TickMessage:
     """The last message with the edits applied to agents and added obstacles."""
     agents = {body.name: body for body in message.agents}
     obstacles = {body.name: body for body in message.obstacles}

@@ -10,10 +10,11 @@ from collections.abc import Callable
 import msgspec
 import zenoh
 
-from motm_twin.bus.commands import Answer, Load
-from motm_twin.bus.gate import CommandGate, Refused
+from motm_twin.bus.commands import Answer, Load, Refused
+from motm_twin.bus.gate import CommandGate
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.loop import SceneLibrary, TwinLike, TwinLoop
+from motm_twin.bus.loop import TwinLoop
+from motm_twin.bus.ports import MakeTwin, SceneLibrary
 from motm_twin.bus.publisher import Publisher
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
 from motm_twin.model.scene import Scene
@@ -40,12 +41,13 @@ class TwinServer:
         self,
         *,
         library: SceneLibrary,
-        make_twin: Callable[[Scene], TwinLike],
+        make_twin: MakeTwin,
         first: Load,
         port: int = 0,
         host: str = LOOPBACK,
         twin: str = "frankie",
         playing: bool = True,
+        reference_tour: Callable[[Scene], float] | None = None,
     ) -> None:
         self.keys = Keys(twin)
         self.port = port or free_port(host)
@@ -61,10 +63,15 @@ class TwinServer:
             first=first,
             playing=playing,
             server_time=clock,
+            reference_tour=reference_tour,
         )
+        self._library = library
         self._publisher = Publisher(self._session, self.keys, self.loop.status)
         self.tick, self.scene, self.status = self._publisher.tick, self._publisher.scene, self._publisher.status
-        self._queryable = self._session.declare_queryable(self.keys.commands, self._on_command)
+        self._queryables = [
+            self._session.declare_queryable(self.keys.commands, self._on_command),
+            self._session.declare_queryable(self.keys.session, self._on_session),
+        ]
         self._token = self._session.liveliness().declare_token(self.keys.alive)
         self._stop = threading.Event()
         self._threads = [
@@ -87,7 +94,8 @@ class TwinServer:
         self._stop.set()
         self.loop.stop()
         self._token.undeclare()
-        self._queryable.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
         for thread in self._threads:
             thread.join(LAST_WAIT)
         ended = not any(thread.is_alive() for thread in self._threads)
@@ -108,6 +116,8 @@ class TwinServer:
     def _heartbeat(self) -> None:
         while not self._stop.wait(HEARTBEAT):
             self._publisher.status()
+            if self._library.changed():
+                self.loop.reload()
 
     def _on_command(self, query: zenoh.Query) -> None:
         name = str(query.key_expr).rsplit("/cmd/", 1)[-1]
@@ -119,6 +129,19 @@ class TwinServer:
                 query.reply(query.key_expr, self._encode(answer))
 
         try:
-            self.loop.request(self._gate.admit(name, payload).command, reply)
+            self.loop.request(self._gate.admit(name, payload), reply)
         except Refused as refusal:
             reply(str(refusal), -1)
+
+    def _on_session(self, query: zenoh.Query) -> None:
+        def reply(session: bytes, problem: str) -> None:
+            with query:
+                if problem:
+                    query.reply_err(problem)
+                else:
+                    query.reply(query.key_expr, session)
+
+        try:
+            self.loop.session(reply)
+        except Refused as refusal:
+            reply(b"", str(refusal))

@@ -8,7 +8,7 @@ import time
 from motm_twin.bus.commands import Load
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.loop import TwinLike
+from motm_twin.bus.ports import TwinLike
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import PortTaken
@@ -30,6 +30,13 @@ def make_twin(scene: Scene, budget: SearchBudget) -> TwinLike:
     return Twin(scene, budget=budget, clock=time.perf_counter)
 
 
+def reference_tour(scene: Scene) -> float:
+    """Lower bound [s] of the time for the tasks of a scene."""
+    from motm_twin.bench.reference_tour import reference_tour_s
+
+    return reference_tour_s(scene)
+
+
 def main() -> None:
     """Run until a signal or the end of the parent."""
     options = _options()
@@ -45,6 +52,7 @@ def main() -> None:
             port=options.port,
             twin=options.twin,
             playing=not options.paused,
+            reference_tour=reference_tour,
         )
     except (SceneError, PortTaken, ValueError) as error:
         report("refused", text=str(error))

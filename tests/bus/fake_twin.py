@@ -4,6 +4,7 @@ For tests of the transport and the page that must not depend on planning. Everyt
 """
 
 import math
+import typing
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Agent, Bin, Box, Cylinder, Noise, Pick, Place, Scene, SceneObject, Solid
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
+from motm_twin.record.session import Session
 
 HOME = np.array([0.0, -0.6, 0.0, -2.3, 0.0, 1.8, 0.785])
 CENTRE = np.array([4.2, 1.77])
@@ -122,9 +124,14 @@ class FakeLibrary:
         self.loads.append((scene, variant, seed))
         return fake_scene(scene, variant or "a", seed or 0)
 
+    def changed(self):
+        return False
+
 
 class FakeTwin:
-    """Same surface as the twin: advance, post, reset."""
+    """Same surface as the twin, for errors and pacing; it knows no session and explains nothing."""
+
+    parameters: typing.ClassVar = {}
 
     def __init__(self, scene, *, periods=100_000, fail_at=None):
         self.scene, self.periods, self.fail_at = scene, periods, fail_at
@@ -132,19 +139,30 @@ class FakeTwin:
 
     def reset(self):
         self.index = 0
-        self.edits = []
+        self.edits, self.queue = [], []
         self.added = {}
         self.agents = {agent.name: (*agent.start, "driving") for agent in self.scene.agents}
 
     def post(self, edit):
         if isinstance(edit, AddObstacle) and edit.x > 90.0:
             raise ValueError("that is outside the world")
-        self.edits.append(edit)
+        if isinstance(edit, MoveBody) and edit.name not in (*self.added, *self.agents, *(e.name for e in self.queue)):
+            raise ValueError(f"there is no {edit.name!r} to move")
+        self.queue.append(edit)
+
+    def session(self):
+        return Session(scene=self.scene, periods=self.index)
+
+    def candidate_paths(self, index):
+        return None
+
+    def staa_path(self):
+        return np.zeros((0, 2))
 
     def advance(self):
         if self.fail_at == self.index:
             raise RuntimeError("the fake twin was told to fail")
-        edits, self.edits = tuple(self.edits), []
+        edits, self.queue = tuple(self.queue), []
         for edit in edits:
             self._apply(edit)
         self.index += 1

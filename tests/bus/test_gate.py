@@ -1,12 +1,25 @@
 import json
+import math
 import string
 
+import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motm_twin.bus.commands import MAX_COMMAND_BYTES, MoveBody, Speed
-from motm_twin.bus.gate import MAX_SENDERS, CommandGate, Refused
+from motm_twin.bus.commands import (
+    COMMAND_NAMES,
+    EDITS,
+    MAX_COMMAND_BYTES,
+    SERVER_COMMANDS,
+    Envelope,
+    MoveBody,
+    Refused,
+    Speed,
+    command_name,
+)
+from motm_twin.bus.gate import MAX_SENDERS, CommandGate
+from motm_twin.bus.ranges import MAX_TASKS, MAX_THROW
 
 
 class Clock:
@@ -58,7 +71,48 @@ def test_a_good_command_passes_with_its_types():
         ("add_obstacle", envelope({"type": "add_obstacle", "name": "", "x": 0, "y": 0}), "name"),
         ("add_obstacle", envelope({"type": "add_obstacle", "name": "a", "x": 0, "y": 0, "shape": "sun"}), "shape"),
         ("add_obstacle", envelope({"type": "add_obstacle", "name": "a", "x": 0, "y": 0, "size": [0, 1, 1]}), "size"),
+        ("add_obstacle", envelope({"type": "add_obstacle", "name": "a", "x": 0, "y": 0, "size": [1, 1]}), "malformed"),
+        ("remove_body", envelope({"type": "remove_body", "name": "a\u0007b"}), "printable"),
+        ("freeze_body", envelope({"type": "freeze_body", "name": "a" * 65}), "64"),
+        ("release_body", envelope({"type": "release_body", "name": "t", "velocity": [8, 8]}), "thrown"),
+        ("send_agent", envelope({"type": "send_agent", "name": "t", "x": 0, "y": -1e4}), "not within"),
+        ("move_object", envelope({"type": "move_object", "name": "t", "x": 1e4, "y": 0}), "not within"),
+        ("push_robot", envelope({"type": "push_robot", "dx": 4, "dy": 4}), "push"),
+        ("push_robot", envelope({"type": "push_robot", "dx": 0, "dy": 0, "turn": 7}), "turn"),
+        ("inject_fault", envelope({"type": "inject_fault", "fault": "fire"}), "lidar_off"),
+        ("inject_fault", envelope({"type": "inject_fault", "fault": "lidar_off", "seconds": 0}), "fault of 0 s"),
+        ("inject_fault", envelope({"type": "inject_fault", "fault": "lidar_off", "seconds": 61}), "at most 60"),
+        ("inject_fault", envelope({"type": "inject_fault", "fault": "camera_delay", "delay": -1}), "delay"),
+        ("insert_task", envelope({"type": "insert_task", "tasks": []}), "0 tasks"),
+        ("insert_task", envelope({"type": "insert_task", "tasks": [{"type": "pick", "object": ""}]}), "object"),
+        ("insert_task", envelope({"type": "insert_task", "tasks": [{"type": "dance"}]}), "malformed"),
+        ("insert_task", envelope({"type": "insert_task", "tasks": [{"type": "place", "bin": "b"}] * 61}), "61 tasks"),
+        (
+            "insert_task",
+            envelope({"type": "insert_task", "tasks": [{"type": "drive_to", "point": [0, 0], "tolerance": 0}]}),
+            "tolerance",
+        ),
+        ("insert_task", envelope({"type": "insert_task", "tasks": [], "index": -1}), "0 tasks"),
+        ("remove_task", envelope({"type": "remove_task", "index": -1}), "task -1"),
+        ("move_task", envelope({"type": "move_task", "index": 0, "to": -1}), "place in the list"),
+        ("set_parameter", envelope({"type": "set_parameter", "name": "xi", "value": 1e7}), "value"),
+        ("set_parameter", envelope({"type": "set_parameter", "name": "xi", "value": "a" * 65}), "value"),
+        ("set_parameter", envelope({"type": "set_parameter", "name": "xi", "value": [1]}), "malformed"),
+        ("branch", envelope({"type": "branch", "index": -1}), "period"),
+        ("branch", envelope({"type": "branch", "index": 2**70}), "period"),
+        ("branch", envelope({"type": "branch", "index": 10**400}), "period out of range"),
+        ("branch", envelope({"type": "branch", "index": 0}).replace(b"0}", b"9" * 5000 + b"}"), ""),
+        ("play", envelope({"type": "play"}, seq=2**63), "seq"),
+        ("play", envelope({"type": "play"}, seq=-1), "seq"),
+        ("inspect", envelope({"type": "inspect", "candidate": -2}), "candidate"),
+        ("hand_over", envelope({"type": "hand_over", "to": "x" * 65}), "receiver"),
+        ("hand_over", envelope({"type": "hand_over", "to": "x", "name": "y" * 41}), "name"),
+        ("load", envelope({"type": "load", "scene": ""}), "scene"),
+        ("load", envelope({"type": "load", "scene": "exp1", "variant": "\n"}), "variant"),
         ("play", envelope({"type": "play"}, sender=""), "sender"),
+        ("play", envelope({"type": "play"}, sender="a\nb"), "sender"),
+        ("play", envelope({"type": "play"}, name="a" * 41), "name of a person"),
+        ("play", envelope({"type": "play"}, name="\u202e"), "name of a person"),
         ("play", envelope({"type": "play"}, expires=999.0), "stale"),
         ("play", envelope({"type": "play"}, expires=2000.0), "at most"),
         ("explode", envelope({"type": "play"}), "unknown command"),
@@ -110,3 +164,73 @@ def test_no_bytes_pass_or_crash_the_gate(payload):
 def test_no_other_json_passes_or_crashes_the_gate(value):
     with pytest.raises(Refused):
         CommandGate(Clock()).admit("load", envelope(value))
+
+
+def test_every_command_has_its_key_and_passes_with_what_is_allowed():
+    assert len(set(COMMAND_NAMES)) == len(SERVER_COMMANDS) + len(EDITS)
+    gate = CommandGate(Clock())
+    allowed = {
+        "speed": {"factor": 0.125},
+        "load": {"scene": "exp1", "variant": None, "seed": 0},
+        "branch": {"index": 0},
+        "add_obstacle": {"name": "Ä <b>", "shape": "person", "x": -1000, "y": 1000},
+        "move_body": {"name": "a", "x": 0, "y": 0, "heading": 3},
+        "release_body": {"name": "a", "velocity": [0, -MAX_THROW]},
+        "freeze_body": {"name": "a", "frozen": False},
+        "send_agent": {"name": "a", "x": 0, "y": 0},
+        "remove_body": {"name": "a"},
+        "move_object": {"name": "a", "x": 0, "y": 0},
+        "push_robot": {"dx": 0.3, "dy": 0.4, "turn": -3},
+        "inject_fault": {"fault": "camera_delay", "seconds": 60, "delay": 5},
+        "insert_task": {"tasks": [{"type": "pick", "object": "c"}, {"type": "place", "bin": "b"}] * (MAX_TASKS // 2)},
+        "remove_task": {"index": 0},
+        "move_task": {"index": 3, "to": 0},
+        "set_parameter": {"name": "bezier", "value": False},
+        "announce": {"name": "table"},
+        "hand_over": {"to": "", "name": ""},
+    }
+    for seq, name in enumerate(COMMAND_NAMES, 1):
+        admitted = gate.admit(name, envelope({"type": name, **allowed.get(name, {})}, seq=seq, name="Ann"))
+        assert command_name(admitted.command) == name
+
+
+WILD = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**66), 2**66),
+    st.floats(),
+    st.sampled_from([0, 1, -1, 0.5, 1e308, "box", "temi", "lidar_off", "", "a", "a\0", "x" * 100]),
+    st.text(max_size=6),
+    st.lists(st.floats() | st.just(1.0), max_size=4),
+    st.lists(st.sampled_from([{"type": "pick", "object": "c"}, {"type": "place", "bin": "\n"}, {}]), max_size=70),
+)
+
+
+@pytest.mark.parametrize("kind", [*SERVER_COMMANDS, *EDITS], ids=lambda kind: kind.__struct_config__.tag)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_a_wild_command_of_any_kind_is_refused_or_within_all_ranges(kind, data):
+    name = kind.__struct_config__.tag
+    fields = {field: data.draw(WILD, label=field) for field in kind.__struct_fields__ if data.draw(st.booleans())}
+    try:
+        admitted = CommandGate(Clock()).admit(name, envelope({"type": name, **fields}))
+    except Refused as refusal:
+        assert str(refusal)
+        return
+    assert isinstance(admitted, Envelope)
+    for value in leaves(msgspec.to_builtins(admitted.command)):
+        if isinstance(value, str):
+            assert len(value) <= 64
+            assert value.isprintable()
+        elif isinstance(value, float | int):
+            assert math.isfinite(value)
+            assert abs(value) <= 2**31
+
+
+def leaves(value):
+    """All numbers and texts inside."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [leaf for inner in value for leaf in leaves(inner)]
+    return [value]

@@ -1,4 +1,5 @@
 import threading
+import time
 
 import pytest
 from fake_twin import FakeLibrary, FakeTwin
@@ -6,6 +7,9 @@ from waiting import until
 
 from motm_twin.bus.commands import (
     AddObstacle,
+    Envelope,
+    HandOver,
+    Inspect,
     Load,
     MoveBody,
     Pause,
@@ -15,7 +19,9 @@ from motm_twin.bus.commands import (
     Reset,
     Speed,
     Step,
+    TakeWheel,
 )
+from motm_twin.bus.live import MAX_ADDED
 from motm_twin.bus.loop import SETTLE_PERIODS, TwinLoop
 
 
@@ -66,16 +72,27 @@ class Running:
         self.thread.join(10.0)
         assert not self.thread.is_alive()
 
-    def ask(self, command):
+    def ask(self, command, sender="ann", name="Ann", expires=60.0):
+        """The reason of a refusal, "" when the command was done, what comes after its answer included."""
         answers, answered = [], threading.Event()
+        expires += time.time()
 
         def reply(reason, index):
             answers.append((reason, index))
             answered.set()
 
-        self.loop.request(command, reply)
+        envelope = Envelope(sender=sender, name=name, seq=1, expires=expires, command=command)
+        self.loop.request(envelope, reply)
         assert answered.wait(10.0)
+        done = threading.Event()
+        self.loop.session(lambda *_: done.set())
+        assert done.wait(10.0)
         return answers[0][0]
+
+    def step(self, count=1):
+        index = self.last.index
+        assert self.ask(Step(count=count)) == ""
+        until(lambda: self.last.index == index + count and not self.last.preview, "the steps were not made")
 
     @property
     def last(self):
@@ -85,9 +102,8 @@ class Running:
 def test_a_paused_twin_stands_and_steps_exactly_as_often_as_told():
     with Running() as running:
         assert (running.loop.status().state, running.last.index) == ("paused", 1)
-        assert running.ask(Step(count=7)) == ""
-        assert running.last.index == 8
-        assert running.ask(Step()) == ""
+        running.step(7)
+        running.step()
         assert running.last.index == 9
 
 
@@ -97,7 +113,7 @@ def test_play_pause_and_reset():
         until(lambda: running.last.index > 3, "time does not run")
         assert running.ask(Pause()) == ""
         stands_at = running.last.index
-        assert running.ask(Step()) == ""
+        running.step()
         assert running.last.index == stands_at + 1
         run = running.loop.status().run
         assert running.ask(Reset()) == ""
@@ -113,25 +129,23 @@ def test_an_edit_acts_in_the_next_period_and_is_previewed_while_paused():
         assert running.ask(MoveBody(name="crate", x=3.0, y=2.0)) == ""
         assert running.ask(MoveBody(name="temi1", x=-1.0, y=0.5)) == ""
         assert running.last.index == 1
-        running.ask(Step())
+        running.step()
         assert not running.last.preview
         assert running.last.obstacles[0].position[:2] == [3.0, 2.0]
         assert running.last.agents[0].position[:2] == [-1.0, 0.5]
         assert running.ask(RemoveBody(name="crate")) == ""
-        running.ask(Step())
+        running.step()
         assert running.last.obstacles == []
 
 
-def test_edits_of_unknown_or_taken_names_are_refused_with_the_names_there_are():
+def test_an_edit_that_the_twin_does_not_take_is_refused_in_its_words_and_forgotten():
     with Running() as running:
-        assert "temi1" in running.ask(MoveBody(name="temi7", x=0.0, y=0.0))
-        assert "no 'cube1'" in running.ask(RemoveBody(name="cube1"))
-        assert "in use" in running.ask(AddObstacle(name="temi1", x=0.0, y=0.0))
-        assert "in use" in running.ask(AddObstacle(name="desk", x=0.0, y=0.0))
         assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == ""
-        assert "in use" in running.ask(AddObstacle(name="x", x=0.0, y=0.0))
-        assert "outside the world" in running.ask(AddObstacle(name="y", x=95.0, y=0.0))
+        assert running.ask(AddObstacle(name="y", x=95.0, y=0.0)) == "that is outside the world"
         assert [body.name for body in running.last.obstacles] == ["x"]
+        for number in range(MAX_ADDED - 1):
+            assert running.ask(AddObstacle(name=f"x{number}", x=0.0, y=0.0)) == ""
+        assert "remove one first" in running.ask(AddObstacle(name="one more", x=0.0, y=0.0))
 
 
 def test_an_error_in_a_period_stops_time_and_is_told_and_reset_recovers(capsys):
@@ -148,7 +162,7 @@ def test_an_error_in_a_period_stops_time_and_is_told_and_reset_recovers(capsys):
 def test_a_run_ends_after_settling_and_play_starts_it_again():
     with Running(lambda scene: FakeTwin(scene, periods=3)) as running:
         running.ask(Step(count=3 + SETTLE_PERIODS))
-        assert running.loop.status().state == "done"
+        until(lambda: running.loop.status().state == "done", "the run does not end")
         assert "ended" in running.ask(Step())
         assert running.ask(Play()) == ""
         assert (running.loop.status().run, running.last.run) == (2, 2)
@@ -194,3 +208,67 @@ def test_the_wanted_speed_is_told(factor):
     with Running() as running:
         assert running.ask(Speed(factor=factor)) == ""
         assert running.loop.status().speed == factor
+
+
+def test_one_drives_others_look_until_the_wheel_is_handed_over():
+    with Running() as running:
+        assert running.ask(Speed(factor=2.0)) == ""
+        status = running.loop.status()
+        assert (status.driver, status.driver_name) == ("ann", "Ann")
+        assert 0.0 < status.driver_left <= 10.0
+        assert "Ann is driving" in running.ask(Speed(factor=4.0), sender="bob", name="Bob")
+        assert running.loop.status().speed == 2.0
+        assert running.ask(Inspect(candidate=3), sender="bob", name="Bob") == ""
+        assert running.ask(HandOver(to="bob", name="Bob")) == ""
+        assert "Bob is driving" in running.ask(Play())
+        assert running.ask(Speed(factor=4.0), sender="bob", name="Bob") == ""
+        assert running.ask(HandOver(), sender="bob", name="Bob") == ""
+        assert running.loop.status().driver == ""
+
+
+def test_a_refused_command_and_an_inspection_take_no_wheel():
+    with Running() as running:
+        assert "to move" in running.ask(MoveBody(name="ghost", x=0.0, y=0.0))
+        assert running.ask(Inspect(staa_path=False)) == ""
+        assert running.loop.status().driver == ""
+        assert running.ask(TakeWheel(), name="") == ""
+        assert running.loop.status().driver_name == "ann"
+
+
+def test_a_change_of_driver_is_told_and_lets_go_of_what_was_held(monkeypatch):
+    monkeypatch.setattr("motm_twin.bus.lease.SILENCE", 0.2)
+    with Running() as running:
+        assert running.ask(MoveBody(name="temi1", x=0.0, y=0.0)) == ""
+        before = running.sink.states
+        until(lambda: ReleaseBody(name="temi1") in running.twins[0].queue, "nobody let go")
+        until(lambda: running.sink.states > before, "nobody was told")
+        assert running.loop.status().driver == ""
+        assert running.ask(MoveBody(name="temi1", x=1.0, y=0.0), sender="bob", name="Bob") == ""
+        assert running.loop.status().driver_name == "Bob"
+
+
+def test_a_command_that_waited_for_too_long_is_refused():
+    with Running() as running:
+        assert "stale" in running.ask(Play(), expires=-0.1)
+        assert running.loop.status().state == "paused"
+
+
+def test_many_steps_can_be_ended_by_pause():
+    with Running() as running:
+        assert running.ask(Step(count=100_000)) == ""
+        assert running.ask(Pause()) == ""
+        index = running.last.index
+        assert index < 100_000
+        running.step()
+        assert running.last.index == index + 1
+
+
+def test_an_edit_that_fails_in_the_twin_is_refused_and_the_loop_goes_on(capsys):
+    class Broken(FakeTwin):
+        def post(self, edit):
+            raise RuntimeError("post is broken")
+
+    with Running(Broken) as running:
+        assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == "RuntimeError: post is broken"
+        running.step()
+    assert "post is broken" in capsys.readouterr().err

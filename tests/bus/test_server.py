@@ -87,6 +87,8 @@ def test_refused_commands_over_zenoh_have_no_effect(client):
     used = command_bytes(client, {"type": "pause"}, 9)
     assert json.loads(client.query("pause", used)[0])["ok"]
     assert "replayed" in refused(client, "pause", used)
+    assert "raw is driving" in client.command(Pause()).reason
+    assert json.loads(client.query("hand_over", command_bytes(client, {"type": "hand_over"}, 10))[0])["ok"]
     assert "there is no 'ghost'" in client.command(MoveBody(name="ghost", x=0.0, y=0.0)).reason
     assert client.status().state == "paused"
     assert client.tick().index == before.index

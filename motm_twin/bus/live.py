@@ -1,0 +1,134 @@
+"""The twin that is running, and what readers are shown of it. Knows no pacing, no persons and no transport."""
+
+import traceback
+from collections.abc import Callable
+
+import msgspec
+
+from motm_twin.bus.commands import AddObstacle, Inspect, Refused
+from motm_twin.bus.encode import path_message, tick_message
+from motm_twin.bus.messages import InspectedMessage, TickMessage
+from motm_twin.bus.ports import MakeTwin, TwinLike
+from motm_twin.bus.preview import preview
+from motm_twin.control.tick import Tick
+from motm_twin.model.edits import Edit, ParameterValue
+from motm_twin.model.scene import Scene
+
+MAX_ADDED = 30
+
+
+class LiveTwin:
+    """One scene with its twin. Every load, reset and branch begins a new run."""
+
+    def __init__(self, make_twin: MakeTwin, server_time: Callable[[], float]) -> None:
+        self._make_twin, self._server_time = make_twin, server_time
+        self.run = 0
+        self.scene: Scene | None = None
+        self.twin: TwinLike | None = None
+        self.message: TickMessage | None = None  # of the last period
+        self.tick: Tick | None = None
+        self.parameters: dict[str, ParameterValue] = {}  # a copy: other threads read it
+        self.recorded = 0
+        self._pending: list[Edit] = []
+        self._inspect = Inspect()
+        self._session: tuple[tuple[int, int, int], bytes] | None = None
+
+    @property
+    def index(self) -> int:
+        """Last period that was computed; -1 before the first."""
+        return self.message.index if self.message is not None else -1
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self.message.time if self.message is not None else 0.0
+
+    def clear(self, scene: Scene) -> None:
+        """Another scene, still without a twin."""
+        self.scene, self.twin, self.message, self.tick = scene, None, None, None
+
+    def build(self, scene: Scene) -> None:
+        """Make the twin of a scene."""
+        self.twin = self._make_twin(scene)
+        self._begin()
+
+    def reset(self) -> None:
+        """Back to the start of the scene."""
+        assert self.twin is not None
+        self.twin.reset()
+        self._begin()
+
+    def post(self, edit: Edit) -> None:
+        """Take an edit for the next period. Raises Refused."""
+        assert self.twin is not None
+        if isinstance(edit, AddObstacle) and self._added() >= MAX_ADDED:
+            raise Refused(f"{MAX_ADDED} obstacles were added already; remove one first")
+        try:
+            self.twin.post(edit)
+        except ValueError as error:
+            raise Refused(str(error)) from error
+        self._pending.append(edit)
+
+    def advance(self) -> tuple[TickMessage, Tick]:
+        """Compute one period."""
+        assert self.twin is not None
+        self.tick = self.twin.advance()
+        self._pending = []
+        self.parameters, self.recorded = (
+            dict(getattr(self.twin, "parameters", {})),
+            len(getattr(self.twin, "edits", [])),
+        )
+        self.message = self._explained(tick_message(self.tick, self.run, self._server_time()))
+        return self.message, self.tick
+
+    def inspect(self, command: Inspect) -> None:
+        """Explain this from now on, and in what is shown next."""
+        self._inspect = command
+        if self.message is not None:
+            self.message = self._explained(self.message)
+
+    def shown(self) -> tuple[TickMessage, Tick] | None:
+        """What a standing twin shows: its last period, with bodies where waiting edits will put them."""
+        if self.message is None or self.tick is None or self.scene is None:
+            return None
+        message = preview(self.scene, self.message, self._pending)
+        return msgspec.structs.replace(message, server_time=self._server_time()), self.tick
+
+    def session(self) -> bytes:
+        """The run so far as a Session in JSON. Raises Refused."""
+        if self.twin is None or self.message is None:
+            raise Refused("no scene is running")
+        now = (self.run, self.message.index, len(self.twin.edits))
+        if self._session is None or self._session[0] != now:
+            self._session = now, msgspec.json.encode(self.twin.session())
+        return self._session[1]
+
+    def _begin(self) -> None:
+        self.run += 1
+        self._pending, self._inspect, self.message, self.tick = [], Inspect(), None, None
+
+    def _added(self) -> int:
+        shown = self.shown()
+        return len(shown[0].obstacles) if shown is not None else 0
+
+    def _explained(self, message: TickMessage) -> TickMessage:
+        """The message with what `inspect` asked for. What can not be explained must not stop the robot."""
+        wish = self._inspect
+        if wish == Inspect() and message.inspected is None and not message.plan.staa_path:
+            return message
+        try:
+            inspected, staa_path = self._paths(wish, len(message.placement.poses))
+        except Exception:
+            traceback.print_exc()
+            self._inspect, inspected, staa_path = Inspect(), None, []
+        plan = msgspec.structs.replace(message.plan, staa_path=staa_path)
+        return msgspec.structs.replace(message, plan=plan, inspected=inspected)
+
+    def _paths(self, wish: Inspect, candidates: int) -> tuple[InspectedMessage | None, list[list[float]]]:
+        assert self.twin is not None
+        staa_path = path_message(self.twin.staa_path()) if wish.staa_path else []
+        paths = self.twin.candidate_paths(wish.candidate) if 0 <= wish.candidate < candidates else None
+        if paths is None:
+            return None, staa_path
+        path, next_path = (path_message(points) for points in paths)
+        return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path

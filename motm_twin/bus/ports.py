@@ -1,0 +1,94 @@
+"""What the loop of the server needs from others: a twin, scenes, and somewhere to send what it computes."""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from motm_twin.bus.messages import SceneChoice, TickMessage
+from motm_twin.control.tick import Tick
+from motm_twin.model.edits import Edit, ParameterValue
+from motm_twin.model.geometry import Array
+from motm_twin.model.scene import Scene
+from motm_twin.record.session import LoggedEdit, Session
+
+
+class TwinLike(Protocol):
+    """What the loop needs of a twin."""
+
+    def advance(self) -> Tick:
+        """Compute one period."""
+        ...
+
+    def post(self, edit: Edit) -> None:
+        """Apply an edit at the start of the next period. Raises ValueError when it is not possible."""
+        ...
+
+    def reset(self) -> None:
+        """Back to the start."""
+        ...
+
+    @property
+    def parameters(self) -> dict[str, ParameterValue]:
+        """Parameters that were changed."""
+        ...
+
+    @property
+    def edits(self) -> list[LoggedEdit]:
+        """Everything that was done to this run."""
+        ...
+
+    def session(self, title: str = "") -> Session:
+        """What repeats the run so far."""
+        ...
+
+    def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
+        """Paths to a candidate of the last period, and from there to the next target; shapes (m, 2) and (k, 2)."""
+        ...
+
+    def staa_path(self) -> Array:
+        """Shortest path of unmodified STAA* in the last period, shape (m, 2)."""
+        ...
+
+    def snapshot(self) -> dict[str, Any]:
+        """A copy of the whole state."""
+        ...
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        ...
+
+
+class SceneLibrary(Protocol):
+    """Scenes that may be loaded."""
+
+    def choices(self) -> list[SceneChoice]:
+        """What there is."""
+        ...
+
+    def load(self, scene: str, variant: str | None, seed: int | None) -> Scene:
+        """Resolve one. Raises ValueError with a reason."""
+        ...
+
+    def changed(self) -> bool:
+        """Whether the files of the scene that was loaded last have changed since the last question, or since then."""
+        ...
+
+
+class Sink(Protocol):
+    """Where the loop's results go; called from the loop's thread."""
+
+    def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
+        """A new period; ``last`` when no other follows for now."""
+        ...
+
+    def scene(self, scene: Scene) -> None:
+        """Another scene was loaded."""
+        ...
+
+    def status(self) -> None:
+        """The status changed."""
+        ...
+
+
+MakeTwin = Callable[[Scene], TwinLike]
+Reply = Callable[[str, int], None]  # reason ("" = done), index of the last period
+SessionReply = Callable[[bytes, str], None]  # the session as JSON, or why there is none

@@ -1,0 +1,164 @@
+"""Ranges of the numbers, names and lists in commands, which types can not express.
+
+They are wide: what a scene, a task list or a parameter really allows is checked by the twin itself.
+"""
+
+import math
+
+from motm_twin.bus.commands import (
+    NAME_MAX,
+    SPEED_MAX,
+    SPEED_MIN,
+    AddObstacle,
+    Branch,
+    Command,
+    HandOver,
+    InjectFault,
+    InsertTask,
+    Inspect,
+    Load,
+    MoveBody,
+    MoveObject,
+    MoveTask,
+    PushRobot,
+    Refused,
+    ReleaseBody,
+    RemoveTask,
+    SendAgent,
+    SetParameter,
+    Speed,
+    Step,
+)
+from motm_twin.model.edits import FAULTS, ParameterValue
+from motm_twin.model.scene import DriveTo, Pick, Place, Task
+
+MAX_NAME = 64
+MAX_STEPS = 1000
+MAX_INDEX = 10**7  # periods: almost six days
+MAX_TASKS = 60
+MAX_CANDIDATES = 10_000
+MAX_COORDINATE = 1000.0  # [m], [rad]
+SIZE_RANGE = (0.02, 5.0)  # [m]
+SHAPES = ("box", "cylinder", "temi", "person")
+MAX_THROW = 10.0  # [m/s]
+MAX_PUSH = 5.0  # [m]
+MAX_FAULT = 60.0  # [s]
+MAX_DELAY = 5.0  # [s]
+TOLERANCE_RANGE = (0.01, 5.0)  # [m]
+MAX_VALUE = 1e6  # of a parameter
+
+
+def check_command(command: Command) -> None:
+    """Raise Refused, saying what is allowed, unless every number, name and list is within its range."""
+    name = getattr(command, "name", None)
+    if name is not None and not isinstance(command, HandOver):
+        _name("name", name)
+    match command:
+        case Speed(factor=factor):
+            _number("speed", factor, SPEED_MIN, SPEED_MAX)
+        case Step(count=count):
+            _number("number of steps", count, 1, MAX_STEPS)
+        case Load():
+            _load(command)
+        case Branch(index=index):
+            _number("period", index, 0, MAX_INDEX)
+        case Inspect(candidate=candidate):
+            _number("candidate", candidate, -1, MAX_CANDIDATES)
+        case HandOver():
+            _text("receiver", command.to, MAX_NAME)
+            _text("name", command.name, NAME_MAX)
+        case AddObstacle():
+            _obstacle(command)
+        case MoveBody(x=x, y=y, heading=heading):
+            _place(x, y, heading or 0.0)
+        case SendAgent(x=x, y=y) | MoveObject(x=x, y=y):
+            _place(x, y)
+        case ReleaseBody(velocity=(vx, vy)):
+            _number("speed of a thrown body [m/s]", math.hypot(vx, vy), 0.0, MAX_THROW)
+        case PushRobot(dx=dx, dy=dy, turn=turn):
+            _number("length of a push [m]", math.hypot(dx, dy), 0.0, MAX_PUSH)
+            _number("turn of a push [rad]", turn, -math.pi, math.pi)
+        case InjectFault():
+            _fault(command)
+        case InsertTask():
+            _tasks(command)
+        case RemoveTask(index=index):
+            _number("task", index, 0, MAX_INDEX)
+        case MoveTask(index=index, to=to):
+            _number("task", index, 0, MAX_INDEX)
+            _number("place in the list", to, 0, MAX_INDEX)
+        case SetParameter(value=value):
+            _value(value)
+
+
+def _number(what: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:  # nan neither; and a whole number may be too long to be written
+        shown = f"{value:g}" if abs(value) < 1e300 else "out of range"
+        raise Refused(f"{what} {shown}: allowed is {low:g} to {high:g}")
+
+
+def _text(what: str, text: str, longest: int) -> None:
+    if len(text) > longest or not text.isprintable():
+        raise Refused(f"{what}: at most {longest} printable characters")
+
+
+def _name(what: str, text: str) -> None:
+    if not 1 <= len(text) <= MAX_NAME or not text.isprintable():
+        raise Refused(f"{what}: needs 1 to {MAX_NAME} printable characters")
+
+
+def _place(x: float, y: float, heading: float = 0.0) -> None:
+    if not all(abs(value) <= MAX_COORDINATE for value in (x, y, heading)):
+        raise Refused(f"place ({x:g}, {y:g}, {heading:g}): not within {MAX_COORDINATE:.0f} m")
+
+
+def _load(command: Load) -> None:
+    _name("scene", command.scene)
+    if command.variant is not None:
+        _text("variant", command.variant, MAX_NAME)
+    if command.seed is not None:
+        _number("seed", command.seed, 0, 2**31 - 1)
+
+
+def _obstacle(command: AddObstacle) -> None:
+    _place(command.x, command.y, command.heading)
+    if command.shape not in SHAPES:
+        raise Refused(f"shape {command.shape[:MAX_NAME]!r}: there are {', '.join(SHAPES)}")
+    for extent in command.size:
+        _number("size [m]", extent, *SIZE_RANGE)
+
+
+def _fault(command: InjectFault) -> None:
+    if command.fault not in FAULTS:
+        raise Refused(f"fault {command.fault[:MAX_NAME]!r}: there are {', '.join(FAULTS)}")
+    if not 0.0 < command.seconds <= MAX_FAULT:
+        raise Refused(f"a fault of {command.seconds:g} s: allowed is more than 0 and at most {MAX_FAULT:g} s")
+    if not 0.0 <= command.delay <= MAX_DELAY:
+        raise Refused(f"a delay of {command.delay:g} s: allowed is 0 to {MAX_DELAY:g} s")
+
+
+def _tasks(command: InsertTask) -> None:
+    if not 1 <= len(command.tasks) <= MAX_TASKS:
+        raise Refused(f"{len(command.tasks)} tasks: allowed is 1 to {MAX_TASKS}")
+    if command.index is not None:
+        _number("place in the list", command.index, 0, MAX_INDEX)
+    for task in command.tasks:
+        _task(task)
+
+
+def _task(task: Task) -> None:
+    match task:
+        case Pick(object=name):
+            _name("object", name)
+        case Place(bin=name):
+            _name("bin", name)
+        case DriveTo(point=(x, y), heading=heading, tolerance=tolerance):
+            _place(x, y, heading or 0.0)
+            _number("tolerance [m]", tolerance, *TOLERANCE_RANGE)
+
+
+def _value(value: ParameterValue | None) -> None:
+    if isinstance(value, str):
+        _text("value", value, MAX_NAME)
+    elif value is not None and not isinstance(value, bool):
+        _number("value", value, -MAX_VALUE, MAX_VALUE)
