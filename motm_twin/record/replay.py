@@ -1,0 +1,107 @@
+"""A session once more: the same scene, edits and searches give the same state, bit for bit."""
+
+import math
+from collections.abc import Iterator
+
+import msgspec
+
+from motm_twin.control.tick import Tick
+from motm_twin.record.log import Log
+from motm_twin.record.made_with import differences, made_with
+from motm_twin.record.session import Session, SessionError
+from motm_twin.twin import Twin
+
+TRACK_PERIODS = 20  # periods between two poses of a track: one second
+
+Track = tuple[tuple[float, float, float], ...]
+
+
+class Rerun(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of running a session again."""
+
+    ok: bool  # the state is the recorded one, bit for bit
+    state_hash: str  # now
+    recorded_hash: str
+    periods: int
+    time: float  # [s] simulated, at the end
+    track: Track  # true base pose after each second
+    first_sign: str  # where the rerun parted from the recording, one sentence; "" when it did not
+    differences: tuple[str, ...]  # what is not here as it was where the session was made
+
+
+def begin(session: Session) -> Twin:
+    """A twin at the start of the session. Raises SessionError when a parameter cannot be."""
+    try:
+        return Twin(session.scene, parameters=session.parameters)
+    except ValueError as error:
+        raise SessionError(f"the run cannot be started: {error}") from error
+
+
+def player(session: Session, *, until: int | None = None) -> Iterator[tuple[Twin, Tick]]:
+    """The twin and its Tick after each period of the session, or of the periods before ``until``.
+
+    Edits are posted at the periods they were logged with; where the clock cut a search, it ends after as many
+    expansions. Raises SessionError for an edit that the run refuses.
+    """
+    twin, log = begin(session), Log(session.edits, session.cuts)
+    for index in range(session.periods if until is None else min(until, session.periods)):
+        tick = log.advance(twin, index)
+        yield twin, tick
+
+
+def rerun(session: Session) -> Rerun:
+    """Run a session again and compare. Raises SessionError for a session that cannot be run."""
+    tracker, twin, time = Tracker(), None, 0.0
+    for twin, tick in player(session):  # noqa: B007 - the last one is used
+        tracker.add(tick)
+        time = tick.time
+    now = (twin or begin(session)).state_hash()
+    ok = now == session.state_hash
+    return Rerun(
+        ok=ok,
+        state_hash=now,
+        recorded_hash=session.state_hash,
+        periods=session.periods,
+        time=time,
+        track=tracker.track,
+        first_sign="" if ok else _first_sign(session, tracker.track),
+        differences=differences(session.made_with),
+    )
+
+
+def updated(session: Session, again: Rerun) -> Session:
+    """The session with what its rerun gave: to be saved only by somebody who wants the change of behaviour."""
+    return msgspec.structs.replace(session, state_hash=again.state_hash, track=again.track, made_with=made_with())
+
+
+class Tracker:
+    """Collects the track of a run."""
+
+    def __init__(self) -> None:
+        self._poses: list[tuple[float, float, float]] = []
+
+    def add(self, tick: Tick) -> None:
+        """Take a Tick into account."""
+        if (tick.index + 1) % TRACK_PERIODS == 0 and tick.truth is not None:
+            x, y, heading = (float(value) for value in tick.truth.pose)
+            self._poses.append((x, y, heading))
+
+    @property
+    def track(self) -> Track:
+        """Poses so far."""
+        return tuple(self._poses)
+
+
+def _first_sign(session: Session, track: Track) -> str:
+    if not session.state_hash:
+        return "the session has no state hash to compare with"
+    if not session.track:
+        return "the session was saved without a track, so where the runs part is not known"
+    for second, (then, now) in enumerate(zip(session.track, track, strict=False), start=1):
+        if then != now:
+            away = 1e3 * math.dist(then[:2], now[:2])
+            turned = math.degrees(abs(math.remainder(then[2] - now[2], math.tau)))
+            return f"after {second} s the base is {away:.3g} mm and {turned:.3g} deg from where it was recorded"
+    if len(session.track) != len(track):
+        return f"the track has {len(session.track)} poses, the rerun {len(track)}"
+    return "the base drove the same way; the arm, the cubes, the agents or what the robot believes differ"
