@@ -15,10 +15,11 @@ from typing import Any
 
 import viser
 
-from motm_twin.bus.client import TwinClient
+from motm_twin.bus.client import Grid, TwinClient
 from motm_twin.bus.commands import Answer, Command, Inspect
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.scene import Scene
+from motm_twin.ui.history import History
 
 LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails")
 NOTE_TIME = 6.0  # [s] a note stays on the page
@@ -56,6 +57,7 @@ class Shown:
     newest: TickMessage | None
     live: bool
     view: View
+    grid: Grid | None = None  # that was in force in the shown period
 
     @property
     def behind(self) -> float:
@@ -69,6 +71,7 @@ class Hub:
     def __init__(self, server: viser.ViserServer, client: TwinClient) -> None:
         self.server, self.client = server, client
         self.view = View()
+        self.history: History | None = None  # set by the viewer
         self._visitors: dict[int, Visitor] = {}
         self._queue: queue.Queue[tuple[Visitor | None, Command]] = queue.Queue(maxsize=WAITING)
         self._stop = threading.Event()

@@ -10,7 +10,10 @@ import traceback
 
 import viser
 
-from motm_twin.bus.client import TwinClient
+from motm_twin.bus.client import Grid, TwinClient
+from motm_twin.bus.messages import TickMessage
+from motm_twin.ui.feed import Feed
+from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.stage import Stage
 from motm_twin.ui.visitors import Visitors
@@ -26,6 +29,8 @@ class Viewer:
         self._client = client
         self._stop = threading.Event()
         self._hub = Hub(server, client)
+        self._hub.history = self._history = History()
+        self._feed = Feed(client, self._history)
         self._stage = Stage(server, self._hub)
         self._visitors = Visitors(server, self._hub, self._stage)
 
@@ -53,6 +58,7 @@ class Viewer:
                 self._stop.wait(1.0)
             last = now
             self._stop.wait(max(0.0, FRAME - (time.monotonic() - now)))
+        self._feed.stop()
         self._stage.stop()
         self._hub.stop()
 
@@ -62,12 +68,28 @@ class Viewer:
             state = "waiting"
         else:
             state = status.state if self._client.alive else "lost"
+        looking_back = self._looking_back()
         return Shown(
             state=state,
             status=status,
             scene=self._client.scene(),
-            tick=tick,
+            tick=tick if looking_back is None else looking_back[0],
             newest=tick,
-            live=True,
+            live=looking_back is None,
             view=self._hub.view,
+            grid=self._client.grid() if looking_back is None else looking_back[1],
         )
+
+    def _looking_back(self) -> tuple[TickMessage, Grid | None] | None:
+        """The period of the history that is looked at, with its grid; None when that is the newest."""
+        view, span = self._hub.view, self._history.span
+        at = view.at
+        if at is None:
+            return None
+        if span is None or at > span.last:  # cut off by a branch, a reset or another scene
+            view.at = None
+            return None
+        if at < span.first:  # forgotten while it was looked at
+            at = view.at = span.first
+        tick = self._history.at(at)
+        return None if tick is None else (tick, self._history.grid_at(at))

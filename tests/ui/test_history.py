@@ -1,0 +1,180 @@
+"""The last two minutes: what is kept, what is cut off, and that it does not grow."""
+
+import os
+import threading
+
+import msgspec
+import numpy as np
+import pytest
+from fake_twin import FakeTwin, fake_scene
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motm_twin.bus.encode import tick_message
+from motm_twin.bus.messages import GRID_VERSION, EventMessage, GridInfo
+from motm_twin.ui.history import History
+from motm_twin.ui.samples import Sample
+
+encode = msgspec.json.encode
+MESSAGE = tick_message(FakeTwin(fake_scene()).advance(), 1, 0.0)
+
+
+def payload(index, *, run=1, **changes):
+    changed = msgspec.structs.replace(MESSAGE, index=index, time=0.05 * index, run=run, **changes)
+    return encode(changed)
+
+
+def add_grid(history, stamp, fill, *, run=1):
+    info = GridInfo(
+        version=GRID_VERSION, run=run, encoding="", resolution=0.05, origin=[0.0, 0.0], width=30, height=20, stamp=stamp
+    )
+    cells = np.full((20, 30), fill, dtype=np.uint8)
+    history.add_grid(cells.tobytes(), encode(info))
+
+
+def filled(count, **options):
+    history = History(**options)
+    for index in range(count):
+        history.add(payload(index))
+    return history
+
+
+def test_a_period_comes_back_as_it_was_sent():
+    history = filled(30)
+    assert encode(history.at(7)) == payload(7)
+    assert history.payload_at(7) == payload(7)
+    assert history.at(7) is history.at(7)
+    assert history.span == (0, 29, 0.0, pytest.approx(1.45))
+    assert history.newest == 29
+
+
+def test_before_the_first_period_there_is_nothing():
+    history = History()
+    assert history.at(0) is None
+    assert history.grid_at(0) is None
+    assert history.span is None
+    assert history.newest is None
+    assert history.samples(None, 60.0).shape == (0, len(Sample._fields))
+    assert history.events(None, 8) == []
+
+
+def test_a_period_that_was_missed_shows_the_one_before_and_a_forgotten_one_the_oldest():
+    history = filled(20, periods=10)
+    history.add(payload(25))
+    assert history.at(22).index == 19
+    assert history.at(0).index == history.span.first == 11
+    assert history.at(999).index == 25
+
+
+def test_a_branch_cuts_off_what_comes_no_more():
+    history = filled(30)
+    add_grid(history, 0.0, 1)
+    add_grid(history, 1.2, 2)
+    history.add(payload(10))
+    assert history.span[:2] == (0, 10)
+    assert history.grid_at(10).cells[0, 0] == 1
+    history.add(payload(11))
+    assert history.span[:2] == (0, 11)
+
+
+def test_a_preview_takes_the_place_of_its_period():
+    history = filled(5)
+    for _ in range(3):
+        history.add(payload(4, preview=True))
+    assert history.indices(10.0) == [0, 1, 2, 3, 4]
+    assert history.at(4).preview
+
+
+def test_another_run_begins_anew_and_stragglers_of_the_old_one_are_dropped():
+    history = filled(5)
+    add_grid(history, 0.0, 1)
+    add_grid(history, 0.0, 3, run=2)  # the grid may come first
+    history.add(payload(0, run=2))
+    add_grid(history, 0.2, 1)
+    assert history.span[:2] == (0, 0)
+    assert history.grid_at(0).cells[0, 0] == 3
+
+
+def test_the_grid_is_the_one_that_was_in_force():
+    history = filled(50)
+    for stamp, fill in ((0.0, 1), (0.5, 2), (1.0, 2), (1.5, 3)):
+        add_grid(history, stamp, fill)
+    assert [int(history.grid_at(index).cells[0, 0]) for index in (0, 9, 10, 29, 30, 49)] == [1, 1, 2, 2, 3, 3]
+    assert history.grid_at(12) is history.grid_at(25)
+
+
+def test_samples_end_at_the_period_that_is_looked_at():
+    history = filled(200)
+    rows = history.samples(100, 2.0)
+    assert rows[-1, 0] == pytest.approx(5.0)
+    assert rows[0, 0] == pytest.approx(3.0)
+    assert len(history.samples(None, 1e9)) == 200
+    assert rows[-1, Sample._fields.index("speed")] == pytest.approx(MESSAGE.robot.twist[0])
+
+
+def test_events_come_newest_first_and_only_those_that_have_happened():
+    history = History()
+    for index in range(10):
+        history.add(payload(index, events=[EventMessage(time=0.05 * index, kind="picked", text=str(index))]))
+    assert [event.text for event in history.events(None, 3)] == ["9", "8", "7"]
+    assert [event.text for event in history.events(4, 3)] == ["4", "3", "2"]
+
+
+def test_other_versions_and_broken_grids_are_refused():
+    history = History()
+    with pytest.raises(ValueError, match=r"not 'motm\.tick/9'"):
+        history.add(payload(0, version="motm.tick/9"))
+    info = GridInfo(version=GRID_VERSION, run=1, encoding="", resolution=0.1, origin=[0, 0], width=3, height=3, stamp=0)
+    with pytest.raises(ValueError, match="3 x 3 cells came with 4 bytes"):
+        history.add_grid(b"1234", encode(info))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 40), st.integers(1, 3), st.booleans(), st.integers(0, 3000)), min_size=1, max_size=120
+    )
+)
+def test_whatever_comes_the_history_stays_in_order_and_bounded(arrivals):
+    """Any order of runs, jumps back and sizes: indices rise, the newest is the last that came, bounds hold."""
+    history = History(periods=16, max_bytes=20_000)
+    for index, run, grid, size in arrivals:
+        if grid:
+            add_grid(history, 0.05 * index, index, run=run)
+        text = os.urandom(size // 2).hex()
+        history.add(payload(index, run=run, stop_reason=text))
+        indices = history.indices(1e9)
+        assert indices == sorted(set(indices))
+        assert len(indices) <= 16
+        assert history.newest == index == history.at(index).index
+        assert history.at(index).run == run
+        assert history._bytes == sum(len(entry.payload) for entry in history._entries)
+        assert history._bytes <= 20_000 or len(indices) == 1
+        assert history._map_bytes == sum(len(kept.cells) for kept in history._maps)
+        grids = [kept.stamp for kept in history._maps if kept.info.run == run]
+        assert grids == sorted(grids)
+
+
+def test_it_can_be_read_while_ticks_arrive():
+    history = History(periods=50)
+    failures = []
+
+    def write():
+        for index in range(400):
+            history.add(payload(index))
+            if index % 5 == 0:
+                add_grid(history, 0.05 * index, index % 200)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    while writer.is_alive():
+        span = history.span
+        if span is not None:
+            tick = history.at((span.first + span.last) // 2)
+            history.grid_at(tick.index)
+            history.samples(tick.index, 60.0)
+            if tick.index > span.last + 400:
+                failures.append(tick.index)
+    writer.join()
+    assert not failures
+    assert history.newest == 399
