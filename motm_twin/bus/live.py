@@ -2,6 +2,7 @@
 
 import traceback
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -13,6 +14,10 @@ from motm_twin.bus.preview import preview
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.scene import Scene
+from motm_twin.record.session import LoggedEdit
+
+if TYPE_CHECKING:
+    from motm_twin.record.branches import Branches
 
 MAX_ADDED = 30
 
@@ -29,6 +34,9 @@ class LiveTwin:
         self.tick: Tick | None = None
         self.parameters: dict[str, ParameterValue] = {}  # a copy: other threads read it
         self.recorded = 0
+        self.oldest = 0  # first period that `branch` can go back to
+        self._branches: Branches | None = None
+        self._next = 0  # the period that comes next
         self._pending: list[Edit] = []
         self._inspect = Inspect()
         self._session: tuple[tuple[int, int, int], bytes] | None = None
@@ -49,14 +57,31 @@ class LiveTwin:
 
     def build(self, scene: Scene) -> None:
         """Make the twin of a scene."""
-        self.twin = self._make_twin(scene)
-        self._begin()
+        from motm_twin.record.branches import Branches  # imports the twin: slow, only once the server listens
+
+        self.twin, self._branches = self._make_twin(scene), Branches()
+        self._begin(0)
 
     def reset(self) -> None:
         """Back to the start of the scene."""
         assert self.twin is not None
+        assert self._branches is not None
         self.twin.reset()
-        self._begin()
+        self._branches.clear()
+        self._begin(0)
+
+    def require_branch(self, index: int) -> None:
+        """Raise Refused when `branch` can not go back to the start of this period."""
+        if not self.oldest <= index <= self._next:
+            raise Refused(f"period {index} is not kept: choose one from {self.oldest} to {self._next}")
+
+    def branch(self, index: int) -> list[LoggedEdit]:
+        """Back to the start of a period, after `require_branch`; the edits until then, which hold from now on."""
+        assert self.twin is not None
+        assert self._branches is not None
+        self._branches.branch(_any(self.twin), index)
+        self._begin(index)
+        return list(self.twin.edits)
 
     def post(self, edit: Edit) -> None:
         """Take an edit for the next period. Raises Refused."""
@@ -72,8 +97,11 @@ class LiveTwin:
     def advance(self) -> tuple[TickMessage, Tick]:
         """Compute one period."""
         assert self.twin is not None
+        assert self._branches is not None
+        self._branches.note(_any(self.twin), self._next)
+        self.oldest = self._branches.oldest
         self.tick = self.twin.advance()
-        self._pending = []
+        self._pending, self._next = [], self.tick.index + 1
         self.parameters, self.recorded = (
             dict(getattr(self.twin, "parameters", {})),
             len(getattr(self.twin, "edits", [])),
@@ -103,8 +131,9 @@ class LiveTwin:
             self._session = now, msgspec.json.encode(self.twin.session())
         return self._session[1]
 
-    def _begin(self) -> None:
+    def _begin(self, index: int) -> None:
         self.run += 1
+        self._next = index
         self._pending, self._inspect, self.message, self.tick = [], Inspect(), None, None
 
     def _added(self) -> int:
@@ -132,3 +161,8 @@ class LiveTwin:
             return None, staa_path
         path, next_path = (path_message(points) for points in paths)
         return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path
+
+
+def _any(twin: TwinLike) -> Any:
+    """For what is written for the one real twin."""
+    return twin

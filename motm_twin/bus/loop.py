@@ -30,7 +30,7 @@ from motm_twin.bus.holds import Holds
 from motm_twin.bus.lease import Lease
 from motm_twin.bus.live import LiveTwin
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
-from motm_twin.bus.pacing import Pacer
+from motm_twin.bus.pacing import PERIOD, Pacer
 from motm_twin.bus.ports import MakeTwin, Reply, SceneLibrary, SessionReply, Sink
 from motm_twin.model.scene import Scene
 
@@ -121,6 +121,7 @@ class TwinLoop:
             driver_name=self._lease.name,
             driver_left=round(self._lease.left(now), 2),
             parameters=live.parameters,
+            oldest=live.oldest,
             recorded=live.recorded,
             reference_tour=self._tour,
         )
@@ -229,8 +230,8 @@ class TwinLoop:
                 self._sink.status()
             case Load():
                 return self._load(command, self._state in ("playing", "done") or self._live.twin is None)
-            case Branch():
-                raise Refused("going back is not possible yet")
+            case Branch(index=index):
+                return self._branch(index)
             case Inspect():
                 self._require_twin()
                 self._live.inspect(command)
@@ -296,26 +297,30 @@ class TwinLoop:
         self._state, self._text = state, text
         self._sink.status()
 
-    def _load(self, command: Load, play: bool, text: str = "") -> Work:
+    def _load(self, command: Load, play: bool) -> Work:
         """Resolve the scene; what is given back makes its twin and begins. Raises Refused."""
+        scene = self._resolved(command)
+        self._loaded, self._file_error = msgspec.structs.replace(command, variant=scene.variant or None), ""
+        return lambda: self._build(scene, play, "")
+
+    def _resolved(self, command: Load) -> Scene:
         try:
-            scene = self._library.load(command.scene, command.variant, command.seed)
+            return self._library.load(command.scene, command.variant, command.seed)
         except ValueError as error:
             raise Refused(str(error)) from error
-        self._loaded, self._file_error = msgspec.structs.replace(command, variant=scene.variant or None), ""
-        return lambda: self._build(scene, play, text)
 
     def _load_again(self) -> None:
         """The file of the scene has changed. As long as it is wrong, the old scene goes on."""
-        before, play = self._file_error, self._state in ("playing", "done") or self._live.twin is None
+        before, scene = self._file_error, None
         try:
-            build = self._load(self._loaded, play, "scene file changed: loaded again")
+            scene, self._file_error = self._resolved(self._loaded), ""
         except Refused as refusal:
             self._file_error = f"the scene file has an error, the old scene goes on: {refusal}"
-        else:
-            build()
         if self._file_error != before:
             self._sink.status()
+        if scene is not None and scene != self._live.scene:  # not for a comment, or an error that was put right
+            play = self._state in ("playing", "done") or self._live.twin is None
+            self._build(scene, play, "scene file changed: loaded again")
 
     def _build(self, scene: Scene, play: bool, text: str) -> None:
         self._set_state("loading", f"loading {scene.name} {scene.variant}".rstrip())
@@ -330,6 +335,22 @@ class TwinLoop:
     def _restart(self, play: bool) -> None:
         self._set_state("loading", "back to the start")
         self._live.reset()
+        self._begin(play)
+
+    def _branch(self, index: int) -> Work:
+        if self._live.twin is None:
+            raise Refused(f"no scene is running: {self._text}")
+        self._live.require_branch(index)
+        play = self._state in ("playing", "done")
+        return lambda: self._go_back(index, play)
+
+    def _go_back(self, index: int, play: bool) -> None:
+        self._set_state("loading", f"going back to {index * PERIOD:.1f} s")
+        holds = Holds()
+        for entry in self._live.branch(index):
+            holds.note(entry.edit, 0.0)
+        for release in holds.all():  # nobody holds it any more
+            self._live.post(release)
         self._begin(play)
 
     def _begin(self, play: bool, text: str = "") -> None:

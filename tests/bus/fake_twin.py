@@ -153,6 +153,9 @@ class FakeTwin:
     def session(self):
         return Session(scene=self.scene, periods=self.index)
 
+    def snapshot(self):
+        return {}
+
     def candidate_paths(self, index):
         return None
 
