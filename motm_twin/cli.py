@@ -1,4 +1,4 @@
-"""The command line: `motm-twin serve | run | scene`."""
+"""The command line: `motm-twin serve | run | replay | what-if | scene | bench`."""
 
 import json as json_module
 import sys
@@ -10,6 +10,7 @@ from rich.console import Console
 from tyro.conf import Positional
 
 from motm_twin.model.scene_error import SceneError
+from motm_twin.record.session import SessionError
 
 BAD_INPUT = 2
 
@@ -20,6 +21,7 @@ def run(
     variant: str | None = None,
     seed: int | None = None,
     json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
+    save: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
 ) -> int:
     """Run a scene headless, as fast as the processor allows.
 
@@ -30,10 +32,16 @@ def run(
         variant: Named variant of the scene.
         seed: Seed of noise and random arrangements.
         json: Write the report to a file, or to standard output with '-'.
+        save: Write the session to a file, for `replay` and `what-if`.
     """
-    from motm_twin.trial import run_trial
+    if save is not None:
+        from motm_twin.record.cli_run import run_and_save
 
-    result = run_trial(scene, variant, seed)
+        result = run_and_save(scene, variant, seed, save)
+    else:
+        from motm_twin.trial import run_trial
+
+        result = run_trial(scene, variant, seed)
     if json is not None:
         _write(result, json)
     if json != "-":
@@ -81,6 +89,52 @@ def serve(
     )
 
 
+def replay(
+    file: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
+    /,
+    update: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
+) -> int:
+    """Run a saved session again and compare it bit for bit.
+
+    Exit code 0: equal, or updated; 1: different; 2: bad input.
+
+    Args:
+        file: A saved session.
+        update: Write the new state into the file, after showing the difference: the change of behaviour is meant.
+        json: Write the report to a file, or to standard output with '-'.
+    """
+    from motm_twin.record.cli_replay import replay as rerun_file
+
+    return rerun_file(file, update=update, report=json)
+
+
+def what_if(
+    file: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
+    /,
+    changes: Annotated[
+        tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="NAME=VALUE")
+    ] = (),
+    seconds: Annotated[float, tyro.conf.arg(name="from", metavar="SECONDS")] = 0.0,
+    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
+    stream: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> int:
+    """Run a saved session as it was and with other parameters, both to the end of the task.
+
+    Exit code 0: both were run; 1: one broke; 2: bad input.
+
+    Args:
+        file: A saved session.
+        changes: A parameter and its value; may be given several times.
+        seconds: Simulated time from which the parameters are others; 0 for the whole run.
+        json: Write the report to a file, or to standard output with '-'.
+        stream: Write the poses of both robots at 10 Hz and their ends as JSON lines instead.
+    """
+    from motm_twin.record.cli_what_if import what_if as compare
+
+    return compare(file, list(changes), seconds=seconds, report=json, lines=stream)
+
+
 def scene(action: Positional[Literal["list", "check", "schema"]], path: Positional[str | None] = None, /) -> int:
     """List the shipped scenes, check a scene file, or print the JSON Schema of scene files.
 
@@ -116,11 +170,11 @@ def main() -> None:
     """Entry point of `motm-twin`."""
     try:
         code = tyro.extras.subcommand_cli_from_dict(
-            {"serve": serve, "run": run, "scene": scene, "bench": bench},
+            {"serve": serve, "run": run, "replay": replay, "what-if": what_if, "scene": scene, "bench": bench},
             prog="motm-twin",
             description="Reactive manipulation on the move, as a digital twin.",
         )
-    except SceneError as error:
+    except (SceneError, SessionError) as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)
         code = BAD_INPUT
     sys.exit(code)

@@ -18,26 +18,22 @@ class Branches:
 
     def __init__(self) -> None:
         self._kept: deque[tuple[int, dict[str, Any]]] = deque(maxlen=KEPT)
-        self._next = 0  # the period that comes next
 
     @property
     def oldest(self) -> int:
-        """The first period that `branch` can go back to."""
-        return self._kept[0][0] if self._kept else self._next
-
-    @property
-    def next(self) -> int:
-        """The period that comes next, and the last one that `branch` can go to."""
-        return self._next
+        """The first period that `branch` can go back to; the last one is the twin's next."""
+        return self._kept[0][0] if self._kept else 0
 
     def clear(self) -> None:
         """Forget everything: another twin, or the same one from its start."""
         self._kept.clear()
-        self._next = 0
 
     def note(self, twin: Twin, index: int) -> None:
         """Call once a period, before it is computed; ``index`` is that period (0 the first)."""
-        self._next = index
+        if index != twin.index:
+            raise ValueError(
+                f"period {index} is noted, but the twin stands before period {twin.index}: note each before"
+            )
         if index % SPACING == 0 and (not self._kept or self._kept[-1][0] < index):
             self._kept.append((index, twin.snapshot()))
 
@@ -47,11 +43,10 @@ class Branches:
         Edits that wait, and those that were applied in period ``index`` itself, are forgotten. Raises ValueError for
         a period that is out of range.
         """
-        if not self._kept or not self.oldest <= index <= self._next:
-            raise ValueError(
-                f"cannot go back to period {index}: the periods from {self.oldest} to {self._next} are kept, "
-                "choose one of these"
-            )
+        if not self._kept:
+            raise ValueError(f"cannot go back to period {index}: nothing is kept yet, let the twin run first")
+        if not self.oldest <= index <= twin.index:
+            raise ValueError(f"cannot go back to period {index}: choose one from {self.oldest} to {twin.index}")
         log = Log(twin.edits, twin.cuts)
         while self._kept[-1][0] > index:
             self._kept.pop()
@@ -59,4 +54,3 @@ class Branches:
         twin.restore(state)
         for period in range(start, index):
             log.advance(twin, period)
-        self._next = index

@@ -1,0 +1,70 @@
+"""`motm-twin what-if`: a session as it was and with other parameters, side by side in a table."""
+
+import sys
+from typing import Any
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from motm_twin.record.changes import parse_changes, start_period
+from motm_twin.record.cli_replay import write_json
+from motm_twin.record.session import SessionError, load_session
+from motm_twin.record.what_if import FAILED, OK, RunBroke, compare, stream
+from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome
+
+
+def what_if(
+    file: str, changes: list[str], *, seconds: float = 0.0, report: str | None = None, lines: bool = False
+) -> int:
+    """Run both and print them; the exit code. ``lines``: JSON lines of both runs instead, see `record.what_if`.
+
+    Raises SessionError for a file, a parameter or a time that cannot be used.
+    """
+    if lines:
+        return stream(file, changes, seconds)
+    session = load_session(file)
+    values, start = parse_changes(changes), start_period(session, seconds)
+    try:
+        ends = {line.run: line for line in compare(session, values, start) if isinstance(line, Outcome)}
+    except SessionError as error:
+        raise SessionError(error.problem, file=file) from error
+    except RunBroke as error:
+        Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin what-if: {error}", markup=False)
+        return FAILED
+    was, changed = ends[AS_IT_WAS], ends[CHANGED]
+    if report is not None:
+        parts = {"as_it_was": msgspec.to_builtins(was), "changed": msgspec.to_builtins(changed)}
+        gain = round(changed.time_s - was.time_s, 3)
+        write_json({"file": file, "from_s": seconds, "parameters": values, "difference_s": gain, **parts}, report)
+    if report != "-":
+        _print(was, changed, f"{', '.join(changes)} from {seconds:g} s")
+    return OK
+
+
+def _print(was: Outcome, changed: Outcome, title: str) -> None:
+    console = Console(file=sys.stdout, highlight=False)
+    table = Table("", "as it was", "changed", "difference")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    table.add_row("time [s]", *_numbers(was.time_s, changed.time_s, 2))
+    table.add_row("picks", *_numbers(was.picks, changed.picks, 0))
+    table.add_row("places", *_numbers(was.places, changed.places, 0))
+    table.add_row("contacts caused", *_numbers(was.contacts, changed.contacts, 0))
+    table.add_row("distance driven [m]", *_numbers(was.path_length, changed.path_length, 2))
+    table.add_row("success", *("yes" if end.success else "no" for end in (was, changed)), "")
+    console.print(title, style="bold", markup=False)
+    console.print(table)
+    for end in (was, changed):
+        _say(console, f"{end.run}: {end.reason}" if end.reason else "")
+    for said in changed.skipped:
+        _say(console, f"left out of the changed run: {said}")
+
+
+def _say(console: Console, text: Any) -> None:
+    if text:
+        console.print(text, markup=False, soft_wrap=True)
+
+
+def _numbers(was: float, changed: float, digits: int) -> tuple[str, str, str]:
+    return f"{was:.{digits}f}", f"{changed:.{digits}f}", f"{changed - was:+.{digits}f}"

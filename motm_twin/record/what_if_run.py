@@ -1,0 +1,172 @@
+"""One of the two runs of a what-if: a session as it was, or with other parameters from a period on, to its end."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from motm_twin.control.tick import Tick
+from motm_twin.model.edits import Edit, InsertTask, SetParameter
+from motm_twin.planning.types import SearchBudget
+from motm_twin.record.changes import PERIODS_PER_SECOND, Changes
+from motm_twin.record.log import Log
+from motm_twin.record.replay import begin
+from motm_twin.record.session import Session, SessionError
+from motm_twin.twin import Twin
+
+AS_IT_WAS, CHANGED = "as it was", "changed"
+SAMPLE_PERIODS = 2  # 10 Hz of simulated time
+SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest
+PATIENCE = 30.0  # [s] without progress in the tasks, after the last recorded period
+
+
+class Sample(msgspec.Struct, frozen=True, kw_only=True):
+    """Where the robot is."""
+
+    run: str  # "as it was" | "changed"
+    time: float  # [s] simulated
+    pose: tuple[float, ...]  # true base pose x, y, heading, world
+    q: tuple[float, ...]  # arm joints [rad], 7
+    gripper: float  # [m] between the finger pads
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """How a run ended."""
+
+    run: str
+    done: bool = True  # the last line of this run
+    time_s: float  # [s] until the last task was done, or until the run ended without that
+    picks: int
+    places: int
+    contacts: int  # caused by the robot
+    path_length: float  # [m] driven by the base
+    success: bool
+    reason: str  # why not, one sentence; "" after success
+    skipped: tuple[str, ...] = ()  # recorded edits that the changed run could not take, and why
+
+
+def run_one(session: Session, *, changes: Changes, start: int) -> Iterator[Sample | Outcome]:
+    """Samples at 10 Hz, then the Outcome. Without changes it is the run as it was. Raises SessionError.
+
+    The run goes on after the recorded periods until its tasks are done, its time is over, or nothing is achieved for
+    30 s. Edits that the recorded run took and this one cannot are left out and named in the Outcome.
+    """
+    side = _Side(session, changes, start)
+    index = 0
+    while True:
+        tick = side.advance(index)
+        ended, why = side.ended(tick)
+        if index % SAMPLE_PERIODS == 0 or ended:
+            yield _sample(side.name, tick)
+        if ended:
+            yield side.outcome(tick, why)
+            return
+        index += 1
+
+
+class _Side:
+    """The twin of one run, what it is told, and how far it got."""
+
+    def __init__(self, session: Session, changes: Changes, start: int) -> None:
+        self.name = CHANGED if changes else AS_IT_WAS
+        self._session, self._changes, self._start = session, changes, start
+        self._twin: Twin = begin(session)
+        self._log = Log(session.edits, session.cuts)
+        self._last_insert = max((e.index for e in session.edits if isinstance(e.edit, InsertTask)), default=-1)
+        self._recorded = session.periods / PERIODS_PER_SECOND
+        self._limit = max(session.scene.time_limit, self._recorded)
+        self._skipped: list[str] = []
+        self._progress: tuple[Any, ...] = ()
+        self._progress_time = 0.0
+        self._done_time: float | None = None
+
+    def advance(self, index: int) -> Tick:
+        """One period with what the log and the changes have for it."""
+        free = bool(self._changes) and index >= self._start
+        if self._changes and index == self._start:
+            for name, value in self._changes.items():
+                self._twin.post(SetParameter(name=name, value=value))
+        for edit in self._log.edits(index):
+            if not (free and isinstance(edit, SetParameter) and edit.name in self._changes):
+                self._post(edit, index, free=free)
+        tick = self._twin.advance(SearchBudget() if free else self._log.budget(index))
+        self._note(tick)
+        return tick
+
+    def _post(self, edit: Edit, index: int, *, free: bool) -> None:
+        try:
+            self._twin.post(edit)
+        except ValueError as error:
+            said = f"{index / PERIODS_PER_SECOND:.2f} s: {type(edit).__name__}: {error}"
+            if not free:
+                raise SessionError(f"an edit is refused: {said}") from error
+            self._skipped.append(said)
+
+    def _note(self, tick: Tick) -> None:
+        assert tick.truth is not None
+        progress = (tick.truth.picks, tick.truth.places, *((task.target, task.status) for task in tick.tasks))
+        if progress != self._progress:
+            self._progress, self._progress_time = progress, tick.time
+        if not tick.done:
+            self._done_time = None
+        elif self._done_time is None:
+            self._done_time = tick.time
+
+    def ended(self, tick: Tick) -> tuple[bool, str]:
+        """Whether this was the last period, and why if not because all is done."""
+        if self._done_time is not None and tick.index >= self._last_insert:
+            settled = tick.time - self._done_time >= SETTLE_PERIODS / PERIODS_PER_SECOND
+            return settled or _all_placed(tick), ""
+        if tick.time >= self._limit:
+            return True, f"the time limit of {self._limit:g} s was reached"
+        if tick.time - max(self._progress_time, self._recorded) >= PATIENCE:
+            return True, f"nothing was achieved for {PATIENCE:g} s"
+        return False, ""
+
+    def outcome(self, tick: Tick, why: str) -> Outcome:
+        """The run in numbers."""
+        truth = tick.truth
+        assert truth is not None
+        caused = sum(contact.caused_by_robot for contact in truth.contacts)
+        reason = why and f"{why} during {_doing(tick)}"
+        reason = reason or "; ".join(self._twin.loop.sequence.failures)
+        if not reason and not _all_placed(tick):
+            reason = "the referee counts fewer cubes in their bins than the robot believes to have placed"
+        if not reason and caused:
+            reason = f"{caused} contact(s) caused by the robot"
+        return Outcome(
+            run=self.name,
+            time_s=round(tick.time if self._done_time is None else self._done_time, 3),
+            picks=truth.picks,
+            places=truth.places,
+            contacts=caused,
+            path_length=round(truth.path_length, 3),
+            success=not reason,
+            reason=reason,
+            skipped=tuple(self._skipped),
+        )
+
+
+def _all_placed(tick: Tick) -> bool:
+    assert tick.truth is not None
+    return tick.truth.places >= sum(task.kind == "place" for task in tick.tasks)
+
+
+def _doing(tick: Tick) -> str:
+    if tick.task_index >= len(tick.tasks):
+        return "the last task"
+    task = tick.tasks[tick.task_index]
+    why = tick.stop_reason or tick.arm[-1].reason or tick.plan.reason
+    return f"{task.kind} {task.target}" + (f": {why}" if why else "")
+
+
+def _sample(name: str, tick: Tick) -> Sample:
+    assert tick.truth is not None
+    return Sample(
+        run=name,
+        time=round(tick.time, 3),
+        pose=tuple(np.round(tick.truth.pose, 4).tolist()),
+        q=tuple(np.round(tick.observation.q, 4).tolist()),
+        gripper=round(float(tick.observation.gripper_width), 4),
+    )
