@@ -1,13 +1,17 @@
-"""Temis and other moving obstacles: round their waypoints for ever, yielding or blind. No randomness."""
+"""Temis, persons and other moving obstacles: round their waypoints for ever, yielding or blind. No randomness.
+
+A person may put more of them into the world, which stand until they are sent to a point.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.model.scene import Agent
+from motm_twin.model.scene import Agent, Point
 from motm_twin.sim.agent_kernels import bearing_to, free_ahead, steer, way_round
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.solids import Solids
@@ -19,6 +23,7 @@ MARGINS_SEARCHED = (0.16, 0.10)  # [m] a way round is searched with the first, e
 EXPECT = (0.0, 0.4, 0.8)  # [s] ahead at which other agents are expected on their course
 LOOK_AHEAD = 1.2  # [m]
 ARRIVED = 0.15  # [m] from a waypoint
+AT_REST = 0.03  # [m] from a point where an agent shall stand
 PATH_STEP = 0.15  # [m] within which a point of a way round is passed
 PATIENCE = 2.5  # [s] of waiting before the first way round; +0.7 s per agent, so that two do not do the same at once
 STAGGER = 0.7  # [s]
@@ -34,6 +39,8 @@ CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
 class AgentState:
     """One agent."""
 
+    agent: Agent
+    rank: int  # among all agents: staggers what they do
     pose: Array  # x, y, heading, shape (3,)
     v: float = 0.0  # [m/s]
     w: float = 0.0  # [rad/s]
@@ -44,69 +51,108 @@ class AgentState:
     next_attempt: float = 0.0  # [s] of waiting at which a way round is searched
     detour: Array = field(default_factory=lambda: np.zeros((0, 2)))  # points of a way round still to pass
     squeezing: bool = False  # the way round was found only close to the robot
-    held: bool = False
-    mode: str = "standing"  # standing | driving | waiting | going round | held
+    added: bool = False  # by a person
+    held: bool = False  # by a person
+    frozen: bool = False
+    errand: Point | None = None  # where a person sent it
+    mode: str = "standing"  # standing | driving | waiting | going round | held | frozen | sliding
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """Where it wants to go: to where it was sent, else round its waypoints."""
+        return self.agent.waypoints if self.errand is None else (self.errand,)
+
+    def stop(self) -> None:
+        """Stand still at once, and look about before driving on."""
+        self.v = self.w = self.free = self.gap = self.waiting = 0.0
+        self.next_attempt = PATIENCE + STAGGER * self.rank
+        self.detour = np.zeros((0, 2))
+
+
+def start_agent(agent: Agent, rank: int, *, added: bool) -> AgentState:
+    """An agent at its start."""
+    pose = np.array(agent.start, dtype=float)
+    return AgentState(agent=agent, rank=rank, pose=pose, next_attempt=PATIENCE + STAGGER * rank, added=added)
 
 
 class Agents:
-    """Moves all agents of a scene."""
+    """Moves all agents."""
 
-    def __init__(self, agents: Sequence[Agent], dt: float) -> None:
-        """Agents of the scene; substeps of dt [s]."""
-        self.agents = tuple(agents)
+    def __init__(self, dt: float) -> None:
+        """Substeps of dt [s]."""
         self.dt = dt
         nothing = np.zeros((0, 2)), np.zeros(1, dtype=np.int64), np.zeros((0, 3))
         way_round(np.zeros(2), np.ones(2), 0.1, GRID, GRID, *nothing)  # compiled now, not at the first meeting
 
-    def start(self) -> list[AgentState]:
-        """All agents at their starts."""
-        return [
-            AgentState(pose=np.array(agent.start, dtype=float), next_attempt=PATIENCE + STAGGER * i)
-            for i, agent in enumerate(self.agents)
-        ]
-
-    def discs(self, states: Sequence[AgentState]) -> Array:
+    @staticmethod
+    def discs(states: Sequence[AgentState]) -> Array:
         """x, y, radius, height of all agents [m], shape (n, 4)."""
-        return np.array(
-            [[s.pose[0], s.pose[1], a.radius, a.height] for a, s in zip(self.agents, states, strict=True)], dtype=float
-        ).reshape(-1, 4)
-
-    def step(self, states: list[AgentState], look: bool, robot: "RobotShadow", obstacles: Solids) -> None:
-        """One substep; on a ``look`` the agents see the robot's shadow, the obstacles and each other."""
-        discs = self.discs(states) if look else np.zeros((0, 4))
-        expected = self._expected(states, discs) if look else discs
-        for i, (agent, state) in enumerate(zip(self.agents, states, strict=True)):
-            if state.held:
-                state.mode, state.v, state.w, state.waiting = "held", 0.0, 0.0, 0.0
-            elif not agent.waypoints:
-                state.mode = "standing"
-            else:
-                if look and agent.behaviour == "yield":
-                    now, later = np.delete(discs, i, axis=0), np.delete(expected, i, axis=0)
-                    self._look(i, agent, state, now[:, :3], later.reshape(-1, 3), robot, obstacles)
-                self._drive(agent, state)
+        return np.array([[s.pose[0], s.pose[1], s.agent.radius, s.agent.height] for s in states], dtype=float).reshape(
+            -1, 4
+        )
 
     @staticmethod
-    def _expected(states: Sequence[AgentState], discs: Array) -> Array:
-        """Discs of all agents as they are and where they drive to, shape (n, times, 3)."""
+    def velocities(states: Sequence[AgentState], slides: Mapping[str, Point]) -> Array:
+        """Velocities [m/s] of all agents, those included that slide as thrown, shape (n, 2)."""
+        return np.array(
+            [slides.get(s.agent.name) or (s.v * math.cos(s.pose[2]), s.v * math.sin(s.pose[2])) for s in states]
+        ).reshape(-1, 2)
+
+    def step(
+        self,
+        states: list[AgentState],
+        look: bool,
+        robot: "RobotShadow",
+        obstacles: Solids,
+        slides: Mapping[str, Point],
+    ) -> None:
+        """One substep; on a ``look`` the agents see the robot's shadow, the obstacles and each other.
+
+        ``slides`` are velocities [m/s] of those that slide as a person threw them.
+        """
+        discs = self.discs(states) if look else np.zeros((0, 4))
+        expected = self._expected(states, discs, slides) if look else discs
+        for i, state in enumerate(states):
+            if state.held or state.frozen or state.agent.name in slides:
+                state.mode = "held" if state.held else "sliding" if state.agent.name in slides else "frozen"
+                state.v, state.w, state.waiting = 0.0, 0.0, 0.0
+            elif not state.points:
+                self._stand(state)
+            else:
+                if look and state.agent.behaviour == "yield":
+                    now, later = np.delete(discs, i, axis=0), np.delete(expected, i, axis=0)
+                    self._look(state, now[:, :3], later.reshape(-1, 3), robot, obstacles)
+                self._drive(state)
+
+    @staticmethod
+    def _expected(states: Sequence[AgentState], discs: Array, slides: Mapping[str, Point]) -> Array:
+        """Discs of all agents as they are and where they drive or slide to, shape (n, times, 3)."""
         expected = np.repeat(discs[:, None, :3], len(EXPECT), axis=1)
         for state, places in zip(states, expected, strict=True):
+            slide = slides.get(state.agent.name)
             for place, ahead in zip(places, EXPECT, strict=True):
-                place[0] += state.v * ahead * math.cos(state.pose[2])
-                place[1] += state.v * ahead * math.sin(state.pose[2])
+                place[0] += slide[0] * ahead if slide else state.v * ahead * math.cos(state.pose[2])
+                place[1] += slide[1] * ahead if slide else state.v * ahead * math.sin(state.pose[2])
         return expected
+
+    def _stand(self, state: AgentState) -> None:
+        """Brake, where it still rolls; then stand."""
+        state.mode = "standing"
+        if state.v != 0.0 or state.w != 0.0:
+            x, y = float(state.pose[0] + math.cos(state.pose[2])), float(state.pose[1] + math.sin(state.pose[2]))
+            state.pose, state.v, state.w, _ = steer(
+                state.pose, state.v, state.w, x, y, state.agent.speed, 0.0, 0.0, False, self.dt
+            )
 
     def _look(
         self,
-        i: int,
-        agent: Agent,
         state: AgentState,
         others: Array,
         expected: Array,
         robot: "RobotShadow",
         obstacles: Solids,
     ) -> None:
-        rounding = len(state.detour) > 0
+        agent, rounding = state.agent, len(state.detour) > 0
         margin = MARGIN_ROUND if rounding else MARGIN
         keep = margin if rounding and state.squeezing else margin + ROBOT_KEEP
         discs = np.vstack([obstacles.discs, expected])
@@ -121,59 +167,77 @@ class Agents:
             clearance(x, y, robot.corners, robot.first, robot.discs),
         )
         state.gap = nearest - agent.radius
-        wants = abs(bearing_to(state.pose, *self._goal(agent, state))) < FACING
+        wants = abs(bearing_to(state.pose, *self._goal(state))) < FACING
         if state.v > CREEP or not wants:
             state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * (state.v > CREEP))
             if state.waiting == 0.0:
-                state.next_attempt = PATIENCE + STAGGER * i
+                state.next_attempt = PATIENCE + STAGGER * state.rank
             return
         state.waiting += self.dt * DECISION_STEPS
         if state.waiting < state.next_attempt:
             return
-        state.next_attempt = state.waiting + AGAIN + STAGGER * i
-        self._search(agent, state, others, robot, obstacles)
+        state.next_attempt = state.waiting + AGAIN + STAGGER * state.rank
+        self._search(state, others, robot, obstacles)
 
     @staticmethod
-    def _search(agent: Agent, state: AgentState, others: Array, robot: "RobotShadow", obstacles: Solids) -> None:
-        """Take a way round to the next waypoint that can be reached, if there is one; first well clear of the robot."""
+    def _search(state: AgentState, others: Array, robot: "RobotShadow", obstacles: Solids) -> None:
+        """Take a way round to the next waypoint that can be reached, if there is one; first well clear of the robot.
+
+        Or to where the agent was sent, or as near to it as can be.
+        """
+        waypoints, sent = state.points, state.errand is not None
         first = np.concatenate([obstacles.first, obstacles.first[-1] + np.array([4])])
         for margin, grown, squeezing in zip(MARGINS_SEARCHED, (ROBOT_KEEP, 0.0), (False, True), strict=True):
             corners = np.vstack([obstacles.corners, robot.base(grown)])
             discs = np.vstack([obstacles.discs, robot.discs + np.array([0.0, 0.0, grown]), others])
-            radius = agent.radius + margin
-            for ahead in range(len(agent.waypoints)):
-                index = (state.waypoint + ahead) % len(agent.waypoints)
-                goal = np.array(agent.waypoints[index])
-                if clearance(goal[0], goal[1], corners, first, discs) < radius:
+            radius = state.agent.radius + margin
+            for ahead in range(len(waypoints)):
+                index = 0 if sent else (state.waypoint + ahead) % len(waypoints)
+                goal = np.array(waypoints[index])
+                if not sent and clearance(goal[0], goal[1], corners, first, discs) < radius:
                     continue
                 path = way_round(state.pose[:2], goal, radius, GRID, WINDOW, corners, first, discs)
                 if len(path) > 0:
-                    state.detour, state.waypoint, state.squeezing = path, index, squeezing
+                    state.detour, state.squeezing = path, squeezing
+                    state.waypoint = state.waypoint if sent else index
                     return
 
-    def _goal(self, agent: Agent, state: AgentState) -> tuple[float, float]:
+    def _goal(self, state: AgentState) -> Point:
         """Point to drive to now; passes points of a way round and waypoints that are reached."""
+        waypoints = state.agent.waypoints
         x, y = float(state.pose[0]), float(state.pose[1])
         while len(state.detour) > 0:
             goal = float(state.detour[0, 0]), float(state.detour[0, 1])
             if math.hypot(goal[0] - x, goal[1] - y) > PATH_STEP:
                 return goal
             state.detour = state.detour[1:]
-        goal = agent.waypoints[state.waypoint]
+        if state.errand is not None:
+            if math.hypot(state.errand[0] - x, state.errand[1] - y) > (ARRIVED if waypoints else AT_REST):
+                return state.errand
+            state.errand = None
+        if not waypoints:
+            return x, y
+        goal = waypoints[state.waypoint]
         if math.hypot(goal[0] - x, goal[1] - y) < ARRIVED:
-            state.waypoint = (state.waypoint + 1) % len(agent.waypoints)
-            goal = agent.waypoints[state.waypoint]
+            state.waypoint = (state.waypoint + 1) % len(waypoints)
+            goal = waypoints[state.waypoint]
         return goal
 
-    def _drive(self, agent: Agent, state: AgentState) -> None:
-        x, y = self._goal(agent, state)
+    def _drive(self, state: AgentState) -> None:
+        agent = state.agent
+        x, y = self._goal(state)
+        if not state.points:  # arrived where it was sent to stand
+            self._stand(state)
+            return
         yielding, rounding = agent.behaviour == "yield", len(state.detour) > 0
-        room = (state.free, state.gap) if yielding else (math.inf, math.inf)
-        state.pose, state.v, state.w, free = steer(
-            state.pose, state.v, state.w, x, y, agent.speed, *room, rounding, self.dt
+        free, gap = (state.free, state.gap) if yielding else (math.inf, math.inf)
+        if not agent.waypoints and not rounding:  # not faster than it can stop at its goal
+            free = min(free, math.hypot(x - state.pose[0], y - state.pose[1]))
+        state.pose, state.v, state.w, left = steer(
+            state.pose, state.v, state.w, x, y, agent.speed, free, gap, rounding, self.dt
         )
         if yielding:
-            state.free = free
+            state.free = left
         if state.waiting > 0.0 and state.v <= CREEP:
             state.mode = "waiting"
         else:
@@ -185,7 +249,7 @@ class RobotShadow:
     """The robot in the plane as agents see it: its base now and where it will be, and its arm."""
 
     corners: Array  # rectangles [m], the base as it stands first, shape (4 k, 2)
-    first: Array  # shape (k + 1,)
+    first: NDArray[np.int64]  # shape (k + 1,)
     discs: Array  # of the arm, shape (d, 3)
 
     def base(self, grown: float) -> Array:

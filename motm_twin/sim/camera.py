@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,10 +24,23 @@ LINK_CAPSULES = ((0, 1, 0.09), (2, 3, 0.09), (4, 5, 0.075))
 
 @dataclass
 class CameraState:
-    """Noise and the newest frame."""
+    """Noise, the newest frame, and frames that are on their way."""
 
     rng: np.random.Generator
     detections: tuple[Detection, ...] = ()
+    late: list[tuple[int, tuple[Detection, ...]]] = field(default_factory=list)  # substep of arrival, frame
+
+    def delay(self, arrival: int, previous: tuple[Detection, ...]) -> None:
+        """The frame just taken arrives at a later substep; the newest that is here stays the previous one."""
+        self.late.append((arrival, self.detections))
+        self.detections = previous
+
+    def arrive(self, now: int) -> None:
+        """The newest of the late frames that are here at substep ``now`` becomes the newest frame."""
+        here = [frame for arrival, frame in self.late if arrival <= now]
+        if here:
+            self.detections = here[-1]
+            self.late = [entry for entry in self.late if entry[0] > now]
 
 
 class Camera:

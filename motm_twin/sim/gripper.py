@@ -27,7 +27,7 @@ class GripperState:
     slid: bool = False  # the candidate moved too fast relative to the hand at some time
     held: str = ""
     held_from_z: float = 0.0  # [m] height at which the cube was taken
-    outcome: str = ""  # of the newest closing: held | slipping | nothing | offset | yaw | tilt | dropped
+    outcome: str = ""  # of the newest closing: held | slipping | nothing | offset | yaw | tilt | dropped | taken
     position_in_hand: Array = field(default_factory=lambda: np.zeros(3))  # of the held cube
     rotation_in_hand: Array = field(default_factory=lambda: np.eye(3))
 
@@ -96,6 +96,23 @@ class Gripper:
             if push(tcp, rotation, hand, item, state.width):
                 self.objects.check_support(item, cubes, solids)
 
+    @staticmethod
+    def lose(state: GripperState, name: str) -> None:
+        """Somebody takes this cube out of the fingers: they close on nothing, unless they open."""
+        if name not in (state.held, state.candidate):
+            return
+        state.held = state.candidate = ""
+        state.outcome = "taken"
+        if state.phase == "closed":
+            state.phase = "closing"
+
+    @staticmethod
+    def hold(state: GripperState, rotation: Array, hand: Array, item: ObjectState) -> None:
+        """Put the held cube to where the hand has it."""
+        item.position = hand + rotation @ state.position_in_hand
+        item.rotation = rotation @ state.rotation_in_hand
+        item.yaw = float(np.arctan2(item.rotation[1, 0], item.rotation[0, 0]))
+
     def _begin(self, state: GripperState, phase: str, now: float) -> None:
         state.phase, state.began, state.start_width = phase, now, state.width
 
@@ -149,9 +166,7 @@ class Gripper:
                 self._release(state, tcp_velocity, cubes[state.held])
 
     def _carry(self, state: GripperState, rotation: Array, hand: Array, tcp_velocity: Array, item: ObjectState) -> None:
-        item.position = hand + rotation @ state.position_in_hand
-        item.rotation = rotation @ state.rotation_in_hand
-        item.yaw = float(np.arctan2(item.rotation[1, 0], item.rotation[0, 0]))
+        self.hold(state, rotation, hand, item)
         if (
             state.phase == "closed"
             and state.outcome == "slipping"

@@ -46,6 +46,11 @@ class Localisation:
             rng=rng, error=error, scale=scale, odometry=np.zeros(3), pose=_moved(pose, error), twist=np.zeros(2)
         )
 
+    @staticmethod
+    def relocate(state: LocalisationState, pose: Array) -> None:
+        """The base was put elsewhere: localisation measures where it is, odometry has not noticed."""
+        state.pose = _moved(pose, state.error)
+
     def step(self, state: LocalisationState, pose: Array, mean_twist: Array, twist: Array) -> None:
         """One substep; mean twist over it and twist at its end [m/s, rad/s], shapes (2,)."""
         draws = state.rng.standard_normal(5) if self._noisy else np.zeros(5)

@@ -1,8 +1,9 @@
 """Cubes: at rest, held by the gripper, or falling. Kinematic: what lands stays where it lands."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,41 +51,48 @@ def start_objects(objects: Sequence[SceneObject]) -> list[ObjectState]:
     return states
 
 
+class Support(NamedTuple):
+    """What would carry an object from below."""
+
+    height: float  # [m] of its top
+    bin: str  # that it belongs to, '' for none
+    carrier: str  # solid, bin or object, 'floor' for none
+
+
 class ObjectWorld:
     """Support and fall of objects among furniture, bins and each other."""
 
-    def __init__(self, bins: Sequence[Bin], dt: float) -> None:
-        """Bins of the scene; substeps of dt [s]."""
-        self.bins = tuple(bins)
+    def __init__(self, dt: float) -> None:
+        """Substeps of dt [s]."""
         self.dt = dt
-        self._bin_names = {box.name for box in bins}
 
-    def support(self, item: ObjectState, objects: Sequence[ObjectState], solids: Solids) -> tuple[float, str]:
-        """Height [m] of what would carry the object from below, and the bin it belongs to ('' for none)."""
+    @staticmethod
+    def support(item: ObjectState, objects: Sequence[ObjectState], solids: Solids) -> Support:
+        """What would carry the object from below."""
         x, y = float(item.position[0]), float(item.position[1])
         limit = item.bottom + SUPPORT_SLACK
-        best, where = 0.0, ""
+        best, where, carrier = 0.0, "", "floor"
         for i, name in enumerate(solids.names):
             top = solids.z[i, 1]
-            if best <= top <= limit and name not in self._bin_names:
+            if best <= top <= limit and name not in solids.bin_names:
                 if polygon_distance(x, y, solids.corners, solids.first[i], solids.first[i + 1]) == 0.0:
-                    best, where = float(top), ""
-        for i in range(len(solids.disc_names)):
+                    best, where, carrier = float(top), "", name
+        for i, name in enumerate(solids.disc_names):
             top = solids.disc_z[i, 1]
             inside = math.hypot(x - solids.discs[i, 0], y - solids.discs[i, 1]) <= solids.discs[i, 2]
             if best <= top <= limit and inside:
-                best, where = float(top), ""
-        for box in self.bins:
-            if best <= box.floor_z <= limit and self._over(box, item):
-                best, where = box.floor_z, box.name
+                best, where, carrier = float(top), "", name
+        for box in solids.bins:
+            if best <= box.floor_z <= limit and over(box, item):
+                best, where, carrier = box.floor_z, box.name, box.name
         for other in objects:
             top = other.bottom + other.side
             if other is item or other.state in ("held", "falling") or not best <= top <= limit:
                 continue
             if math.hypot(x - other.position[0], y - other.position[1]) < 0.5 * (item.side + other.side):
-                best = top
+                best, carrier = top, other.name
                 where = other.state.removeprefix("binned:") if other.state.startswith("binned:") else ""
-        return best, where
+        return Support(best, where, carrier)
 
     def check_support(self, item: ObjectState, objects: Sequence[ObjectState], solids: Solids) -> None:
         """Let a resting object fall when nothing carries it (any more)."""
@@ -94,12 +102,12 @@ class ObjectWorld:
 
     def fall(self, item: ObjectState, objects: Sequence[ObjectState], solids: Solids) -> None:
         """One substep of free flight; comes to rest on the first support met."""
-        height, where = self.support(item, objects, solids)
+        height, where, _ = self.support(item, objects, solids)
         item.velocity[2] -= GRAVITY * self.dt
         item.position = item.position + item.velocity * self.dt
-        for box in self.bins:
-            if item.bottom < box.rim_z and item.bottom > box.floor_z - 0.5 * item.side and self._over(box, item):
-                self._keep_inside(box, item)
+        for box in solids.bins:
+            if item.bottom < box.rim_z and item.bottom > box.floor_z - 0.5 * item.side and over(box, item):
+                keep_inside(box, item)
         if item.bottom > height:
             return
         item.position[2] = height + 0.5 * item.side
@@ -109,18 +117,40 @@ class ObjectWorld:
         else:
             item.state = "dropped" if height < FLOOR_LEVEL else "resting"
 
-    def _over(self, box: Bin, item: ObjectState) -> bool:
-        local = to_frame(np.array([*box.centre, box.yaw]), item.position)
-        return max(abs(local[0]), abs(local[1])) <= 0.5 * box.side
 
-    def _keep_inside(self, box: Bin, item: ObjectState) -> None:
-        """Slide down along the walls: what is over the rim ends up inside, and no longer moves sideways there."""
-        frame = np.array([*box.centre, box.yaw])
-        local = to_frame(frame, item.position)
-        turn = item.yaw - box.yaw
-        room = 0.5 * box.side - box.wall - 0.5 * item.side * (abs(math.cos(turn)) + abs(math.sin(turn)))
-        for axis in range(2):
-            if abs(local[axis]) > room:
-                local[axis] = math.copysign(max(room, 0.0), local[axis])
-                item.velocity[:2] = 0.0
-        item.position = from_frame(frame, local)
+def over(box: Bin, item: ObjectState) -> bool:
+    """Whether the centre of an object is over a bin."""
+    local = to_frame(np.array([*box.centre, box.yaw]), item.position)
+    return max(abs(local[0]), abs(local[1])) <= 0.5 * box.side
+
+
+def keep_inside(box: Bin, item: ObjectState) -> None:
+    """Slide down along the walls: what is over the rim ends up inside, and no longer moves sideways there."""
+    frame = np.array([*box.centre, box.yaw])
+    local = to_frame(frame, item.position)
+    turn = item.yaw - box.yaw
+    room = 0.5 * box.side - box.wall - 0.5 * item.side * (abs(math.cos(turn)) + abs(math.sin(turn)))
+    for axis in range(2):
+        if abs(local[axis]) > room:
+            local[axis] = math.copysign(max(room, 0.0), local[axis])
+            item.velocity[:2] = 0.0
+    item.position = from_frame(frame, local)
+
+
+def riders(objects: Sequence[ObjectState], solids: Solids, names: Collection[str]) -> list[ObjectState]:
+    """Objects that stand on one of these solids or lie in one of these bins, or on one another there."""
+    resting = [item for item in objects if item.state not in ("held", "falling")]
+    carriers = {item.name: ObjectWorld.support(item, objects, solids).carrier for item in resting}
+    riding: set[str] = set()
+    while True:
+        more = {name for name, carrier in carriers.items() if carrier in names or carrier in riding} - riding
+        if not more:
+            return [item for item in resting if item.name in riding]
+        riding |= more
+
+
+def carry(riding: Sequence[ObjectState], before: Array, after: Array) -> None:
+    """Take objects along with a body that goes from one planar pose to another, shapes (3,)."""
+    for item in riding:
+        item.position = from_frame(after, to_frame(before, item.position))
+        item.turn_to(item.yaw + float(after[2] - before[2]))

@@ -1,59 +1,48 @@
 """The simulated robot and its world as a Plant.
 
-Kinematic only: nothing is stopped or pushed by contact except cubes by the fingers. A base that is driven into a box
-goes on through it, and the referee records the contact.
+Kinematic only: nothing is stopped or pushed by contact except cubes by the fingers, and what a person throws. A base
+that is driven into a box goes on through it, and the referee records the contact.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from motm_twin.model.arm_kernels import HAND, TCP, fk_arm
-from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, WorldEdit
-from motm_twin.model.geometry import Array, from_frame, wrap_angle
+from motm_twin.model.edits import WorldEdit
+from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import READY
-from motm_twin.model.plant import Actuation, BodyTruth, Observation, Truth
-from motm_twin.model.scene import Scene
+from motm_twin.model.plant import Actuation, Observation, Truth
+from motm_twin.model.scene import Point, Scene
 from motm_twin.model.state import Stateful
-from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow
+from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
 from motm_twin.sim.arm import Arm, ArmState
 from motm_twin.sim.base import Base, BaseState
 from motm_twin.sim.camera import Camera, CameraState
+from motm_twin.sim.edit_effects import Effects
+from motm_twin.sim.faults import CAMERA_DELAY, CAMERA_OFF, LIDAR_OFF, expire
 from motm_twin.sim.gripper import Gripper, GripperState
+from motm_twin.sim.layout import Furnishings, Layout
 from motm_twin.sim.lidar import Lidar, LidarState
-from motm_twin.sim.localisation import Localisation, LocalisationState
+from motm_twin.sim.localisation import Localisation
 from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
-from motm_twin.sim.referee import Referee, RefereeState, World
-from motm_twin.sim.solids import Solids, build_solids, obstacle_disc, rectangle
-from motm_twin.sim.world_edits import apply_to_agent, apply_to_obstacles, check_edit
+from motm_twin.sim.overlap import compile_gaps
+from motm_twin.sim.plant_state import PlantState
+from motm_twin.sim.referee import Referee, World
+from motm_twin.sim.scenery import Scenery, build_scenery
+from motm_twin.sim.slides import RobotObstruction
+from motm_twin.sim.solids import rectangle
+from motm_twin.sim.throws import slide_body
+from motm_twin.sim.truth import truth_of
+from motm_twin.sim.world_edits import EditError, check_edit
 
 SUBSTEP = 0.01  # [s]
 _RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION = 0x11DA2, 0xCA3E2A, 0x10CA7E
 _SHADOW_TIMES = (0.0, 0.4, 0.8)  # [s] ahead at which agents expect the base
+_NO_SLIDES: Mapping[str, Point] = MappingProxyType({})
 _SHADOW_LINKS = ((2, 0.10), (4, 0.10), (5, 0.10), (7, 0.10), (HAND, 0.11), (TCP, 0.06))  # frame, radius [m]
-
-
-@dataclass
-class PlantState:
-    """Everything that changes."""
-
-    substep: int
-    command: Actuation
-    base: BaseState
-    arm: ArmState
-    tcp: Array  # tool centre point, world [m], shape (3,)
-    gripper: GripperState
-    gripper_command: str
-    objects: list[ObjectState]
-    agents: list[AgentState]
-    obstacles: tuple[AddObstacle, ...]  # put there or moved by a person
-    taken: tuple[str, ...]  # solids of the scene that a person moved (now among the obstacles) or removed
-    lidar: LidarState
-    camera: CameraState
-    localisation: LocalisationState
-    referee: RefereeState
 
 
 class SimulatedPlant(Stateful[PlantState]):
@@ -65,9 +54,9 @@ class SimulatedPlant(Stateful[PlantState]):
         self.scene = scene
         self._base = Base(robot.base, SUBSTEP)
         self._arm = Arm(robot.arm.velocity_lag, SUBSTEP)
-        self._object_world = ObjectWorld(scene.bins, SUBSTEP)
+        self._object_world = ObjectWorld(SUBSTEP)
         self._gripper = Gripper(robot.gripper, self._object_world, SUBSTEP)
-        self._agents = Agents(scene.agents, SUBSTEP)
+        self._agents = Agents(SUBSTEP)
         self._lidar = Lidar(robot.lidar, noise.lidar_range_sd)
         self._camera = Camera(robot.camera, noise)
         self._localisation = Localisation(noise, SUBSTEP)
@@ -75,8 +64,9 @@ class SimulatedPlant(Stateful[PlantState]):
         self._mount = np.array([robot.arm.mount_x, robot.arm.mount_y, robot.arm.mount_z])
         self._lidar_period = max(1, round(1.0 / (robot.lidar.rate * SUBSTEP)))
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
-        self._tallest = max((agent.height for agent in scene.agents), default=0.0)
-        self._cached_for: tuple[tuple[AddObstacle, ...], tuple[str, ...]] | None = None
+        self._furnishings = Furnishings(scene)
+        self._effects = Effects(self._furnishings, self._object_world, self._frames, SUBSTEP)
+        compile_gaps()
         self._start(arm_start)
 
     def _start(self, arm_start: Array) -> None:
@@ -86,9 +76,11 @@ class SimulatedPlant(Stateful[PlantState]):
         seeds = [np.random.default_rng([scene.seed, tag]) for tag in (_RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION)]
         arm = ArmState(q=np.array(arm_start, dtype=float), dq=np.zeros(7))
         frames = self._frames(pose, arm.q)
-        objects, agents = start_objects(scene.objects), self._agents.start()
+        objects = start_objects(scene.objects)
+        agents = [start_agent(agent, rank, added=False) for rank, agent in enumerate(scene.agents)]
         base, gripper, tcp = BaseState(pose=pose), self._gripper.start(), frames[TCP, :3, 3].copy()
-        self._refresh_solids((), ())
+        tallest = max((agent.height for agent in scene.agents), default=0.0)
+        self._show(build_scenery(self._furnishings, Layout(), tallest), agents)
         referee = self._referee.start(self._world(0.0, base, arm, gripper, tcp, objects, agents))
         self._state = PlantState(
             substep=0,
@@ -100,8 +92,6 @@ class SimulatedPlant(Stateful[PlantState]):
             gripper_command="open",
             objects=objects,
             agents=agents,
-            obstacles=(),
-            taken=(),
             lidar=LidarState(rng=seeds[0]),
             camera=CameraState(rng=seeds[1]),
             localisation=self._localisation.start(pose, seeds[2]),
@@ -142,67 +132,38 @@ class SimulatedPlant(Stateful[PlantState]):
         for _ in range(count):
             self._substep()
 
+    def restore(self, state: PlantState) -> None:
+        """Continue from a snapshot."""
+        super().restore(state)
+        self._show(self._effects.scenery(self._state, self._scenery), self._state.agents)
+
     def check(self, edit: WorldEdit, pending: Sequence[WorldEdit] = ()) -> None:
         """Raise ValueError when the world cannot take this edit (after others that still wait to be applied)."""
-        obstacles, taken = self._state.obstacles, self._state.taken
+        state, scenery = self._state, self._scenery
+        if pending:
+            state = state.rehearsal()
         for earlier in pending:
-            obstacles, taken = apply_to_obstacles(self.scene, obstacles, taken, earlier)
-        check_edit(self.scene, obstacles, taken, edit)
+            try:
+                check_edit(self._furnishings, state, scenery, earlier)
+            except EditError:
+                continue  # it will be refused when its turn comes
+            _, scenery = self._effects.apply(state, scenery, earlier)
+        check_edit(self._furnishings, state, scenery, edit)
 
     def apply(self, edit: WorldEdit) -> None:
         """Change the world as a person does; raises ValueError when it cannot be."""
-        self.check(edit)
         s = self._state
-        names = [agent.name for agent in self.scene.agents]
-        if isinstance(edit, MoveBody | ReleaseBody) and edit.name in names:
-            i = names.index(edit.name)
-            apply_to_agent(s.agents[i], edit)
-        else:
-            s.obstacles, s.taken = apply_to_obstacles(self.scene, s.obstacles, s.taken, edit)
-            self._refresh_solids(s.obstacles, s.taken)
-            for item in s.objects:
-                if item.state not in ("held", "falling"):
-                    self._object_world.check_support(item, s.objects, self._solids)
-        self._referee.edited(s.referee, edit.name, self.time)
+        check_edit(self._furnishings, s, self._scenery, edit)
+        effect, scenery = self._effects.apply(s, self._scenery, edit)
+        self._show(scenery, s.agents)
+        world = self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents)
+        self._referee.edited(s.referee, world, moved=effect.moved, disturbed=effect.disturbed)
+        if effect.pushed:
+            self._referee.pushed(s.referee, world)
 
     def truth(self) -> Truth:
         """Ground truth, for readers of Ticks."""
-        s, referee = self._state, self._state.referee
-        return Truth(
-            pose=s.base.pose.copy(),
-            objects=tuple(
-                BodyTruth(
-                    name=item.name,
-                    kind="cube",
-                    position=_triple(item.position),
-                    yaw=item.yaw,
-                    state=item.state,
-                    size=(item.side,) * 3,
-                )
-                for item in s.objects
-            ),
-            agents=tuple(
-                BodyTruth(
-                    name=agent.name,
-                    kind=agent.kind,
-                    position=(float(state.pose[0]), float(state.pose[1]), 0.0),
-                    yaw=float(state.pose[2]),
-                    state=state.mode,
-                    size=(2.0 * agent.radius, 2.0 * agent.radius, agent.height),
-                )
-                for agent, state in zip(self.scene.agents, s.agents, strict=True)
-            ),
-            obstacles=tuple(_obstacle_truth(item) for item in s.obstacles),
-            contacts=self._referee.contacts(referee),
-            picks=referee.picks,
-            places=len(referee.placed),
-            drops=referee.drops,
-            min_base_clearance=referee.min_base_clearance,
-            min_arm_clearance=referee.min_arm_clearance,
-            min_ee_obstacle=referee.min_ee_obstacle,
-            ee_obstacle=referee.ee_obstacle,
-            plant_faults=tuple(referee.check.faults.values()),
-        )
+        return truth_of(self._state, self._furnishings, self._referee, SUBSTEP)
 
     def _substep(self) -> None:
         s = self._state
@@ -213,48 +174,78 @@ class SimulatedPlant(Stateful[PlantState]):
             self._gripper.command(s.gripper, s.gripper_command, before, hand[:3, 3], hand[:3, :3], s.objects)
         self._base.step(s.base, s.command.twist)
         self._arm.step(s.arm, s.command.joint_velocity)
+        s.path_length += abs(0.5 * (old_v + s.base.v)) * SUBSTEP
         s.substep += 1
-        self._refresh_solids(s.obstacles, s.taken)
         frames = self._frames(s.base.pose, s.arm.q)
         s.tcp = frames[TCP, :3, 3].copy()
+        slides = self._slide(frames) if s.slides else _NO_SLIDES
         velocity = (s.tcp - old_tcp) / SUBSTEP
         rotation, hand = frames[TCP, :3, :3], frames[HAND, :3, 3]
-        self._gripper.step(s.gripper, self.time, s.tcp, rotation, hand, velocity, s.objects, self._solids)
+        self._gripper.step(s.gripper, self.time, s.tcp, rotation, hand, velocity, s.objects, self._scenery.solids)
         for item in s.objects:
             if item.state == "falling":
-                self._object_world.fall(item, s.objects, self._solids)
+                self._object_world.fall(item, s.objects, self._scenery.solids)
         if s.agents:
             look = s.substep % DECISION_STEPS == 0
-            self._agents.step(s.agents, look, self._shadow(frames) if look else _NO_SHADOW, self._in_the_way)
+            self._agents.step(
+                s.agents, look, self._shadow(frames) if look else _NO_SHADOW, self._scenery.in_the_way, slides
+            )
         twist = np.array([s.base.v, s.base.w])
         mean_twist = np.array([0.5 * (old_v + s.base.v), 0.5 * (old_w + s.base.w)])
         self._localisation.step(s.localisation, s.base.pose, mean_twist, twist)
         self._sense(frames)
-        self._referee.step(s.referee, self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents))
+        world = self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents, slides)
+        self._referee.step(s.referee, world)
+
+    def _slide(self, frames: Array) -> Mapping[str, Point]:
+        """Move what was thrown; velocities in this substep."""
+        s = self._state
+        base = self._shadow(frames).corners[:4]
+        robot = RobotObstruction(base, frames[:, :3, 3])
+        slides = dict(s.slides)
+        for name in slides:
+            slide_body(s, self._scenery.solids, name, robot, SUBSTEP)
+            self._scenery = self._effects.scenery(s, self._scenery)
+        return slides
 
     def _sense(self, frames: Array) -> None:
         s = self._state
-        if s.substep % self._lidar_period == 0:
+        if s.faults.until:
+            expire(s.faults, s.substep)
+        if s.substep % self._lidar_period == 0 and not s.faults.active(LIDAR_OFF):
             z = self.scene.robot.lidar.z
             agents = self._agents.discs(s.agents)
-            discs = np.vstack([self._lidar_discs, agents[agents[:, 3] >= z, :3]])
+            discs = np.vstack([self._scenery.lidar_discs, agents[agents[:, 3] >= z, :3]])
             cubes = [
                 item for item in s.objects if item.state != "held" and abs(item.position[2] - z) <= 0.5 * item.side
             ]
-            segments = np.vstack([self._lidar_segments, *(_square(item) for item in cubes)])
+            segments = np.vstack([self._scenery.lidar_segments, *(_square(item) for item in cubes)])
             self._lidar.sweep(s.lidar, self.time, s.base.pose, s.localisation.pose, segments, discs)
         if s.substep % self._camera_period == 0:
-            self._camera.frame(
-                s.camera,
-                self.time,
-                s.base.pose,
-                s.localisation.odometry,
-                frames[HAND],
-                frames,
-                s.objects,
-                self._solids,
-                self._agents.discs(s.agents),
-            )
+            self._photograph(frames)
+        if s.camera.late:
+            s.camera.arrive(s.substep)
+
+    def _photograph(self, frames: Array) -> None:
+        s, previous = self._state, self._state.camera.detections
+        if s.faults.active(CAMERA_OFF):
+            s.camera.detections = ()
+            return
+        self._camera.frame(
+            s.camera,
+            self.time,
+            s.base.pose,
+            s.localisation.odometry,
+            frames[HAND],
+            frames,
+            s.objects,
+            self._scenery.solids,
+            self._agents.discs(s.agents),
+        )
+        if s.faults.active(CAMERA_DELAY):
+            s.camera.delay(s.substep + s.faults.delay, previous)
+        elif s.camera.late:
+            s.camera.late = []  # overtaken
 
     def _frames(self, pose: Array, q: Array) -> Array:
         """World transforms of `ARM_FRAMES`, shape (11, 4, 4)."""
@@ -283,16 +274,10 @@ class SimulatedPlant(Stateful[PlantState]):
         first = 4 * np.arange(len(rectangles) + 1)
         return RobotShadow(corners=np.vstack(rectangles), first=first, discs=discs)
 
-    def _refresh_solids(self, obstacles: tuple[AddObstacle, ...], taken: tuple[str, ...]) -> None:
-        """Arrays of the world for these obstacles: a cache, so it is no part of the state."""
-        if self._cached_for == (obstacles, taken):
-            return
-        self._cached_for = (obstacles, taken)
-        standing = [solid for solid in self.scene.solids if solid.name not in taken]
-        self._solids: Solids = build_solids(standing, self.scene.bins, obstacles)
-        self._in_the_way = self._solids.below(self._tallest)
-        self._lidar_segments = self._solids.segments_at(self.scene.robot.lidar.z)
-        self._lidar_discs = self._solids.discs_at(self.scene.robot.lidar.z)
+    def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
+        """Use what is derived of the state: a cache, so it is no part of it."""
+        self._scenery = scenery
+        self._bodies = tuple((item.agent.name, item.agent.radius, item.agent.height) for item in agents)
 
     def _world(
         self,
@@ -303,6 +288,7 @@ class SimulatedPlant(Stateful[PlantState]):
         tcp: Array,
         objects: list[ObjectState],
         agents: list[AgentState],
+        slides: Mapping[str, Point] = _NO_SLIDES,
     ) -> World:
         return World(
             time=now,
@@ -314,27 +300,15 @@ class SimulatedPlant(Stateful[PlantState]):
             held=gripper.held,
             tcp=tcp,
             objects=objects,
-            solids=self._solids,
+            solids=self._scenery.solids,
             agents=self._agents.discs(agents),
-            agent_velocity=np.array(
-                [[state.v * math.cos(state.pose[2]), state.v * math.sin(state.pose[2])] for state in agents]
-            ).reshape(-1, 2),
+            agent_velocity=self._agents.velocities(agents, slides),
+            agent_bodies=self._bodies,
+            slides=slides,
         )
 
 
 _NO_SHADOW = RobotShadow(corners=np.zeros((0, 2)), first=np.zeros(1, dtype=np.int64), discs=np.zeros((0, 3)))
-
-
-def _triple(point: Array) -> tuple[float, float, float]:
-    return float(point[0]), float(point[1]), float(point[2])
-
-
-def _obstacle_truth(item: AddObstacle) -> BodyTruth:
-    disc = obstacle_disc(item)
-    size = item.size if disc is None else (2.0 * disc[0], 2.0 * disc[0], disc[1])
-    return BodyTruth(
-        name=item.name, kind=item.shape, position=(item.x, item.y, 0.0), yaw=wrap_angle(item.heading), size=size
-    )
 
 
 def _square(item: ObjectState) -> Array:

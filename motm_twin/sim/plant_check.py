@@ -62,6 +62,11 @@ class PlantCheck:
             world.pose.copy(), world.twist.copy(), world.q.copy(), world.dq.copy(), _positions(world)
         )
 
+    @staticmethod
+    def edited(state: PlantCheckState, world: "World") -> None:
+        """A person moved the base or objects between two substeps: motion is judged from where they are now."""
+        state.pose, state.objects = world.pose, _positions(world)
+
     def step(self, state: PlantCheckState, world: "World") -> None:
         """Compare with the substep before and go on."""
         objects = _positions(world)

@@ -4,6 +4,7 @@ Shares no code with perception, planning or control.
 """
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import coal
@@ -22,10 +23,12 @@ from motm_twin.sim.solids import Solids, rectangle
 TOUCH = 1e-5  # [m] of penetration that counts as contact
 ROBOT_MOVES = 0.02  # [m/s] towards the other, from which the robot caused a contact
 EPISODE_END = 0.1  # [s] apart after which a contact episode has ended
-PERSON = 0.5  # [s] after an edit of a body within which a contact with it is the person's doing
+PERSON = 0.5  # [s] after a person moved a body (or the robot) within which a new contact with it is the person's doing
+BRAKING = 1.5  # [s] after that motion for which such a contact stays the person's doing while it lasts: the robot stops
 LIFTED = 0.02  # [m] above where it was taken: the cube counts as picked
 SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it was taken from
 DROP_HEIGHT = 0.01  # [m] of fall that makes a drop
+NOT_BY_PUSH = ("base", "floor")  # what the robot does not run into by being pushed
 NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the own base, or always beside it
 _NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: which distance makes an exact measurement worth it
 
@@ -59,6 +62,8 @@ class World:
     solids: Solids
     agents: Array  # x, y, radius, height, shape (n, 4)
     agent_velocity: Array  # shape (n, 2)
+    agent_bodies: tuple[tuple[str, float, float], ...]  # name, radius, height; the same object while nothing changes
+    slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of bodies that a person threw
 
 
 @dataclass
@@ -71,7 +76,9 @@ class RefereeState:
     agents_before: Array = field(default_factory=lambda: np.zeros((0, 4)))
     episodes: dict[tuple[str, str], Episode] = field(default_factory=dict)
     contacts: list[Contact] = field(default_factory=list)  # ended
-    edits: dict[str, float] = field(default_factory=dict)  # body: time of its last edit [s]
+    edits: dict[str, float] = field(default_factory=dict)  # body: time when a person last moved it [s]
+    pushed: float = -math.inf  # time when a person last pushed the robot [s]
+    disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing: no place, no drop
     held: str = ""
     held_from_z: float = 0.0
     resting_on: tuple[str, ...] = ()  # what the held cube touched when it was taken, until clear of it
@@ -94,14 +101,14 @@ class Referee:
     """
 
     def __init__(self, scene: Scene, dt: float) -> None:
-        """The scene's robot, agents and task list; substeps of dt [s]."""
+        """The scene's robot and task list; substeps of dt [s]."""
         self.dt = dt
         self.robot = RobotShapes(scene.robot)
         self.check = PlantCheck(scene.robot, dt)
         self._foot = scene.robot.footprint
-        self._agents = [(agent.name, agent.radius, agent.height) for agent in scene.agents]
         self._right_bins = _right_bins(scene)
         self._surroundings: Surroundings | None = None
+        self._bodies: tuple[tuple[str, float, float], ...] | None = None
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._transform = coal.Transform3s()
         self._base_shape = self.robot.bodies.index("base")
@@ -115,13 +122,29 @@ class Referee:
         self._judge(state, world, state.placed_before)
         return state
 
-    def edited(self, state: RefereeState, name: str, now: float) -> None:
-        """A person changed this body: distances are measured anew, contacts with it are the person's for a while."""
-        state.edits[name] = now
+    def edited(self, state: RefereeState, world: World, *, moved: Collection[str], disturbed: Collection[str]) -> None:
+        """A person changed the world between two substeps: distances are measured anew, jumps are no fault.
+
+        Contacts with the bodies that were really ``moved`` are the person's for a while; what ``disturbed`` objects do
+        next is not the robot's doing.
+        """
+        for name in moved:
+            state.edits[name] = world.time
+        state.disturbed = tuple(sorted({*state.disturbed, *disturbed}))
         state.gaps = np.zeros((0, 0))
+        state.agents_before = world.agents
+        self.check.edited(state.check, world)
+
+    def pushed(self, state: RefereeState, world: World) -> None:
+        """A person pushed the robot, between two substeps."""
+        self.edited(state, world, moved=(), disturbed=())
+        state.pushed = world.time
+        state.placed_before = self._place(world)
 
     def step(self, state: RefereeState, world: World) -> None:
         """Judge the substep that ended with this world."""
+        for name in world.slides:
+            state.edits[name] = world.time
         self.check.step(state.check, world)
         self._objects(state, world)
         placed = self._place(world)
@@ -146,7 +169,11 @@ class Referee:
                 state.falling_from.setdefault(item.name, item.bottom)
                 continue
             fell_from = state.falling_from.pop(item.name, None)
-            if item.state.startswith("binned:"):
+            binned = item.state.startswith("binned:")
+            if item.name in state.disturbed:
+                if not binned:
+                    state.disturbed = tuple(name for name in state.disturbed if name != item.name)
+            elif binned:
                 bin_name = item.state.removeprefix("binned:")
                 if item.name not in state.placed and bin_name in self._right_bins.get(item.name, ()):
                     state.placed = (*state.placed, item.name)
@@ -164,11 +191,14 @@ class Referee:
             state.picks += 1
 
     def _look_around(self, world: World) -> Surroundings:
-        if self._surroundings is None or self._surroundings.solids is not world.solids:
+        known = self._surroundings
+        if known is None or known.solids is not world.solids or self._bodies is not world.agent_bodies:
             base = (self.robot.shapes[self._base_shape], self._foot.height)
-            self._surroundings = Surroundings(world.solids, self._agents, base, self._surroundings)
+            self._surroundings = Surroundings(world.solids, world.agent_bodies, base, known)
+            self._bodies = world.agent_bodies
             self._kind = self._kinds(self._surroundings)
-        return self._surroundings
+            return self._surroundings
+        return known
 
     def _kinds(self, around: Surroundings) -> NDArray[np.int64]:
         """For each pair which limit tells that it must be measured exactly, shape (shapes, columns)."""
@@ -189,6 +219,8 @@ class Referee:
             self.robot.shapes[-1], self.robot.radii[-1] = self.robot.cube(side), 0.5 * side * math.sqrt(3.0)
             if state.resting_on == (HELD,):
                 state.placed_before[-1] = placed[-1]
+        for name in world.slides:
+            state.gaps[:, [other == name for other in around.names]] = -1.0
         corners = rectangle(*_body_centre(world.pose, self._foot.offset_x), (self._foot.length, self._foot.width))
         around.move(corners, self._base_motion(state, placed), world.agents, state.agents_before)
         held_limit = (SUPPORT_CLEAR * 1.01 if state.resting_on else 0.0) if world.held else -math.inf
@@ -223,7 +255,9 @@ class Referee:
         turned = abs(math.atan2(new[1, 0] * old[0, 0] - new[0, 0] * old[1, 0], new[:2, 0] @ old[:2, 0]))
         return math.hypot(new[0, 3] - old[0, 3], new[1, 3] - old[1, 3]) + turned * self._base_reach
 
-    def _measure(self, state: RefereeState, world: World, placed: Array, around: Surroundings, pairs: Array) -> None:
+    def _measure(
+        self, state: RefereeState, world: World, placed: Array, around: Surroundings, pairs: NDArray[np.int64]
+    ) -> None:
         touching: list[str] = []
         for i, j in pairs.tolist():
             distance = self._distance(placed, around, i, j)
@@ -277,12 +311,20 @@ class Referee:
         pair = (body, around.names[j])
         episode = state.episodes.get(pair)
         if episode is None:
-            edited = state.edits.get(pair[1], -math.inf)
-            episode = Episode(world.time, world.time, 0.0, closing, other_speed, False, world.time - edited <= PERSON)
+            by_person = self._by_person(state, pair[1], world.time)
+            episode = Episode(world.time, world.time, 0.0, closing, other_speed, False, by_person)
             state.episodes[pair] = episode
+        elif episode.by_person and world.time - _disturbance(state, pair[1]) > BRAKING:
+            episode.by_person = False  # from here on it is the robot that goes on into what stands still
         episode.last = world.time
         episode.depth = max(episode.depth, -distance)
-        episode.robot_moved |= closing > ROBOT_MOVES
+        episode.robot_moved |= closing > ROBOT_MOVES and not episode.by_person
+
+    @staticmethod
+    def _by_person(state: RefereeState, other: str, now: float) -> bool:
+        """Whether a contact that begins now is a person's doing, or part of one that is and lasts."""
+        lasting = any(name == other and episode.by_person for (_, name), episode in state.episodes.items())
+        return lasting or now - _disturbance(state, other) <= PERSON
 
     def _velocity(self, state: RefereeState, placed: Array, i: int, point: Array) -> Array:
         """Velocity [m/s] of a point fixed to shape i, over the last substep, shape (3,)."""
@@ -295,6 +337,9 @@ class Referee:
     ) -> Array:
         if j == around.own_base:
             return self._velocity(state, placed, self._base_shape, point)
+        slide = world.slides.get(around.names[j])
+        if slide is not None:
+            return np.append(slide, 0.0)
         if around.first_agent <= j < around.floor:
             return np.append(world.agent_velocity[j - around.first_agent], 0.0)
         return np.zeros(3)
@@ -309,6 +354,11 @@ def _body_centre(pose: Array, offset_x: float) -> tuple[float, float, float]:
     return x + offset_x * math.cos(heading), y + offset_x * math.sin(heading), heading
 
 
+def _disturbance(state: RefereeState, other: str) -> float:
+    """Time [s] when a person last moved this body or pushed the robot."""
+    return max(state.edits.get(other, -math.inf), -math.inf if other in NOT_BY_PUSH else state.pushed)
+
+
 def _contact(pair: tuple[str, str], episode: Episode) -> Contact:
     return Contact(
         time=episode.began,
@@ -317,7 +367,7 @@ def _contact(pair: tuple[str, str], episode: Episode) -> Contact:
         depth=episode.depth,
         closing_speed=episode.closing_speed,
         other_speed=episode.other_speed,
-        caused_by_robot=episode.robot_moved and not episode.by_person,
+        caused_by_robot=episode.robot_moved,
         duration=episode.last - episode.began,
     )
 

@@ -10,9 +10,6 @@ from motm_twin.model.edits import AddObstacle
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Solid
 
-TEMI_RADIUS = 0.25  # [m] of a Temi that a person puts into the world
-TEMI_HEIGHT = 1.0  # [m]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Solids:
@@ -27,6 +24,8 @@ class Solids:
     disc_z: Array  # shape (d, 2)
     disc_names: tuple[str, ...]
     disc_mapped: NDArray[np.bool_]  # shape (d,)
+    bins: tuple[Bin, ...] = ()  # whose plates are among the polygons
+    bin_names: frozenset[str] = frozenset()
 
     def polygon(self, i: int) -> Array:
         """Corners of polygon i, shape (k, 2)."""
@@ -69,7 +68,7 @@ def bin_plates(box: Bin) -> list[tuple[Array, float, float]]:
     """The floor and the four walls of a bin: corners, lower and upper height."""
     frame = np.array([*box.centre, box.yaw])
     bottom = box.floor_z - box.wall
-    plates = [(rectangle(*frame, (box.side, box.side)), bottom, box.floor_z)]
+    plates = [(rectangle(*box.centre, box.yaw, (box.side, box.side)), bottom, box.floor_z)]
     middle = 0.5 * (box.side - box.wall)
     for turn in range(4):
         c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[turn]
@@ -81,8 +80,6 @@ def bin_plates(box: Bin) -> list[tuple[Array, float, float]]:
 
 def obstacle_disc(obstacle: AddObstacle) -> tuple[float, float] | None:
     """Radius and height [m] of a round obstacle; None when it is a box."""
-    if obstacle.shape == "temi":
-        return TEMI_RADIUS, TEMI_HEIGHT
     if obstacle.shape == "cylinder":
         return 0.5 * obstacle.size[0], obstacle.size[2]
     return None
@@ -90,6 +87,7 @@ def obstacle_disc(obstacle: AddObstacle) -> tuple[float, float] | None:
 
 def build_solids(solids: Iterable[Solid], bins: Iterable[Bin], obstacles: Iterable[AddObstacle] = ()) -> Solids:
     """Furniture, bins and added obstacles as arrays, in this order."""
+    bins = tuple(bins)
     polygons: list[Piece] = []
     discs: list[Piece] = []
     for solid in solids:
@@ -110,10 +108,10 @@ def build_solids(solids: Iterable[Solid], bins: Iterable[Bin], obstacles: Iterab
             polygons.append((item.name, corners, 0.0, item.size[2], False))
         else:
             discs.append((item.name, np.array([item.x, item.y, round_one[0]]), 0.0, round_one[1], False))
-    return _pack(polygons, discs)
+    return _pack(polygons, discs, bins)
 
 
-def _pack(polygons: list[Piece], discs: list[Piece]) -> Solids:
+def _pack(polygons: list[Piece], discs: list[Piece], bins: tuple[Bin, ...] = ()) -> Solids:
     counts = [len(piece[1]) for piece in polygons]
     return Solids(
         corners=np.vstack([piece[1] for piece in polygons]) if polygons else np.zeros((0, 2)),
@@ -125,7 +123,12 @@ def _pack(polygons: list[Piece], discs: list[Piece]) -> Solids:
         disc_z=np.array([piece[2:4] for piece in discs], dtype=float).reshape(-1, 2),
         disc_names=tuple(piece[0] for piece in discs),
         disc_mapped=np.array([piece[4] for piece in discs], dtype=bool),
+        bins=bins,
+        bin_names=frozenset(box.name for box in bins),
     )
+
+
+NOTHING = _pack([], [])
 
 
 def _cross(a: Array, b: Array, c: Array) -> float:

@@ -1,108 +1,219 @@
-"""What a person changes in the simulated world: checked first, then applied."""
+"""What a person may change in the simulated world: every edit is checked here before it is applied."""
 
 import difflib
 import math
 from collections.abc import Iterable, Sequence
 
-import msgspec
 import numpy as np
 
-from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveBody, WorldEdit
-from motm_twin.model.scene import Box, Cylinder, Scene, Solid
-from motm_twin.sim.agents import AgentState
+from motm_twin.model.edits import (
+    FAULTS,
+    AddObstacle,
+    FreezeBody,
+    InjectFault,
+    MoveBody,
+    MoveObject,
+    PushRobot,
+    ReleaseBody,
+    RemoveBody,
+    SendAgent,
+    WorldEdit,
+)
+from motm_twin.model.geometry import wrap_angle
+from motm_twin.sim.bodies import Outline, disc_outline
+from motm_twin.sim.faults import LONGEST, LONGEST_DELAY, SHORTEST
+from motm_twin.sim.layout import Furnishings
+from motm_twin.sim.objects import riders
+from motm_twin.sim.overlap import entered, gaps
+from motm_twin.sim.plant_state import PlantState
+from motm_twin.sim.put_down import put_down, robot_outline, square_outline
+from motm_twin.sim.scenery import Scenery
+from motm_twin.sim.slides import Obstruction
+from motm_twin.sim.solids import NOTHING
 
-SHAPES = ("box", "cylinder", "temi")
+SHAPES = ("box", "cylinder", "temi", "person")
 FARTHEST = 100.0  # [m] from the origin
 LARGEST = 20.0  # [m] of an obstacle
+MOST_BODIES = 100  # that persons may have added
+LONGEST_NAME = 100
+FARTHEST_PUSH = 0.5  # [m]
+LARGEST_TURN = 1.0  # [rad] of a push
+_PUSH_LOOKS = 10  # places on the way of a push that are looked at
+_TOUCHED = 0.01  # [m] about a point in which somebody else must not be
+_QUOTED = 40  # characters of a wrong name that are shown
 
 
 class EditError(ValueError):
     """An edit that the world cannot take; says why and what would do."""
 
 
-def movable(solid: Solid) -> bool:
-    """Unmapped boxes and cylinders on the floor can be dragged and removed like added obstacles."""
-    return not solid.mapped and solid.z_min <= 0.0 and isinstance(solid.shape, Box | Cylinder)
+def check_edit(furnishings: Furnishings, state: PlantState, scenery: Scenery, edit: WorldEdit) -> None:
+    """Raise `EditError` unless the world can take the edit as it stands; ``scenery`` is that of the state's layout."""
+    names = Names(furnishings, state)
+    match edit:
+        case AddObstacle():
+            _check_new(furnishings, state, edit)
+            _check_place(edit.name, edit.x, edit.y, edit.heading)
+        case MoveBody():
+            names.require(edit.name, names.bodies)
+            _check_place(edit.name, edit.x, edit.y, 0.0 if edit.heading is None else edit.heading)
+        case ReleaseBody():
+            names.require(edit.name, names.bodies)
+            if not all(math.isfinite(value) for value in edit.velocity):
+                raise EditError(
+                    f"velocity {edit.velocity} of {_quoted(edit.name)} is not finite: give two numbers in m/s"
+                )
+        case FreezeBody():
+            names.require(edit.name, names.agents, "an agent")
+        case SendAgent():
+            names.require(edit.name, names.agents, "an agent")
+            _check_place(edit.name, edit.x, edit.y)
+            _check_goal(state, scenery, edit)
+        case RemoveBody():
+            names.require(edit.name, names.bodies)
+            if edit.name in furnishings.pieces:
+                _check_unburdened(furnishings, state, scenery, edit.name)
+        case MoveObject():
+            names.require(edit.name, [item.name for item in state.objects], "an object")
+            _check_place(edit.name, edit.x, edit.y)
+            _check_free(furnishings, state, scenery, edit)
+        case PushRobot():
+            _check_push(furnishings, state, scenery, edit)
+        case InjectFault():
+            _check_fault(edit)
 
 
-def as_obstacle(solid: Solid) -> AddObstacle:
-    """A movable solid of the scene as an obstacle of the same name."""
-    match solid.shape:
-        case Box(centre=(x, y), size=size, yaw=yaw):
-            return AddObstacle(name=solid.name, shape="box", x=x, y=y, heading=yaw, size=(*size, solid.z_max))
-        case Cylinder(centre=(x, y), radius=radius):
-            size = (2.0 * radius, 2.0 * radius, solid.z_max)
-            return AddObstacle(name=solid.name, shape="cylinder", x=x, y=y, size=size)
-    raise EditError(f"{solid.name!r} is not a box or cylinder")
+class Names:
+    """Names of what is in the world now."""
+
+    def __init__(self, furnishings: Furnishings, state: PlantState) -> None:
+        """Agents, obstacles, loose solids and pieces that are there."""
+        layout = state.layout
+        self.agents = [item.agent.name for item in state.agents]
+        obstacles = [item.name for item in layout.obstacles]
+        pieces = furnishings.present_pieces(layout)
+        self.bodies = [*self.agents, *obstacles, *furnishings.present_loose(layout), *pieces]
+
+    @staticmethod
+    def require(
+        name: str, names: Iterable[str], kind: str = "an agent, a loose obstacle or a piece of furniture"
+    ) -> None:
+        """Raise `EditError` for a name that is not among the names; lists the near ones."""
+        known = sorted(names)
+        if name not in known:
+            near = difflib.get_close_matches(name[:LONGEST_NAME], known, n=3) or known
+            raise EditError(f"{_quoted(name)} is not {kind} here: there is {', '.join(near) if near else 'none'}")
 
 
-def check_edit(scene: Scene, obstacles: Sequence[AddObstacle], taken: Sequence[str], edit: WorldEdit) -> None:
-    """Raise `EditError` unless the edit fits this scene with these obstacles and without the solids ``taken``."""
-    present = {item.name for item in obstacles}
-    from_scene = {solid.name for solid in scene.solids if movable(solid) and solid.name not in taken}
-    agents = {agent.name for agent in scene.agents}
-    if isinstance(edit, AddObstacle):
-        _check_new(scene, present, edit)
-    elif isinstance(edit, MoveBody | ReleaseBody):
-        _known(edit.name, present | from_scene | agents, "an agent or a loose obstacle")
-    else:
-        _known(edit.name, present | from_scene, "a loose obstacle")
-    if isinstance(edit, AddObstacle | MoveBody):
-        heading = 0.0 if edit.heading is None else edit.heading
-        if not all(math.isfinite(value) for value in (edit.x, edit.y, heading)):
-            raise EditError(f"pose of {edit.name!r} is not finite: ({edit.x}, {edit.y}, {edit.heading})")
-        if max(abs(edit.x), abs(edit.y)) > FARTHEST:
-            raise EditError(f"{edit.name!r} would be at ({edit.x}, {edit.y}): stay within {FARTHEST:.0f} m")
+def _quoted(name: str) -> str:
+    return repr(name if len(name) <= _QUOTED else name[:_QUOTED] + "...")
 
 
-def _check_new(scene: Scene, present: set[str], edit: AddObstacle) -> None:
-    groups = (scene.solids, scene.objects, scene.bins, scene.agents)
-    taken = present | {item.name for group in groups for item in group} | {"base", "floor"}
-    if not edit.name or edit.name in taken:
-        raise EditError(f"name {edit.name!r} is taken or empty: choose another")
+def _check_place(name: str, x: float, y: float, heading: float = 0.0) -> None:
+    if not all(math.isfinite(value) for value in (x, y, heading)):
+        raise EditError(f"pose of {_quoted(name)} is not finite: ({x}, {y}, {heading})")
+    if max(abs(x), abs(y)) > FARTHEST:
+        raise EditError(f"{_quoted(name)} would be at ({x:g}, {y:g}): stay within {FARTHEST:.0f} m")
+
+
+def _check_new(furnishings: Furnishings, state: PlantState, edit: AddObstacle) -> None:
+    scene, layout = furnishings.scene, state.layout
+    groups = (scene.solids, scene.objects, scene.bins, scene.agents, layout.obstacles)
+    taken = {item.name for group in groups for item in group} | {item.agent.name for item in state.agents}
+    if not edit.name or edit.name in taken | {*furnishings.pieces, "base", "floor"}:
+        raise EditError(f"name {_quoted(edit.name)} is taken or empty: choose another")
+    if len(edit.name) > LONGEST_NAME:
+        raise EditError(f"name {_quoted(edit.name)} is too long: at most {LONGEST_NAME} characters")
     if edit.shape not in SHAPES:
-        raise EditError(f"shape {edit.shape!r} is unknown: use one of {', '.join(SHAPES)}")
+        raise EditError(f"shape {_quoted(edit.shape)} is unknown: use one of {', '.join(SHAPES)}")
     if not all(math.isfinite(value) and 0.0 < value <= LARGEST for value in edit.size):
-        raise EditError(f"size {edit.size} of {edit.name!r}: each must be above 0 and at most {LARGEST:.0f} m")
+        raise EditError(f"size {edit.size} of {_quoted(edit.name)}: each must be above 0 and at most {LARGEST:.0f} m")
+    if len(layout.obstacles) + sum(item.added for item in state.agents) >= MOST_BODIES:
+        raise EditError(f"there are {MOST_BODIES} added bodies already: remove one first")
 
 
-def _known(name: str, names: Iterable[str], kind: str) -> None:
-    known = sorted(names)
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=3) or known
-        raise EditError(f"{name!r} is not {kind}: there is {', '.join(near) if near else 'none'}")
+def _check_goal(state: PlantState, scenery: Scenery, edit: SendAgent) -> None:
+    agent = next(item.agent for item in state.agents if item.agent.name == edit.name)
+    world = Obstruction(scenery.solids, (), height=agent.height)
+    found = world.gaps(disc_outline(edit.x, edit.y, _TOUCHED, agent.height))
+    if len(found) and found.min() < 0.0:
+        inside = world.names[int(found.argmin())]
+        raise EditError(f"{edit.name!r} cannot go to ({edit.x:.2f}, {edit.y:.2f}): {inside!r} stands there")
 
 
-def apply_to_obstacles(
-    scene: Scene, obstacles: tuple[AddObstacle, ...], taken: tuple[str, ...], edit: WorldEdit
-) -> tuple[tuple[AddObstacle, ...], tuple[str, ...]]:
-    """Obstacles, and names of the scene's solids that they replace or that are gone, after an edit."""
-    if isinstance(edit, AddObstacle):
-        return (*obstacles, edit), taken
-    if edit.name not in {item.name for item in obstacles} and not isinstance(edit, ReleaseBody):
-        loose = [solid for solid in scene.solids if solid.name == edit.name and movable(solid)]
-        if loose and edit.name not in taken:
-            obstacles, taken = (*obstacles, as_obstacle(loose[0])), (*taken, edit.name)
-    if isinstance(edit, RemoveBody):
-        return tuple(item for item in obstacles if item.name != edit.name), taken
-    if isinstance(edit, MoveBody):
-        return tuple(_moved(item, edit) if item.name == edit.name else item for item in obstacles), taken
-    return obstacles, taken
+def _check_unburdened(furnishings: Furnishings, state: PlantState, scenery: Scenery, name: str) -> None:
+    piece = furnishings.pieces[name]
+    cubes = [item.name for item in riders(state.objects, scenery.solids, {*piece.solids, *piece.bins})]
+    burden = [*piece.bins, *cubes]
+    if burden:
+        verb = "stands" if len(burden) == 1 else "stand"
+        raise EditError(f"{name!r} cannot be removed: {_listed(burden)} {verb} on it; furniture must be empty to go")
 
 
-def _moved(item: AddObstacle, edit: MoveBody) -> AddObstacle:
-    heading = item.heading if edit.heading is None else edit.heading
-    return msgspec.structs.replace(item, x=edit.x, y=edit.y, heading=heading)
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def apply_to_agent(state: AgentState, edit: MoveBody | ReleaseBody) -> None:
-    """Place an agent where a person holds it, or let it drive on."""
-    state.v = state.w = 0.0
-    state.waiting = 0.0
-    state.detour = np.zeros((0, 2))
-    if isinstance(edit, ReleaseBody):
-        state.held = False
-        return
-    heading = float(state.pose[2]) if edit.heading is None else edit.heading
-    state.pose = np.array([edit.x, edit.y, heading])
-    state.held = edit.held
+def _check_free(furnishings: Furnishings, state: PlantState, scenery: Scenery, edit: MoveObject) -> None:
+    item, _ = put_down(state.objects, scenery.solids, edit)
+    body, bottom = square_outline(item), item.bottom
+    others = [other for other in state.objects if other.name != edit.name]
+    touching = [
+        other for other in others if abs(other.position[2] - item.position[2]) < _overlap(other.side, item.side)
+    ]
+    corners = np.vstack([np.zeros((0, 2)), *(square_outline(other).corners for other in touching)])
+    in_a_cube = _first_inside(body, corners, [other.name for other in touching])
+    if in_a_cube:
+        raise EditError(f"{edit.name!r} would be inside {in_a_cube!r}: choose a free place")
+    agents = [other for other in state.agents if other.agent.height > bottom]
+    world = Obstruction(NOTHING, agents, height=0.0)
+    found = world.gaps(body)
+    if len(found) and found.min() < 0.0:
+        raise EditError(f"{edit.name!r} would be inside {world.names[int(found.argmin())]!r}: choose a free place")
+    foot = furnishings.scene.robot.footprint
+    if bottom < foot.height and _first_inside(body, robot_outline(foot, state.base.pose).corners, ["robot"]):
+        raise EditError(f"{edit.name!r} would be inside the robot's base: choose a free place")
+
+
+def _overlap(side: float, other: float) -> float:
+    return 0.5 * (side + other) - 1e-6
+
+
+def _first_inside(body: Outline, corners: np.ndarray, names: Sequence[str]) -> str:
+    first = 4 * np.arange(len(names) + 1)
+    inside = np.flatnonzero(gaps(body.corners, body.radius, corners, first, np.zeros((0, 3))) < -1e-9)
+    return names[int(inside[0])] if len(inside) else ""
+
+
+def _check_push(furnishings: Furnishings, state: PlantState, scenery: Scenery, edit: PushRobot) -> None:
+    if not all(math.isfinite(value) for value in (edit.dx, edit.dy, edit.turn)):
+        raise EditError(f"push ({edit.dx}, {edit.dy}, {edit.turn}) is not finite")
+    if math.hypot(edit.dx, edit.dy) > FARTHEST_PUSH or abs(edit.turn) > LARGEST_TURN:
+        raise EditError(
+            f"push of {math.hypot(edit.dx, edit.dy):.2f} m and {edit.turn:.2f} rad: "
+            f"at most {FARTHEST_PUSH} m and {LARGEST_TURN} rad"
+        )
+    foot = furnishings.scene.robot.footprint
+    world = Obstruction(scenery.solids, state.agents, height=foot.height)
+    before = world.gaps(robot_outline(foot, state.base.pose))
+    for k in range(1, _PUSH_LOOKS + 1):
+        after = world.gaps(robot_outline(foot, pushed_pose(state, edit, k / _PUSH_LOOKS)))
+        hit = entered(before, after)
+        if len(hit):
+            name = world.names[int(hit[after[hit].argmin()])]
+            raise EditError(f"the push would drive the base into {name!r}: push it less far or another way")
+        before = after
+
+
+def pushed_pose(state: PlantState, edit: PushRobot, share: float = 1.0) -> np.ndarray:
+    """Pose of the base after a share of a push, shape (3,)."""
+    x, y, heading = state.base.pose
+    return np.array([x + share * edit.dx, y + share * edit.dy, wrap_angle(heading + share * edit.turn)])
+
+
+def _check_fault(edit: InjectFault) -> None:
+    Names.require(edit.fault, FAULTS, "a fault")
+    if not SHORTEST <= edit.seconds <= LONGEST:
+        raise EditError(f"a fault of {edit.seconds} s: give {SHORTEST} to {LONGEST:.0f} s")
+    if not 0.0 <= edit.delay <= LONGEST_DELAY:
+        raise EditError(f"a delay of {edit.delay} s: give 0 to {LONGEST_DELAY:.0f} s")

@@ -75,7 +75,7 @@ def test_the_arm_itself_can_hide_it():
     T = frames[9].copy()
     T[:3, 2] = (behind - eye) / np.linalg.norm(behind - eye)  # a lens that looks at the elbow
     agents = np.zeros((0, 4))
-    assert plant._camera.sees(T, frames, behind, plant._solids, agents) is None
+    assert plant._camera.sees(T, frames, behind, plant._scenery.solids, agents) is None
     assert rotation.shape == (3, 3)
 
 

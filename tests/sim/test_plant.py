@@ -160,8 +160,8 @@ def test_a_held_agent_stays_where_it_is_put_and_drives_on_when_released():
         (AddObstacle(name="new", x=1e9, y=0.0), "within"),
         (AddObstacle(name="new", x=1.0, y=0.0, size=(0.5, -0.5, 0.5)), "size"),
         (MoveBody(name="dsek", x=1.0, y=0.0), "not an agent"),
-        (MoveBody(name="desk", x=1.0, y=0.0), "loose"),
-        (RemoveBody(name="temi0"), "loose"),
+        (MoveBody(name="desk", x=math.inf, y=0.0), "finite"),
+        (RemoveBody(name="temi9"), "loose"),
     ],
 )
 def test_an_edit_that_cannot_be_is_refused_with_the_reason_and_changes_nothing(edit, message):

@@ -1,0 +1,212 @@
+"""What an edit does to the simulated world: between two substeps, after `world_edits` has checked it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.arm_kernels import HAND, TCP
+from motm_twin.model.edits import (
+    AddObstacle,
+    FreezeBody,
+    InjectFault,
+    MoveBody,
+    MoveObject,
+    PushRobot,
+    ReleaseBody,
+    RemoveBody,
+    SendAgent,
+    WorldEdit,
+)
+from motm_twin.model.geometry import Array
+from motm_twin.sim.agents import AgentState, start_agent
+from motm_twin.sim.bodies import added_agent, capped, placed
+from motm_twin.sim.faults import inject
+from motm_twin.sim.gripper import Gripper
+from motm_twin.sim.layout import Furnishings, as_obstacle, same_pose
+from motm_twin.sim.localisation import Localisation
+from motm_twin.sim.objects import ObjectWorld, carry, riders
+from motm_twin.sim.plant_state import PlantState
+from motm_twin.sim.put_down import put_down
+from motm_twin.sim.scenery import Scenery, build_scenery
+from motm_twin.sim.slides import FASTEST
+from motm_twin.sim.world_edits import pushed_pose
+
+SLOWEST_THROW = 0.05  # [m/s] below which a released body just stands
+Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of the arm's frames in the world (11, 4, 4)
+
+
+@dataclass
+class Effect:
+    """What the referee must know of an edit."""
+
+    moved: tuple[str, ...] = ()  # names of solids, bins and agents that a person has really moved
+    disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing
+    pushed: bool = False  # the robot was
+
+
+class Effects:
+    """Applies edits to the state of one plant."""
+
+    def __init__(self, furnishings: Furnishings, objects: ObjectWorld, frames: Frames, substep: float) -> None:
+        """Furniture of the scene, support of objects, kinematics; substep [s]."""
+        self.furnishings, self.frames, self.substep = furnishings, frames, substep
+        self.objects = objects
+
+    def apply(self, state: PlantState, scenery: Scenery, edit: WorldEdit) -> tuple[Effect, Scenery]:
+        """Change the state as a checked edit says; the scenery goes from that of the layout before to that after."""
+        effect = Effect()
+        match edit:
+            case AddObstacle():
+                self._add(state, edit)
+                effect.moved = (edit.name,)
+            case MoveBody():
+                effect.moved = self._move(state, scenery, edit)
+            case ReleaseBody():
+                self._release(state, edit)
+            case FreezeBody():
+                agent = agent_of(state, edit.name)
+                agent.frozen = edit.frozen
+                agent.stop()
+            case SendAgent():
+                _send(agent_of(state, edit.name), edit)
+            case RemoveBody():
+                self._remove(state, edit.name)
+            case MoveObject():
+                self._put(state, scenery, edit)
+                effect.disturbed = (edit.name,)
+            case PushRobot():
+                self._push(state, edit)
+                effect.pushed = True
+            case InjectFault():
+                inject(state.faults, edit, state.substep, self.substep)
+        scenery = self.scenery(state, scenery)
+        effect.disturbed += self._fall(state, scenery)
+        return effect, scenery
+
+    def scenery(self, state: PlantState, known: Scenery | None = None) -> Scenery:
+        """The scenery of a state; the known one when it still holds."""
+        tallest = max((item.agent.height for item in state.agents), default=0.0)
+        if known is not None and known.tallest == tallest and known.layout == state.layout:
+            return known
+        return build_scenery(self.furnishings, state.layout, tallest)
+
+    def _fall(self, state: PlantState, scenery: Scenery) -> tuple[str, ...]:
+        """Let fall what nothing carries any more."""
+        fallen = []
+        for item in state.objects:
+            if item.state not in ("held", "falling"):
+                self.objects.check_support(item, state.objects, scenery.solids)
+                if item.state == "falling":
+                    fallen.append(item.name)
+        return tuple(fallen)
+
+    @staticmethod
+    def _add(state: PlantState, edit: AddObstacle) -> None:
+        agent = added_agent(edit)
+        if agent is None:
+            state.layout = state.layout.with_obstacle(edit)
+            return
+        ranks = {item.rank for item in state.agents}
+        rank = next(k for k in range(len(ranks) + 1) if k not in ranks)
+        state.agents.append(start_agent(agent, rank, added=True))
+
+    def _move(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[str, ...]:
+        """Names of the solids, bins or agent that are somewhere else now."""
+        state.slides.pop(edit.name, None)
+        agent = next((item for item in state.agents if item.agent.name == edit.name), None)
+        if agent is not None:
+            before = agent.pose
+            after = np.array([edit.x, edit.y, before[2] if edit.heading is None else edit.heading], dtype=float)
+            agent.pose, agent.held = after, edit.held
+            agent.stop()
+        elif edit.name in self.furnishings.pieces:
+            before, after = self._move_piece(state, scenery, edit)
+        else:
+            before, after = self._move_obstacle(state, scenery, edit)
+        return () if same_pose(tuple(before), tuple(after)) else self.furnishings.parts(edit.name)
+
+    def _move_piece(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[Array, Array]:
+        before = self.furnishings.pose(state.layout, edit.name)
+        after = (edit.x, edit.y, before[2] if edit.heading is None else edit.heading)
+        if before != after:
+            state.layout = self.furnishings.moved(state.layout, edit.name, after)
+        return self._ride(state, scenery, edit.name, before, after)
+
+    def _move_obstacle(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[Array, Array]:
+        item = self.loosened(state, edit.name)
+        after = placed(item, edit.x, edit.y, edit.heading)
+        state.layout = state.layout.with_obstacle(after)
+        return self._ride(state, scenery, edit.name, (item.x, item.y, item.heading), (after.x, after.y, after.heading))
+
+    def _ride(
+        self,
+        state: PlantState,
+        scenery: Scenery,
+        name: str,
+        before: tuple[float, float, float],
+        after: tuple[float, float, float],
+    ) -> tuple[Array, Array]:
+        """Take along what stands on a body; its poses as arrays."""
+        here, there = np.array(before, dtype=float), np.array(after, dtype=float)
+        if before != after:
+            carry(riders(state.objects, scenery.solids, self.furnishings.parts(name)), here, there)
+        return here, there
+
+    def loosened(self, state: PlantState, name: str) -> AddObstacle:
+        """The obstacle of this name; a loose solid of the scene becomes one."""
+        item = state.layout.obstacle(name)
+        if item is None:
+            item = as_obstacle(self.furnishings.loose[name])
+            state.layout = msgspec.structs.replace(state.layout.with_obstacle(item), taken=(*state.layout.taken, name))
+        return item
+
+    def _release(self, state: PlantState, edit: ReleaseBody) -> None:
+        agent = next((item for item in state.agents if item.agent.name == edit.name), None)
+        if agent is not None:
+            agent.held = False
+            agent.stop()
+        if edit.name in self.furnishings.pieces or math.hypot(*edit.velocity) < SLOWEST_THROW:
+            return  # furniture is too heavy to be thrown
+        if agent is None:
+            self.loosened(state, edit.name)
+        state.slides[edit.name] = capped(edit.velocity, FASTEST)
+
+    def _remove(self, state: PlantState, name: str) -> None:
+        layout = state.layout
+        state.slides.pop(name, None)
+        added = [item.agent.name for item in state.agents if item.added]
+        added += [item.name for item in layout.obstacles if item.name not in layout.taken]
+        state.agents = [item for item in state.agents if item.agent.name != name]
+        state.layout = msgspec.structs.replace(
+            layout,
+            obstacles=tuple(item for item in layout.obstacles if item.name != name),
+            removed=layout.removed if name in added else (*layout.removed, name),
+        )
+
+    @staticmethod
+    def _put(state: PlantState, scenery: Scenery, edit: MoveObject) -> None:
+        item, _ = put_down(state.objects, scenery.solids, edit)
+        state.objects = [item if old.name == item.name else old for old in state.objects]
+        Gripper.lose(state.gripper, edit.name)
+
+    def _push(self, state: PlantState, edit: PushRobot) -> None:
+        state.base.pose = pushed_pose(state, edit)
+        frames = self.frames(state.base.pose, state.arm.q)
+        state.tcp = frames[TCP, :3, 3].copy()
+        for item in state.objects:
+            if item.name == state.gripper.held:
+                Gripper.hold(state.gripper, frames[TCP, :3, :3], frames[HAND, :3, 3], item)
+        Localisation.relocate(state.localisation, state.base.pose)
+
+
+def agent_of(state: PlantState, name: str) -> AgentState:
+    """The agent of this name."""
+    return next(item for item in state.agents if item.agent.name == name)
+
+
+def _send(agent: AgentState, edit: SendAgent) -> None:
+    agent.errand, agent.frozen = (edit.x, edit.y), False
+    agent.stop()

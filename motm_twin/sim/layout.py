@@ -1,0 +1,125 @@
+"""Where furniture and loose bodies stand now: the scene's own places, and what a person has changed of them.
+
+Three kinds of bodies stand on the floor and do not drive. *Obstacles* were added by a person. *Loose* ones are single
+boxes and cylinders of the scene that no map knows; once moved they are obstacles too. Everything else that stands on
+the floor is *furniture*, moved as whole pieces with their bins.
+"""
+
+import math
+
+import msgspec
+
+from motm_twin.model.edits import AddObstacle
+from motm_twin.model.furniture import Piece, moved_bin, moved_solid, pieces, rigid
+from motm_twin.model.plant import BodyTruth
+from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Scene, Solid
+from motm_twin.model.scene_shapes import outline
+
+STILL = 1e-4  # [m] that a body held by a hand may shift and yet stand still
+STILL_TURN = 1e-3  # [rad]
+
+
+class Layout(msgspec.Struct, frozen=True, kw_only=True):
+    """What a person has changed of the furniture and of loose bodies; empty at the start."""
+
+    obstacles: tuple[AddObstacle, ...] = ()  # boxes and cylinders: added, or loose ones that were moved
+    taken: tuple[str, ...] = ()  # loose solids of the scene that are among the obstacles now
+    moved: tuple[tuple[str, PlanarPose], ...] = ()  # pieces of furniture: x, y of the reference, turn
+    removed: tuple[str, ...] = ()  # pieces, loose solids and agents of the scene that are gone
+
+    def obstacle(self, name: str) -> AddObstacle | None:
+        """The obstacle of this name, if there is one."""
+        return next((item for item in self.obstacles if item.name == name), None)
+
+    def with_obstacle(self, item: AddObstacle) -> "Layout":
+        """With an obstacle added, or put in the place of the one of the same name."""
+        if self.obstacle(item.name) is None:
+            return msgspec.structs.replace(self, obstacles=(*self.obstacles, item))
+        others = tuple(item if old.name == item.name else old for old in self.obstacles)
+        return msgspec.structs.replace(self, obstacles=others)
+
+
+class Furnishings:
+    """The furniture of one scene in pieces, and what a `Layout` makes of it."""
+
+    def __init__(self, scene: Scene) -> None:
+        """All pieces of the scene that stand on the floor."""
+        self.scene = scene
+        solids = {solid.name: solid for solid in scene.solids}
+        found = pieces(scene)
+        self.loose = {name: solids[name] for name, piece in found.items() if _is_loose(piece, solids)}
+        self.pieces = {name: piece for name, piece in found.items() if name not in self.loose}
+
+    def pose(self, layout: Layout, name: str) -> PlanarPose:
+        """Reference point and turn of a piece as it stands now."""
+        return dict(layout.moved).get(name, (*self.pieces[name].centre, 0.0))
+
+    def present_loose(self, layout: Layout) -> list[str]:
+        """Loose solids that stand where the scene has them."""
+        return [name for name in self.loose if name not in layout.taken and name not in layout.removed]
+
+    def present_pieces(self, layout: Layout) -> list[str]:
+        """Pieces that were not removed."""
+        return [name for name in self.pieces if name not in layout.removed]
+
+    def moved(self, layout: Layout, name: str, pose: PlanarPose) -> Layout:
+        """The layout with a piece at another pose."""
+        return msgspec.structs.replace(layout, moved=tuple({**dict(layout.moved), name: pose}.items()))
+
+    def standing(self, layout: Layout) -> tuple[list[Solid], tuple[Bin, ...]]:
+        """Solids of the scene but those taken, and bins, where they are now."""
+        gone = {*layout.taken, *(part for name in layout.removed for part in self.parts(name))}
+        transforms = {}
+        for name, pose in layout.moved:
+            piece = self.pieces[name]
+            transforms |= dict.fromkeys((*piece.solids, *piece.bins), rigid(piece, pose))
+        solids = [
+            moved_solid(transforms[solid.name], solid) if solid.name in transforms else solid
+            for solid in self.scene.solids
+            if solid.name not in gone
+        ]
+        bins = [moved_bin(transforms[box.name], box) if box.name in transforms else box for box in self.scene.bins]
+        return solids, tuple(bins)
+
+    def parts(self, name: str) -> tuple[str, ...]:
+        """Names under which the solids and bins of a body of any kind appear among the solids of the world."""
+        piece = self.pieces.get(name)
+        return (name,) if piece is None else (*piece.solids, *piece.bins)
+
+    def truth(self, layout: Layout) -> tuple[BodyTruth, ...]:
+        """Pieces that were moved and are still there: reference point, turn, extents as the scene has them."""
+        return tuple(
+            BodyTruth(name=name, kind="furniture", position=(x, y, 0.0), yaw=turn, size=self._size(self.pieces[name]))
+            for name, (x, y, turn) in layout.moved
+            if name not in layout.removed
+        )
+
+    def _size(self, piece: Piece) -> tuple[float, float, float]:
+        parts = [solid for solid in self.scene.solids if solid.name in piece.solids]
+        reach = [outline(part.shape).bounds for part in parts]
+        half_x = max(max(piece.centre[0] - low, high - piece.centre[0]) for low, _, high, _ in reach)
+        half_y = max(max(piece.centre[1] - low, high - piece.centre[1]) for _, low, _, high in reach)
+        return 2.0 * half_x, 2.0 * half_y, max(part.z_max for part in parts)
+
+
+def _is_loose(piece: Piece, solids: dict[str, Solid]) -> bool:
+    if piece.mapped or piece.bins or piece.solids != (piece.name,):
+        return False
+    return isinstance(solids[piece.name].shape, Box | Cylinder)
+
+
+def as_obstacle(solid: Solid) -> AddObstacle:
+    """A loose solid of the scene as an obstacle of the same name."""
+    match solid.shape:
+        case Box(centre=(x, y), size=size, yaw=yaw):
+            return AddObstacle(name=solid.name, shape="box", x=x, y=y, heading=yaw, size=(*size, solid.z_max))
+        case Cylinder(centre=(x, y), radius=radius):
+            size = (2.0 * radius, 2.0 * radius, solid.z_max)
+            return AddObstacle(name=solid.name, shape="cylinder", x=x, y=y, size=size)
+    raise ValueError(f"{solid.name!r} is a prism: only boxes and cylinders are loose")
+
+
+def same_pose(a: PlanarPose, b: PlanarPose) -> bool:
+    """Whether a body that went from one pose to the other was really moved: not by a hand that only keeps holding."""
+    turn = math.remainder(a[2] - b[2], 2.0 * math.pi)
+    return math.hypot(a[0] - b[0], a[1] - b[1]) < STILL and abs(turn) < STILL_TURN
