@@ -3,18 +3,39 @@
 from collections.abc import Callable
 from typing import Any
 
-from motm_twin.control.loop import ControlLoop, Settings
+import numpy as np
+
+from motm_twin.control.loop import PERIOD, ControlLoop, Settings
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.task_list import TaskEdit, edited
 from motm_twin.control.tick import Tick
-from motm_twin.model.edits import WorldEdit
-from motm_twin.model.known import known_world
-from motm_twin.model.scene import Scene
+from motm_twin.control.told import Told, check_announce
+from motm_twin.control.tuning import check, parameter, tuned
+from motm_twin.model.edits import (
+    Announce,
+    Edit,
+    InsertTask,
+    MoveBody,
+    MoveObject,
+    MoveTask,
+    ParameterValue,
+    ReleaseBody,
+    RemoveTask,
+    SetParameter,
+    WorldEdit,
+)
+from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.scene import Pick, Scene
 from motm_twin.model.state import HasState, state_hash
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
+from motm_twin.record.session import Cut, LoggedEdit, Session
 from motm_twin.sim.plant import SimulatedPlant
+
+POINTED_AT = 0.15  # [m] off its belief, an object that a person adds to the task list is shown to the robot
 
 
 class Twin:
@@ -24,64 +45,219 @@ class Twin:
         self,
         scene: Scene,
         *,
+        parameters: dict[str, ParameterValue] | None = None,
         budget: SearchBudget | None = None,
         planning: PlanningParameters | None = None,
         arm: ArmParameters | None = None,
         clock: Callable[[], float] | None = None,
     ) -> None:
+        """``parameters``: of `control.tuning`, on top of ``planning`` and ``arm``; ValueError when one is not allowed.
+
+        ``clock`` [s]: bounds the searches when the budget has seconds, and measures the stages of a period.
+        """
         self.scene = scene
-        self._budget = budget or SearchBudget()
+        self._start = {name: check(name, value) for name, value in (parameters or {}).items()}
+        self._start = {name: value for name, value in self._start.items() if value != parameter(name).default}
+        self._given = planning is not None or arm is not None
         self._planning = planning or PlanningParameters()
         self._arm = arm or ArmParameters()
+        self._budget = budget or SearchBudget()
         self._clock = clock
         self.reset()
 
     def reset(self) -> None:
-        """Back to the start of the scene; queued edits are forgotten."""
-        known = known_world(self.scene)
+        """Back to the start of the scene, with the parameters it began with; queued edits are forgotten."""
         self.plant = SimulatedPlant(self.scene)
-        search_clock = self._clock if self._budget.seconds is not None else None
-        self.loop = ControlLoop(
-            known,
-            self.plant,
-            BasePlanner(self.scene.robot, self._planning, clock=search_clock),
-            Manipulator(known, self._arm),
-            settings=Settings(budget=self._budget),
-            truth=self.plant.truth,
-            clock=self._clock or (lambda: 0.0),
-        )
-        self._queue: list[WorldEdit] = []
+        self._told = Told(self.scene, self._start)
+        self.edits: list[LoggedEdit] = []
+        self.cuts: list[Cut] = []
+        self._queue: list[Edit] = []
+        self._build()
 
     @property
     def done(self) -> bool:
         """The task list is worked through."""
         return self.loop.sequence.done
 
-    def post(self, edit: WorldEdit) -> None:
-        """Queue an edit; raises ValueError when the world has no such body or the edit is not possible."""
-        self.plant.check(edit, self._queue)
+    @property
+    def index(self) -> int:
+        """Number of the next period."""
+        return self.loop.index
+
+    @property
+    def parameters(self) -> dict[str, ParameterValue]:
+        """Parameters of `control.tuning` that differ from the shipped ones now."""
+        return self._told.parameters
+
+    def post(self, edit: Edit) -> None:
+        """Queue an edit for the next period; raises ValueError when it is not possible, and then changes nothing."""
+        if isinstance(edit, WorldEdit):
+            self.plant.check(edit, [earlier for earlier in self._queue if isinstance(earlier, WorldEdit)])
+        elif isinstance(edit, SetParameter):
+            if edit.value is None:
+                parameter(edit.name)
+            else:
+                check(edit.name, edit.value)
+        elif isinstance(edit, Announce):
+            check_announce(self.scene, edit.name)
+        else:
+            self._check_tasks(edit)
         self._queue.append(edit)
 
     def advance(self, budget: SearchBudget | None = None) -> Tick:
-        """Apply queued edits, run one period, return its Tick."""
+        """Apply queued edits, run one period, return its Tick; ``budget`` repeats a search that the clock had cut."""
         edits, self._queue = tuple(self._queue), []
+        index = self.loop.index
+        before = self.parameters
         for edit in edits:
-            self.plant.apply(edit)
-        return self.loop.period(edits, budget)
+            self.edits.append(LoggedEdit(index=index, edit=edit))
+            self._apply(edit)
+        if self.parameters != before:
+            self._retune()
+        tick = self.loop.period(edits, budget)
+        if tick.plan.cut_by_clock:
+            self.cuts.append(Cut(index=index, expansions=tick.plan.expansions))
+        elif budget is not None and budget.expansions < self._budget.expansions:
+            self.cuts.append(Cut(index=index, expansions=budget.expansions))
+        return tick
+
+    def session(self, title: str = "") -> Session:
+        """The run so far, as what repeats it bit for bit; raises ValueError for a twin of given parameter objects."""
+        if self._given:
+            raise ValueError("a session keeps named parameters only: build the twin with parameters={...}")
+        return Session(
+            title=title,
+            scene=self.scene,
+            parameters=dict(self._start),
+            edits=tuple(self.edits),
+            cuts=tuple(self.cuts),
+            periods=self.loop.index,
+            state_hash=self.state_hash(),
+        )
+
+    def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
+        """Paths [m] behind the costs of a candidate of the last Tick: robot to it (m, 2), and on to the next target.
+
+        None when it was rejected or there is none of that index; the second is empty without a next target.
+        """
+        return self.loop.planner.candidate_paths(index)
+
+    def staa_path(self) -> Array:
+        """Global path [m] of unmodified STAA* to the goal of the last Tick, shape (m, 2); empty without a goal."""
+        return self.loop.planner.staa_path()
 
     def parts(self) -> dict[str, HasState]:
         """Everything that has state."""
-        return {"plant": self.plant, **self.loop.parts()}
+        return {"plant": self.plant, "told": self._told, **self.loop.parts()}
 
     def snapshot(self) -> dict[str, Any]:
-        """A copy of the whole state, random generators included."""
-        return {name: part.snapshot() for name, part in self.parts().items()}
+        """A copy of the whole state, random generators and the log of edits included; without queued edits."""
+        state = {name: part.snapshot() for name, part in self.parts().items()}
+        return {**state, "log": (tuple(self.edits), tuple(self.cuts))}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from a snapshot of the same scene."""
+        """Continue from a snapshot of the same scene; queued edits are forgotten."""
+        known, parameters = self._told.map, self.parameters
+        self._told.restore(state["told"])
+        if self._told.map != known:
+            self._build()
+        elif self.parameters != parameters:
+            self._retune()
         for name, part in self.parts().items():
             part.restore(state[name])
+        self.edits, self.cuts = (list(entries) for entries in state["log"])
+        self._queue = []
 
     def state_hash(self) -> str:
         """SHA-256 over the whole state: equal for equal runs."""
         return state_hash({name: part.snapshot() for name, part in self.parts().items()})
+
+    def _build(self) -> None:
+        """The control loop for what the robot has been told, at its start."""
+        known = self._told.known()
+        planning, arm = tuned(self.parameters, self._planning, self._arm)
+        self.loop = ControlLoop(
+            known,
+            self.plant,
+            BasePlanner(self.scene.robot, planning, clock=self._search_clock()),
+            Manipulator(known, arm),
+            settings=Settings(budget=self._budget),
+            truth=self.plant.truth,
+            clock=self._clock or (lambda: 0.0),
+        )
+
+    def _search_clock(self) -> Callable[[], float] | None:
+        return self._clock if self._budget.seconds is not None else None
+
+    def _retune(self) -> None:
+        """Planner and arm with the parameters of now. Their states hold no parameter: they go on as they are."""
+        planning, arm = tuned(self.parameters, self._planning, self._arm)
+        loop, planner, manipulator = self.loop, self.loop.planner, self.loop.manipulator
+        if planning != planner.parameters:
+            loop.planner = BasePlanner(self.scene.robot, planning, clock=self._search_clock(), graphs=planner.graphs)
+            loop.planner.restore(planner.snapshot())
+        if arm != manipulator.parameters:
+            loop.manipulator = Manipulator(loop.known, arm)
+            loop.manipulator.restore(manipulator.snapshot())
+
+    def _apply(self, edit: Edit) -> None:
+        if isinstance(edit, WorldEdit):
+            self.plant.apply(edit)
+        elif isinstance(edit, SetParameter):
+            default = parameter(edit.name).default
+            value = self._start.get(edit.name, default) if edit.value is None else check(edit.name, edit.value)
+            self._told.set_parameter(edit.name, value, default)
+        elif isinstance(edit, Announce):
+            self._announce(edit.name)
+        else:
+            if isinstance(edit, InsertTask):
+                self._point_at([task.object for task in edit.tasks if isinstance(task, Pick)])
+            self.loop.edit_tasks(edit)
+
+    def _check_tasks(self, edit: TaskEdit) -> None:
+        """Raise ValueError unless the list, as the queued edits leave it, takes this one."""
+        loop = self.loop
+        tasks = loop.sequence.listed()
+        for earlier in self._queue:
+            if isinstance(earlier, InsertTask | RemoveTask | MoveTask):
+                tasks = edited(tasks, earlier, loop.known, engaged=loop.engaged)
+        edited(tasks, edit, loop.known, engaged=loop.engaged)
+        if isinstance(edit, InsertTask):
+            moving = {earlier.name for earlier in self._queue if isinstance(earlier, MoveObject)}
+            binned = {body.name: body.state for body in self.plant.truth().objects if body.state.startswith("binned:")}
+            for task in edit.tasks:
+                if isinstance(task, Pick) and task.object in binned and task.object not in moving:
+                    where = binned[task.object].removeprefix("binned:")
+                    raise ValueError(f"{task.object} lies in {where}: the arm does not reach into bins, move it first")
+
+    def _point_at(self, names: list[str]) -> None:
+        """A person who adds an object to the list shows where it is, should the robot believe it elsewhere."""
+        loop, observation = self.loop, self.plant.observe()
+        for body in self.plant.truth().objects:
+            if body.name not in names or body.state == "held":
+                continue
+            at = np.array(body.position)
+            if float(np.linalg.norm(loop.tracker.world_position(body.name, observation) - at)) > POINTED_AT:
+                in_odometry = from_frame(odometry_to_world(observation), at)
+                loop.tracker.move_belief(body.name, in_odometry, observation, loop.known.object_sd)
+
+    def _announce(self, name: str) -> None:
+        """The map, with bins and beliefs on it, follows a piece of furniture to where it is."""
+        on_piece, truth = self._told.on_piece(name), self.plant.truth()
+        motion = self._told.place_piece(name, truth)
+        if motion is None:
+            return
+        old = self.loop
+        self._build()
+        for part, state in old.parts().items():
+            self.loop.parts()[part].restore(state.snapshot())
+        self.loop.mapper.adopt(old.mapper.snapshot())
+        moves = [
+            entry.index
+            for entry in self.edits
+            if isinstance(entry.edit, MoveBody | ReleaseBody) and entry.edit.name == name
+        ]
+        since = PERIOD * moves[-1] if moves else np.inf
+        self.loop.tracker.carry(
+            on_piece, motion, self.plant.observe(), held=self.loop.sequence.held, before=since + PERIOD
+        )

@@ -1,6 +1,5 @@
 """The control period: observe, map, place the base, plan, reach, check, command. One street, one Tick."""
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -9,11 +8,14 @@ import numpy as np
 
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
+from motm_twin.control.reasons import standing
 from motm_twin.control.sequence import TaskSequence
+from motm_twin.control.stages import Stages
 from motm_twin.control.targets import Targets, odometry_to_world
+from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.tick import Event, Tick
 from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
-from motm_twin.model.edits import WorldEdit
+from motm_twin.model.edits import Edit
 from motm_twin.model.geometry import Array, drive, from_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Plant, Truth
@@ -85,20 +87,23 @@ class ControlLoop(Stateful[LoopState]):
             "monitor": self.monitor,
         }
 
-    def period(self, edits: tuple[WorldEdit, ...] = (), budget: SearchBudget | None = None) -> Tick:
+    def period(self, edits: tuple[Edit, ...] = (), budget: SearchBudget | None = None) -> Tick:
         """One period of 50 ms. `budget` replaces the setting (a rerun gives a recorded expansion count)."""
-        marks = [self._clock()]
-        observation = self.plant.observe()
-        marks.append(self._clock())
-        world = self.mapper.update(observation)
-        self.tracker.update(observation, self.sequence.held)
-        marks.append(self._clock())
-        problem = self._problem(observation, world)
-        placement, plan = self.planner.plan(problem, budget or self.settings.budget)
-        marks.append(self._clock())
+        stages = Stages(self._clock)
+        with stages.measure("observe"):
+            observation = self.plant.observe()
+        with stages.measure("map"):
+            world = self.mapper.update(observation)
+            self.tracker.update(observation, self.sequence.held)
+        with stages.measure("place"):
+            problem = self._problem(observation, world)
+            placement = self.planner.place(problem)
+        with stages.measure("plan"):
+            plan = self.planner.drive(problem, placement, budget or self.settings.budget)
+        blocked = placement.mode == "closest" and plan.status == "idle"
         in_reach = plan.time_to_range == 0.0
-        events = list(self.sequence.watch(observation.time, in_reach, observation.pose))
-        steps, arm_events, reason, arm_seconds = self._arm_steps(observation, world, plan)
+        events = list(self.sequence.watch(observation.time, in_reach, observation.pose, blocked=blocked))
+        steps, arm_events, reason = self._arm_steps(observation, world, plan, stages)
         events += arm_events
         truth = self._truth()
         state = self._state
@@ -113,16 +118,31 @@ class ControlLoop(Stateful[LoopState]):
             placement=placement,
             plan=plan,
             arm=tuple(steps),
-            stop_reason=reason or self.mapper.refusal or _standing(plan, steps[-1], observation),
+            stop_reason=reason or self.mapper.refusal or standing(self.sequence, plan, steps[-1], observation),
             events=tuple(events),
             edits=edits,
-            stage_ms=_stages(marks, arm_seconds),
+            stage_ms=stages.milliseconds(),
             truth=truth,
             done=self.sequence.done,
             success=self.sequence.done and not self.sequence.failures,
         )
         state.index += 1
         return tick
+
+    @property
+    def index(self) -> int:
+        """Number of the next period."""
+        return self._state.index
+
+    @property
+    def engaged(self) -> bool:
+        """The arm is at work on the active task (final approach to lift, release)."""
+        return self._state.engaged
+
+    def edit_tasks(self, edit: TaskEdit) -> None:
+        """Change the task list; raises ValueError when it cannot be."""
+        if self.sequence.edit(edit, self.known, engaged=self._state.engaged):
+            self._state.dwell, self._state.engaged = None, False
 
     def _problem(self, observation: Observation, world: WorldMap) -> BaseProblem:
         """The base's question, from where the commands already given will have taken it."""
@@ -141,8 +161,8 @@ class ControlLoop(Stateful[LoopState]):
         )
 
     def _arm_steps(
-        self, observation: Observation, world: WorldMap, plan: BasePlan
-    ) -> tuple[list[ArmStep], list[Event], str, float]:
+        self, observation: Observation, world: WorldMap, plan: BasePlan, stages: Stages
+    ) -> tuple[list[ArmStep], list[Event], str]:
         """The arm steps of this period; the plant moves on between them."""
         dt = PERIOD / self.settings.arm_steps
         T_odom_world = odometry_to_world(observation)
@@ -152,39 +172,49 @@ class ControlLoop(Stateful[LoopState]):
         steps: list[ArmStep] = []
         events: list[Event] = []
         reason = ""
-        seconds = 0.0
         for k in range(self.settings.arm_steps):
             if k:
-                observation = self.plant.observe()
-                self.tracker.update(observation, self.sequence.held)
-            began = self._clock()
-            inputs = ArmInputs(
-                observation=observation,
-                dt=dt,
-                goal=self.targets.arm_goal(self.sequence.active, self.sequence.held, observation, T_odom_world),
-                base_twist=start + plan.acceleration * (k + 1) * dt,
-                time_to_range=max(0.0, plan.time_to_range - k * dt),
-                plan_times=np.maximum(0.0, plan.local_times - k * dt),
-                plan_poses=plan_poses,
-                obstacles=obstacles,
-                T_odom_world=T_odom_world,
-            )
-            step = self.manipulator.step(inputs)
-            verdict = self.monitor.check(step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp)
-            seconds += self._clock() - began
+                with stages.measure("observe"):
+                    observation = self.plant.observe()
+                with stages.measure("map"):
+                    self.tracker.update(observation, self.sequence.held)
+            with stages.measure("arm"):
+                wanted = start + plan.acceleration * (k + 1) * dt
+                inputs = self._arm_inputs(observation, T_odom_world, plan, plan_poses, obstacles, wanted, k * dt)
+                step = self.manipulator.step(inputs)
+            with stages.measure("monitor"):
+                verdict = self.monitor.check(step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp)
             steps.append(step)
             reason = verdict.reason or reason
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
                 index = self.sequence.index
-                if step.outcome == "lost":
+                if step.outcome == "lost" and self.sequence.held:
                     self.tracker.move_belief(self.sequence.held, step.reference, observation, LOST_SD)
                 events += self.sequence.apply(step.outcome, observation.time)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
-        return steps, events, reason, seconds
+        return steps, events, reason
+
+    def _arm_inputs(
+        self, observation: Observation, T_odom_world: Array, plan: BasePlan, plan_poses: Array,
+        obstacles: ArmObstacles, base_twist: Array, passed: float,
+    ) -> ArmInputs:  # fmt: skip
+        """What an arm step reads that begins ``passed`` [s] after the plan was made."""
+        goal = self.targets.arm_goal(self.sequence.active, self.sequence.held, observation, T_odom_world)
+        return ArmInputs(
+            observation=observation,
+            dt=PERIOD / self.settings.arm_steps,
+            goal=goal,
+            base_twist=base_twist,
+            time_to_range=max(0.0, plan.time_to_range - passed),
+            plan_times=np.maximum(0.0, plan.local_times - passed),
+            plan_poses=plan_poses,
+            obstacles=obstacles,
+            T_odom_world=T_odom_world,
+        )
 
 
 def _to_odometry(T_odom_world: Array, poses: Array) -> Array:
@@ -194,17 +224,3 @@ def _to_odometry(T_odom_world: Array, poses: Array) -> Array:
         moved[:, :2] = from_frame(T_odom_world, moved[:, :2])
         moved[:, 2] = [wrap_angle(heading + T_odom_world[2]) for heading in moved[:, 2]]
     return moved
-
-
-def _standing(plan: BasePlan, step: ArmStep, observation: Observation) -> str:
-    """Why the base stands, when it does."""
-    if abs(observation.twist[0]) > 0.03 or abs(observation.twist[1]) > 0.05:
-        return plan.reason if plan.status == "braking" else ""
-    return plan.reason or step.reason
-
-
-def _stages(marks: list[float], arm_seconds: float) -> dict[str, float]:
-    """Wall time of each stage [ms]; `period` is observation to last command, without the plant's own time."""
-    observe, mapping, planning = (1e3 * (b - a) for a, b in itertools.pairwise(marks))
-    arm = 1e3 * arm_seconds
-    return {"observe": observe, "map": mapping, "plan": planning, "arm": arm, "period": mapping + planning + arm}

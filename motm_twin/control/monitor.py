@@ -72,7 +72,7 @@ class Monitor(Stateful[MonitorState]):
         free, turning = self._free_stop(twist, observation)
         if not free:
             stop = np.array([0.0, twist[1] if turning else 0.0])
-            twist, reason = self._within_limits(stop, dt), "braking: the lidar sees something within the stopping way"
+            twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
         rates = np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)
         return self._let_through(twist, rates, actuation.gripper, reason)
 
@@ -81,12 +81,26 @@ class Monitor(Stateful[MonitorState]):
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
 
     def _scan_age(self, twist: Array, time: float, stamp: float | None) -> tuple[Array, str]:
-        age = math.inf if stamp is None else time - stamp
-        if age > self.parameters.stop_age:
-            return np.zeros(2), f"stopped: lidar stale {age:.2f} s"
-        if age > self.parameters.slow_age:
-            return 0.5 * twist, f"slowed: lidar stale {age:.2f} s"
+        p = self.parameters
+        if stamp is None:
+            return np.zeros(2), "stopped: no usable lidar scan has come yet"
+        age = time - stamp
+        if age > p.stop_age:
+            return np.zeros(2), f"stopped: the newest lidar scan is {age:.2f} s old, more than {p.stop_age:.2f} s"
+        if age > p.slow_age:
+            why = f"slowed to half speed: the newest lidar scan is {age:.2f} s old, more than {p.slow_age:.2f} s"
+            return 0.5 * twist, why
         return twist, ""
+
+    def _braking(self, twist: Array, observation: Observation) -> str:
+        assert observation.scan is not None
+        ranges, v, base = observation.scan.ranges, abs(float(twist[0])), self.profile.base
+        way = v * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
+        nearest = float(ranges[ranges > observation.scan.range_min].min(initial=math.inf))
+        return (
+            f"braking from {v:.2f} m/s and {abs(float(twist[1])):.1f} rad/s: something that the lidar sees, "
+            f"the nearest {nearest:.2f} m from it, is in the stopping way of {way:.2f} m"
+        )
 
     def _within_limits(self, twist: Array, dt: float) -> Array:
         limits = self.profile.base

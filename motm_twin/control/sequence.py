@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from motm_twin.control.task_list import TaskEdit, TaskList, edited, homeless, kind_of, name_of
 from motm_twin.control.tick import Event, TaskState
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.known import KnownWorld
@@ -10,6 +11,7 @@ from motm_twin.model.state import Stateful
 
 MAX_ATTEMPTS = 8  # grasps of one object before its task is given up
 STALL_LIMIT = 30.0  # [s] with the target in reach and no progress before the task is given up
+DRIVE_LIMIT = 10.0  # [s] at the closest free place before a drive to a point that is not free is given up
 HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose
 
 
@@ -18,11 +20,13 @@ class SequenceState:
     """What changes while the list is worked through."""
 
     index: int = 0
+    tasks: list[Task] = field(default_factory=list)
     status: list[str] = field(default_factory=list)
     attempts: list[int] = field(default_factory=list)
     held: str = ""  # object that the gripper believes it holds
     in_reach_since: float | None = None
     failures: list[str] = field(default_factory=list)
+    waits: bool = False  # a person took the place of what is held off the list: nothing else is picked until it has one
 
 
 class TaskSequence(Stateful[SequenceState]):
@@ -31,7 +35,7 @@ class TaskSequence(Stateful[SequenceState]):
     def __init__(self, known: KnownWorld) -> None:
         self.known = known
         count = len(known.tasks)
-        self._state = SequenceState(status=["waiting"] * count, attempts=[0] * count)
+        self._state = SequenceState(tasks=list(known.tasks), status=["waiting"] * count, attempts=[0] * count)
         self._activate()
 
     @property
@@ -47,7 +51,17 @@ class TaskSequence(Stateful[SequenceState]):
     @property
     def done(self) -> bool:
         """Every task has ended, well or badly."""
-        return self._state.index >= len(self.known.tasks)
+        return self._state.index >= len(self._state.tasks)
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """The whole list, also what has ended."""
+        return tuple(self._state.tasks)
+
+    @property
+    def attempts(self) -> int:
+        """Tries of the active task so far; 0 when there is none."""
+        return 0 if self.done else self._state.attempts[self._state.index]
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -56,24 +70,44 @@ class TaskSequence(Stateful[SequenceState]):
 
     @property
     def active(self) -> Task | None:
-        """The task being worked on."""
-        return self._task(self._state.index)
+        """The task being worked on; None also while what is held has to be placed before the next pick."""
+        task = self._task(self._state.index)
+        return None if self._state.waits and self._state.held and isinstance(task, Pick) else task
 
     @property
     def following(self) -> Task | None:
         """The task after the active one: its target feeds the placement."""
-        return self._task(self._state.index + 1)
+        return None if self.active is None else self._task(self._state.index + 1)
 
     def report(self) -> tuple[TaskState, ...]:
         """The whole list, for the Tick."""
         state = self._state
         return tuple(
             TaskState(kind=kind_of(task), target=name_of(task), status=status, attempts=attempts)
-            for task, status, attempts in zip(self.known.tasks, state.status, state.attempts, strict=True)
+            for task, status, attempts in zip(state.tasks, state.status, state.attempts, strict=True)
         )
+
+    def listed(self) -> TaskList:
+        """The list as `task_list.edited` changes it."""
+        state = self._state
+        return TaskList(self.tasks, tuple(state.status), tuple(state.attempts), state.index, state.held)
+
+    def edit(self, edit: TaskEdit, known: KnownWorld, *, engaged: bool) -> bool:
+        """Change the list; whether the active task is another one now. Raises ValueError when it cannot be."""
+        state, before = self._state, self._task(self._state.index)
+        after = edited(self.listed(), edit, known, engaged=engaged)
+        state.tasks, state.status, state.attempts = list(after.tasks), list(after.status), list(after.attempts)
+        state.waits = homeless(after.tasks, after.index, after.held)
+        if self._task(state.index) is before:
+            return False
+        state.status[state.index :] = ["waiting"] * (len(state.tasks) - state.index)
+        self._activate()
+        return True
 
     def apply(self, outcome: str, time: float) -> tuple[Event, ...]:
         """Take the outcome of an arm step into account ('' | picked | placed | missed | lost)."""
+        if outcome == "lost":
+            return self._lost(time)
         task = self.active
         if not outcome or task is None:
             return ()
@@ -91,28 +125,31 @@ class TaskSequence(Stateful[SequenceState]):
             if state.attempts[state.index] >= MAX_ATTEMPTS:
                 return self._give_up(time, f"{task.object}: {MAX_ATTEMPTS} grasps failed")
             return (Event(time=time, kind="missed", text=f"missed {task.object}, trying again"),)
-        if outcome == "lost":
-            return self._lost(time)
         return ()
 
-    def watch(self, time: float, in_reach: bool, pose: Array) -> tuple[Event, ...]:
-        """Once per period: end drive_to tasks on arrival, and give up a task that makes no progress in reach."""
-        task = self.active
+    def watch(self, time: float, in_reach: bool, pose: Array, *, blocked: bool = False) -> tuple[Event, ...]:
+        """Once per period: end drive_to tasks on arrival, and give up a task that makes no progress in reach.
+
+        ``blocked``: the base stands at the free place that is closest to a point it cannot get to.
+        """
+        task, state = self.active, self._state
         if task is None:
             return ()
-        if isinstance(task, DriveTo):
-            return self._finish(time, "arrived", f"arrived at {name_of(task)}") if arrived(task, pose) else ()
-        state = self._state
-        if not in_reach:
+        drives = isinstance(task, DriveTo)
+        if isinstance(task, DriveTo) and arrived(task, pose):
+            return self._finish(time, "arrived", f"arrived at {name_of(task)}")
+        if not (blocked if drives else in_reach):
             state.in_reach_since = None
         elif state.in_reach_since is None:
             state.in_reach_since = time
-        elif time - state.in_reach_since > STALL_LIMIT:
+        elif drives and time - state.in_reach_since > DRIVE_LIMIT:
+            return self._give_up(time, f"drive to {name_of(task)}: not free for {DRIVE_LIMIT:.0f} s")
+        elif not drives and time - state.in_reach_since > STALL_LIMIT:
             return self._give_up(time, f"{kind_of(task)} {name_of(task)}: in reach for {STALL_LIMIT:.0f} s, not done")
         return ()
 
     def _task(self, index: int) -> Task | None:
-        return self.known.tasks[index] if index < len(self.known.tasks) else None
+        return self._state.tasks[index] if index < len(self._state.tasks) else None
 
     def _activate(self) -> None:
         state = self._state
@@ -143,11 +180,12 @@ class TaskSequence(Stateful[SequenceState]):
         """The held object is gone: go back to picking it, as often as grasps are allowed."""
         state = self._state
         lost, state.held = state.held, ""
-        pick = next(
-            (i for i, task in enumerate(self.known.tasks) if isinstance(task, Pick) and task.object == lost), None
-        )
-        if pick is None:
-            return ()
+        picks = [
+            i for i, task in enumerate(state.tasks[: state.index]) if isinstance(task, Pick) and task.object == lost
+        ]
+        if not picks or not isinstance(self._next_job(), Place):
+            return (Event(time=time, kind="lost", text=f"lost {lost}"),) if lost else ()
+        pick = picks[-1]
         state.attempts[pick] += 1
         if state.attempts[pick] >= MAX_ATTEMPTS:
             return self._give_up(time, f"{lost}: lost {MAX_ATTEMPTS} times")
@@ -157,19 +195,10 @@ class TaskSequence(Stateful[SequenceState]):
         self._activate()
         return (Event(time=time, kind="lost", text=f"lost {lost}, going back for it"),)
 
-
-def kind_of(task: Task) -> str:
-    """Name of the kind of a task, as in scene files."""
-    return str(task.__struct_config__.tag)
-
-
-def name_of(task: Task) -> str:
-    """What the task is about: object, bin or point."""
-    if isinstance(task, Pick):
-        return task.object
-    if isinstance(task, Place):
-        return task.bin
-    return f"({task.point[0]:.2f}, {task.point[1]:.2f})"
+    def _next_job(self) -> Task | None:
+        """The first task still to be done that is not a drive."""
+        state = self._state
+        return next((task for task in state.tasks[state.index :] if not isinstance(task, DriveTo)), None)
 
 
 def arrived(task: DriveTo, pose: Array) -> bool:

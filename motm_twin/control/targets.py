@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from motm_twin.control.task_list import name_of
 from motm_twin.control.tick import ObjectBelief
 from motm_twin.control.types import ArmGoal
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame, wrap_angle
@@ -35,7 +36,7 @@ class Targets:
         if isinstance(task, DriveTo):
             return Target(
                 kind="drive",
-                name="drive_to",
+                name=name_of(task),
                 position=np.array(task.point),
                 heading=task.heading,
                 tolerance=task.tolerance,

@@ -3,7 +3,7 @@
 import msgspec
 
 from motm_twin.control.types import ArmStep
-from motm_twin.model.edits import WorldEdit
+from motm_twin.model.edits import Edit
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Observation, Truth
 from motm_twin.perception.world_map import WorldMap
@@ -53,7 +53,7 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     arm: tuple[ArmStep, ...]  # the arm steps of this period, oldest first
     stop_reason: str  # one sentence whenever the robot stands or is slowed by the monitor; else ""
     events: tuple[Event, ...]
-    edits: tuple[WorldEdit, ...]  # applied at the start of this period
+    edits: tuple[Edit, ...]  # applied at the start of this period
     stage_ms: dict[str, float]  # wall time of each stage [ms]; not part of any hash
     truth: Truth | None  # simulated plants only
     done: bool

@@ -247,15 +247,15 @@ def tuned(
 
     Raises ValueError for an unknown name or a value that is not allowed.
     """
-    planning, arm = planning or PlanningParameters(), arm or ArmParameters()
+    base, hand = planning or PlanningParameters(), arm or ArmParameters()
     for name, value in values.items():
         entry = parameter(name)
         inner = _inner(entry, check(name, value))
         if entry.path[0] == "planning":
-            planning = _changed(planning, entry.path[1:], inner)
+            base = _changed(base, entry.path[1:], inner)
         else:
-            arm = _changed(arm, entry.path[1:], inner)
-    return planning, arm
+            hand = _changed(hand, entry.path[1:], inner)
+    return base, hand
 
 
 def _inner(entry: Parameter, value: ParameterValue) -> ParameterValue:

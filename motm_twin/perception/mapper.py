@@ -76,6 +76,18 @@ class Mapper(Stateful[MapperState]):
         """Stamp [s] of the newest scan that was used; None before the first."""
         return self._state.scan_stamp
 
+    def adopt(self, state: MapperState) -> None:
+        """Go on from the state of a mapper with another pre-made map: what this map explains is forgotten."""
+        self.restore(state)
+        settings, own = self._settings, self._state
+        margin = settings.explained_margin + settings.explained_per_range * settings.lidar_reach
+        own.evidence.level[self._inside | (self.base.visible_distance < margin)] = 0
+        keep = own.evidence.level[own.cells[:, 0], own.cells[:, 1]] > 0
+        if not keep.all():
+            own.cells, own.static = own.cells[keep], own.static[keep]
+            outlines = seen_outlines(own.cells, self.base.grid.shape, self.base.grid.resolution, self._origin)
+            own.outlines = tuple(read_only(corners) for corners in outlines)
+
     def update(self, observation: Observation) -> WorldMap:
         """Take in the newest scan and return the map at the observation's time; a refused scan changes nothing."""
         state = self._state

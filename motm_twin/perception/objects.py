@@ -6,6 +6,7 @@ detections that agree with each other: then somebody has moved it.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import msgspec
@@ -89,6 +90,23 @@ class ObjectTracker(Stateful[TrackerState]):
         """Believe an object at a position [m], odometry frame, shape (3,): where the hand has dropped or lost it."""
         yaw = self.belief(name, observation)[1]
         self._state.tracks[name] = Track(np.array(position, dtype=float), yaw, sd**2, observation.time)
+
+    def carry(
+        self, stands: Callable[[Array], bool], transform: Array, observation: Observation, *, held: str, before: float
+    ) -> None:
+        """Move beliefs along with a piece of furniture: those of objects that ``stands`` (world [m]) says are on it.
+
+        ``transform``: planar motion (x, y, turn) in the world, shape (3,). What is held, or was seen after ``before``
+        [s], when the piece stood where it is now, keeps its place.
+        """
+        T_world_odom = compose(observation.pose, inverse(observation.odometry))
+        for name, track in self._state.tracks.items():
+            at = from_frame(T_world_odom, track.position)
+            if name == held or track.last_seen > before or not stands(at):
+                continue
+            track.position = from_frame(inverse(T_world_odom), from_frame(transform, at))
+            track.yaw = wrap_angle(track.yaw + float(transform[2]))
+            track.elsewhere = []
 
     def _prior(self, name: str) -> tuple[Array, float]:
         if name not in self._priors:

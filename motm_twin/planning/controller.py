@@ -11,7 +11,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
-from motm_twin.planning.collision import Field, body_of, field_of
+from motm_twin.planning.collision import Field, body_of, clearances, field_of
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
@@ -58,6 +58,7 @@ class StaaController:
         self._graphs = graphs or GraphCache()
         self._rates = rates_of(profile.base)
         self._global_rates = rates_of(profile.base, rotation_cost=parameters.staa.rotation_cost)
+        self._asked: tuple[BaseProblem, Placement] | None = None  # only to explain the last period
         self._memory: search_memory.Memory | None = None
         self._cells: tuple[Graph, tuple[float, ...], search_memory.CellSights] | None = None
 
@@ -65,14 +66,16 @@ class StaaController:
         """How to accelerate in this period."""
         target = problem.target
         field = field_of(problem.world)
+        self._asked = None
         if target is None or placement.mode == "none":
-            return self._idle(problem, field, "nothing to do")
+            return self._idle(problem, field, "there is nothing to do")
+        self._asked = (problem, placement)
         graph = self._graphs.graph(problem.world, self._p.growth)
         goal = self._local_goal(problem, placement, graph)
         if placement.chosen < 0:
             return self._brake(problem, field, placement.reason, goal, 0)
         if placement.mode == "closest" and self._at(problem.pose, placement):
-            return self._idle(problem, field, placement.reason)
+            return self._idle(problem, field, placement.reason.replace("driving to", "waiting at"))
         next_table = self._next_table(graph, placement)
         settings = self._settings(problem, placement, goal, next_table is not None)
         world = search_memory.World(
@@ -91,13 +94,14 @@ class StaaController:
         staa.start_search(pose, twist, left, memory)
         status, cut = self._search(budget, settings, world, cells, memory)
         solution = int(memory.count[search_memory.SOLUTION])
+        expansions = int(memory.count[search_memory.EXPANSIONS])
         if not goal.path_found:
-            return self._brake(
-                problem, field, f"no path to {target.name}", goal, int(memory.count[search_memory.EXPANSIONS])
-            )
+            why = f"no way to {target.name}: every gap on it is narrower than {2.0 * self._p.growth:.2f} m"
+            return self._brake(problem, field, why, goal, expansions, cut=cut)
         if solution < 0:
-            why = "no collision-free motion from here: braking"
-            return self._brake(problem, field, why, goal, int(memory.count[search_memory.EXPANSIONS]))
+            room = float(clearances(pose[None], 1.0, field, self._body)[0])
+            why = f"no collision-free motion to {target.name} ({expansions} tried, {room:.2f} m of clearance): braking"
+            return self._brake(problem, field, why, goal, expansions, cut=cut)
         branch = _branch(memory, solution)
         poses = memory.state[branch]
         t_h = self._time_to_goal(problem, world.job, settings, goal)
@@ -111,12 +115,16 @@ class StaaController:
             local_poses=frozen(poses),
             local_times=frozen(np.arange(len(branch)) * self._p.node_duration),
             bezier=frozen(self._bezier(poses[-1], settings, bool(memory.passed[solution]))),
-            expansions=int(memory.count[search_memory.EXPANSIONS]),
+            expansions=expansions,
             cut_by_clock=cut,
             t_h=t_h,
             k=self._k(t_h),
             time_to_range=self._time_to_range(poses, world.job, graph, goal),
         )
+
+    def staa_path(self) -> Array:
+        """The path of `unmodified_path` in the last period, shape (m, 2) [m]; empty when there was no target."""
+        return empty_path() if self._asked is None else self.unmodified_path(*self._asked)
 
     def unmodified_path(self, problem: BaseProblem, placement: Placement) -> Array:
         """The global path that unmodified STAA* would take to the same goal, shape (m, 2) [m]."""
@@ -324,12 +332,15 @@ class StaaController:
     def _idle(self, problem: BaseProblem, field: Field, reason: str) -> BasePlan:
         return self._stop(problem, field, "idle", reason, None, 0)
 
-    def _brake(self, problem: BaseProblem, field: Field, reason: str, goal: LocalGoal, expansions: int) -> BasePlan:
-        return self._stop(problem, field, "braking", reason, goal, expansions)
+    def _brake(
+        self, problem: BaseProblem, field: Field, reason: str, goal: LocalGoal, expansions: int, *, cut: bool = False
+    ) -> BasePlan:
+        return self._stop(problem, field, "braking", reason, goal, expansions, cut=cut)
 
     def _stop(
-        self, problem: BaseProblem, field: Field, status: str, reason: str, goal: LocalGoal | None, expansions: int
-    ) -> BasePlan:
+        self, problem: BaseProblem, field: Field, status: str, reason: str, goal: LocalGoal | None, expansions: int,
+        *, cut: bool = False,
+    ) -> BasePlan:  # fmt: skip
         """Brake to rest; when the straight way to rest comes too near to something, steer to where it does not."""
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
@@ -352,7 +363,7 @@ class StaaController:
             local_times=frozen(np.zeros(1)),
             bezier=empty_path(),
             expansions=expansions,
-            cut_by_clock=False,
+            cut_by_clock=cut,
             t_h=0.0 if status == "idle" else math.inf,
             k=self._k(0.0 if status == "idle" else math.inf),
             time_to_range=math.inf,

@@ -17,13 +17,14 @@ from motm_twin.planning.global_path import (
     costs_on,
     costs_to,
     goal_table,
+    path_to_goal,
     poses_at,
     rates_of,
     robot_table,
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.types import BaseProblem, Placement, Target
+from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
 from motm_twin.planning.visibility import Graph
 
 SAME_PLACE, SAME_HEADING = 0.06, 0.15  # [m], [rad] a candidate this near to the last choice is the same choice
@@ -62,6 +63,16 @@ class Here(NamedTuple):
     graph: Graph
 
 
+class Searched(NamedTuple):
+    """What the costs of the last period were read from."""
+
+    graph: Graph
+    from_robot: Table
+    to_next: Table | None
+    pose: Array  # candidates, (m, 3)
+    viable: Array  # (m,) of bool
+
+
 def ring(centre: Array, radius: float, positions: int) -> tuple[Array, Array, Array]:
     """Candidates on a circle: poses (2 n, 3), places (n, 2), place of each pose. Headings are tangential.
 
@@ -97,9 +108,11 @@ class NextTargetPlacement(Stateful[PlacementState]):
         self._graphs = graphs or GraphCache()
         self._rates = rates_of(profile.base)
         self._state = PlacementState()
+        self._last: Searched | None = None  # only to explain the last period: no decision reads it
 
     def place(self, problem: BaseProblem) -> Placement:
         """Where the base should stand for the target, with the costs of all candidates."""
+        self._last = None
         if problem.target is None:
             self._state = PlacementState()
             return _nothing_to_do(problem.pose)
@@ -116,6 +129,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         goal = candidates.pose[chosen] if chosen >= 0 else problem.pose
         self._state = PlacementState(target=(target.kind, target.name), goal=np.array(goal))
         next_goals = self._best_next(goal, next_poses, graph) if next_poses is not None else None
+        self._last = Searched(graph, from_robot, to_next, candidates.pose, np.isfinite(cost))
         return Placement(
             mode=candidates.mode,
             radius=candidates.radius,
@@ -129,10 +143,20 @@ class NextTargetPlacement(Stateful[PlacementState]):
             goal_has_heading=candidates.mode in ("ring", "reach") or (
                 candidates.mode == "drive" and target.heading is not None
             ),
-            reason=_why(candidates, chosen, current, onward, target),
+            reason=self._why(candidates, chosen, current, onward, target),
             next_goal=None if next_goals is None else frozen(next_goals[0]),
             next_goals=None if next_goals is None else frozen(next_goals),
         )  # fmt: skip
+
+    def paths(self, index: int) -> tuple[Array, Array] | None:
+        """Paths (m, 2) [m] of a candidate of the last period: from the robot to it, and on to the next target."""
+        last = self._last
+        if last is None or not 0 <= index < len(last.pose) or not last.viable[index]:
+            return None
+        pose = last.pose[index]
+        to_robot, _ = path_to_goal(last.graph, last.from_robot, pose + np.array([0.0, 0.0, math.pi]))
+        onward = empty_path() if last.to_next is None else path_to_goal(last.graph, last.to_next, pose)[0]
+        return frozen(to_robot[::-1]), frozen(onward)
 
     def _evaluate(
         self, target: Target, here: Here, from_robot: Table, to_next: Table | None
@@ -269,6 +293,25 @@ class NextTargetPlacement(Stateful[PlacementState]):
         order = np.argsort(cost, kind="stable")[: self._parameters.placement.next_goals]
         return next_poses[order]
 
+    def _why(self, candidates: Candidates, chosen: int, current: Array, onward: Array, target: Target) -> str:
+        if chosen < 0:
+            return f"no pose from which {target.name} is served can be reached: obstacles close every way"
+        cost = f"{current[chosen]:.1f} s to it and {onward[chosen]:.1f} s from it to the next target"
+        if candidates.mode == "ring":
+            return f"cheapest candidate at {candidates.radius:.2f} m: {cost}"
+        if candidates.mode == "drive":
+            return f"drive target: {cost}"
+        p = self._parameters.placement
+        if candidates.mode == "reach":
+            return f"no free candidate within {p.radius_max:.2f} m of {target.name}: closest pose in reach, {cost}"
+        away = math.hypot(*(candidates.pose[chosen, :2] - target.position[:2]))
+        if target.kind == "drive":
+            return f"{target.name} is not free: driving to the closest free place, {away:.2f} m from it"
+        return (
+            f"no free candidate within {p.radius_max:.2f} m of {target.name}: driving to the closest free place, "
+            f"{away:.2f} m from it"
+        )
+
     def _chosen_before(self, target: Target, pose: Array) -> Array:
         """1 for the candidate that was chosen in the last period, else 0; shape (m,)."""
         same = np.zeros(len(pose))
@@ -337,16 +380,3 @@ def _nothing_to_do(pose: Array) -> Placement:
         mode="none", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none, cost=none,
         rejected=(), chosen=-1, goal=frozen(pose), goal_has_heading=False, reason="there is no target", next_goal=None,
     )  # fmt: skip
-
-
-def _why(candidates: Candidates, chosen: int, current: Array, onward: Array, target: Target) -> str:
-    if chosen < 0:
-        return f"no pose for {target.name} can be reached"
-    cost = f"{current[chosen]:.1f} s to it and {onward[chosen]:.1f} s from it to the next target"
-    if candidates.mode == "ring":
-        return f"cheapest candidate at {candidates.radius:.2f} m: {cost}"
-    if candidates.mode == "reach":
-        return f"no tangential candidate is viable; closest free pose from which the arm reaches: {cost}"
-    if candidates.mode == "closest":
-        return f"{target.name} cannot be served from any free pose; closest free position"
-    return f"drive target: {cost}"

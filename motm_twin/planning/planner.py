@@ -2,12 +2,21 @@
 
 from collections.abc import Callable
 
+from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement, PlacementState
-from motm_twin.planning.types import BaseController, BasePlan, BaseProblem, Placement, PlacementStrategy, SearchBudget
+from motm_twin.planning.types import (
+    BaseController,
+    BasePlan,
+    BaseProblem,
+    Placement,
+    PlacementStrategy,
+    SearchBudget,
+    empty_path,
+)
 
 
 class BasePlanner:
@@ -21,17 +30,41 @@ class BasePlanner:
         clock: Callable[[], float] | None = None,
         placement: PlacementStrategy | None = None,
         controller: BaseController | None = None,
+        graphs: GraphCache | None = None,
     ) -> None:
+        """``graphs``: of another planner, to go on with the visibility graph that it has built."""
         parameters = parameters or PlanningParameters()
-        graphs = GraphCache()
+        self.graphs = graphs or GraphCache()
         self.parameters = parameters
-        self.placement = placement or NextTargetPlacement(profile, parameters, graphs)
-        self.controller = controller or StaaController(profile, parameters, clock=clock, graphs=graphs)
+        self.placement = placement or NextTargetPlacement(profile, parameters, self.graphs)
+        self.controller = controller or StaaController(profile, parameters, clock=clock, graphs=self.graphs)
 
     def plan(self, problem: BaseProblem, budget: SearchBudget) -> tuple[Placement, BasePlan]:
         """Where to stand, and how to accelerate now."""
-        placement = self.placement.place(problem)
-        return placement, self.controller.plan(problem, placement, budget)
+        placement = self.place(problem)
+        return placement, self.drive(problem, placement, budget)
+
+    def place(self, problem: BaseProblem) -> Placement:
+        """Where to stand."""
+        return self.placement.place(problem)
+
+    def drive(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """How to accelerate now."""
+        return self.controller.plan(problem, placement, budget)
+
+    def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
+        """Paths (m, 2) [m] behind the costs of a candidate of the last period: robot to it, and it to the next target.
+
+        None for a candidate that was rejected, an index that is none, and before the first period. The second path is
+        empty when there is no next target.
+        """
+        placement = self.placement
+        return placement.paths(index) if isinstance(placement, NextTargetPlacement) else None
+
+    def staa_path(self) -> Array:
+        """Global path (m, 2) [m] of unmodified STAA* in the last period; empty when there was none."""
+        controller = self.controller
+        return controller.staa_path() if isinstance(controller, StaaController) else empty_path()
 
     def snapshot(self) -> PlacementState | None:
         """A deep copy of everything that changes between periods."""
