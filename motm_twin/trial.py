@@ -13,7 +13,7 @@ from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import to_frame
 from motm_twin.model.profile import Footprint
-from motm_twin.model.scene import Pick, Place, Scene
+from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import SearchBudget
 from motm_twin.twin import Twin
@@ -69,7 +69,6 @@ def run_scene(
 ) -> dict[str, Any]:
     """Run a scene to the end of its task list or its time limit."""
     twin = Twin(scene, budget=budget, clock=time.perf_counter)
-    places_total = sum(isinstance(task, Place) for task in scene.tasks)
     tally = Tally()
     began = time.perf_counter()
     settle = SETTLE_PERIODS
@@ -80,7 +79,7 @@ def run_scene(
         if on_tick is not None:
             on_tick(tick)
         assert tick.truth is not None
-        finished = tick.done and (tick.truth.places >= places_total or settle == 0)
+        finished = tick.done and (tick.truth.places >= _count(tick, "place") or settle == 0)
         settle -= int(tick.done)
         if finished or tick.time >= scene.time_limit:
             break
@@ -91,11 +90,11 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, An
     """The trial in numbers, from its last Tick and what was added up."""
     scene, truth, sequence = twin.scene, tick.truth, twin.loop.sequence
     assert truth is not None
-    places_total = sum(isinstance(task, Place) for task in scene.tasks)
+    places_total = _count(tick, "place")
     caused = [contact for contact in truth.contacts if contact.caused_by_robot]
     completed = tick.success and truth.places == places_total
     p50, p99 = np.percentile(tally.period_ms, [50, 99])
-    attempts = sum(task.attempts for task, spec in zip(tick.tasks, scene.tasks, strict=True) if isinstance(spec, Pick))
+    attempts = sum(task.attempts for task in tick.tasks if task.kind == "pick")
     return {
         "scene": scene.name,
         "variant": scene.variant,
@@ -105,7 +104,7 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, An
         "reference_tour_s": round(reference_tour_s(scene), 2),
         "picks_done": truth.picks,
         "picks_attempted": attempts,
-        "picks_total": sum(isinstance(task, Pick) for task in scene.tasks),
+        "picks_total": _count(tick, "pick"),
         "places_done": truth.places,
         "places_total": places_total,
         "drops": truth.drops,
@@ -139,6 +138,11 @@ def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tupl
     if caused:
         return f"{caused} contact(s) caused by the robot"
     return ""
+
+
+def _count(tick: Tick, kind: str) -> int:
+    """Tasks of a kind in the list as it is now."""
+    return sum(task.kind == kind for task in tick.tasks)
 
 
 def _finite(value: float) -> float | None:

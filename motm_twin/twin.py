@@ -213,6 +213,7 @@ class Twin:
             if isinstance(edit, InsertTask):
                 self._point_at([task.object for task in edit.tasks if isinstance(task, Pick)])
             self.loop.edit_tasks(edit)
+            self.plant.expect_tasks(self.loop.sequence.tasks)
 
     def _check_tasks(self, edit: TaskEdit) -> None:
         """Raise ValueError unless the list, as the queued edits leave it, takes this one."""

@@ -15,7 +15,7 @@ from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.plant import Actuation, Observation, Truth
-from motm_twin.model.scene import Point, Scene
+from motm_twin.model.scene import Point, Scene, Task
 from motm_twin.model.state import Stateful
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
 from motm_twin.sim.arm import Arm, ArmState
@@ -160,6 +160,10 @@ class SimulatedPlant(Stateful[PlantState]):
         self._referee.edited(s.referee, world, moved=effect.moved, disturbed=effect.disturbed)
         if effect.pushed:
             self._referee.pushed(s.referee, world)
+
+    def expect_tasks(self, tasks: Sequence[Task]) -> None:
+        """Tell the referee the task list of now: it counts objects that end up where this list puts them."""
+        self._referee.expect(self._state.referee, tasks)
 
     def truth(self) -> Truth:
         """Ground truth, for readers of Ticks."""

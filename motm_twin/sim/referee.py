@@ -4,7 +4,7 @@ Shares no code with perception, planning or control.
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import coal
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
-from motm_twin.model.scene import Pick, Place, Scene
+from motm_twin.model.scene import Pick, Place, Scene, Task
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.plant_check import PlantCheck, PlantCheckState
@@ -84,6 +84,8 @@ class RefereeState:
     resting_on: tuple[str, ...] = ()  # what the held cube touched when it was taken, until clear of it
     picked: bool = False  # the held cube has been counted
     falling_from: dict[str, float] = field(default_factory=dict)
+    right_bins: dict[str, tuple[str, ...]] = field(default_factory=dict)  # where each object belongs
+    inside: tuple[str, ...] = ()  # objects counted as placed, until they are picked again
     placed: tuple[str, ...] = ()
     picks: int = 0
     drops: int = 0
@@ -106,7 +108,7 @@ class Referee:
         self.robot = RobotShapes(scene.robot)
         self.check = PlantCheck(scene.robot, dt)
         self._foot = scene.robot.footprint
-        self._right_bins = _right_bins(scene)
+        self._tasks = scene.tasks
         self._surroundings: Surroundings | None = None
         self._bodies: tuple[tuple[str, float, float], ...] | None = None
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
@@ -116,11 +118,15 @@ class Referee:
 
     def start(self, world: World) -> RefereeState:
         """State before the first substep; the start itself is judged too."""
-        state = RefereeState(check=self.check.start(world))
+        state = RefereeState(check=self.check.start(world), right_bins=right_bins(self._tasks))
         state.placed_before = self._place(world)
         state.agents_before = world.agents.copy()
         self._judge(state, world, state.placed_before)
         return state
+
+    def expect(self, state: RefereeState, tasks: Sequence[Task]) -> None:
+        """The task list is another one now: objects belong where it says."""
+        state.right_bins = right_bins(tasks)
 
     def edited(self, state: RefereeState, world: World, *, moved: Collection[str], disturbed: Collection[str]) -> None:
         """A person changed the world between two substeps: distances are measured anew, jumps are no fault.
@@ -175,8 +181,8 @@ class Referee:
                     state.disturbed = tuple(name for name in state.disturbed if name != item.name)
             elif binned:
                 bin_name = item.state.removeprefix("binned:")
-                if item.name not in state.placed and bin_name in self._right_bins.get(item.name, ()):
-                    state.placed = (*state.placed, item.name)
+                if item.name not in state.inside and bin_name in state.right_bins.get(item.name, ()):
+                    state.inside, state.placed = (*state.inside, item.name), (*state.placed, item.name)
             elif fell_from is not None and item.state != "held" and fell_from - item.bottom > DROP_HEIGHT:
                 state.drops += 1
         held = next((item for item in world.objects if item.name == world.held), None)
@@ -189,6 +195,7 @@ class Referee:
         elif held is not None and not state.picked and held.position[2] > state.held_from_z + LIFTED:
             state.picked = True
             state.picks += 1
+            state.inside = tuple(name for name in state.inside if name != world.held)
 
     def _look_around(self, world: World) -> Surroundings:
         known = self._surroundings
@@ -372,11 +379,11 @@ def _contact(pair: tuple[str, str], episode: Episode) -> Contact:
     )
 
 
-def _right_bins(scene: Scene) -> dict[str, tuple[str, ...]]:
-    """Bins in which each object belongs: the one of the first place task after its pick."""
+def right_bins(tasks: Sequence[Task]) -> dict[str, tuple[str, ...]]:
+    """Bins in which each object belongs: the one of the first place task after each of its picks."""
     right: dict[str, tuple[str, ...]] = {}
     picked = ""
-    for task in scene.tasks:
+    for task in tasks:
         if isinstance(task, Pick):
             picked = task.object
         elif isinstance(task, Place) and picked:
