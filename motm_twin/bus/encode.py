@@ -1,5 +1,7 @@
 """From the Tick of the control loop to the messages on the bus."""
 
+from typing import Any
+
 import msgspec
 import numpy as np
 
@@ -137,6 +139,21 @@ def path_message(points: Array) -> list[list[float]]:
     return _numbers(points)
 
 
+def bodies(truth: Truth) -> dict[str, Any]:
+    """The fields of a tick that say where bodies are, and which sensors fail."""
+    return {
+        "objects": [body_message(body) for body in truth.objects],
+        "agents": [body_message(body) for body in truth.agents],
+        "obstacles": [body_message(body) for body in truth.obstacles],
+        "furniture": [body_message(body) for body in truth.furniture],
+        "removed": list(truth.removed),
+        "faults": list(truth.faults),
+    }
+
+
+_NO_BODIES: dict[str, Any] = {"objects": [], "agents": [], "obstacles": []}
+
+
 def tick_message(tick: Tick, run: int, server_time: float) -> TickMessage:
     """The message of one period."""
     truth = tick.truth
@@ -147,9 +164,7 @@ def tick_message(tick: Tick, run: int, server_time: float) -> TickMessage:
         index=tick.index,
         time=float(tick.time),
         robot=_robot(tick.observation, truth),
-        objects=[] if truth is None else [body_message(body) for body in truth.objects],
-        agents=[] if truth is None else [body_message(body) for body in truth.agents],
-        obstacles=[] if truth is None else [body_message(body) for body in truth.obstacles],
+        **(_NO_BODIES if truth is None else bodies(truth)),
         tasks=[TaskMessage(kind=t.kind, target=t.target, status=t.status, attempts=t.attempts) for t in tick.tasks],
         task_index=tick.task_index,
         beliefs=[
@@ -172,9 +187,6 @@ def tick_message(tick: Tick, run: int, server_time: float) -> TickMessage:
         score=None if truth is None else _score(truth),
         done=bool(tick.done),
         success=bool(tick.success),
-        furniture=[] if truth is None else [body_message(body) for body in truth.furniture],
-        removed=[] if truth is None else list(truth.removed),
-        faults=[] if truth is None else list(truth.faults),
         preview=False,
     )
 

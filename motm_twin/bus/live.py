@@ -10,7 +10,7 @@ from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import path_message, tick_message
 from motm_twin.bus.messages import InspectedMessage, TickMessage
 from motm_twin.bus.ports import MakeTwin, TwinLike
-from motm_twin.bus.preview import preview
+from motm_twin.bus.preview import Preview
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.scene import Scene
@@ -36,8 +36,8 @@ class LiveTwin:
         self.recorded = 0
         self.oldest = 0  # first period that `branch` can go back to
         self._branches: Branches | None = None
-        self._next = 0  # the period that comes next
         self._pending: list[Edit] = []
+        self._preview: Preview | None = None
         self._inspect = Inspect()
         self._session: tuple[tuple[int, int, int], bytes] | None = None
 
@@ -53,14 +53,14 @@ class LiveTwin:
 
     def clear(self, scene: Scene) -> None:
         """Another scene, still without a twin."""
-        self.scene, self.twin, self.message, self.tick = scene, None, None, None
+        self.scene, self.twin, self.message, self.tick, self._preview = scene, None, None, None, None
 
     def build(self, scene: Scene) -> None:
         """Make the twin of a scene."""
         from motm_twin.record.branches import Branches  # imports the twin: slow, only once the server listens
 
         self.twin, self._branches = self._make_twin(scene), Branches()
-        self._begin(0)
+        self._begin()
 
     def reset(self) -> None:
         """Back to the start of the scene."""
@@ -68,19 +68,20 @@ class LiveTwin:
         assert self._branches is not None
         self.twin.reset()
         self._branches.clear()
-        self._begin(0)
+        self._begin()
 
     def require_branch(self, index: int) -> None:
         """Raise Refused when `branch` can not go back to the start of this period."""
-        if not self.oldest <= index <= self._next:
-            raise Refused(f"period {index} is not kept: choose one from {self.oldest} to {self._next}")
+        last = -1 if self.twin is None else self.twin.index
+        if not self.oldest <= index <= last:
+            raise Refused(f"period {index} is not kept: choose one from {self.oldest} to {last}")
 
     def branch(self, index: int) -> list[LoggedEdit]:
         """Back to the start of a period, after `require_branch`; the edits until then, which hold from now on."""
         assert self.twin is not None
         assert self._branches is not None
         self._branches.branch(_any(self.twin), index)
-        self._begin(index)
+        self._begin()
         return list(self.twin.edits)
 
     def post(self, edit: Edit) -> None:
@@ -98,10 +99,10 @@ class LiveTwin:
         """Compute one period."""
         assert self.twin is not None
         assert self._branches is not None
-        self._branches.note(_any(self.twin), self._next)
+        self._branches.note(_any(self.twin), self.twin.index)
         self.oldest = self._branches.oldest
         self.tick = self.twin.advance()
-        self._pending, self._next = [], self.tick.index + 1
+        self._pending = []
         self.parameters, self.recorded = (
             dict(getattr(self.twin, "parameters", {})),
             len(getattr(self.twin, "edits", [])),
@@ -117,9 +118,9 @@ class LiveTwin:
 
     def shown(self) -> tuple[TickMessage, Tick] | None:
         """What a standing twin shows: its last period, with bodies where waiting edits will put them."""
-        if self.message is None or self.tick is None or self.scene is None:
+        if self.message is None or self.tick is None:
             return None
-        message = preview(self.scene, self.message, self._pending)
+        message = self._previewed(self.message) if self._pending else self.message
         return msgspec.structs.replace(message, server_time=self._server_time()), self.tick
 
     def session(self) -> bytes:
@@ -131,14 +132,21 @@ class LiveTwin:
             self._session = now, msgspec.json.encode(self.twin.session())
         return self._session[1]
 
-    def _begin(self, index: int) -> None:
+    def _begin(self) -> None:
         self.run += 1
-        self._next = index
         self._pending, self._inspect, self.message, self.tick = [], Inspect(), None, None
 
     def _added(self) -> int:
-        shown = self.shown()
-        return len(shown[0].obstacles) if shown is not None else 0
+        waiting = sum(isinstance(edit, AddObstacle) for edit in self._pending)
+        return waiting + (len(self.message.obstacles) if self.message is not None else 0)
+
+    def _previewed(self, message: TickMessage) -> TickMessage:
+        assert self.scene is not None
+        assert self.twin is not None
+        if self._preview is None:
+            self._preview = Preview(self.scene)
+        twin = self.twin
+        return self._preview.show(message, lambda: twin.snapshot()["plant"], self._pending)
 
     def _explained(self, message: TickMessage) -> TickMessage:
         """The message with what `inspect` asked for. What can not be explained must not stop the robot."""

@@ -14,6 +14,8 @@ from motm_twin.record.session import LoggedEdit, Session
 class TwinLike(Protocol):
     """What the loop needs of a twin."""
 
+    edits: list[LoggedEdit]  # everything that was done to this run
+
     def advance(self) -> Tick:
         """Compute one period."""
         ...
@@ -27,13 +29,13 @@ class TwinLike(Protocol):
         ...
 
     @property
-    def parameters(self) -> dict[str, ParameterValue]:
-        """Parameters that were changed."""
+    def index(self) -> int:
+        """Number of the next period."""
         ...
 
     @property
-    def edits(self) -> list[LoggedEdit]:
-        """Everything that was done to this run."""
+    def parameters(self) -> dict[str, ParameterValue]:
+        """Parameters that were changed."""
         ...
 
     def session(self, title: str = "") -> Session:

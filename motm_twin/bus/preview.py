@@ -1,40 +1,39 @@
-"""Where bodies will be once the posted edits are applied: what a paused twin shows while somebody drags."""
+"""Where bodies will be once the waiting edits are applied: what a standing twin shows while somebody drags.
 
-from collections.abc import Sequence
+A second plant of the same scene takes the state of the running one and the edits, so that what is shown is what will
+be: cubes ride on their table, fall into a bin or are taken out of the fingers. The running plant is not touched.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import msgspec
 
-from motm_twin.bus.messages import BodyMessage, TickMessage
-from motm_twin.model.edits import AddObstacle, Edit, MoveBody, RemoveBody
+from motm_twin.bus.encode import bodies
+from motm_twin.bus.messages import TickMessage
+from motm_twin.model.edits import Edit, WorldEdit
 from motm_twin.model.scene import Scene
 
 
-def preview(scene: Scene, message: TickMessage, edits: Sequence[Edit]) -> TickMessage:
-    """The last message with the edits applied to agents and added obstacles."""
-    agents = {body.name: body for body in message.agents}
-    obstacles = {body.name: body for body in message.obstacles}
-    for edit in edits:
-        match edit:
-            case AddObstacle():
-                obstacles[edit.name] = BodyMessage(
-                    name=edit.name,
-                    kind=edit.shape,
-                    position=[edit.x, edit.y, 0.0],
-                    yaw=edit.heading,
-                    state="",
-                    size=list(edit.size),
-                )
-            case MoveBody():
-                bodies = agents if edit.name in agents else obstacles
-                if edit.name in bodies:
-                    bodies[edit.name] = _moved(bodies[edit.name], edit)
-            case RemoveBody():
-                obstacles.pop(edit.name, None)
-    return msgspec.structs.replace(
-        message, agents=list(agents.values()), obstacles=list(obstacles.values()), preview=bool(edits)
-    )
+class Preview:
+    """Applies edits to a copy of one state after another. Edits of what the robot wants or knows show nothing."""
 
+    def __init__(self, scene: Scene) -> None:
+        from motm_twin.sim.plant import SimulatedPlant  # slow to import: only once the server listens
 
-def _moved(body: BodyMessage, edit: MoveBody) -> BodyMessage:
-    yaw = body.yaw if edit.heading is None else edit.heading
-    return msgspec.structs.replace(body, position=[edit.x, edit.y, body.position[2]], yaw=yaw, state="held")
+        self._plant = SimulatedPlant(scene)
+        self._of: TickMessage | None = None
+        self._applied = 0
+
+    def show(self, message: TickMessage, state: Callable[[], Any], edits: Sequence[Edit]) -> TickMessage:
+        """The message of the last period with the edits; ``state`` gives the snapshot of the plant after it."""
+        if message is not self._of or len(edits) < self._applied:
+            self._plant.restore(state())
+            self._of, self._applied = message, 0
+        for edit in edits[self._applied :]:
+            if isinstance(edit, WorldEdit):
+                self._plant.apply(edit)
+            self._applied += 1
+        truth = self._plant.truth()
+        robot = msgspec.structs.replace(message.robot, true_pose=truth.pose.tolist())
+        return msgspec.structs.replace(message, robot=robot, preview=True, **bodies(truth))

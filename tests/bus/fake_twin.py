@@ -18,6 +18,7 @@ from motm_twin.model.scene import Agent, Bin, Box, Cylinder, Noise, Pick, Place,
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
 from motm_twin.record.session import Session
+from motm_twin.sim.plant import SimulatedPlant
 
 HOME = np.array([0.0, -0.6, 0.0, -2.3, 0.0, 1.8, 0.785])
 CENTRE = np.array([4.2, 1.77])
@@ -154,7 +155,7 @@ class FakeTwin:
         return Session(scene=self.scene, periods=self.index)
 
     def snapshot(self):
-        return {}
+        return {"plant": SimulatedPlant(self.scene).snapshot()}
 
     def candidate_paths(self, index):
         return None
@@ -168,8 +169,9 @@ class FakeTwin:
         edits, self.queue = tuple(self.queue), []
         for edit in edits:
             self._apply(edit)
+        tick = fake_tick(self, edits)
         self.index += 1
-        return fake_tick(self, edits)
+        return tick
 
     def _apply(self, edit):
         if isinstance(edit, AddObstacle):
@@ -365,7 +367,7 @@ def fake_tick(twin, edits):
         plan=plan,
         arm=(step,) * 5,
         stop_reason="",
-        events=(Event(time=time, kind="picked", text="picked cube1"),) if index == 1 else (),
+        events=(Event(time=time, kind="picked", text="picked cube1"),) if index == 0 else (),
         edits=edits,
         stage_ms={"plan": 3.0},
         truth=truth,
