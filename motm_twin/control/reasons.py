@@ -4,9 +4,11 @@ from motm_twin.control.sequence import MAX_ATTEMPTS, TaskSequence
 from motm_twin.control.task_list import name_of
 from motm_twin.control.types import ArmStep
 from motm_twin.model.plant import Observation
+from motm_twin.model.scene import DriveTo
 from motm_twin.planning.types import BasePlan
 
 MOVING = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
+WAITING = (0.10, 0.30)  # [m/s], [rad/s] below which it waits for the arm
 STARTING = 0.05  # [m/s^2], [rad/s^2] of a base that is about to move
 _DOING = {
     "transit": "the hand is on its way, {error:.2f} m off",
@@ -20,16 +22,18 @@ _DOING = {
 
 def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
     """Why the base stands or brakes; "" when it drives or is about to."""
-    if abs(observation.twist[0]) > MOVING[0] or abs(observation.twist[1]) > MOVING[1]:
+    task = sequence.active
+    arm_s_turn = task is not None and not isinstance(task, DriveTo) and (plan.time_to_range == 0.0 or step.engaged)
+    limit = WAITING if arm_s_turn and plan.status in ("goal", "aborted") else MOVING
+    if abs(observation.twist[0]) > limit[0] or abs(observation.twist[1]) > limit[1]:
         return plan.reason if plan.status == "braking" else ""
     if sequence.done:
         return _ended(sequence)
-    task = sequence.active
     if task is None:
         return f"{sequence.held} is in the gripper and no task says where it goes: put a place task first"
     if plan.reason:
         return plan.reason
-    if plan.time_to_range == 0.0 or step.engaged:
+    if arm_s_turn:
         return _waiting(sequence, name_of(task), step)
     if abs(plan.acceleration[0]) > STARTING or abs(plan.acceleration[1]) > STARTING:
         return ""
@@ -47,13 +51,17 @@ def _waiting(sequence: TaskSequence, name: str, step: ArmStep) -> str:
     """The target is in reach: what the arm is at."""
     tries = f" (try {sequence.attempts} of {MAX_ATTEMPTS})" if sequence.attempts > 1 else ""
     if step.qp_status != "solved":
-        return f"{name}: {step.reason}{tries}"
+        return _about(name, step.reason) + tries
     if step.limiter and any("lidar" in row for row in step.active):
         what = "gripper" if any(row.startswith("lidar") for row in step.active) else "arm"
         return f"{name}: the {what} is held {step.obstacle_distance:.2f} m from a seen {step.limiter}{tries}"
     if step.reason:
-        return f"{name}: {step.reason}{tries}"
+        return _about(name, step.reason) + tries
     doing = _DOING.get(step.phase, "it leaves its stow pose").format(error=step.error)
     if step.phase == "release" and step.actuation.gripper == "open":
         doing = "the fingers let go"
     return f"waiting for the arm at {name}: {doing}{tries}"
+
+
+def _about(name: str, reason: str) -> str:
+    return reason if name in reason else f"{name}: {reason}"

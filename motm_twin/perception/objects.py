@@ -29,6 +29,7 @@ class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
     localisation_sd: float = 0.03  # [m] added to the prior's error: localisation when the object is first seen
     agreeing: int = 3  # outliers in a row at one place that move the belief there
     yaw_gain: float = 0.3  # of each detection
+    jump: float = 0.1  # [m] and [rad] by which localisation leaves odometry at once: somebody pushed the robot
 
 
 @dataclass
@@ -48,6 +49,8 @@ class TrackerState:
 
     tracks: dict[str, Track]  # only objects that have been seen
     stamps: dict[str, float]  # of the newest detection used per object
+    pose: Array | None = None  # localised and odometry pose of the last update, shape (3,) each
+    odometry: Array | None = None
 
 
 class ObjectTracker(Stateful[TrackerState]):
@@ -62,6 +65,7 @@ class ObjectTracker(Stateful[TrackerState]):
     def update(self, observation: Observation, held: str | None = None) -> None:
         """Take in the detections of a period; those of a held object are left out: it moves with the hand."""
         state = self._state
+        self._notice_push(observation)
         for detection in observation.detections:
             new = detection.stamp > state.stamps.get(detection.name, -math.inf)
             if new and detection.name != held and detection.name in self._priors and _usable(detection):
@@ -106,6 +110,25 @@ class ObjectTracker(Stateful[TrackerState]):
                 continue
             track.position = from_frame(inverse(T_world_odom), from_frame(transform, at))
             track.yaw = wrap_angle(track.yaw + float(transform[2]))
+            track.elsewhere = []
+
+    def _notice_push(self, observation: Observation) -> None:
+        """When localisation jumps and odometry does not, keep the beliefs where they are in the world."""
+        state, settings = self._state, self._settings
+        pose, odometry = state.pose, state.odometry
+        state.pose, state.odometry = np.array(observation.pose), np.array(observation.odometry)
+        if pose is None or odometry is None or not np.isfinite([*observation.pose, *observation.odometry]).all():
+            return
+        expected = compose(pose, compose(inverse(odometry), observation.odometry))
+        off = compose(inverse(expected), observation.pose)
+        if max(math.hypot(off[0], off[1]), abs(off[2])) < settings.jump:
+            return
+        T_world_odom = compose(pose, inverse(odometry))
+        T_odom_world = compose(observation.odometry, inverse(observation.pose))
+        for track in state.tracks.values():
+            track.position = from_frame(T_odom_world, from_frame(T_world_odom, track.position))
+            track.yaw = wrap_angle(track.yaw + float(T_odom_world[2] + T_world_odom[2]))
+            track.variance += 2.0 * settings.localisation_sd**2
             track.elsewhere = []
 
     def _prior(self, name: str) -> tuple[Array, float]:

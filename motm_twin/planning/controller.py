@@ -99,8 +99,7 @@ class StaaController:
             why = f"no way to {target.name}: every gap on it is narrower than {2.0 * self._p.growth:.2f} m"
             return self._brake(problem, field, why, goal, expansions, cut=cut)
         if solution < 0:
-            room = float(clearances(pose[None], 1.0, field, self._body)[0])
-            why = f"no collision-free motion to {target.name} ({expansions} tried, {room:.2f} m of clearance): braking"
+            why = self._no_motion(problem, target, field, expansions)
             return self._brake(problem, field, why, goal, expansions, cut=cut)
         branch = _branch(memory, solution)
         poses = memory.state[branch]
@@ -279,6 +278,16 @@ class StaaController:
     def _at(self, pose: Array, placement: Placement) -> bool:
         near = math.hypot(pose[0] - placement.goal[0], pose[1] - placement.goal[1]) <= self._p.pass_distance
         return near and (not placement.goal_has_heading or turn(pose[2], placement.goal[2]) <= self._p.pass_heading)
+
+    def _no_motion(self, problem: BaseProblem, target: Target, field: Field, expansions: int) -> str:
+        if problem.engaged:
+            return f"no motion of the base keeps {target.name} in reach of the arm: braking"
+        room = float(clearances(np.array(problem.pose, dtype=np.float64)[None], 1.0, field, self._body)[0])
+        if room < 0.0:
+            return f"the base is {-room:.2f} m inside what the map or the lidar shows, and finds no way out: braking"
+        return (
+            f"no collision-free motion towards {target.name} ({expansions} tried, {room:.2f} m of clearance): braking"
+        )
 
     def _first_action(self, memory: search_memory.Memory, branch: list[int]) -> Array:
         """The branch's first acceleration; where a speed limit cut it, what the node was predicted with."""
