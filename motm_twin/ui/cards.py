@@ -3,8 +3,7 @@
 import html
 import math
 
-from motm_twin.bus.messages import PlacementMessage, StatusMessage, TaskMessage, TickMessage
-from motm_twin.ui import colours
+from motm_twin.bus.messages import StatusMessage, TaskMessage, TickMessage
 
 _BOX = "font-size:13px;line-height:1.45;padding:8px 12px;"
 _MUTED = "color:#6b7280;"
@@ -158,61 +157,3 @@ def _score(tick: TickMessage) -> str:
     )
     text += f" (+{others} by others)" if others else ""
     return f'<div style="margin-top:6px;{_MUTED}">{text}</div>'
-
-
-def candidate_card(placement: PlacementMessage, index: int | None) -> str:
-    """Costs of one candidate, or why it is out; the legend when none is picked."""
-    if index is None or index >= len(placement.poses):
-        return legend(placement)
-    x, y, heading = placement.poses[index]
-    title = f"Candidate {index + 1} of {len(placement.poses)}" + (", chosen" if index == placement.chosen else "")
-    rows = [
-        f'<div style="font-weight:600">{title}</div>',
-        f'<div style="{_MUTED}">x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading):.0f}&deg;</div>',
-    ]
-    if placement.rejected[index]:
-        rows.append(_sentence(f"rejected: {placement.rejected[index]}", "#6b7280"))
-    else:
-        rows.append(
-            f"<div>C = C<sub>C</sub> + 1.05 C<sub>N</sub> = <b>{_seconds(placement.cost[index])}</b>, rank "
-            f"{rank(placement, index)}</div>"
-            f"<div>to here C<sub>C</sub> {_seconds(placement.cost_current[index])}, on to the next C<sub>N</sub> "
-            f"{_seconds(placement.cost_next[index])}</div>"
-        )
-    return f'<div style="{_BOX}">{"".join(rows)}</div>'
-
-
-def rank(placement: PlacementMessage, index: int) -> int:
-    """1 for the cheapest candidate."""
-    own = placement.cost[index]
-    return 1 + sum(cost is not None and own is not None and cost < own for cost in placement.cost)
-
-
-def _seconds(value: float | None) -> str:
-    return "none" if value is None else f"{value:.1f} s"
-
-
-def legend(placement: PlacementMessage | None = None) -> str:
-    """What the colours mean."""
-    known = [cost for cost in (placement.cost if placement else []) if cost is not None]
-    low, high = (f"{min(known):.1f} s", f"{max(known):.1f} s") if known else ("cheap", "dear")
-    lines = [
-        (colours.GLOBAL_PATH, "global path"),
-        (colours.NEXT_PATH, "on to the next target"),
-        (colours.BEZIER, "B&eacute;zier"),
-        (colours.GHOST, "local plan"),
-    ]
-    marks = "".join(
-        f'<span style="white-space:nowrap;margin-right:10px"><span style="display:inline-block;width:14px;height:4px;'
-        f'border-radius:2px;vertical-align:middle;background:{colours.css(colour)}"></span> {name}</span>'
-        for colour, name in lines
-    )
-    return (
-        f'<div style="{_BOX}"><div style="display:flex;align-items:center;gap:6px">'
-        f'<span style="white-space:nowrap">places {low}</span>'
-        f'<span style="flex:1;height:8px;border-radius:4px;background:'
-        f'{colours.viridis_css()}"></span><span style="white-space:nowrap">{high}</span></div>'
-        f'<div style="{_MUTED}margin-top:3px">{marks}<span style="white-space:nowrap">'
-        f'<span style="display:inline-block;width:8px;height:8px;border-radius:4px;background:'
-        f'{colours.css(colours.REJECTED)}"></span> rejected</span></div></div>'
-    )

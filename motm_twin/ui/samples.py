@@ -7,7 +7,7 @@ import msgspec
 
 from motm_twin.bus.messages import EventMessage, MaybeNumber, Vector
 
-STAGES = ("map", "plan", "arm")  # of the period; its time is their sum
+STAGES = ("map", "place", "plan", "arm", "monitor")  # of the period; its time is their sum
 
 
 class _Robot(msgspec.Struct, frozen=True):
@@ -50,8 +50,10 @@ class Sample(NamedTuple):
     linear_slack: float  # [m/s] largest of the period
     angular_slack: float  # [rad/s]
     map: float  # [ms]
+    place: float  # [ms]
     plan: float  # [ms]
     arm: float  # [ms]
+    monitor: float  # [ms]
     period: float  # [ms]
 
 

@@ -1,0 +1,49 @@
+"""Published times of the experiments, each with its source: what a run is compared with.
+
+Paper: "Reactive Base Control for On-The-Move Mobile Manipulation in Dynamic Environments". Reister: Reister et al.,
+"Combining Navigation and Manipulation Costs for Time-Efficient Robot Placement in Mobile Manipulation Tasks".
+Experiment 1a is published as a box plot without numbers, and of the simulated Experiment 2 no time is given.
+"""
+
+from typing import NamedTuple
+
+_TABLE = "Paper, Table I"
+_EXP2 = "Paper, Sec. VI-B, Experiment 2"
+
+
+class Published(NamedTuple):
+    """A published time of a whole task."""
+
+    what: str
+    seconds: float
+    success: str  # objects delivered of objects wanted, "" when not given
+    source: str
+    real: bool  # on the real robot; else simulated
+
+
+_OURS_TRIAL = Published("paper, this trial, simulated", 85.6, "", _TABLE, real=False)
+_OURS_TRIAL_REAL = Published("paper, this trial, real robot", 91.0, "6/6", _TABLE, real=True)
+_OURS_TEN = Published("paper, ten trials, simulated", 95.9, "", _TABLE, real=False)
+_OURS_TEN_REAL = Published("paper, ten trials, real robot", 100.4, "58/60", _TABLE, real=True)
+_SEQUENTIAL = Published("Reister, sequential, simulated", 172.3, "", f"{_TABLE}, from Reister; 40 s of it for grasping",
+                        real=False)  # fmt: skip
+_SEQUENTIAL_REAL = Published("Reister, sequential, real robot", 176.0, "6/6", f"{_TABLE}, from Reister", real=True)
+_EXP2_TEMI_REAL = Published("paper, one Temi, real robot", 94.0, "", _EXP2, real=True)
+_EXP2_ALONE_REAL = Published("paper, without the Temi, real robot", 91.0, "", _EXP2, real=True)
+
+SINGLE_TRIAL = "trial1"
+REFERENCE_TOUR_NOTE = (
+    "shortest tour of the base centre past all picks and drops (0.80 m reach, furniture grown by 0.25 m) at full "
+    "speed, without turning, accelerating or grasping: a reference, not a bound"
+)
+
+
+def published(scene: str, variant: str) -> tuple[Published, ...]:
+    """The published times that a run of this scene and variant can be compared with; none for other scenes."""
+    if scene == "exp1" and variant == SINGLE_TRIAL:
+        return _OURS_TRIAL, _OURS_TRIAL_REAL, _OURS_TEN, _SEQUENTIAL
+    if scene == "exp1":
+        return _OURS_TEN, _OURS_TEN_REAL, _SEQUENTIAL
+    if scene == "exp2":
+        return _EXP2_TEMI_REAL, _EXP2_ALONE_REAL
+    return ()

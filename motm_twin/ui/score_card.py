@@ -1,0 +1,65 @@
+"""How well it goes: time, picks, places, contacts, clearances, distance, beside what has been published."""
+
+from motm_twin.bench.published import REFERENCE_TOUR_NOTE, published
+from motm_twin.bus.messages import ScoreMessage, StatusMessage, TickMessage
+from motm_twin.ui.markup import GREEN, RED, card, heading, metres, table, text
+
+
+def score_card(tick: TickMessage, status: StatusMessage | None) -> str:
+    """The referee's count up to the shown period, and the published times of this task."""
+    rows: list[tuple[str, ...]] = [("time", f"<b>{tick.time:.1f} s</b>")]
+    score = tick.score
+    if score is not None:
+        rows += _count(tick, score)
+    rows += _tour(tick, status)
+    return card(heading("Score"), table(rows), _published(tick, status))
+
+
+def _count(tick: TickMessage, score: ScoreMessage) -> list[tuple[str, ...]]:
+    picks = sum(task.kind == "pick" for task in tick.tasks)
+    places = sum(task.kind == "place" for task in tick.tasks)
+    ours = sum(contact.caused_by_robot for contact in score.contacts)
+    others = len(score.contacts) - ours
+    rows: list[tuple[str, ...]] = [
+        ("picked", f"{score.picks} of {picks}"),
+        ("placed", f"{score.places} of {places}"),
+        (
+            "contacts of the robot",
+            f'<b style="color:{RED if ours else GREEN}">{ours}</b>' + (f", {others} by others" if others else ""),
+        ),
+    ]
+    if score.drops:
+        rows.append(("dropped", str(score.drops)))
+    return [
+        *rows,
+        ("least clearance, base", metres(score.min_base_clearance)),
+        ("least clearance, arm", metres(score.min_arm_clearance)),
+        ("least, gripper to others", metres(score.min_ee_obstacle)),
+        ("distance driven", f"{score.path_length:.1f} m"),
+    ]
+
+
+def _tour(tick: TickMessage, status: StatusMessage | None) -> list[tuple[str, ...]]:
+    tour = None if status is None else status.reference_tour
+    if tour is None or tour <= 0.0:
+        return []
+    name = f'<span title="{text(REFERENCE_TOUR_NOTE)}" style="border-bottom:1px dotted">reference tour</span>'
+    ratio = f"{tick.time / tour:.2f}" if tick.done else f"{tick.time / tour:.2f} so far"
+    return [(name, f"{tour:.1f} s"), ("time / reference tour", ratio)]
+
+
+def _published(tick: TickMessage, status: StatusMessage | None) -> str:
+    known = () if status is None else published(status.scene, status.variant)
+    if not known:
+        return '<hr><div class="mu">no published time for this task</div>'
+    rows: list[tuple[str, ...]] = []
+    for entry in known:
+        name = f'<span class="mu" title="{text(entry.source)}">{text(entry.what)}</span>'
+        success = f" ({entry.success})" if entry.success else ""
+        against = ""
+        if tick.done and tick.success:
+            share = 100.0 * (tick.time / entry.seconds - 1.0)
+            against = f' <span style="color:{GREEN if share <= 0.0 else RED}">{share:+.0f} %</span>'
+        rows.append((name, f"{entry.seconds:.1f} s{success}{against}"))
+    sources = ", ".join(dict.fromkeys(entry.source.split(",")[0] + "," + entry.source.split(",")[1] for entry in known))
+    return f'<hr>{table(rows)}<div class="mu" style="font-size:11px">{text(sources)}</div>'

@@ -1,0 +1,168 @@
+"""What the robot does and why: the sentence on top, the task in hand, the arm, the last events. Pure functions."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from motm_twin.bus.messages import ArmMessage, EventMessage, TickMessage
+from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.model.edits import ParameterValue
+from motm_twin.ui import words
+from motm_twin.ui.markup import (
+    AMBER,
+    BLUE,
+    GREEN,
+    MUTED,
+    RED,
+    Piece,
+    bar,
+    card,
+    chip,
+    heading,
+    mark,
+    metres,
+    pairs,
+    seconds,
+    sentence,
+    text,
+)
+
+READY_MANIPULABILITY = 0.0838  # of the Panda's ready pose
+BEST_MANIPULABILITY = 0.127  # largest of 20,000 random poses
+RULER = 1.0  # [m] length of the bar of distances
+EVENTS = 8
+_EVENT_COLOURS = {
+    "picked": GREEN, "placed": GREEN, "arrived": GREEN, "missed": AMBER, "lost": AMBER, "failed": RED, "contact": RED,
+}  # fmt: skip
+
+
+def now_card(tick: TickMessage) -> str:
+    """One big sentence, and what the robot waits for."""
+    speed, turn = tick.robot.twist
+    colour = GREEN if tick.done and tick.success else "#111827"
+    rows = [f'<div class="big" style="color:{colour}">{text(words.doing(tick))}.</div>']
+    rows += [sentence(why, AMBER if held_up else MUTED) for why, held_up in words.waiting(tick)]
+    motion = f"base {speed:+.2f} m/s, {math.degrees(turn):+.0f}&deg;/s"
+    reach = tick.plan.time_to_range
+    if reach is not None and words.active_task(tick) is not None and not tick.done:
+        motion += " &middot; target in reach" + (f" in {reach:.1f} s" if reach > 0.0 else " <b>now</b>")
+    rows.append(f'<div class="mu" style="margin-top:4px">{motion}</div>')
+    return card(*rows)
+
+
+def task_card(tick: TickMessage) -> str:
+    """The task in hand: where to stand for it, and what the local plan found."""
+    task, plan, placement = words.active_task(tick), tick.plan, tick.placement
+    if task is None:
+        return ""
+    number = f"{tick.task_index + 1} of {len(tick.tasks)}"
+    tries = f", try {task.attempts}" if task.attempts > 1 else ""
+    rows = [(f"task {number}", f"<b>{text(task.kind.replace('_', ' '))} {text(task.target)}</b>{tries}")]
+    mode = text(words.MODES.get(placement.mode, placement.mode))
+    if placement.mode == "ring":
+        mode += f", {placement.radius:.2f} m"
+    if 0 <= placement.chosen < len(placement.poses):
+        rows.append((f"place {placement.chosen + 1} of {len(placement.poses)}", mode))
+        cost = f"{seconds(placement.cost[placement.chosen])}"
+        rows.append(("its cost C", cost))
+    else:
+        rows.append(("place", mode))
+    rows.append(("t<sub>h</sub>, scale k of the penalty", f"{seconds(plan.t_h)}, {plan.k:.2f}"))
+    colour = {"goal": GREEN, "aborted": BLUE, "braking": RED}.get(plan.status, MUTED)
+    cut = ", cut by the clock" if plan.cut_by_clock else ""
+    rows.append(("local plan", chip(words.PLANS.get(plan.status, plan.status), colour)))
+    rows.append(("nodes expanded", f"{plan.expansions}{cut}"))
+    return card(heading("Task in hand"), pairs(rows))
+
+
+def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue]) -> str:
+    """The arm's program: solved or not, what held it, how well it can move, what it keeps off."""
+    if not tick.arm:
+        return ""
+    step = tick.arm[-1]
+    solved = step.qp_status == "solved"
+    title = f'<div style="display:flex;justify-content:space-between">{heading("Arm")}'
+    title += chip("solved" if solved else "damped stop", GREEN if solved else RED) + "</div>"
+    parts = [title]
+    if not solved:
+        parts.append(sentence(step.qp_status, RED))
+    parts.append(_distance(tick.arm, parameters))
+    parts.append(_manipulability(step))
+    parts.append(pairs([("hand off its reference", _millimetres(step.error)), *_slack(step.slack)]))
+    held = words.constraints(tick.arm, tick.robot.q)
+    lines = "".join(f"<div>{text(what)} <span class='mu'>{text(by)}</span></div>" for what, by in held)
+    parts.append("<hr>" + (lines or '<div class="mu">no limit is active: the hand moves as it wants</div>'))
+    return card(*parts)
+
+
+def bands(parameters: Mapping[str, ParameterValue]) -> tuple[float, float, float]:
+    """d_s [m], d_i [m] and xi [m/s] that are in force."""
+    shipped = AvoidanceParameters()
+    d_s, d_i, xi = (float(parameters.get(name, getattr(shipped, name))) for name in ("d_s", "d_i", "xi"))
+    return d_s, d_i, xi
+
+
+def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterValue]) -> str:
+    """How far the gripper is from what the lidar sees, on a ruler with the red and the orange region."""
+    step = steps[-1]
+    d_s, d_i, _ = bands(parameters)
+    distance = step.obstacle_distance
+    pieces = [Piece(0.0, d_s / RULER, "#fca5a5"), Piece(d_s / RULER, d_i / RULER, "#fed7aa")]
+    if distance is not None:
+        pieces.append(mark(distance / RULER))
+    rows = [("gripper to obstacle", f"<b>{metres(distance)}</b>")]
+    ruler = (
+        f"{bar(*pieces)}<div class='mu' style='font-size:11px'>d<sub>s</sub> {d_s:g} m, d<sub>i</sub> {d_i:g} m</div>"
+    )
+    limits = []
+    if step.limiter:
+        what = text(step.limiter)
+        if step.allowed_approach is not None:
+            allowed = max(step.allowed_approach, 0.0)
+            what += f", at most {allowed:.2f} m/s nearer"
+        limits.append(("near", what))
+    return pairs(rows) + ruler + (pairs(limits) if limits else "")
+
+
+def _manipulability(step: ArmMessage) -> str:
+    value = step.manipulability
+    if value is None:
+        return ""
+    colour = GREEN if value > 0.5 * READY_MANIPULABILITY else AMBER if value > 0.2 * READY_MANIPULABILITY else RED
+    pieces = Piece(0.0, value / BEST_MANIPULABILITY, colour), mark(READY_MANIPULABILITY / BEST_MANIPULABILITY)
+    share = 100.0 * value / READY_MANIPULABILITY
+    return (
+        '<div style="margin-top:4px">'
+        + pairs([("manipulability", f"{value:.3f}, {share:.0f} % of the ready pose")])
+        + bar(*pieces, height=6)
+        + "</div>"
+    )
+
+
+def _slack(slack: Sequence[float | None]) -> list[tuple[str, str]]:
+    known = [value for value in slack if value is not None]
+    if len(known) != 6:
+        return []
+    linear, angular = math.hypot(*known[:3]), math.hypot(*known[3:])
+    return [("slack", f"{1e3 * linear:.1f} mm/s, {math.degrees(angular):.1f}&deg;/s")]
+
+
+def _millimetres(value: float | None) -> str:
+    return "unknown" if value is None else f"{1e3 * value:.0f} mm"
+
+
+def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:
+    """The last events with their times, newest first, contacts among them."""
+    entries = [(event.time, event.kind, event.text) for event in events]
+    if tick.score is not None and not any(event.kind == "contact" for event in events):
+        for contact in tick.score.contacts:
+            who = "" if contact.caused_by_robot else " (not by the robot)"
+            entries.append((contact.time, "contact", f"{contact.body} touched {contact.other}{who}"))
+    entries.sort(key=lambda entry: -entry[0])
+    rows = []
+    for time, kind, what in entries[:EVENTS]:
+        colour = _EVENT_COLOURS.get(kind, MUTED)
+        rows.append(
+            f'<div style="display:flex;gap:8px"><span class="mu" style="min-width:48px;text-align:right">{time:.1f} s'
+            f'</span><span style="color:{colour}">&#9679;</span><span>{text(what)}</span></div>'
+        )
+    return card(heading("What happened"), "".join(rows) or '<div class="mu">nothing yet</div>')

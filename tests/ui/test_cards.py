@@ -1,0 +1,238 @@
+"""The texts that explain the robot: every state has its sentence, and nothing from outside becomes markup."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from fake_twin import FakeTwin, fake_scene
+
+from motm_twin.bench.published import published
+from motm_twin.bus.encode import tick_message
+from motm_twin.bus.messages import BeliefMessage, ContactMessage, EventMessage, ScoreMessage, TickMessage
+from motm_twin.control.furniture import BODIES
+from motm_twin.control.manipulation import _BOUND_NAMES
+from motm_twin.model.arm_kernels import manipulability
+from motm_twin.model.joint_limits import DQ_MAX, READY
+from motm_twin.model.profile import BaseLimits
+from motm_twin.ui import words
+from motm_twin.ui.candidate_card import candidate_card, legend
+from motm_twin.ui.cards import PHASES
+from motm_twin.ui.plots import Curve, path_of, plots_html
+from motm_twin.ui.samples import Part, Sample, sample
+from motm_twin.ui.score_card import score_card
+from motm_twin.ui.timing_card import timing_card
+from motm_twin.ui.why_cards import READY_MANIPULABILITY, arm_card, bands, events_card, now_card, task_card
+
+EVIL = "<img src=x onerror=alert(1)>"
+replace = msgspec.structs.replace
+DRIVING = [0.4, 0.1]
+
+
+@pytest.fixture
+def tick():
+    """A tick as a client receives it, of a robot that drives."""
+    sent = msgspec.json.encode(tick_message(FakeTwin(fake_scene()).advance(), 1, 0.0))
+    tick = msgspec.json.decode(sent, type=TickMessage)
+    return replace(tick, robot=replace(tick.robot, twist=DRIVING), stop_reason="", done=False)
+
+
+def with_arm(tick, **changes):
+    return replace(tick, arm=[replace(step, **changes) for step in tick.arm])
+
+
+def in_hand(tick, kind):
+    """The tick with this kind of task active, and the cube held when it is to be placed."""
+    number = next(k for k, task in enumerate(tick.tasks) if task.kind == kind)
+    held = kind == "place"
+    belief = BeliefMessage(name="cube1", position=[0, 0, 0], yaw=0.0, position_sd=0.0, seen=True, held=held)
+    return replace(tick, task_index=number, beliefs=[belief])
+
+
+@pytest.mark.parametrize("kind", ["pick", "place"])
+@pytest.mark.parametrize("phase", [*PHASES, "something new"])
+def test_every_phase_has_a_sentence_about_its_target(tick, phase, kind):
+    tick = with_arm(in_hand(tick, kind), phase=phase)
+    target = tick.tasks[tick.task_index].target
+    assert target in words.doing(tick) or "cube1" in words.doing(tick)
+
+
+def test_the_sentence_tells_whether_the_base_moves(tick):
+    reaching = with_arm(in_hand(tick, "pick"), phase="final")
+    assert words.doing(reaching) == "Closing in on cube1, on the move"
+    still = replace(reaching, robot=replace(tick.robot, twist=[0.0, 0.0]))
+    assert words.doing(still) == "Closing in on cube1"
+    carrying = with_arm(in_hand(tick, "place"), phase="carry")
+    assert words.doing(carrying) == "Carrying cube1 to drop1"
+
+
+def test_the_end_tells_what_was_given_up(tick):
+    done = [replace(task, status="done") for task in tick.tasks]
+    ended = replace(tick, tasks=done, task_index=len(done), done=True, success=True)
+    assert words.doing(ended) == "All 8 tasks are done"
+    failed = replace(ended, tasks=[replace(done[0], status="failed"), *done[1:]], success=False)
+    assert words.doing(failed) == "All tasks have ended; given up: pick cube1"
+    assert words.doing(replace(ended, tasks=[], task_index=0)) == "Nothing to do: the list of tasks is empty"
+
+
+def test_what_holds_the_robot_up_is_told_once_with_numbers(tick):
+    slowed = with_arm(
+        tick, active=["lidar moving"], limiter="moving obstacle", obstacle_distance=0.4, allowed_approach=0.257
+    )
+    tries = [replace(tick.tasks[0], attempts=2), *tick.tasks[1:]]
+    why = words.waiting(replace(slowed, stop_reason="braking: something", tasks=tries, task_index=0))
+    assert why[0] == ("Braking: something", True)
+    assert why[1] == ("A moving obstacle 0.40 m away: the gripper may approach at 0.26 m/s", False)
+    assert why[-1] == ("This is the second try at cube1", False)
+    retreat = with_arm(slowed, allowed_approach=-0.1)
+    assert "backs off at 0.10 m/s or more" in words.slowed_by(retreat.arm)
+    assert words.slowed_by(with_arm(slowed, active=[]).arm) == ""
+
+
+def test_every_row_and_bound_of_the_arms_program_is_told_in_words(tick):
+    """Also those that the furniture of any scene brings: its names come from the scene."""
+    names = ["lidar static", "lidar moving", *_BOUND_NAMES]
+    names += [f"{body} - {other}" for body in BODIES for other in ("lidar", "own base", "own column", "desk - left")]
+    for name in names:
+        ((what, by),) = words.constraints(with_arm(tick, active=[name]).arm, READY)
+        assert by != "at its limit"
+        assert " - " not in what
+    assert words.constraints(with_arm(tick, active=["brand new"]).arm, READY) == [("brand new", "at its limit")]
+
+
+def test_rows_are_grouped_and_joints_tell_their_limit(tick):
+    fast = DQ_MAX * [0, 1, 0, 0, 0, 0, 0]
+    step = with_arm(
+        tick, active=["joint 4", "joint 2", "joint 1", "joint 3", "elbow - desk", "wrist - desk"],
+        joint_velocity=fast.tolist(),
+    )  # fmt: skip
+    q = np.array(READY)
+    q[3] = -0.2
+    assert words.constraints(step.arm, q) == [
+        ("joint 4", "near the end of its range"),
+        ("joint 2", "at full speed"),
+        ("joints 1, 3", "accelerates all it may"),
+        ("elbow, wrist", "kept off desk"),
+    ]
+
+
+def test_the_reference_of_manipulability_is_that_of_the_ready_pose(tick):
+    assert pytest.approx(manipulability(np.array(READY)), abs=5e-5) == READY_MANIPULABILITY
+    assert "100 % of the ready pose" in arm_card(with_arm(tick, manipulability=READY_MANIPULABILITY), {})
+
+
+def test_regions_follow_the_parameters_in_force(tick):
+    assert bands({}) == (0.25, 0.6, 0.6)
+    assert bands({"d_s": 0.1, "d_i": 0.8, "xi": 1.0}) == (0.1, 0.8, 1.0)
+    assert "d<sub>s</sub> 0.1 m" in arm_card(tick, {"d_s": 0.1})
+
+
+def test_a_damped_stop_is_red_and_told(tick):
+    card = arm_card(with_arm(tick, qp_status="damped stop: bounds cross", manipulability=None, slack=[None] * 6), {})
+    assert "damped stop: bounds cross" in card
+    assert "solved" not in card
+
+
+def test_events_are_newest_first_with_the_contacts_among_them(tick):
+    contact = ContactMessage(
+        time=2.0, body="base", other="temi", depth=0.0, closing_speed=0.1, other_speed=0.2, caused_by_robot=False,
+        duration=0.1,
+    )  # fmt: skip
+    score = replace(tick.score, contacts=[contact])
+    events = [EventMessage(time=t, kind="picked", text=f"picked at {t}") for t in (3.0, 1.0)]
+    card = events_card(replace(tick, score=score), events)
+    places = [card.index(part) for part in ("picked at 3", "base touched temi (not by the robot)", "picked at 1")]
+    assert places == sorted(places)
+    assert "nothing yet" in events_card(replace(tick, score=None), [])
+
+
+def test_the_score_stands_beside_the_published_times_of_this_task_only(tick):
+    from motm_twin.bus.messages import StatusMessage
+
+    status = StatusMessage(
+        version="", twin="", run=1, server_time=0.0, state="playing", text="", scene="exp1", variant="trial1", seed=0,
+        time=0.0, speed=1.0, actual_speed=1.0, capped=False, scenes=[], reference_tour=58.9,
+    )  # fmt: skip
+    done = replace(tick, time=80.0, done=True, success=True)
+    card = score_card(done, status)
+    assert "85.6 s" in card
+    assert "Paper, Table I" in card
+    assert "-7 %" in card
+    assert "1.36" in card
+    assert "no published time" in score_card(done, replace(status, scene="playground"))
+    assert "reference tour" not in score_card(done, replace(status, reference_tour=None))
+    assert [entry.seconds for entry in published("exp1", "trial2")] == [95.9, 100.4, 172.3]
+
+
+def rows(count, **columns):
+    table = np.tile(sample(part_of_fake()), (count, 1))
+    table[:, 0] = 0.05 * np.arange(count)
+    for name, values in columns.items():
+        table[:, Sample._fields.index(name)] = values
+    return table
+
+
+def part_of_fake():
+    payload = msgspec.json.encode(tick_message(FakeTwin(fake_scene()).advance(), 1, 0.0))
+    return msgspec.json.decode(payload, type=Part)
+
+
+def test_overruns_are_counted_against_the_budget():
+    period = np.full(200, 12.0)
+    period[:3] = 61.0
+    card = timing_card(rows(200, period=period, map=3.0, plan=6.0, arm=3.0))
+    assert "3 of 200 over 50 ms" in card
+    assert "<b>61.0</b>" in card
+    assert "no period yet" in timing_card(rows(0))
+
+
+def test_a_curve_keeps_its_dips_and_has_gaps_where_nothing_is_near():
+    time = 0.05 * np.arange(1200)
+    values = np.ones(1200)
+    values[603] = 0.0  # one period only
+    values[800:900] = math.nan
+    path = path_of(time, Curve(values=values, colour=""), 0.0, 1.0)
+    assert path.count("M") == 2
+    assert " 80" in path
+    assert len(path) < 4000
+
+
+def test_plots_take_everything_a_run_may_bring():
+    empty = plots_html(rows(0), BaseLimits(), {})
+    assert "no period yet" in empty
+    for table in (rows(1), rows(2400), rows(5, distance=math.nan, linear_slack=math.nan, angular_slack=math.nan),
+                  rows(5, period=math.nan, dq1=math.nan)):  # fmt: skip
+        page = plots_html(table, BaseLimits(), {"d_s": 0.2})
+        assert page.count("<svg") == 6
+        assert "nan" not in page
+    assert len(plots_html(rows(2400), BaseLimits(), {})) < 60_000
+
+
+def test_names_from_outside_are_escaped_on_every_card(tick):
+    tasks = [replace(task, target=EVIL, kind=EVIL, status=EVIL) for task in tick.tasks]
+    placement = replace(tick.placement, rejected=[EVIL] * 72, mode=EVIL, reason=EVIL)
+    contact = ContactMessage(
+        time=0.0, body=EVIL, other=EVIL, depth=0.0, closing_speed=0.0, other_speed=0.0, caused_by_robot=True,
+        duration=0.0,
+    )  # fmt: skip
+    hostile = replace(
+        with_arm(tick, phase=EVIL, reason=EVIL, qp_status=EVIL, limiter=EVIL, active=[EVIL, f"elbow - {EVIL}"]),
+        tasks=tasks, placement=placement, stop_reason=EVIL, faults=[EVIL], task_index=0,
+        plan=replace(tick.plan, status=EVIL, reason=EVIL),
+        score=ScoreMessage(picks=0, places=0, drops=0, contacts=[contact], min_base_clearance=None,
+                           min_arm_clearance=None, min_ee_obstacle=None, ee_obstacle=None),
+    )  # fmt: skip
+    pages = [
+        now_card(hostile),
+        task_card(hostile),
+        arm_card(hostile, {}),
+        candidate_card(placement, 0),
+        candidate_card(placement, None),
+        events_card(hostile, [EventMessage(time=0.0, kind=EVIL, text=EVIL)]),
+        now_card(replace(hostile, task_index=99)),
+    ]
+    for page in pages:
+        assert "<img" not in page
+        assert "&lt;img" in page
+    assert "<img" not in legend(placement)
+    assert "<img" not in score_card(hostile, None)
