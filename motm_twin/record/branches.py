@@ -16,8 +16,10 @@ class Branches:
     One snapshot is about 0.5 MB and takes 1 ms, so 61 of them are about 35 MB.
     """
 
-    def __init__(self) -> None:
-        self._kept: deque[tuple[int, dict[str, Any]]] = deque(maxlen=KEPT)
+    def __init__(self, *, spacing: int = SPACING, kept: int = KEPT) -> None:
+        """``spacing``: periods between two snapshots; ``kept``: how many of them at most."""
+        self._spacing = spacing
+        self._kept: deque[tuple[int, dict[str, Any]]] = deque(maxlen=kept)
 
     @property
     def oldest(self) -> int:
@@ -34,7 +36,7 @@ class Branches:
             raise ValueError(
                 f"period {index} is noted, but the twin stands before period {twin.index}: note each before"
             )
-        if index % SPACING == 0 and (not self._kept or self._kept[-1][0] < index):
+        if index % self._spacing == 0 and (not self._kept or self._kept[-1][0] < index):
             self._kept.append((index, twin.snapshot()))
 
     def branch(self, twin: Twin, index: int) -> None:

@@ -1,0 +1,231 @@
+"""The same run under other parameters, beside the run as it was."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
+from motm_twin.model.scene import DriveTo
+from motm_twin.model.scene_file import load_scene
+from motm_twin.record.changes import parse_changes, start_period
+from motm_twin.record.session import LoggedEdit, Session, SessionError, save_session
+from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, run_one
+from motm_twin.twin import Twin
+
+replace = msgspec.structs.replace
+SLOW = {"next_weight": 0.5, "bezier": False}
+
+
+def drive_scene(tasks=((1.2, 0.0), (1.2, -0.6))):
+    """A short job: two places to drive to."""
+    scene = load_scene("exp1", "trial1", 0)
+    return replace(scene, tasks=tuple(DriveTo(point=point) for point in tasks), time_limit=60.0)
+
+
+def saved(scene, periods=40, edits=None):
+    twin = Twin(scene)
+    for index in range(periods):
+        for edit in (edits or {}).get(index, []):
+            twin.post(edit)
+        twin.advance()
+    return twin.session()
+
+
+@pytest.fixture(scope="module")
+def session():
+    return saved(drive_scene(), edits={10: [AddObstacle(name="guest", shape="temi", x=2.0, y=1.0)]})
+
+
+def ends(session, changes, start=0):
+    *samples, end = run_one(session, changes=changes, start=start)
+    assert all(isinstance(sample, Sample) for sample in samples)
+    assert isinstance(end, Outcome)
+    return samples, end
+
+
+def test_the_run_as_it_was_goes_on_to_the_end_of_its_tasks(session):
+    samples, end = ends(session, {})
+    assert (end.run, end.success, end.reason, end.skipped) == (AS_IT_WAS, True, "", ())
+    assert end.time_s > session.periods * 0.05
+    assert end.path_length > 1.0
+    assert [sample.time for sample in samples[:4]] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert len(samples[0].pose) == 3
+    assert len(samples[0].q) == 7
+
+
+def test_the_changed_run_is_the_same_until_its_moment_and_another_from_then_on(session):
+    was, _ = ends(session, {})
+    changed, end = ends(session, SLOW, start=20)
+    assert end.run == CHANGED
+    same = [(one.pose, one.q) == (other.pose, other.q) for one, other in zip(was, changed, strict=False)]
+    assert all(same[:10])
+    assert not all(same[10:])
+
+
+def test_recorded_settings_of_a_changed_parameter_do_not_undo_the_change():
+    edits = {5: [SetParameter(name="bezier", value=False)], 10: [SetParameter(name="bezier")]}
+    session = saved(drive_scene(), periods=20, edits=edits)
+    stays = ends(session, {"bezier": False}, start=0)[0]
+    alone = ends(replace(session, edits=()), {"bezier": False}, start=0)[0]
+    assert [one.pose for one in stays] == [one.pose for one in alone]
+
+
+def test_an_edit_that_only_the_recorded_run_could_take_is_left_out_and_named(session):
+    tail = LoggedEdit(index=30, edit=MoveBody(name="nobody", x=1.0, y=1.0))
+    session = replace(session, edits=(*session.edits, tail))
+    _, end = ends(session, SLOW, start=20)
+    assert len(end.skipped) == 1
+    assert end.skipped[0].startswith("1.50 s: MoveBody")
+    for changes, start in (({}, 0), (SLOW, 35)):
+        with pytest.raises(SessionError, match=r"1\.50 s: MoveBody.*nobody"):
+            ends(session, changes, start)
+
+
+def test_a_run_waits_for_tasks_that_a_person_adds_later():
+    session = saved(drive_scene(tasks=((0.4, 0.0),)), periods=140)
+    assert ends(session, {})[1].time_s < 5.0
+    added = LoggedEdit(index=120, edit=InsertTask(tasks=(DriveTo(point=(1.2, 0.0)),)))
+    _, end = ends(replace(session, edits=(added,)), {})
+    assert end.success
+    assert end.time_s > 6.0
+
+
+def test_a_run_that_gets_nowhere_ends_with_the_reason(session):
+    crowd = [
+        LoggedEdit(index=0, edit=AddObstacle(name=f"wall{i}", x=x, y=y, size=(sx, sy, 0.8)))
+        for i, (x, y, sx, sy) in enumerate(
+            [(0.85, 0.0, 0.3, 1.8), (-0.85, 0.0, 0.3, 1.8), (0.0, 0.8, 1.3, 0.3), (0.0, -0.8, 1.3, 0.3)]
+        )
+    ]
+    _, end = ends(replace(session, edits=tuple(crowd)), {})
+    assert not end.success
+    assert "nothing was achieved for 30 s during drive_to" in end.reason
+    assert end.time_s == pytest.approx(32.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("texts", "words"),
+    [
+        ([], "at least one"),
+        (["next_weight"], "name=value"),
+        (["next_wait=1"], "next_weight"),
+        (["next_weight=heavy"], "heavy"),
+        (["next_weight=nan"], "number"),
+        (["next_weight=99"], "out of range"),
+        (["bezier=perhaps"], "perhaps"),
+        (["termination=never"], "pass"),
+        (["bezier=on", "bezier=off"], "twice"),
+    ],
+)
+def test_changes_that_cannot_be_are_refused_with_what_is_allowed(texts, words):
+    with pytest.raises(SessionError, match=words):
+        parse_changes(texts)
+
+
+def test_changes_are_read_by_the_kind_of_their_parameter():
+    assert parse_changes(["next_weight=0.5", "bezier=off", "termination=pass"]) == {
+        "next_weight": 0.5,
+        "bezier": False,
+        "termination": "pass",
+    }
+
+
+def test_the_moment_of_the_change_must_be_in_the_session(session):
+    assert start_period(session, 1.0) == 20
+    assert start_period(session, 2.0) == 40
+    for wrong in (-1.0, 2.1, float("nan"), float("inf")):
+        with pytest.raises(SessionError, match="0 to 2 s"):
+            start_period(session, wrong)
+
+
+def program(*arguments, **options):
+    command = [sys.executable, "-m", "motm_twin.record.what_if", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def test_the_program_streams_both_runs_as_json_lines(session, tmp_path):
+    path = tmp_path / "run.json"
+    save_session(session, path)
+    process = program(path, "--set", "next_weight=0.5", "--set", "bezier=off", "--from", "1", "--stream")
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    lines = [json.loads(line) for line in out.splitlines()]
+    for run, changes, start in ((AS_IT_WAS, {}, 0), (CHANGED, SLOW, 20)):
+        mine = [line for line in lines if line["run"] == run]
+        samples, end = ends(session, changes, start)
+        assert mine[-1]["done"] is True
+        assert mine == json.loads(msgspec.json.encode([*samples, end]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("none.json", "--set", "bezier=off"), "no such file"),
+        (("run.json", "--set", "bezeer=off"), "bezier"),
+        (("run.json", "--set", "bezier=off", "--from", "99"), "0 to 2 s"),
+        (("run.json",), "at least one"),
+        (("wrong.json", "--set", "bezier=off"), "nobody"),
+    ],
+)
+def test_bad_input_is_one_json_line_and_exit_code_two(session, tmp_path, arguments, words):
+    save_session(session, tmp_path / "run.json")
+    wrong = LoggedEdit(index=0, edit=MoveBody(name="nobody", x=0.0, y=0.0))
+    save_session(Session(scene=session.scene, edits=(wrong,), periods=5), tmp_path / "wrong.json")
+    process = program(*arguments, cwd=tmp_path)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 2, err
+    (line,) = (json.loads(text) for text in out.splitlines() if "error" in text)
+    assert words in line["error"]
+    assert "Traceback" not in err
+
+
+def children_of(pid):
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
+    return [int(child) for child in text.split()]
+
+
+def gone(pids):
+    """Wait until none of the processes is there; a zombie of somebody else's child does not count."""
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        left = [pid for pid in pids if Path(f"/proc/{pid}").exists() and _state(pid) not in ("Z", "")]
+        if not left:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def _state(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+    except OSError:
+        return ""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
+@pytest.mark.parametrize("how", ["input closed", "killed", "output closed"])
+def test_both_runs_end_with_whoever_started_them(tmp_path, how):
+    path = tmp_path / "run.json"
+    save_session(saved(load_scene("exp1", "trial1", 0), periods=4), path)
+    process = program(path, "--set", "bezier=off", stdin=subprocess.PIPE, env=dict(os.environ))
+    try:
+        assert "pose" in json.loads(process.stdout.readline())
+        pids = [process.pid, *children_of(process.pid)]
+        assert len(pids) >= 3
+        if how == "input closed":
+            process.stdin.close()
+        elif how == "killed":
+            process.kill()
+        else:
+            process.stdout.close()
+        process.wait(timeout=30)
+        assert gone(pids)
+    finally:
+        process.kill()
+        process.wait()
