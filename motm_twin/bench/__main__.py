@@ -1,4 +1,7 @@
-"""`python -m motm_twin.bench [GROUP ...]`: the numbers of the paper and ours. Exit code 1 when one is missed."""
+"""`python -m motm_twin.bench [GROUP ...]`: the numbers of the paper and ours. Exit code 1 when one is missed.
+
+"all" are the groups of trials; "page" measures the served page, needs Chromium, and runs only when it is named.
+"""
 
 import argparse
 import sys
@@ -6,28 +9,37 @@ from pathlib import Path
 
 from rich.console import Console
 
+from motm_twin.bench import page
 from motm_twin.bench.groups import GROUPS
 from motm_twin.bench.table import bench
 
+KNOWN = (*GROUPS, page.NAME)
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the named groups, or all; 0 when every number was reached, 1 when not."""
     parser = argparse.ArgumentParser(prog="python -m motm_twin.bench", description=__doc__)
-    parser.add_argument("groups", nargs="*", default=["all"], metavar="GROUP", help=f"all, {', '.join(GROUPS)}")
+    parser.add_argument("groups", nargs="*", default=["all"], metavar="GROUP", help=f"all, {', '.join(KNOWN)}")
     parser.add_argument("--workers", type=int, default=2, help="trials run at the same time (default 2)")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), help="folder of the JSON files")
+    page.add_options(parser)
     options = parser.parse_args(arguments)
-    names = list(GROUPS) if "all" in options.groups else options.groups
-    unknown = [name for name in names if name not in GROUPS]
+    names = [name for name in KNOWN if name in options.groups or ("all" in options.groups and name in GROUPS)]
+    unknown = [name for name in options.groups if name not in ("all", *KNOWN)]
     if unknown or options.workers < 1:
-        parser.error(f"unknown group {unknown[0]!r}: use all, {', '.join(GROUPS)}" if unknown else "need a worker")
+        parser.error(f"unknown group {unknown[0]!r}: use all, {', '.join(KNOWN)}" if unknown else "need a worker")
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, TABLE_WIDTH)
-    missed = [name for name in names if not bench(GROUPS[name], options.out, options.workers, console)]
+    missed = [name for name in names if not _reached(name, options, console)]
     console.print(f"\n[red]missed: {', '.join(missed)}[/red]" if missed else "\n[green]all numbers reached[/green]")
     return 1 if missed else 0
+
+
+def _reached(name: str, options: argparse.Namespace, console: Console) -> bool:
+    if name == page.NAME:
+        return page.bench_page(options.out, options.seconds, options.minutes, console)
+    return bench(GROUPS[name], options.out, options.workers, console)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,199 @@
+"""The numbers of the page: what drawing costs the control loop and the machine, and how soon things are seen."""
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from motm_twin.bench import page_browser, page_measures
+from motm_twin.bench.page_serve import Served, served
+from motm_twin.bench.runner import machine
+from motm_twin.bench.table import goal_table
+from motm_twin.bus.commands import Pause
+
+NAME = "page"
+TITLE = "The page: a served Experiment 2 at 1x, measured from outside"
+DRAGS, JOINERS = 60, 5
+Values = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """A number that must not be exceeded."""
+
+    name: str
+    unit: str
+    limit: float
+    decimals: int
+
+
+LIMITS = {
+    "ratio": Limit(name="control period p99 with 5 readers / without", unit="x", limit=1.1, decimals=3),
+    "share": Limit(name="viewer at 1x, all layers on", unit="% of a core", limit=60.0, decimals=1),
+    "nodes": Limit(name="moving scene nodes", unit="", limit=100.0, decimals=0),
+    "load_mb": Limit(name="bytes of a first load", unit="MB", limit=4.0, decimals=2),
+    "picture_s": Limit(name="first complete picture, software rendering", unit="s", limit=8.0, decimals=1),
+    "join_s": Limit(name="late joiner has the whole scene", unit="s", limit=2.0, decimals=2),
+    "drag_p95_ms": Limit(name="end of a drag until the tick that shows it, p95", unit="ms", limit=100.0, decimals=0),
+    "viewer_slope": Limit(name="memory of the viewer, slope", unit="MB/min", limit=1.0, decimals=2),
+    "page_slope": Limit(name="memory of the page's scripts, slope", unit="MB/min", limit=1.0, decimals=2),
+    "stop_s": Limit(name="Ctrl-C until all has ended", unit="s", limit=2.0, decimals=2),
+}
+
+
+@dataclass
+class Report:
+    """Values by the keys of `LIMITS`, what else is worth knowing, and what could not be measured."""
+
+    values: Values = field(default_factory=dict)
+    details: dict[str, Any] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
+
+
+def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> bool:
+    """Measure, print, write ``out/page.json``; True when no number exceeds its limit.
+
+    Takes about 2.5 x ``seconds`` + ``minutes`` + 2 min.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    report = Report()
+    with served("exp2") as twin:
+        steps: list[tuple[str, Callable[[], None]]] = [
+            ("control period", lambda: _periods(twin, report, seconds)),
+            ("drawing", lambda: _drawing(twin, report, min(seconds, 20.0))),
+            ("drags", lambda: _drags(twin, report)),
+            ("late joiners", lambda: _joining(twin, report)),
+            ("first load", lambda: _loading(twin, report)),
+            ("memory", lambda: _memory(twin, report, minutes)),
+            ("stop", lambda: report.values.update(stop_s=twin.interrupt())),
+        ]
+        for number, (name, measure) in enumerate(steps, 1):
+            try:
+                measure()
+            except (RuntimeError, TimeoutError) as error:  # the other numbers are still worth a table
+                report.failures.append(f"{name}: {error}")
+            console.print(f"  {number}/{len(steps)} {name}", markup=False)
+    return _conclude(report, out, console)
+
+
+def _periods(twin: Served, report: Report, seconds: float) -> None:
+    """The start of a run four times: without, with, with, without readers, so that a drift of the machine cancels."""
+    found: dict[int, list[float]] = {0: [], page_measures.READERS: []}
+    rates = []
+    page_measures.periods(twin, 3.0, 0)  # warm
+    for readers in (0, page_measures.READERS, page_measures.READERS, 0):
+        periods, rate = page_measures.periods(twin, seconds / 2, readers)
+        found[readers] += periods
+        rates += [rate] if readers else []
+    without, with_readers = (_percentiles(values) for values in found.values())
+    report.values["ratio"] = with_readers["p99"] / without["p99"]
+    report.details["period_ms"] = {"0 readers": without, f"{page_measures.READERS} readers": with_readers}
+    report.details["bytes_per_s_and_reader"] = float(np.mean(rates))
+
+
+def _percentiles(values: list[float]) -> Values:
+    p50, p99 = np.percentile(values, (50, 99))
+    return {"p50": float(p50), "p99": float(p99), "max": float(max(values)), "periods": float(len(values))}
+
+
+def _drawing(twin: Served, report: Report, seconds: float) -> None:
+    cost = page_measures.drawing(twin, seconds)
+    report.values.update(share=100.0 * cost["share"], nodes=cost["nodes"])
+    report.details["bytes_per_s_all_layers"] = cost["rate"]
+
+
+def _drags(twin: Served, report: Report) -> None:
+    waits = 1000.0 * np.array(page_measures.drags(twin, DRAGS))
+    report.values["drag_p95_ms"] = float(np.percentile(waits, 95))  # nan when one never arrived
+    report.details["drag_ms"] = {"p50": float(np.median(waits)), "max": float(np.max(waits)), "drags": len(waits)}
+
+
+def _joining(twin: Served, report: Report) -> None:
+    report.values["join_s"] = float(np.max(page_measures.joining(twin, JOINERS)))
+
+
+def _loading(twin: Served, report: Report) -> None:
+    page_measures.restart(twin.client, playing=False)
+    by_websocket = page_measures.scene_bytes(twin)
+    load = page_browser.first_load(_url(twin))
+    report.values.update(load_mb=(load.http_bytes + by_websocket) / 1e6, picture_s=load.complete_at)
+    report.details["first_load_mb"] = {"http": load.http_bytes / 1e6, "websocket": by_websocket / 1e6}
+
+
+def _memory(twin: Served, report: Report, minutes: float) -> None:
+    """With a browser that shows the page all the time, where there is one."""
+    try:
+        with page_browser.browser() as browser:
+            browser.page.goto(_url(twin))
+            series = page_measures.memory(twin, minutes, browser.heap_mb)
+    except RuntimeError as error:
+        report.failures.append(f"memory of the page: {error}")
+        series = page_measures.memory(twin, minutes)
+    for name in ("viewer", "page"):
+        report.values[f"{name}_slope"] = page_measures.slope(series["time"], series[name])
+    report.details["memory_mb"] = {
+        name: {"start": float(values[0]), "end": float(values[-1]), "max": float(values.max())}
+        for name, values in series.items()
+        if name != "time"
+    }
+    report.details["memory_minutes"] = minutes
+    page_measures.act(twin.client, Pause())
+
+
+def _url(twin: Served) -> str:
+    return f"http://127.0.0.1:{twin.port}/"
+
+
+def _conclude(report: Report, out: Path, console: Console) -> bool:
+    goals = [_judged(limit, report.values.get(key, float("nan"))) for key, limit in LIMITS.items()]
+    reached = all(goal["reached"] for goal in goals)
+    console.print(goal_table({"goals": goals}))
+    for name, detail in report.details.items():
+        console.print(f"  {name.replace('_', ' ')}: {_readable(detail)}", markup=False)
+    for failure in report.failures:
+        console.print(f"  not measured: {failure}", style="red", markup=False)
+    whole = {"group": NAME, "title": TITLE, "machine": machine(), "reached": reached, "goals": goals}
+    whole |= {"details": report.details, "failures": report.failures}
+    out.mkdir(parents=True, exist_ok=True)
+    target = out / f"{NAME}.json"
+    target.write_text(json.dumps(_plain(whole), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    console.print(f"{whole['machine']}; written to {target}")
+    return reached
+
+
+def _judged(limit: Limit, value: float) -> dict[str, Any]:
+    return {
+        "name": limit.name,
+        "unit": limit.unit,
+        "relation": "<=",
+        "limit": limit.limit,
+        "value": value,
+        "decimals": limit.decimals,
+        "reached": value <= limit.limit,
+    }
+
+
+def _readable(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_readable(item)}" for name, item in value.items())
+    return f"{value:,.6g}" if isinstance(value, float) else str(value)
+
+
+def _plain(value: Any) -> Any:
+    """The same for JSON, which has no nan: None instead."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of this group."""
+    parser.add_argument("--seconds", type=float, default=60.0, help="page: of each measured control loop (default 60)")
+    parser.add_argument("--minutes", type=float, default=3.0, help="page: of the look at memory (default 3)")

@@ -1,0 +1,167 @@
+"""A reader of the page without a browser: it speaks Viser's websocket protocol, counts, and can act on widgets."""
+
+import threading
+import time
+from types import TracebackType
+from typing import Any
+
+import msgspec
+import numpy as np
+import viser
+import zstandard
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+MAX_FRAME = 64 * 1024 * 1024  # bytes
+POSES = ("SetPositionMessage", "SetOrientationMessage")
+CAMERA = {  # looks straight down from 12 m
+    "type": "ViewerCameraMessage",
+    "wxyz": [0.0, 1.0, 0.0, 0.0],
+    "position": [0.0, 0.0, 12.0],
+    "fov": 0.8,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 800,
+    "image_width": 1280,
+    "look_at": [0.0, 0.0, 0.0],
+    "up_direction": [0.0, 1.0, 0.0],
+}
+
+Message = dict[str, Any]
+
+
+class PageReader:
+    """One connected visitor that reads everything. ``decode=False`` counts bytes only, which costs next to nothing."""
+
+    def __init__(self, port: int, *, decode: bool = True) -> None:
+        self.started = time.monotonic()
+        self.bytes = 0
+        self.replayed: float | None = None  # [s] after the start: the scene so far had arrived
+        self.moving: dict[str, set[str]] = {kind: set() for kind in ("pose", "update")}
+        self.widgets: dict[str, Message] = {}  # the messages that made them, by uuid
+        self.draggable: set[str] = set()
+        self.notes: list[str] = []
+        self._values: dict[str, Any] = {}
+        self._decode, self._changed = decode, threading.Condition()
+        self._socket = connect(
+            f"ws://127.0.0.1:{port}",
+            subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+            max_size=MAX_FRAME,
+            compression=None,
+            open_timeout=10.0,
+        )
+        self.send(CAMERA)  # Viser's sign that a page has loaded
+        self._thread = threading.Thread(target=self._read, name="page reader", daemon=True)
+        self._thread.start()
+
+    def send(self, message: Message) -> None:
+        """Send one message as the page would."""
+        self._socket.send(msgspec.msgpack.encode(message))
+
+    def close(self) -> None:
+        """Leave."""
+        self._socket.close()
+        self._thread.join(2.0)
+
+    def __enter__(self) -> "PageReader":
+        """Connected from the start."""
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        """Leave."""
+        self.close()
+
+    def wait(self, condition: Any, timeout: float) -> bool:
+        """Wait until ``condition(self)`` holds after some message; False when ``timeout`` [s] is over."""
+        with self._changed:
+            return bool(self._changed.wait_for(lambda: condition(self), timeout))
+
+    def moved(self) -> int:
+        """How many scene nodes have been moved or redrawn since the last call."""
+        with self._changed:
+            count = len(self.moving["pose"] | self.moving["update"])
+            for names in self.moving.values():
+                names.clear()
+        return count
+
+    def find(self, label: str, kind: str = "") -> str | None:
+        """The uuid of the widget with this label (and message type), or None."""
+        for uuid, message in list(self.widgets.items()):
+            if message["props"].get("label") == label and kind in message["type"]:
+                return uuid
+        return None
+
+    def set(self, label: str, value: Any, kind: str = "") -> bool:
+        """Click a button or change a widget by its label; False when there is no such widget."""
+        uuid = self.find(label, kind)
+        if uuid is not None:
+            self.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+        return uuid is not None
+
+    def drag(self, node: str, grip: np.ndarray, path: np.ndarray, interval: float) -> float:
+        """Drag a scene node from ``grip`` (3,) over the points ``path`` (n, 3); the time [s] when the end was sent."""
+        self._drag("start", node, grip, grip)
+        for point in path[:-1]:
+            time.sleep(interval)
+            self._drag("update", node, grip, point)
+        time.sleep(interval)
+        sent = time.monotonic()
+        self._drag("update", node, grip, path[-1])
+        self._drag("end", node, grip, path[-1])
+        return sent
+
+    def _drag(self, phase: str, node: str, grip: np.ndarray, point: np.ndarray) -> None:
+        self.send(
+            {
+                "type": "SceneNodeDragMessage",
+                "phase": phase,
+                "name": node,
+                "instance_index": None,
+                "start_position": [float(value) for value in grip],
+                "start_screen_pos": [0.5, 0.5],
+                "end_position": [float(value) for value in point],
+                "end_screen_pos": [0.5, 0.5],
+                "button": "left",
+                "modifier": None,
+                "owner": "",
+            }
+        )
+
+    def _read(self) -> None:
+        try:
+            for frame in self._socket:
+                assert isinstance(frame, bytes)
+                with self._changed:
+                    self.bytes += len(frame)
+                    if self._decode:
+                        for message in unpack(frame):
+                            self._take(message)
+                    self._changed.notify_all()
+        except ConnectionClosed:
+            return
+
+    def _take(self, message: Message) -> None:
+        kind = message["type"]
+        if kind in POSES:
+            self.moving["pose"].add(message["name"])
+        elif kind == "SceneNodeUpdateMessage":
+            self.moving["update"].add(message["name"])
+        elif kind == "ReplayDoneMessage":
+            self.replayed = time.monotonic() - self.started
+        elif kind == "SetSceneNodeDragBindingsMessage" and message["bindings"]:
+            self.draggable.add(message["name"])
+        elif kind == "NotificationShowMessage":
+            self.notes.append(str(message["props"].get("body", "")))
+        elif kind.startswith("Gui") and "uuid" in message and "props" in message:
+            self.widgets[message["uuid"]] = message
+        elif kind == "GuiUpdateMessage" and message["uuid"] in self.widgets:
+            self.widgets[message["uuid"]]["props"].update(message["updates"])
+
+
+def unpack(frame: bytes) -> list[Message]:
+    """The messages of one frame: sizes of the packed part, that part (MessagePack in zstd), then arrays, not read."""
+    size, packed = int.from_bytes(frame[:8], "little"), int.from_bytes(frame[8:16], "little")
+    inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + packed], max_output_size=size)
+    return list(msgspec.msgpack.decode(inner)["messages"])
