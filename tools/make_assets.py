@@ -1,9 +1,9 @@
 """Make every mesh of ``web_assets``: ``python tools/make_assets.py SHARE``.
 
 SHARE is the folder ``cmeel.prefix/share/example-robot-data`` of the unpacked wheel ``example-robot-data==6.0.0``
-(``pip download --no-deps``, then unzip), whose ``panda_description`` is Apache-2.0. The base, Temi, cube and bin are
-our own models and need no input: without SHARE only they are made. Development only: needs trimesh, pycollada,
-fast_simplification, manifold3d and scipy.
+(``pip download --no-deps``, then unzip), whose ``panda_description`` is Apache-2.0. The base, Temi, person,
+cube and bin are our own models and need no input: without SHARE only they are made. Development only: needs
+trimesh, pycollada, fast_simplification, manifold3d and scipy.
 """
 
 import argparse
@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from model_base import base_model
+from model_person import person_model
 from model_props import bin_model, cube_model, temi_model
 from shapes import linear, shaded
 from trimesh.visual.material import PBRMaterial
@@ -20,6 +21,7 @@ from trimesh.visual.texture import TextureVisuals
 OUT = Path(__file__).resolve().parent.parent / "web_assets"
 ARM = (*(f"link{i}" for i in range(8)), "hand")
 KEEP = {"link0": 0.18}  # share of the faces that drawn links keep; the foot has small ribs and bolts
+KEEP_OWN = {"base": 0.3, "temi": 0.3, "person": 0.65}  # the same for our own models
 KEEP_LINK = 0.15
 KEEP_GHOST = 0.07
 FEWEST = 900  # [faces] of a connected piece: below this, rings and caps tear
@@ -125,9 +127,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("share", type=Path, nargs="?", help="unpacked example-robot-data share folder")
     share = parser.parse_args().share
-    models = {"base": base_model(), "temi": temi_model(), "cube": cube_model(), "bin": bin_model()}
+    models = {"base": base_model(), "temi": temi_model(), "person": person_model(), "cube": cube_model()}
+    models["bin"] = bin_model()
     for name, model in models.items():
-        print(f"{name}: {model.save(OUT / 'visual' / f'{name}.glb')} faces")
+        print(f"{name}: {model.save(OUT / 'visual' / f'{name}.glb', keep=KEEP_OWN.get(name, 1.0))} faces")
     save_ghost(base_ghost(), OUT / "ghost" / "base.glb", 1.0)
     if share is not None:
         print(f"arm: {make_arm(share / 'robots' / 'panda_description' / 'meshes')} faces")

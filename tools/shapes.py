@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 Levels = list[tuple[float, float]]  # (height z, inset) [m] from bottom to top
 
 CREASE = np.radians(38.0)  # sharper edges than this keep their edge when shaded
+FEW = 120  # [faces] of a part that is left as it is
 CAP_RING = 0.0025  # [m] a ring this far inside the rim keeps caps flat when shaded
 
 
@@ -45,16 +46,23 @@ class Model:
         """Add meshes in one material."""
         self._parts.setdefault(material.name, (material, []))[1].extend(meshes)
 
-    def save(self, path: Path) -> int:
-        """Write the GLB and return its number of faces."""
+    def save(self, path: Path, *, keep: float = 1.0) -> int:
+        """Write the GLB with a share of the faces of its round parts, and return its number of faces."""
         scene = trimesh.Scene()
         for name, (material, meshes) in self._parts.items():
-            merged = trimesh.util.concatenate([shaded(mesh) for mesh in meshes])
+            merged = trimesh.util.concatenate([shaded(_lighter(mesh, keep)) for mesh in meshes])
             merged.visual = TextureVisuals(material=material)
             scene.add_geometry(merged, geom_name=name, node_name=name)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(trimesh.exchange.gltf.export_glb(scene, include_normals=True))
         return sum(len(mesh.faces) for mesh in scene.geometry.values())
+
+
+def _lighter(mesh: trimesh.Trimesh, keep: float) -> trimesh.Trimesh:
+    """The mesh with about a share ``keep`` of its faces; small ones stay as they are."""
+    if keep >= 1.0 or len(mesh.faces) <= FEW:
+        return mesh
+    return mesh.simplify_quadric_decimation(face_count=max(FEW, int(keep * len(mesh.faces))))
 
 
 def shaded(mesh: trimesh.Trimesh) -> trimesh.Trimesh:

@@ -1,28 +1,47 @@
-"""Camera: presets, and following the robot; moves are eased, never cut."""
+"""Cameras: one per visitor, with presets; moves are eased, never cut.
+
+A hand at the camera always wins: in a fixed view it makes the camera free; in one that rides along, the ride pauses
+while the hand turns the view, and goes on from the new angle.
+"""
 
 import math
 import threading
 import time
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 import viser
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
+from motm_twin.ui.framing import FIELD_OF_VIEW, View, from_above, overview
 
-PRESETS = ("Overview", "Top", "Follow")
-EASE = 0.6  # [s] of a move from one preset to another
-FIELD_OF_VIEW = math.radians(45.0)
-_CHASE = (2.7, 2.1)  # [m] behind and above the robot
-_CHASE_RATE = 1.6  # [1/s] how fast a following camera swings round
+PRESETS = ("Overview", "Top", "Follow", "Gripper", "Free")
+RIDES = {  # eye and look-at point [m] in a frame that is level, has its x axis ahead, and moves with base or hand
+    "Follow": (np.array([-2.6, 0.9, 1.9]), np.array([0.5, 0.0, 0.35])),
+    "Gripper": (np.array([-0.10, -0.42, 0.30]), np.array([0.04, 0.0, -0.12])),
+}
+EASE = 0.7  # [s] of a move from one view to another
+SWING = 1.6  # [1/s] how fast a ride turns with the robot
+REST = 0.5  # [s] after the hand's last move the ride goes on
+ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
+_MEMORY = 90  # sent poses that echoes are compared with
 
 
 @dataclass
-class _Move:
-    start: float
-    position: tuple[Array, Array]
-    look_at: tuple[Array, Array]
+class _Eye:
+    """The camera of one visitor."""
+
+    mode: str = "Overview"
+    sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
+    target: View | None = None  # of a fixed view
+    aspect: float = 0.0
+    ease_from: View | None = None
+    ease_start: float = 0.0
+    heading: float | None = None  # [rad] of the ride's frame
+    offset: View | None = None  # in the ride's frame, when a hand chose it
+    hand_at: float = -math.inf  # when a hand moved it last
 
 
 class Cameras:
@@ -31,102 +50,145 @@ class Cameras:
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._lock = threading.Lock()
-        self._moves: dict[int, _Move] = {}
-        self._following: dict[int, Array] = {}
-        self._views: dict[str, tuple[Array, Array]] = {}
-        self._robot = np.zeros(3)
+        self._eyes: dict[int, _Eye] = {}
+        self._scene: Scene | None = None
+        self._base, self._hand = np.zeros(3), np.eye(4)
         server.initial_camera.fov = FIELD_OF_VIEW
-        server.on_client_disconnect(lambda client: self._forget(client.client_id))
+        server.on_client_connect(self._enter)
+        server.on_client_disconnect(self._leave)
 
     def show(self, scene: Scene) -> None:
-        """Choose views that hold a scene, and start new visitors in the overview."""
+        """Another scene: new visitors start in its overview, fixed views move to it."""
         with self._lock:
-            self._views = {"Overview": overview(scene), "Top": from_above(scene)}
+            self._scene = scene
+            for eye in self._eyes.values():
+                eye.target = None
         self._server.initial_camera.position, self._server.initial_camera.look_at = overview(scene)
 
     def choose(self, client: viser.ClientHandle, preset: str) -> None:
-        """Move one visitor's camera to a preset, or let it follow the robot."""
+        """Move one visitor's camera to a preset, or let it ride along."""
         with self._lock:
-            self._following.pop(client.client_id, None)
-            if preset == "Follow":
-                position, look_at = _chase(self._robot)
-                self._following[client.client_id] = np.array([self._robot[2]])
-            elif preset in self._views:
-                position, look_at = self._views[preset]
-            else:
+            eye = self._eyes.get(client.client_id)
+            if eye is None or preset not in PRESETS:
                 return
-            self._moves[client.client_id] = _Move(
-                time.monotonic(),
-                (np.array(client.camera.position), position),
-                (np.array(client.camera.look_at), look_at),
-            )
+            eye.mode, eye.target, eye.offset, eye.heading = preset, None, None, None
+            eye.hand_at = -math.inf
+            _ease(eye, client)
 
-    def update(self, pose: Array, dt: float) -> None:
-        """Advance running moves and followers; ``pose`` is the robot's, ``dt`` [s] since the last call."""
+    def mode(self, client: viser.ClientHandle) -> str:
+        """Which preset a visitor has now."""
         with self._lock:
-            self._robot = pose
-            if not self._moves and not self._following:
-                return
-            clients = self._server.get_clients()
-            wanted = {
-                number: view for number in clients if (view := self._view(number, time.monotonic(), dt)) is not None
-            }
+            eye = self._eyes.get(client.client_id)
+            return "Free" if eye is None else eye.mode
+
+    def update(self, pose: Array, hand: Array, dt: float) -> None:
+        """Advance moves and rides; base pose, transform of the hand (4, 4), and time [s] since the last call."""
+        now = time.monotonic()
+        clients = self._server.get_clients()
+        wanted: dict[int, View] = {}
+        with self._lock:
+            self._base, self._hand = pose, hand
+            for number, eye in self._eyes.items():
+                if number in clients and (view := self._view(eye, clients[number], now, dt)) is not None:
+                    wanted[number] = view
+                    eye.sent.append(view[0])
         for number, (position, look_at) in wanted.items():
             client = clients[number]
             with client.atomic():
-                client.camera.position = position
+                client.camera.position = position  # takes the look-at point along, so this comes first
                 client.camera.look_at = look_at
 
-    def _view(self, number: int, now: float, dt: float) -> tuple[Array, Array] | None:
-        follow = self._following.get(number)
-        target = None
-        if follow is not None:
-            turn = math.remainder(self._robot[2] - follow[0], 2 * math.pi)
-            follow[0] += turn * min(1.0, _CHASE_RATE * dt)
-            target = _chase(np.array([self._robot[0], self._robot[1], follow[0]]))
-        move = self._moves.get(number)
-        if move is None:
-            return target
-        part = min(1.0, (now - move.start) / EASE)
+    def _view(self, eye: _Eye, client: viser.ClientHandle, now: float, dt: float) -> View | None:
+        """The pose to send, or None when there is nothing new."""
+        if eye.mode in RIDES:
+            goal = self._ride(eye, client, now, dt)
+        else:
+            goal = self._fixed(eye, client)
+        if goal is None or eye.ease_from is None:
+            return goal
+        part = min(1.0, (now - eye.ease_start) / EASE)
+        smooth = part * part * (3.0 - 2.0 * part)
+        start = eye.ease_from
         if part >= 1.0:
-            del self._moves[number]
-        part = part * part * (3.0 - 2.0 * part)
-        end = target or (move.position[1], move.look_at[1])
-        return (
-            move.position[0] + (end[0] - move.position[0]) * part,
-            move.look_at[0] + (end[1] - move.look_at[0]) * part,
-        )
+            eye.ease_from = None
+            if eye.mode not in RIDES:
+                eye.target = goal
+        return start[0] + (goal[0] - start[0]) * smooth, start[1] + (goal[1] - start[1]) * smooth
 
-    def _forget(self, number: int) -> None:
+    def _fixed(self, eye: _Eye, client: viser.ClientHandle) -> View | None:
+        if self._scene is None or eye.mode == "Free":
+            return None
+        aspect = float(client.camera.aspect)
+        if eye.ease_from is None and eye.target is not None and abs(aspect - eye.aspect) < 1e-3:
+            return None
+        eye.aspect = aspect
+        view = overview(self._scene, aspect) if eye.mode == "Overview" else from_above(self._scene, aspect)
+        if eye.ease_from is None:
+            eye.target = view
+        return view
+
+    def _ride(self, eye: _Eye, client: viser.ClientHandle, now: float, dt: float) -> View | None:
+        place, heading = self._frame(eye.mode)
+        if eye.heading is None:
+            eye.heading = heading
+        eye.heading += math.remainder(heading - eye.heading, 2.0 * math.pi) * min(1.0, SWING * dt)
+        c, s = math.cos(eye.heading), math.sin(eye.heading)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        if now - eye.hand_at < REST:
+            eye.offset = (
+                R.T @ (np.asarray(client.camera.position) - place), R.T @ (np.asarray(client.camera.look_at) - place)
+            )  # fmt: skip
+            return None
+        position, look_at = eye.offset or RIDES[eye.mode]
+        return place + R @ position, place + R @ look_at
+
+    def _frame(self, mode: str) -> tuple[Array, float]:
+        """Origin [m] and heading [rad] of what a ride is fixed to."""
+        if mode == "Follow":
+            return np.array([self._base[0], self._base[1], 0.0]), float(self._base[2])
+        hand = self._hand[:3, 3]
+        return hand, math.atan2(hand[1] - self._base[1], hand[0] - self._base[0])
+
+    def _moved(self, number: int, camera: viser.CameraHandle) -> None:
+        """The page tells where its camera is: moved by hand, or as it was sent."""
+        position = np.asarray(camera.position)
         with self._lock:
-            self._moves.pop(number, None)
-            self._following.pop(number, None)
+            eye = self._eyes.get(number)
+            if eye is None or eye.mode == "Free" or not eye.sent:
+                return
+            sent = np.array(eye.sent)
+            if np.linalg.norm(sent - position, axis=1).min() < ECHO or _on_the_way(sent, position):
+                return
+            eye.ease_from = None
+            if eye.mode in RIDES:
+                eye.hand_at = time.monotonic()
+            else:
+                eye.mode = "Free"
+
+    async def _enter(self, client: viser.ClientHandle) -> None:
+        number = client.client_id
+        with self._lock:
+            self._eyes[number] = _Eye()
+
+        async def moved(camera: viser.CameraHandle) -> None:
+            self._moved(number, camera)
+
+        client.camera.on_update(moved)
+
+    async def _leave(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            self._eyes.pop(client.client_id, None)
 
 
-def overview(scene: Scene) -> tuple[Array, Array]:
-    """Position and look-at point [m] that show the whole of a scene from its front left."""
-    centre, reach = interest(scene)
-    look_at = np.array([centre[0], centre[1], 0.25])
-    return look_at + np.array([-0.36, -0.74, 0.57]) * reach * 2.45, look_at
+def _ease(eye: _Eye, client: viser.ClientHandle) -> None:
+    eye.ease_from = (np.array(client.camera.position), np.array(client.camera.look_at))
+    eye.ease_start = time.monotonic()
 
 
-def from_above(scene: Scene) -> tuple[Array, Array]:
-    """Position and look-at point [m] for a plan view, x to the right."""
-    centre, reach = interest(scene)
-    return np.array([centre[0], centre[1] - 0.02, reach * 3.1]), np.array([centre[0], centre[1], 0.0])
-
-
-def interest(scene: Scene) -> tuple[tuple[float, float], float]:
-    """Centre [m] and half size [m] of what happens in a scene: start, cubes, bins, waypoints."""
-    points = [scene.start[:2], *(item.position[:2] for item in scene.objects), *(box.centre for box in scene.bins)]
-    for agent in scene.agents:
-        points += [agent.start[:2], *agent.waypoints]
-    low, high = np.min(points, axis=0), np.max(points, axis=0)
-    centre = (low + high) / 2
-    return (float(centre[0]), float(centre[1])), float(max(1.6, 0.5 * np.linalg.norm(high - low)))
-
-
-def _chase(pose: Array) -> tuple[Array, Array]:
-    ahead = np.array([math.cos(pose[2]), math.sin(pose[2]), 0.0])
-    base = np.array([pose[0], pose[1], 0.0])
-    return base - _CHASE[0] * ahead + [0.0, 0.0, _CHASE[1]], base + 0.5 * ahead + [0.0, 0.0, 0.45]
+def _on_the_way(sent: Array, position: Array) -> bool:
+    """Whether a point lies between two poses that were sent one after the other."""
+    start, step = sent[:-1], np.diff(sent, axis=0)
+    square = np.maximum((step**2).sum(axis=1), 1e-12)
+    part = np.clip(((position - start) * step).sum(axis=1) / square, 0.0, 1.0)
+    nearest = np.linalg.norm(start + part[:, None] * step - position, axis=1)
+    return bool(len(nearest) and nearest.min() < ECHO)

@@ -1,6 +1,6 @@
 """Meshes of furniture: exactly as large as the solid that the referee knows, with the look of what it stands for."""
 
-import functools
+from collections.abc import Iterable
 
 import numpy as np
 import shapely
@@ -11,23 +11,23 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
-from motm_twin.model.scene import Bin, Box, Cylinder, Scene, Solid
-from motm_twin.ui.textures import blob, floor, wood
+from motm_twin.model.scene import Bin, Box, Cylinder, Solid
+from motm_twin.ui.textures import wood
 
 TOP = 0.03  # [m] thickness of a wooden top
 PICTURE = 1.2  # [m] side of a surface picture
 Part = tuple[trimesh.Trimesh, str]
 
-_PLAIN = {
-    "steel": ((72, 76, 82), 0.45, 0.6),
-    "white": ((226, 225, 220), 0.0, 0.6),
-    "shade": ((168, 168, 164), 0.0, 0.8),
-    "dark": ((58, 60, 64), 0.2, 0.6),
-    "card": ((196, 158, 112), 0.0, 0.9),
-    "tape": ((222, 200, 160), 0.0, 0.5),
-    "wall": ((214, 212, 206), 0.0, 0.95),
-    "plain": ((150, 164, 178), 0.0, 0.7),
-    "bin": ((96, 128, 160), 0.0, 0.55),
+_PLAIN = {  # sRGB, metallic, roughness
+    "steel": ((88, 94, 102), 0.35, 0.5),
+    "white": ((243, 242, 238), 0.0, 0.55),
+    "dark": ((62, 66, 72), 0.2, 0.6),
+    "card": ((205, 160, 108), 0.0, 0.9),
+    "tape": ((232, 206, 160), 0.0, 0.5),
+    "wall": ((232, 231, 227), 0.0, 0.95),
+    "plain": ((124, 148, 172), 0.0, 0.65),
+    "bin": ((58, 122, 186), 0.0, 0.5),
+    "rim": ((86, 150, 212), 0.0, 0.45),
 }
 
 
@@ -38,21 +38,24 @@ def glb(scene: trimesh.Scene) -> bytes:
     return exported
 
 
-def solid_mesh(solid: Solid) -> trimesh.Scene:
-    """One piece of furniture in world coordinates."""
-    return _assemble(_PARTS.get(solid.style, _plain_parts)(solid))
+def solids_mesh(solids: Iterable[Solid], centre: tuple[float, float] = (0.0, 0.0)) -> trimesh.Scene:
+    """The solids of one piece of furniture, about a centre [m]."""
+    parts = [part for solid in solids for part in _PARTS.get(solid.style, _plain_parts)(solid)]
+    for mesh, _ in parts:
+        mesh.apply_translation((-centre[0], -centre[1], 0.0))
+    return _assemble(parts)
 
 
-def bin_mesh(box: Bin) -> trimesh.Scene:
-    """An open box, origin at the world's."""
+def bin_mesh(box: Bin, centre: tuple[float, float] = (0.0, 0.0)) -> trimesh.Scene:
+    """An open box, about a centre [m]."""
     floor = _extrude(_rectangle(box.side, box.side, 0.02), box.floor_z, box.floor_z + box.wall)
     inner = _rectangle(box.side - 2 * box.wall, box.side - 2 * box.wall, 0.0)
     ring = shapely.Polygon(_rectangle(box.side, box.side, 0.02).exterior, [inner.exterior])
     walls = _extrude(ring, box.floor_z, box.rim_z)
     rim = _extrude(ring.buffer(0.006, join_style="mitre"), box.rim_z - 0.012, box.rim_z)
-    parts: list[Part] = [(floor, "bin"), (walls, "bin"), (rim, "white")]
+    parts: list[Part] = [(floor, "bin"), (walls, "bin"), (rim, "rim")]
     for mesh, _ in parts:
-        mesh.apply_transform(_planar(box.centre, box.yaw))
+        mesh.apply_transform(_planar((box.centre[0] - centre[0], box.centre[1] - centre[1]), box.yaw))
     return _assemble(parts)
 
 
@@ -67,33 +70,12 @@ def loose_cylinder_mesh(diameter: float, height: float) -> trimesh.Scene:
     return _assemble([(_extrude(disc, 0.0, height), "plain")])
 
 
-@functools.cache
-def shadow_glb(length: float, width: float) -> bytes:
-    """A soft shadow to lie under something of this size, a little larger; origin at its centre."""
-    half = np.array([0.72 * length, 0.72 * width, 0.0])
-    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * half
-    material = PBRMaterial(baseColorTexture=blob(), alphaMode="BLEND", metallicFactor=0.0, roughnessFactor=1.0)
-    visual = TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), material=material)
-    mesh = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False)
-    return glb(trimesh.Scene(mesh))
-
-
-def floor_glb(scene: Scene) -> bytes:
-    """The floor as an opaque mesh: pictures of the viewer are transparent ones, which hide each other at random.
-
-    It shines by itself, so its tones do not depend on the light; its edge reflects as well, and so reaches white.
-    """
-    picture, edge, (x, y), (length, width) = floor(scene)
-    corners = [(x + sx * length / 2, y + sy * width / 2, 0.0) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    material = PBRMaterial(
-        baseColorTexture=edge.convert("RGB"),
-        emissiveTexture=picture,
-        emissiveFactor=[1.0, 1.0, 1.0],
-        metallicFactor=0.0,
-        roughnessFactor=1.0,
-    )
-    visual = TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), material=material)
-    return glb(trimesh.Scene(trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False)))
+def blocks(solids: Iterable[Solid], centre: tuple[float, float]) -> list[tuple[shapely.Polygon, float, float]]:
+    """Outlines [m] about a centre, with lower and upper ends [m]: what casts the shadow of a piece."""
+    return [
+        (shapely.affinity.translate(_outline(solid, 0.0), -centre[0], -centre[1]), solid.z_min, solid.z_max)
+        for solid in solids
+    ]
 
 
 def _table_parts(solid: Solid) -> list[Part]:
@@ -250,4 +232,5 @@ def _material(name: str) -> PBRMaterial:
         picture: Image.Image = wood(light=name == "wood")
         return PBRMaterial(baseColorTexture=picture, metallicFactor=0.0, roughnessFactor=0.62)
     colour, metal, rough = _PLAIN[name]
-    return PBRMaterial(baseColorFactor=[*colour, 255], metallicFactor=metal, roughnessFactor=rough)
+    linear = np.round(255.0 * (np.array(colour) / 255.0) ** 2.2).astype(int)  # glTF takes factors as linear ones
+    return PBRMaterial(baseColorFactor=[*linear.tolist(), 255], metallicFactor=metal, roughnessFactor=rough)

@@ -22,7 +22,7 @@ class MapView:
 
     def update(self, grid: Grid | None) -> None:
         """Show this grid."""
-        if self._handle is not None:
+        if self._handle is not None and self._handle.visible != self.on:
             self._handle.visible = self.on
         if grid is None or grid is self._shown:
             return

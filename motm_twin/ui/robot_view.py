@@ -9,8 +9,9 @@ from motm_twin.model.assets import ghost_mesh, glb_bytes
 from motm_twin.model.kinematics import LINKS, Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.ui import colours
-from motm_twin.ui.furniture import shadow_glb
+from motm_twin.ui.body_view import LYING
 from motm_twin.ui.rotation import matrices_wxyz, yaw_wxyz
+from motm_twin.ui.shadows import box_shadow_glb, round_shadow_glb
 
 ROOT = "/robot"
 GHOSTS = 7
@@ -31,11 +32,13 @@ class RobotView:
             )
             for link in LINKS
         ]
-        self._shadow = scene.add_glb(
-            f"{ROOT}/shadow", shadow_glb(0.8, 0.62), visible=False, cast_shadow=False, receive_shadow=False
-        )
+        self._shadows = [
+            scene.add_glb(f"{ROOT}/shadow/{part}", dark, visible=False, cast_shadow=False, receive_shadow=False)
+            for part, dark in (("base", box_shadow_glb(0.7, 0.5, 0.3)), ("arm", round_shadow_glb(0.15, 1.0)))
+        ]
         self._ghosts = [self._add_ghost(scene, link) for link in GHOST_LINKS]
         self.ghosts_on = True
+        self.hand = np.eye(4)  # transform to the world, for a camera that rides on it
 
     def configure(self, profile: RobotProfile) -> None:
         """Another robot profile."""
@@ -47,14 +50,18 @@ class RobotView:
             return
         robot = tick.robot
         T = self._kinematics.link_transforms(np.array(robot.true_pose), np.array(robot.q), robot.gripper_width)
+        self.hand = T[LINKS.index("panda_hand")]
         quaternions = matrices_wxyz(T[:, :3, :3])
         for handle, wxyz, position in zip(self._links, quaternions, T[:, :3, 3], strict=True):
             handle.wxyz, handle.position = wxyz, position
             if not handle.visible:
                 handle.visible = True
         x, y, heading = robot.true_pose
-        self._shadow.position, self._shadow.wxyz = (x, y, 0.006), yaw_wxyz(heading)
-        self._shadow.visible = True
+        for shadow in self._shadows:
+            shadow.position = (x, y, LYING)
+            if not shadow.visible:
+                shadow.visible = True
+        self._shadows[0].wxyz = yaw_wxyz(heading)
 
     def update_ghosts(self, tick: TickMessage) -> None:
         """Set the ghosts along the local plan, with the arm as it is now."""

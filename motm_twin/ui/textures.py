@@ -7,12 +7,15 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import gaussian_filter
 
-from motm_twin.model.scene import Box, Cylinder, Scene, Solid
+from motm_twin.model.scene import Scene
 
 PIXELS_PER_METRE = 80
 MARGIN = 1.5  # [m] of floor round the map
-_FLOOR = np.array([226.0, 225.0, 221.0])
-_PAGE = np.array([255.0, 255.0, 255.0])
+HORIZON = 30.0  # [m] from the middle of the scene
+FLOOR = np.array([197.0, 196.0, 192.0])  # sRGB, as on the screen
+BACKDROP = np.array([219.0, 223.0, 225.0])  # where ground and sky meet
+ZENITH = np.array([168.0, 190.0, 212.0])
+_LINE = (74, 84, 96)
 
 
 @functools.cache
@@ -29,58 +32,48 @@ def wood(light: bool = True, size: int = 256) -> Image.Image:
     return Image.fromarray(picture.astype(np.uint8)).quantize(48).convert("RGB")
 
 
-def floor(scene: Scene) -> tuple[Image.Image, Image.Image, tuple[float, float], tuple[float, float]]:
-    """The floor of a scene: RGB picture, grey picture of its fading edge, its centre [m] and its size [m].
+def floor(scene: Scene) -> tuple[Image.Image, tuple[float, float], tuple[float, float]]:
+    """The floor of a scene as it shall look: picture, its centre [m] and its size [m].
 
-    Metre lines with numbers along two sides, soft shadows where furniture stands, edges that fade into the page.
+    Tiles of one metre with numbers along two sides; at the edges it goes over into the `ground` around.
     """
     x_min, y_min, x_max, y_max = scene.bounds
-    x_min, y_min, x_max, y_max = x_min - MARGIN, y_min - MARGIN, x_max + MARGIN, y_max + MARGIN
-    width, height = round((x_max - x_min) * PIXELS_PER_METRE), round((y_max - y_min) * PIXELS_PER_METRE)
-    shade = Image.new("L", (width, height), 0)
-    pen = ImageDraw.Draw(shade)
-    for solid in scene.solids:
-        _draw_outline(pen, solid, (x_min, y_max))
-    dark = np.asarray(shade, dtype=float) / 255.0
-    soft = 0.65 * gaussian_filter(dark, 0.05 * PIXELS_PER_METRE) + 0.5 * gaussian_filter(dark, 0.22 * PIXELS_PER_METRE)
-    colour = _FLOOR * (1.0 - 0.42 * np.clip(soft, 0.0, 1.0))[..., None]
-    marked = Image.fromarray(colour.astype(np.uint8))
-    _draw_metres(marked, (x_min, y_min, x_max, y_max), scene.bounds)
+    area = (x_min - MARGIN, y_min - MARGIN, x_max + MARGIN, y_max + MARGIN)
+    width, height = (round((area[i + 2] - area[i]) * PIXELS_PER_METRE) for i in (0, 1))
+    centre, size = ((area[0] + area[2]) / 2, (area[1] + area[3]) / 2), (area[2] - area[0], area[3] - area[1])
+    x = area[0] + (np.arange(width) + 0.5) / PIXELS_PER_METRE
+    y = area[3] - (np.arange(height) + 0.5) / PIXELS_PER_METRE
+    marked = Image.fromarray(_tiles(x, y).astype(np.uint8))
+    _draw_metres(marked, area, scene.bounds)
+    around = ground_tone(np.hypot(x[None, :] - centre[0], y[:, None] - centre[1]))
     inside = _fade(width, height)[..., None]
-    picture = (np.asarray(marked) * inside + _PAGE * (1.0 - inside)).astype(np.uint8)
-    edge = Image.fromarray((255.0 * (1.0 - inside[..., 0])).astype(np.uint8))
-    return Image.fromarray(picture), edge, ((x_min + x_max) / 2, (y_min + y_max) / 2), (x_max - x_min, y_max - y_min)
+    picture = np.asarray(marked) * inside + around * (1.0 - inside)
+    return Image.fromarray(np.round(picture).astype(np.uint8)), centre, size
 
 
-@functools.cache
-def blob(size: int = 64) -> Image.Image:
-    """A soft round shadow with alpha."""
-    axis = np.linspace(-1.0, 1.0, size)
-    radius = np.hypot(*np.meshgrid(axis, axis))
-    picture = np.zeros((size, size, 4), dtype=np.uint8)
-    picture[..., 3] = (np.clip(1.0 - radius, 0.0, 1.0) ** 1.2 * 170.0).astype(np.uint8)
-    return Image.fromarray(picture)
+def ground_tone(distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Colour of the ground at a distance [m] from the middle of the scene, shape (...) to (..., 3)."""
+    part = np.clip((distance - 3.0) / (HORIZON - 3.0), 0.0, 1.0)[..., None]
+    return FLOOR + (BACKDROP - FLOOR) * (1.0 - (1.0 - part) ** 2.2)
 
 
-def _draw_outline(pen: ImageDraw.ImageDraw, solid: Solid, corner: tuple[float, float]) -> None:
-    """Fill what a solid covers, paler the higher it hangs; ``corner`` is the upper left [m]."""
-    fill = 255 if solid.z_min < 0.1 else 110
+def ground(size: int = 256) -> Image.Image:
+    """The ground all around, out to `HORIZON`, as it shall look; the scene is in its middle."""
+    axis = HORIZON * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
+    return Image.fromarray(np.round(ground_tone(np.hypot(axis[None, :], axis[:, None]))).astype(np.uint8))
 
-    def pixel(x: float, y: float) -> tuple[float, float]:
-        return (x - corner[0]) * PIXELS_PER_METRE, (corner[1] - y) * PIXELS_PER_METRE
 
-    shape = solid.shape
-    if isinstance(shape, Cylinder):
-        (x, y), r = pixel(*shape.centre), shape.radius * PIXELS_PER_METRE
-        pen.ellipse([x - r, y - r, x + r, y + r], fill=fill)
-        return
-    if isinstance(shape, Box):
-        c, s = np.cos(shape.yaw), np.sin(shape.yaw)
-        half = [(sx * shape.size[0] / 2, sy * shape.size[1] / 2) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-        corners = [(shape.centre[0] + c * x - s * y, shape.centre[1] + s * x + c * y) for x, y in half]
-    else:
-        corners = list(shape.corners)
-    pen.polygon([pixel(*point) for point in corners], fill=fill)
+def sky(size: int = 64) -> Image.Image:
+    """The sky from the zenith (top row) to the horizon, as it shall look."""
+    part = np.linspace(0.0, 1.0, size)[:, None] ** 0.6
+    column = ZENITH + (BACKDROP - ZENITH) * part
+    return Image.fromarray(np.round(np.repeat(column[:, None, :], 4, axis=1)).astype(np.uint8))
+
+
+def _tiles(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Tiles of one metre, every other one a little lighter; shape (len(y), len(x), 3)."""
+    odd = (np.floor(x)[None, :] + np.floor(y)[:, None]) % 2.0
+    return FLOOR * (1.0 + 0.02 * (2.0 * odd - 1.0))[..., None]
 
 
 def _draw_metres(picture: Image.Image, area: tuple[float, ...], bounds: tuple[float, ...]) -> None:
@@ -93,14 +86,14 @@ def _draw_metres(picture: Image.Image, area: tuple[float, ...], bounds: tuple[fl
         return (x - x_min) * PIXELS_PER_METRE, (y_max - y) * PIXELS_PER_METRE
 
     for x in range(int(np.ceil(area[0])), int(np.floor(area[2])) + 1):
-        pen.line([pixel(x, area[1]), pixel(x, area[3])], fill=(90, 96, 104, 70 if x else 120), width=1)
+        pen.line([pixel(x, area[1]), pixel(x, area[3])], fill=(*_LINE, 58 if x else 150), width=1)
         px, py = pixel(x, bottom)
-        pen.text((px + 4, py + 2), f"{x} m" if x == left else f"{x}", fill=(90, 96, 104, 210), font=font)
+        pen.text((px + 4, py + 2), f"{x} m" if x == left else f"{x}", fill=(*_LINE, 200), font=font)
     for y in range(int(np.ceil(area[1])), int(np.floor(area[3])) + 1):
-        pen.line([pixel(area[0], y), pixel(area[2], y)], fill=(90, 96, 104, 70 if y else 120), width=1)
+        pen.line([pixel(area[0], y), pixel(area[2], y)], fill=(*_LINE, 58 if y else 150), width=1)
         px, py = pixel(left, y)
         if y != bottom:
-            pen.text((px + 4, py + 2), f"{y}", fill=(90, 96, 104, 210), font=font)
+            pen.text((px + 4, py + 2), f"{y}", fill=(*_LINE, 200), font=font)
 
 
 def _fade(width: int, height: int) -> NDArray[np.float64]:

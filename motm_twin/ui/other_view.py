@@ -1,0 +1,80 @@
+"""Robots of a comparison: the same session under other parameters, drawn as tinted glass beside the real one."""
+
+from typing import Protocol
+
+import numpy as np
+import viser
+
+from motm_twin.model.assets import ghost_mesh
+from motm_twin.model.kinematics import LINKS, Frankie
+from motm_twin.model.profile import RobotProfile
+from motm_twin.ui import colours
+from motm_twin.ui.rotation import matrices_wxyz
+
+ROOT = "/others"
+MOST = 2
+_AWAY = -100.0  # [m]
+_LABEL_HEIGHT = 1.15  # [m]
+
+
+class Other(Protocol):
+    """A robot at one time of a comparison."""
+
+    label: str  # "changed: 71.2 s"
+    pose: tuple[float, float, float]
+    q: tuple[float, ...]
+    gripper: float
+
+
+class OtherView:
+    """One batched node per link, made when the first comparison runs, and a label per robot."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._kinematics: Frankie | None = None
+        self._links: list[viser.BatchedMeshHandle] = []
+        self._labels: list[viser.LabelHandle] = []
+        self._shown = False
+
+    def configure(self, profile: RobotProfile) -> None:
+        """Another robot profile."""
+        self._kinematics = Frankie(profile)
+
+    def update(self, others: "list[Other] | tuple[Other, ...] | None") -> None:
+        """Draw these, at most `MOST`."""
+        robots = list(others or ())[:MOST]
+        if self._kinematics is None or not (robots or self._shown):
+            return
+        if not self._links:
+            self._links = [self._add_link(link) for link in LINKS]
+            self._labels = [
+                self._server.scene.add_label(
+                    f"{ROOT}/label{i}", "", font_screen_scale=0.7, anchor="bottom-center", visible=False
+                )
+                for i in range(MOST)
+            ]
+        positions = np.full((len(LINKS), MOST, 3), (0.0, 0.0, _AWAY), dtype=np.float32)
+        turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32), (len(LINKS), MOST, 1))
+        for i, robot in enumerate(robots):
+            T = self._kinematics.link_transforms(np.array(robot.pose), np.array(robot.q), robot.gripper)
+            positions[:, i], turns[:, i] = T[:, :3, 3], matrices_wxyz(T[:, :3, :3])
+            label = self._labels[i]
+            label.position = (robot.pose[0], robot.pose[1], _LABEL_HEIGHT)
+            if label.text != robot.label:
+                label.text = robot.label
+        for handle, place, turn in zip(self._links, positions, turns, strict=True):
+            handle.batched_positions, handle.batched_wxyzs = place, turn
+        for i, label in enumerate(self._labels):
+            if label.visible != (i < len(robots)):
+                label.visible = i < len(robots)
+        self._shown = bool(robots)
+
+    def _add_link(self, link: str) -> viser.BatchedMeshHandle:
+        vertices, faces = ghost_mesh(link)
+        return self._server.scene.add_batched_meshes_simple(
+            f"{ROOT}/{link}", np.asarray(vertices, dtype=np.float32), faces,
+            batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (MOST, 1)),
+            batched_positions=np.full((MOST, 3), (0.0, 0.0, _AWAY), dtype=np.float32),
+            batched_colors=np.array(colours.OTHERS[:MOST], dtype=np.uint8), opacity=0.5, lod="off",
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip

@@ -1,0 +1,80 @@
+"""What a click in the scene means.
+
+Candidate: its costs and paths. Body, furniture, bin, cube: it is selected; a bin after a cube: the cube is to be
+delivered there. Floor: what is selected is let go, else the robot drives there now (or the agent that is being sent).
+"""
+
+import asyncio
+
+import viser
+
+from motm_twin.bus.commands import Command
+from motm_twin.bus.messages import TickMessage
+from motm_twin.model.edits import InsertTask, SendAgent
+from motm_twin.model.scene import DriveTo, Pick, Place
+from motm_twin.ui.aim import Hit, Ray, Surroundings
+from motm_twin.ui.drag import Drag
+from motm_twin.ui.hub import Hub, Visitor
+
+SELECTED = ("object", "bin", "body", "piece")
+
+
+class Pointing:
+    """Turns clicks into choices and commands. An orbit drag is no click: the page tells them apart by motion."""
+
+    def __init__(self, server: viser.ViserServer, hub: Hub, drag: Drag) -> None:
+        self._hub, self._drag = hub, drag
+        self.surroundings: Surroundings | None = None
+        self.tick: TickMessage | None = None
+        server.scene.on_click()(hub.watching(self._click))
+
+    async def _click(self, event: viser.SceneClickEvent, visitor: Visitor) -> None:
+        if self.surroundings is None or self.tick is None:
+            return
+        hub, view, tick = self._hub, self._hub.view, self.tick
+        if not hub.drives(visitor):
+            hub.tell(visitor, self._drag.refusal(visitor), "Only looking")
+            return
+        ray = Ray.through(event.ray_origin, [o + d for o, d in zip(event.ray_origin, event.ray_direction, strict=True)])
+        hit = self.surroundings.first(ray, tick, candidates=view.layers["Candidates"])
+        if hit is None:
+            view.selected = ""
+        elif hit.kind == "candidate":
+            view.picked = None if view.picked == hit.index else hit.index
+            hub.inspect()
+        elif hit.kind == "bin" and self._is_cube(view.selected):
+            await self._deliver(visitor, view.selected, hit.name)
+        elif hit.kind in SELECTED:
+            view.selected = "" if view.selected == hit.name else hit.name
+        elif hit.kind == "floor":
+            await self._floor(visitor, hit)
+        else:
+            view.selected = ""
+
+    def _is_cube(self, name: str) -> bool:
+        return self.tick is not None and any(item.name == name for item in self.tick.objects)
+
+    async def _deliver(self, visitor: Visitor, cube: str, box: str) -> None:
+        if await self._order(visitor, InsertTask(tasks=(Pick(object=cube), Place(bin=box)))):
+            self._hub.tell(visitor, f"{cube} \N{RIGHTWARDS ARROW} {box} added", "Task", "green")
+            self._hub.view.selected = ""
+
+    async def _floor(self, visitor: Visitor, hit: Hit) -> None:
+        view, tick = self._hub.view, self.tick
+        x, y = round(float(hit.point[0]), 3), round(float(hit.point[1]), 3)
+        sending = getattr(view, "sending", "")
+        if sending:
+            if await self._order(visitor, SendAgent(name=sending, x=x, y=y)):
+                view.sending = ""  # type: ignore[attr-defined]
+        elif view.selected:
+            view.selected = ""
+        elif tick is not None:
+            index = min(tick.task_index, len(tick.tasks))
+            await self._order(visitor, InsertTask(tasks=(DriveTo(point=(x, y)),), index=index))
+
+    async def _order(self, visitor: Visitor, command: Command) -> bool:
+        """Have a command carried out; a refusal is told by the hub."""
+        if reason := self._drag.refusal(visitor):
+            self._hub.tell(visitor, reason)
+            return False
+        return (await asyncio.to_thread(self._hub.command, visitor, command)).ok
