@@ -2,11 +2,15 @@
 
 import asyncio
 import http.client
+import socket
+import threading
+from pathlib import Path
 
 import pytest
 import websockets
 from websockets.asyncio.client import connect
 
+from motm_twin.bench.page_client import PageReader
 from motm_twin.bus.session import PortTaken, free_port
 from motm_twin.ui.guard import check_token, open_page, page_url
 
@@ -62,6 +66,34 @@ def test_a_name_that_somebody_pointed_at_this_machine_is_refused(local):
     assert get(local, Host="localhost.evil.example").status == 403
 
 
+def answer_to(server, request):
+    """First line of the answer to raw bytes."""
+    with socket.create_connection(("127.0.0.1", server.get_port()), timeout=10) as connection:
+        connection.sendall(request)
+        return connection.recv(4096).split(b"\r\n")[0]
+
+
+def test_a_request_without_a_name_or_with_two_is_refused(local):
+    assert b" 403 " in answer_to(local, b"GET / HTTP/1.1\r\n\r\n")
+    assert b" 403 " in answer_to(local, b"GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n")
+    assert b" 200 " in answer_to(local, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+
+
+def test_only_this_machine_reaches_the_page(local):
+    port = f":{local.get_port():04X}"
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    listening = {
+        address.removesuffix(port) for _, address, _, state, *_ in lines if address.endswith(port) and state == "0A"
+    }
+    assert listening == {"0100007F"}  # 127.0.0.1
+
+
+def test_files_beside_the_page_stay_private(secret, local):
+    for path in ("/../../../../../etc/passwd", "/%2e%2e/%2e%2e/%2e%2e/%2e%2e/etc/passwd", "/..%5c..%5cetc/passwd"):
+        assert get(local, path).status == 404
+        assert get(secret, path).status == 401
+
+
 def test_another_web_page_can_not_open_the_websocket(local):
     port = local.get_port()
     assert websocket_opens(local, origin=f"http://127.0.0.1:{port}")
@@ -93,8 +125,15 @@ def test_the_token_in_the_address_becomes_a_cookie_that_opens_page_and_websocket
     assert not websocket_opens(secret, origin="http://evil.example", cookie=pair)
 
 
-def test_the_public_tunnel_is_switched_off(local):
-    assert local.request_share_url() is None
+def test_the_public_tunnel_is_switched_off(local, monkeypatch):
+    opened, asked, closed = [], threading.Event(), local.request_share_url
+    monkeypatch.setattr("viser._viser.ViserTunnel", lambda *args, **_: opened.append(args))
+    local.request_share_url = lambda *args, **options: (closed(*args, **options), asked.set())
+    with PageReader(local.get_port()) as page:
+        page.send({"type": "ShareUrlRequest"})
+        assert asked.wait(10.0)  # what a page can ask for goes through the method that is replaced
+    assert closed() is None
+    assert opened == []
 
 
 def test_a_taken_port_is_an_error_and_never_the_next_one(local):
