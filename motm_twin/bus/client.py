@@ -23,6 +23,7 @@ from motm_twin.model.scene import Scene
 
 LOST_AFTER = 2.0  # [s] without a status message
 GET_TIMEOUT = 1.0  # [s]
+NEVER = -1e9  # [s]
 SESSION_TIMEOUT = 5.0  # [s]
 
 OnTick = Callable[[bytes], None]  # a TickMessage as JSON
@@ -48,7 +49,7 @@ class _Slot:
         self.payload: bytes | None = None
         self.attachment: bytes | None = None
         self.count = 0
-        self.at = -1e9  # [s] monotonic
+        self.at = NEVER  # [s] monotonic
 
     def put(self, payload: bytes, attachment: bytes | None) -> None:
         self.payload, self.attachment = payload, attachment
@@ -114,7 +115,8 @@ class TwinClient:
         """Call ``callback`` with the payload of every tick, in order; what is given back ends this.
 
         It is called in Zenoh's thread, which reads nothing else meanwhile: it must be quick (put the payload into a
-        queue). A tick may come twice, after a reconnection, and previews repeat the index of the tick before.
+        queue). A tick may come twice, after a reconnection; previews repeat the index of the tick before; and an index
+        that falls within one run comes from a server that was started again.
         """
         return self._listen(self._on_tick, callback)
 
@@ -205,7 +207,10 @@ class TwinClient:
                 _tell(self._on_grid, payload, attached or b"null")
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.PUT and not self._closed:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            with self._changed:
+                self._slots[self.keys.status].at = NEVER  # until the next one
+        elif not self._closed:
             thread = threading.Thread(target=self._fetch_all, name="late joiner", daemon=True)
             self._fetches = [old for old in self._fetches if old.is_alive()] + [thread]
             thread.start()

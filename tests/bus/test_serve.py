@@ -7,9 +7,10 @@ import signal
 import socket
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
 import zenoh
 from waiting import until
@@ -18,6 +19,8 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, MoveBody, Pause, Speed
 from motm_twin.bus.running import all_running
 from motm_twin.bus.session import free_port
+from motm_twin.record.replay import rerun
+from motm_twin.record.session import Session
 
 READY = 240.0  # [s] the first start compiles, on a machine that may be busy
 
@@ -98,7 +101,7 @@ def test_edits_through_zenoh_reach_the_real_world_in_the_next_period():
         assert seen.obstacles[0].name == "crate"
         assert client.command(MoveBody(name="crate", x=2.2, y=-0.7)).ok
         until(lambda: client.tick().obstacles[0].position[:2] == [2.2, -0.7], "it never moved")
-        assert "there is no" in client.command(MoveBody(name="nothing", x=0.0, y=0.0)).reason
+        assert "'nothing' is not" in client.command(MoveBody(name="nothing", x=0.0, y=0.0)).reason
         assert client.command(Pause()).ok
 
 
@@ -106,12 +109,43 @@ def test_edits_through_zenoh_reach_the_real_world_in_the_next_period():
 def test_a_killed_server_is_started_again_and_its_clients_find_it():
     with serving("--headless") as (process, port), TwinClient(f"tcp/127.0.0.1:{port}") as client:
         until(client.tick, "no tick", READY)
-        until(lambda: client.tick().index > 10, "it stands")
+        until(lambda: client.tick().index > 20, "it stands")
+        assert client.command(AddObstacle(name="crate", x=2.0, y=-0.6), sender="page.1", name="Ann").ok
+        heard = []
+        client.on_tick(lambda payload: heard.append(json.loads(payload)["index"]))
+        until(lambda: heard, "no tick is heard")
         (server,) = children(process)
         os.kill(server, signal.SIGKILL)
         until(lambda: children(process) not in ([], [server]), "no new server")
-        until(lambda: client.alive and client.tick().index < 10, "the new server was not found", READY)
-        until(lambda: client.tick().index > 10, "the new one stands")
+        until(lambda: not client.alive, "the client does not notice")
+        until(lambda: client.alive and client.tick().index < 20, "the new server was not found", READY)
+        until(lambda: client.tick().index > 20, "the new one stands")
+        again = heard.index(min(heard))
+        assert again > 0
+        assert heard[again + 1 :] == list(range(heard[again] + 1, heard[again] + len(heard) - again))
+        assert client.status().driver == ""
+        assert client.command(Pause(), sender="page.1", name="Ann").ok
+        until(lambda: client.status().state == "paused", "it does not pause")
+
+
+@pytest.mark.timeout(600)
+def test_serve_ends_at_once_on_a_signal_while_clients_read_and_its_session_reruns():
+    with serving("--headless", "--variant", "trial2") as (process, port), ExitStack() as stack:
+        endpoint = f"tcp/127.0.0.1:{port}"
+        clients = [stack.enter_context(TwinClient(endpoint)) for _ in range(5)]
+        for client in clients:
+            until(client.tick, "no tick", READY)
+        assert clients[0].command(AddObstacle(name="crate", x=1.0, y=-0.6, size=(0.3, 0.3, 0.5))).ok
+        until(lambda: clients[0].tick().index > 40, "it stands")
+        session = msgspec.json.decode(clients[1].session(), type=Session)
+        pids = children(process)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(2.5) == 0
+        assert not any(alive(pid) for pid in pids)
+    assert [entry.edit.name for entry in session.edits] == ["crate"]
+    again = rerun(session)
+    assert again.ok
+    assert again.state_hash == session.state_hash
 
 
 @pytest.mark.timeout(600)

@@ -4,19 +4,23 @@ import json
 import threading
 import time
 
+import msgspec
 import pytest
 import zenoh
 from fake_twin import FakeLibrary, FakeTwin
 from waiting import until
 
-from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import AddObstacle, Load, MoveBody, Pause, Play, Step
+from motm_twin.bus.client import NoSession, TwinClient
+from motm_twin.bus.commands import AddObstacle, HandOver, Inspect, Load, MoveBody, Pause, Play, Speed, Step
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import PortTaken, free_port, open_client
+from motm_twin.record.session import Session
+
+FAKE = Load(scene="fake")
 
 
-def serving(**options):
-    return TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), **options)
+def serving(first=FAKE, **options):
+    return TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=first, **options)
 
 
 @pytest.fixture
@@ -113,6 +117,99 @@ def test_ticks_come_in_order_and_a_slow_reader_gets_the_newest(server, client):
     assert indices == list(range(indices[0], indices[0] + len(indices)))
     newest = server.loop.status().time
     until(lambda: client.tick().time == newest, "the client is behind")
+
+
+def test_a_history_reader_gets_every_tick_and_grid_in_order_even_when_it_stalls(server, client):
+    ticks, grids = [], []
+
+    def on_tick(payload):
+        if len(ticks) == 20:
+            time.sleep(1.0)  # a reader that is busy with something else
+        ticks.append(json.loads(payload)["index"])
+
+    leave = client.on_tick(on_tick)
+    client.on_grid(lambda payload, info: grids.append((len(payload), json.loads(info))))
+    assert client.command(Speed(factor=8.0)).ok
+    assert client.command(Play()).ok
+    until(lambda: len(ticks) > 300 and grids, "ticks do not come")
+    leave()
+    seen = len(ticks)
+    assert ticks == list(range(ticks[0], ticks[0] + seen))
+    assert all(size == info["width"] * info["height"] for size, info in grids)
+    assert client.command(Pause()).ok
+    assert len(ticks) == seen
+
+
+def test_a_listener_that_fails_disturbs_nobody(client, capsys):
+    ticks = []
+    client.on_tick(lambda payload: 1 / 0)
+    client.on_tick(ticks.append)
+    client.command(Step(count=3))
+    until(lambda: len(ticks) == 3, "the other listener hears nothing")
+    until(lambda: client.tick().index == 3, "the client reads nothing")
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_one_client_speaks_for_several_persons(client):
+    assert client.command(Pause(), sender="page.1", name="Ann").ok
+    until(lambda: client.status().driver_name == "Ann", "nobody drives")
+    assert client.status().driver == "page.1"
+    assert client.status().driver_left > 0.0
+    assert "Ann is driving" in client.command(Pause(), sender="page.2", name="<b>Bob</b>").reason
+    assert client.command(HandOver(to="page.2", name="<b>Bob</b>"), sender="page.1", name="Ann").ok
+    assert client.command(Pause(), sender="page.2", name="<b>Bob</b>").ok
+    until(lambda: client.status().driver_name == "<b>Bob</b>", "the name was changed")
+
+
+def test_many_threads_of_one_sender_are_not_taken_for_replays(client):
+    reasons = []
+
+    def send():
+        for _ in range(20):
+            reasons.append(client.command(Inspect(), timeout=10.0).reason)
+
+    threads = [threading.Thread(target=send) for _ in range(5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert reasons == [""] * 100
+
+
+def test_a_client_that_starts_again_under_its_name_is_heard(server, client):
+    for _ in range(2):
+        with TwinClient(server.endpoint, sender="same") as again:
+            assert again.command(Pause()).ok
+
+
+def test_the_session_of_the_run_can_be_asked_for(server, client):
+    assert client.command(Step(count=2)).ok
+    until(lambda: client.tick().index == 2, "the steps were not seen")
+    session = msgspec.json.decode(client.session(), type=Session)
+    assert (session.periods, session.scene.name) == (3, "fake")
+
+
+def test_a_session_that_there_is_not_is_said_so():
+    with serving(port=(port := free_port()), first=Load(scene="nothing")) as server:
+        until(lambda: server.loop.status().state == "error", "no error")
+        with TwinClient(server.endpoint) as client, pytest.raises(NoSession, match="no scene is running"):
+            client.session()
+    with TwinClient(f"tcp/127.0.0.1:{port}") as client, pytest.raises(NoSession, match="does not answer"):
+        client.session(timeout=0.3)
+
+
+def test_the_heartbeat_sees_a_changed_scene_file():
+    class Edited(FakeLibrary):
+        def changed(self):
+            return self.loads == [("fake", None, None)]
+
+        def load(self, scene, variant, seed):
+            return msgspec.structs.replace(super().load(scene, variant, seed), title=f"edited {len(self.loads)} times")
+
+    with TwinServer(library=Edited(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False) as server:
+        until(lambda: server.loop.status().text == "scene file changed: loaded again", "it is not loaded again")
+        with TwinClient(server.endpoint) as client:
+            until(lambda: client.scene() and client.scene().title == "edited 2 times", "the scene is not sent")
 
 
 def test_a_client_waits_for_a_server_and_finds_it_again_after_a_restart():
