@@ -5,10 +5,17 @@ from typing import Protocol
 import viser
 
 from motm_twin.ui import cards, colours
+from motm_twin.ui.disturb_tab import DisturbTab
 from motm_twin.ui.drive_tab import DriveTab
+from motm_twin.ui.help_card import HelpCard
 from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.palette import add_commands
+from motm_twin.ui.replay_tab import ReplayTab
 from motm_twin.ui.stage import Stage
+from motm_twin.ui.tune_tab import TuneTab
+from motm_twin.ui.wheel import Wheel
 from motm_twin.ui.why_tab import WhyTab
+from motm_twin.ui.widgets import STYLE, Html
 
 WIDTH = 330  # [px]
 
@@ -25,37 +32,41 @@ class Tab(Protocol):
         ...
 
 
-class Html:
-    """A piece of HTML that is sent only when it changes."""
-
-    def __init__(self, gui: viser.GuiApi, content: str = "") -> None:
-        self._handle, self._shown = gui.add_html(content), content
-
-    def set(self, content: str) -> None:
-        """Show this; texts from outside must be escaped already."""
-        if content != self._shown:
-            self._shown = content
-            self._handle.content = content
-
-
 class Desk:
-    """The widgets of one visitor."""
+    """The widgets of one visitor; a ``new`` one is told how to drive."""
 
-    def __init__(self, hub: Hub, visitor: Visitor, stage: Stage) -> None:
+    def __init__(self, hub: Hub, visitor: Visitor, stage: Stage, *, new: bool = True) -> None:
         self.visitor, self._hub = visitor, hub
         gui = visitor.client.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=colours.BRAND)
         gui.set_panel_label("motm-twin")
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
+        gui.add_html(STYLE)
         self._status = Html(gui, cards.status_card("waiting", None, "connecting"))
-        tabs = gui.add_tab_group()
-        self._tabs: list[Tab] = []
-        with tabs.add_tab("Drive"):
-            self._tabs.append(DriveTab(gui, hub, visitor, stage))
-        with tabs.add_tab("Why"):
-            self._tabs.append(WhyTab(gui, hub, visitor))
+        self._wheel = Wheel(gui, hub, visitor)
+        tabs, icon = gui.add_tab_group(), viser.Icon
+        with tabs.add_tab("Drive", icon.STEERING_WHEEL):
+            drive = DriveTab(gui, hub, visitor, stage)
+        with tabs.add_tab("Disturb", icon.HAND_FINGER):
+            disturb = DisturbTab(gui, hub, visitor)
+        with tabs.add_tab("Why", icon.BULB):
+            why = WhyTab(gui, hub, visitor)
+        with tabs.add_tab("Tune", icon.ADJUSTMENTS):
+            tune = TuneTab(gui, hub, visitor)
+        with tabs.add_tab("Replay", icon.HISTORY):
+            replay = ReplayTab(gui, hub, visitor)
+        self._tabs: list[Tab] = [drive, disturb, why, tune, replay]
+        self._help = HelpCard(hub, visitor)
+        add_commands(hub, visitor, stage, drive, disturb, replay, self._help)
+        if new:
+            self._help.open()
         self._driving: bool | None = None
+
+    @property
+    def knows_how(self) -> bool:
+        """Whether this visitor has read how to drive."""
+        return self._help.read
 
     def update(self, shown: Shown) -> None:
         """Show this."""
@@ -63,9 +74,11 @@ class Desk:
         if shown.state == "lost":
             note = "the twin server is silent; this page reconnects by itself"
         self._status.set(cards.status_card(shown.state, shown.status, note))
+        self._wheel.update(shown)
         driving = self._hub.drives(self.visitor)
         if driving != self._driving:
             self._driving = driving
+            self._wheel.enable(driving)
             for tab in self._tabs:
                 tab.enable(driving)
         for tab in self._tabs:

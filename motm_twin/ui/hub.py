@@ -16,14 +16,18 @@ from typing import Any
 import viser
 
 from motm_twin.bus.client import Grid, TwinClient
-from motm_twin.bus.commands import Answer, Command, Inspect
+from motm_twin.bus.commands import NAME_MAX, Answer, Command, HandOver, Inspect, TakeWheel
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import History
+from motm_twin.ui.playback import Playback
+from motm_twin.ui.what_if import WhatIf
 
-LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails")
+LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodified STAA* path", "Cast shadows")
+OFF_AT_FIRST = ("Unmodified STAA* path", "Cast shadows")
 NOTE_TIME = 6.0  # [s] a note stays on the page
 WAITING = 100  # commands that may wait to be sent
+KEEP_WHEEL = 3.0  # [s] what a driver does on the page alone keeps the wheel as well, told this often
 
 
 @dataclass(eq=False)
@@ -33,16 +37,23 @@ class Visitor:
     client: viser.ClientHandle
     sender: str
     name: str
+    gone: bool = False  # speaks no more
+    sent: float = -1e9  # [s] monotonic, of the last command
+
+    def rename(self, text: str) -> None:
+        """Take a name a person has typed, as far as it can be shown; an empty one changes nothing."""
+        self.name = clean_name(text) or self.name
 
 
 @dataclass
 class View:
     """What the driver has chosen to see, for everybody."""
 
-    layers: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(LAYERS, True))
+    layers: dict[str, bool] = field(default_factory=lambda: {name: name not in OFF_AT_FIRST for name in LAYERS})
     picked: int | None = None  # candidate whose costs and paths are shown
     staa_path: bool = False  # path of unmodified STAA*
     selected: str = ""  # body, cube or piece of furniture that the next action is about
+    sending: str = ""  # agent that goes where the floor is clicked next
     at: int | None = None  # period that is shown; None: the newest
 
 
@@ -72,6 +83,10 @@ class Hub:
         self.server, self.client = server, client
         self.view = View()
         self.history: History | None = None  # set by the viewer
+        self.what_if = WhatIf(client.session)
+        self.playback = Playback(self.view)
+        self._asking: dict[str, Visitor] = {}
+        self._speaking = threading.Lock()
         self._visitors: dict[int, Visitor] = {}
         self._queue: queue.Queue[tuple[Visitor | None, Command]] = queue.Queue(maxsize=WAITING)
         self._stop = threading.Event()
@@ -79,7 +94,8 @@ class Hub:
         self._sender.start()
 
     def stop(self) -> None:
-        """End the sending thread."""
+        """End the sending thread, and what was computed for the page."""
+        self.what_if.stop()
         self._stop.set()
         self._sender.join(1.0)
 
@@ -96,8 +112,16 @@ class Hub:
         return visitor
 
     def leave(self, client: viser.ClientHandle) -> Visitor | None:
-        """The visitor that is gone."""
-        return self._visitors.pop(client.client_id, None)
+        """The visitor that is gone: asks for nothing, and if it drove, the wheel is free."""
+        visitor = self._visitors.pop(client.client_id, None)
+        if visitor is None:
+            return None
+        visitor.gone = True
+        self._asking.pop(visitor.sender, None)
+        if self.is_driver(visitor):
+            self.view.at, self.view.sending = None, ""
+            self.send(visitor, HandOver())
+        return visitor
 
     def visitor(self, client: viser.ClientHandle | int | None) -> Visitor | None:
         """Who a client is, by handle or number."""
@@ -109,6 +133,37 @@ class Hub:
         status = self.client.status()
         return status is None or status.driver in ("", visitor.sender)
 
+    def is_driver(self, visitor: Visitor) -> bool:
+        """Whether this visitor holds the wheel."""
+        status = self.client.status()
+        return status is not None and status.driver == visitor.sender
+
+    def ask(self, visitor: Visitor) -> None:
+        """Ask the driver for the wheel."""
+        status = self.client.status()
+        driver = None if status is None else self._speaker(status.driver)
+        self._asking[visitor.sender] = visitor
+        if driver is not None:
+            self.tell(driver, f"{visitor.name} asks for the wheel: the button on top of the panel hands it over")
+        elif status is not None and status.driver:
+            self.tell(visitor, f"{status.driver_name} drives from elsewhere; the wheel is free after 10 s of silence")
+
+    def asks(self, visitor: Visitor) -> bool:
+        """Whether this visitor waits for the wheel."""
+        return visitor.sender in self._asking
+
+    def asker(self) -> Visitor | None:
+        """Who asked first for the wheel and still does."""
+        status = self.client.status()
+        driver = "" if status is None else status.driver
+        if not driver:
+            self._asking.clear()
+        self._asking.pop(driver, None)
+        return next(iter(list(self._asking.values())), None)
+
+    def _speaker(self, sender: str) -> Visitor | None:
+        return next((visitor for visitor in self.visitors if visitor.sender == sender), None)
+
     def send(self, visitor: Visitor | None, command: Command) -> None:
         """Have a command sent soon; a refusal is told to the visitor."""
         try:
@@ -118,10 +173,14 @@ class Hub:
 
     def command(self, visitor: Visitor | None, command: Command) -> Answer:
         """Send a command now and wait for the answer; a refusal is told to the visitor. Not for Viser's own thread."""
-        if visitor is None:
-            answer = self.client.command(command)
-        else:
-            answer = self.client.command(command, sender=visitor.sender, name=visitor.name)
+        with self._speaking:  # nobody speaks for a visitor once the wheel was given back for it
+            if visitor is None:
+                answer = self.client.command(command)
+            elif visitor.gone and not isinstance(command, HandOver):
+                return Answer(ok=False, reason=f"{visitor.name} is gone")
+            else:
+                visitor.sent = time.monotonic()
+                answer = self.client.command(command, sender=visitor.sender, name=visitor.name)
         if not answer.ok:
             self.tell(visitor, answer.reason)
         return answer
@@ -129,6 +188,8 @@ class Hub:
     def tell(self, visitor: Visitor | None, text: str, title: str = "", colour: str = "orange") -> None:
         """A note on one page, or on all."""
         for reader in self.visitors if visitor is None else [visitor]:
+            if reader.gone:
+                continue
             reader.client.add_notification(
                 title or "Note", text, auto_close_seconds=NOTE_TIME, color=colour  # type: ignore[arg-type]
             )  # fmt: skip
@@ -160,12 +221,21 @@ class Hub:
 
         def checked(event: Any, visitor: Visitor) -> object:
             if self.drives(visitor):
-                return act(event, visitor)
+                return self._as_driver(act, event, visitor)
             status = self.client.status()
             self.tell(visitor, f"{status.driver_name if status else 'somebody else'} is driving", "Only looking")
             return None
 
         return self.watching(checked)
+
+    def _as_driver(self, act: Callable[[Any, Visitor], object], event: Any, visitor: Visitor) -> object:
+        before = self._queue.qsize()
+        result = act(event, visitor)
+        quiet = self._queue.qsize() == before and time.monotonic() - visitor.sent > KEEP_WHEEL
+        if quiet and self.client.alive and not visitor.gone:
+            visitor.sent = time.monotonic()
+            self.send(visitor, TakeWheel())
+        return result
 
     def _send_queued(self) -> None:
         while not self._stop.is_set():
@@ -179,3 +249,12 @@ class Hub:
                 traceback.print_exc()
                 self.tell(visitor, f"{type(error).__name__}: {error}", "Not sent", "red")
                 time.sleep(0.1)
+
+
+def clean_name(text: str) -> str:
+    """A person's name as others may see it: printable, one line, at most `NAME_MAX` characters, or "" for nothing.
+
+    Signs that turn the direction of writing, and the like, are no printable characters.
+    """
+    words = "".join(letter if letter.isprintable() else " " for letter in text).split()
+    return " ".join(words)[:NAME_MAX].strip()

@@ -1,6 +1,7 @@
 """Who is here: a desk for every browser page, made when it connects and forgotten when it is gone."""
 
 import threading
+import time
 import traceback
 
 import viser
@@ -8,6 +9,8 @@ import viser
 from motm_twin.ui.desk import Desk
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.stage import Stage
+
+RETURN = 20.0  # [s] a page that connects this soon after another one left is taken for the same person
 
 
 class Visitors:
@@ -17,29 +20,38 @@ class Visitors:
         self._hub, self._stage = hub, stage
         self._lock = threading.Lock()
         self._desks: dict[int, Desk] = {}
+        self._left = -1e9  # [s] monotonic, when a page left whose visitor knows how to drive
         server.on_client_connect(self._enter)
         server.on_client_disconnect(self._leave)
 
     def update(self, shown: Shown) -> None:
         """Bring every desk up to date; one that fails does not stop the others."""
+        history = self._hub.history
+        self._hub.playback.advance(None if history is None else history.span)
         with self._lock:
             desks = list(self._desks.values())
         for desk in desks:
+            if desk.visitor.gone:
+                continue
             try:
                 desk.update(shown)
             except Exception as error:
+                if desk.visitor.gone:  # it left meanwhile, and its widgets with it
+                    continue
                 traceback.print_exc()
                 self._hub.tell(desk.visitor, f"{type(error).__name__}: {error}", "The panel has an error", "red")
 
     async def _enter(self, client: viser.ClientHandle) -> None:
         visitor = self._hub.enter(client)
-        desk = Desk(self._hub, visitor, self._stage)
+        desk = Desk(self._hub, visitor, self._stage, new=time.monotonic() - self._left > RETURN)
         with self._lock:
             self._desks[client.client_id] = desk
 
     async def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            self._desks.pop(client.client_id, None)
+            desk = self._desks.pop(client.client_id, None)
+        if desk is not None and desk.knows_how:
+            self._left = time.monotonic()
         visitor = self._hub.leave(client)
         if visitor is not None:
             self._stage.leave(visitor)

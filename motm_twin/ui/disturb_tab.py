@@ -1,0 +1,217 @@
+"""Disturbing: new bodies, what can be done with the selected thing, pushes, and sensors that fail."""
+
+import html
+
+import viser
+
+from motm_twin.bus.commands import Announce, Command, InjectFault, RemoveBody
+from motm_twin.ui import disturb
+from motm_twin.ui.disturb import Thing
+from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.widgets import Changing, Html, buttons
+
+NEW = {"Temi": "temi", "Person": "person", "Box": "box", "Cylinder": "cylinder"}
+NOTHING = "(nothing)"
+LEFT, RIGHT, DELETE = "⟲ 15°", "⟳ 15°", "Delete"
+FREEZE, GO_ON, SEND, STAY = "Freeze", "Go on", "Send to…", "Do not send"
+FAULTS = {
+    "Lidar off 1 s": InjectFault(fault="lidar_off", seconds=1.0),
+    "Camera off 2 s": InjectFault(fault="camera_off", seconds=2.0),
+    "Camera late 5 s": InjectFault(fault="camera_delay", seconds=5.0, delay=0.5),
+}
+_HOW = {
+    "": "Grab anything with the mouse and drag it, also furniture; let go while moving to throw it.",
+    "agent": "Drag it into the way, or send it somewhere.",
+    "obstacle": "Drag it into the way; the robot sees it with its lidar only.",
+    "piece": "Drag it. The map does not follow until you tell the robot.",
+    "object": "Drag the cube somewhere else while the robot reaches for it.",
+}
+_TEXT = "font-size:12px;line-height:1.4;color:#6b7280;padding:0 12px 6px 12px"
+
+
+def about(thing: Thing | None, sending: str) -> str:
+    """What can be done with the selected thing, as HTML."""
+    if sending:
+        text = f"Click the floor where <b>{html.escape(sending)}</b> should go."
+        return f'<div style="{_TEXT};color:#1d4ed8">{text}</div>'
+    return f'<div style="{_TEXT}">{_HOW["" if thing is None else thing.kind]}</div>'
+
+
+def faults(texts: list[str]) -> str:
+    """Faults that last, as HTML; "" when there are none."""
+    if not texts:
+        return ""
+    lines = "<br>".join(html.escape(text) for text in texts)
+    return (
+        f'<div style="{_TEXT}"><div style="border-left:3px solid #b45309;background:#b4530914;color:#92400e;'
+        f'padding:3px 8px">{lines}</div></div>'
+    )
+
+
+class DisturbTab:
+    """Widgets that disturb the robot."""
+
+    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
+        self._hub, self._visitor = hub, visitor
+        self._shown: Shown | None = None
+        self._changing = Changing()
+        self._names: tuple[str, ...] = ()
+        self._selected = ""
+        row = self._row(gui, tuple(NEW), lambda what: self.add(NEW[what]), "Add", "keys T, P, B, C; then drag it")
+        del row
+        gui.add_divider()
+        self._choice: viser.GuiDropdownHandle[str] = self._changing(
+            gui.add_dropdown("Selected", (NOTHING,), hint="or click it in the scene")
+        )
+        self._choice.on_update(hub.driving(lambda event, _: self._select(event.target.value)))
+        self._about = Html(gui, about(None, ""))
+        self._agent = self._row(gui, (FREEZE, SEND), self._with_agent)
+        self._piece = self._row(gui, ("Tell the robot",), lambda _: self._announce(), hint="its map follows")
+        self._cube = self._row(gui, ("In front of the robot", "Back to its place"), self._with_cube)
+        self._turn = self._row(gui, (LEFT, RIGHT, DELETE), self._turn_or_delete)
+        gui.add_divider()
+        self._row(gui, tuple(disturb.PUSHES), self._push, "Push robot", "10 cm, or a turn; its wheels notice nothing")
+        self._grip = self._row(gui, ("Take the cube from the gripper",), lambda _: self._take_cube())
+        self._row(gui, tuple(FAULTS), lambda what: self._send(FAULTS[what]))
+        self._faults = Html(gui)
+        gui.add_divider()
+        clear_hint = "added bodies go, furniture back to its place"
+        self._row(gui, ("Clear all",), lambda _: self.clear(), hint=clear_hint)
+
+    def enable(self, driving: bool) -> None:
+        """Grey while somebody else drives."""
+        self._changing.enable(driving)
+
+    def update(self, shown: Shown) -> None:
+        """Show this."""
+        self._shown = shown
+        if shown.scene is None or shown.newest is None:
+            return
+        listed = disturb.things(shown.scene, shown.newest)
+        selected = shown.view.selected if shown.view.selected in listed else ""
+        if tuple(listed) != self._names:
+            self._names = tuple(listed)
+            self._choice.options = (NOTHING, *self._names)
+        if selected != self._selected or (self._choice.value or NOTHING) != (selected or NOTHING):
+            self._selected = selected
+            self._choice.value = selected or NOTHING
+        thing = listed.get(selected)
+        self._about.set(about(thing, shown.view.sending))
+        kind = "" if thing is None else thing.kind
+        self._agent.visible = kind == "agent"
+        self._piece.visible, self._cube.visible = kind == "piece", kind == "object"
+        self._turn.visible = thing is not None and thing.turns
+        if thing is not None and kind == "agent":
+            send = STAY if shown.view.sending == thing.name else SEND
+            self._agent.options = (GO_ON if thing.frozen else FREEZE, send)
+        self._grip.visible = disturb.held_cube(shown.newest) != ""
+        self._faults.set(faults(shown.newest.faults))
+
+    def add(self, kind: str) -> None:
+        """Put a new body on the floor near the robot, and select it."""
+        shown = self._live()
+        if shown is None:
+            return
+        body = disturb.new_body(kind, shown.scene, shown.newest, self._hub.client.grid())  # type: ignore[arg-type]
+        self._send(body)
+        self._hub.view.selected = body.name
+
+    def clear(self) -> None:
+        """Undo what was added and moved."""
+        shown = self._live()
+        if shown is not None:
+            for command in disturb.cleared(shown.scene, shown.newest):  # type: ignore[arg-type]
+                self._send(command)
+
+    def delete(self) -> None:
+        """Take the selected thing away."""
+        thing = self._thing()
+        if thing is not None and thing.turns:
+            self._send(RemoveBody(name=thing.name))
+
+    def freeze(self) -> None:
+        """Stop the selected agent, or let it go on."""
+        thing = self._thing()
+        if thing is not None and thing.kind == "agent":
+            self._send(disturb.freeze(thing))
+
+    def _row(self, gui: viser.GuiApi, options: tuple[str, ...], act, label: str = "", hint: str | None = None):
+        callback = self._hub.driving(lambda event, _: act(event.target.value))
+        return self._changing(buttons(gui, options, callback, label=label, hint=hint))
+
+    def _send(self, command: Command) -> None:
+        self._hub.send(self._visitor, command)
+
+    def _live(self) -> Shown | None:
+        """What is shown, when it can be changed; a note when an earlier period is."""
+        shown = self._shown
+        if shown is None or shown.newest is None or shown.scene is None:
+            return None
+        if not shown.live:
+            self._hub.tell(self._visitor, "looking back: return to live or branch from here")
+            return None
+        return shown
+
+    def _thing(self) -> Thing | None:
+        shown = self._live()
+        if shown is None:
+            return None
+        return disturb.things(shown.scene, shown.newest).get(self._hub.view.selected)  # type: ignore[arg-type]
+
+    def _select(self, name: str) -> None:
+        self._hub.view.selected = "" if name == NOTHING else name
+        self._hub.view.sending = ""
+
+    def _with_agent(self, what: str) -> None:
+        thing = self._thing()
+        if thing is None:
+            return
+        if what in (FREEZE, GO_ON):
+            self._send(disturb.freeze(thing))
+        else:
+            self._hub.view.sending = "" if self._hub.view.sending == thing.name else thing.name
+
+    def _announce(self) -> None:
+        if self._thing() is not None:
+            self._send(Announce(name=self._hub.view.selected))
+
+    def _with_cube(self, what: str) -> None:
+        shown, thing = self._live(), self._thing()
+        if shown is None or thing is None:
+            return
+        assert shown.scene is not None and shown.newest is not None
+        if what == "Back to its place":
+            self._put(disturb.put_back(thing.name, shown.scene))
+        else:
+            self._put(disturb.put_in_front(thing.name, shown.newest))
+
+    def _put(self, command: Command | None) -> None:
+        if command is None:
+            self._hub.tell(self._visitor, "the scene has no place for this cube")
+        else:
+            self._send(command)
+
+    def _turn_or_delete(self, what: str) -> None:
+        shown, thing = self._live(), self._thing()
+        if shown is None or thing is None:
+            return
+        assert shown.scene is not None and shown.newest is not None
+        if what == DELETE:
+            self._send(RemoveBody(name=thing.name))
+            return
+        command = disturb.turned(thing, shown.scene, shown.newest, disturb.TURN * (1 if what == LEFT else -1))
+        if command is not None:
+            self._send(command)
+
+    def _push(self, way: str) -> None:
+        shown = self._live()
+        if shown is not None:
+            self._send(disturb.pushed(shown.newest, way))  # type: ignore[arg-type]
+
+    def _take_cube(self) -> None:
+        shown = self._live()
+        if shown is not None:
+            assert shown.scene is not None and shown.newest is not None
+            name = disturb.held_cube(shown.newest)
+            if name:
+                self._put(disturb.put_back(name, shown.scene))

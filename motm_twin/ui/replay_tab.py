@@ -1,0 +1,173 @@
+"""Looking back: the last two minutes, branching, and what can be taken home."""
+
+import asyncio
+import io
+import re
+import time
+from typing import TYPE_CHECKING
+
+import viser
+from PIL import Image
+
+from motm_twin.bus.commands import Branch
+from motm_twin.bus.messages import StatusMessage
+from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.playback import PERIOD
+from motm_twin.ui.widgets import HOLD, Changing, Html, buttons
+
+if TYPE_CHECKING:
+    from motm_twin.ui.history import Span
+
+SPAN = 120.0  # [s]
+SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
+EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
+PICTURE = (1200, 1920)  # [px] height, width
+_TEXT = "font-size:12px;line-height:1.45;color:#6b7280;padding:0 12px 6px 12px"
+_CODE = "background:#f3f4f6;border-radius:3px;padding:0 4px"
+
+
+def file_name(status: StatusMessage | None, ending: str) -> str:
+    """A name for a file to be downloaded: scene, variant, seed and time, in letters that any system takes."""
+    if status is None:
+        return f"twin.{ending}"
+    parts = (status.scene, status.variant, str(status.seed), f"{status.time:.1f}s")
+    return "-".join(filter(None, (_plain(part) for part in parts))) + f".{ending}"
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.]+", "_", text).strip("_.")[:40]
+
+
+def span_line(shown: Shown, span: "Span | None") -> str:
+    """Which period is shown, of which, as HTML."""
+    if span is None or shown.tick is None:
+        return f'<div style="{_TEXT}">nothing recorded yet</div>'
+    at = "live" if shown.live else f"period {shown.tick.index}"
+    return (
+        f'<div style="{_TEXT};font-variant-numeric:tabular-nums">at <b>{shown.tick.time:.2f} s</b> ({at}) &middot; '
+        f"kept: {span.first_time:.0f} to {span.last_time:.1f} s</div>"
+    )
+
+
+def rerun_text(name: str) -> str:
+    """How a saved session is used, as HTML; ``name`` is one of `file_name`."""
+    return (
+        f'<div style="{_TEXT}">Saved as <b style="overflow-wrap:anywhere">{name}</b>. '
+        f'Rerun it bit for bit:<br><code style="{_CODE}">motm-twin replay FILE</code><br>'
+        f'Keep it as a test: put the file into <code style="{_CODE}">tests/recorded</code>; the test there reruns '
+        "every session and compares the state.</div>"
+    )
+
+
+class ReplayTab:
+    """Widgets that look back and save."""
+
+    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
+        self._hub, self._visitor = hub, visitor
+        self._changing = Changing()
+        self._shown: Shown | None = None
+        self._line = Html(gui)
+        marks = ((-120.0, "-120 s"), (-60.0, "-60"), (0.0, "now"))
+        self._slider = self._changing(gui.add_slider("Seconds", -SPAN, 0.0, PERIOD, 0.0, marks=marks))
+        self._slider.on_update(hub.driving(lambda event, _: self._look(float(event.target.value))))
+        self._touched = -1e9
+        self._play = self._row(gui, ("◀ 1", "Play", "1 ▶", "Live"), self._move, hint="keys ←, →, L")
+        self._speed: viser.GuiDropdownHandle[str] = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x")
+        hint = "the twin goes back to the shown moment and on from there; what came after is forgotten"
+        self._branch = self._changing(gui.add_button("Branch from here", icon=viser.Icon.GIT_BRANCH, hint=hint))
+        self._branch.on_click(hub.driving(lambda *_: self.branch()))
+        gui.add_divider()
+        self._save = gui.add_button("Save the session", icon=viser.Icon.DOWNLOAD, hint="S")
+        self._save.on_click(hub.watching(lambda *_: self.save()))
+        self._saved = Html(gui, rerun_text("scene-variant-seed-time.json").replace("Saved as", "Saves"))
+        gui.add_divider()
+        act = hub.watching(lambda event, _: self._export(EXPORTS[event.target.value]))
+        buttons(gui, tuple(EXPORTS), act, label="As a page", hint="the last seconds as one HTML file, to be sent on")
+        self._bar = gui.add_progress_bar(100.0, animated=True, visible=False)
+        picture = gui.add_button("Screenshot", icon=viser.Icon.CAMERA)
+        picture.on_click(hub.watching(lambda *_: self.screenshot()))
+
+    def enable(self, driving: bool) -> None:
+        """Grey while somebody else drives; anybody may save."""
+        self._changing.enable(driving)
+
+    def update(self, shown: Shown) -> None:
+        """Show this."""
+        self._shown = shown
+        self._line.set(span_line(shown, self._span()))
+        if time.monotonic() - self._touched > HOLD:
+            self._slider.value = round(-min(SPAN, shown.behind) / PERIOD) * PERIOD
+        self._play.options = ("◀ 1", "Pause" if self._hub.playback.playing else "Play", "1 ▶", "Live")
+        self._branch.disabled = shown.live or not self._changing.on
+
+    def step(self, periods: int) -> None:
+        """Look one period earlier or later."""
+        self._hub.playback.step(periods, self._span())
+
+    def branch(self) -> None:
+        """Have the twin go on from the shown moment."""
+        at, shown = self._hub.view.at, self._shown
+        if at is None or shown is None or shown.status is None:
+            self._hub.tell(self._visitor, "first look back to the moment from which the twin should go on")
+            return
+        if at < shown.status.oldest:
+            seconds = shown.status.oldest * PERIOD
+            self._hub.tell(self._visitor, f"the twin can go back to {seconds:.1f} s at the earliest")
+            return
+        self._hub.playback.live()
+        self._hub.send(self._visitor, Branch(index=at))
+
+    async def save(self) -> None:
+        """Download the run so far."""
+        data = await asyncio.to_thread(self._hub.client.session)
+        name = file_name(self._status(), "json")
+        self._visitor.client.send_file_download(name, data, save_immediately=True)
+        self._saved.set(rerun_text(name))
+
+    async def screenshot(self) -> None:
+        """Download a picture of the scene from this visitor's camera."""
+        height, width = PICTURE
+        picture = await asyncio.to_thread(self._visitor.client.get_render, height=height, width=width)
+        buffer = io.BytesIO()
+        await asyncio.to_thread(Image.fromarray(picture[..., :3]).save, buffer, "PNG")
+        self._visitor.client.send_file_download(
+            file_name(self._status(), "png"), buffer.getvalue(), save_immediately=True
+        )
+
+    async def _export(self, seconds: float) -> None:
+        from motm_twin.ui import export
+
+        shown, history = self._shown, self._hub.history
+        if shown is None or shown.scene is None or history is None:
+            return
+        self._bar.visible = True
+        try:
+            page = await asyncio.to_thread(export.html, history, shown.scene, seconds)
+        finally:
+            self._bar.visible = False
+        self._visitor.client.send_file_download(file_name(self._status(), "html"), page, save_immediately=True)
+
+    def _row(self, gui: viser.GuiApi, options: tuple[str, ...], act, hint: str):
+        callback = self._hub.driving(lambda event, _: act(event.target.value))
+        return self._changing(buttons(gui, options, callback, hint=hint))
+
+    def _move(self, what: str) -> None:
+        playback = self._hub.playback
+        if what == "Live":
+            playback.live()
+        elif what == "Pause":
+            playback.pause()
+        elif what == "Play":
+            playback.play(SPEEDS[self._speed.value], self._span())
+        else:
+            playback.step(1 if what == "1 ▶" else -1, self._span())
+
+    def _look(self, value: float) -> None:
+        self._touched = time.monotonic()
+        self._hub.playback.look(-value, self._span())
+
+    def _span(self) -> "Span | None":
+        return None if self._hub.history is None else self._hub.history.span
+
+    def _status(self) -> StatusMessage | None:
+        return None if self._shown is None else self._shown.status

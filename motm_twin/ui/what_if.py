@@ -1,0 +1,266 @@
+"""What if: a run once more in other processes, as it was and with other parameters, for everybody to see.
+
+``python -m motm_twin.record.what_if`` computes both and writes JSON lines; here they are read and kept.
+"""
+
+import bisect
+import contextlib
+import math
+import subprocess
+import sys
+import tempfile
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from motm_twin.model.edits import ParameterValue
+
+RUNS = ("as it was", "changed")
+PERIOD = 0.05  # [s]
+ERROR_LINES = 12  # of the standard error of the process that are kept
+MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
+Values = Mapping[str, ParameterValue]
+
+
+class Sample(msgspec.Struct, frozen=True, kw_only=True):
+    """Where the robot of one run is."""
+
+    time: float  # [s] simulated
+    pose: tuple[float, float, float]
+    q: tuple[float, ...]  # 7 arm joints [rad]
+    gripper: float  # [m]
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """How one run ended."""
+
+    time_s: float
+    picks: int
+    places: int
+    contacts: int  # caused by the robot
+    path_length: float = 0.0  # [m]
+    success: bool = False
+    reason: str = ""
+    skipped: tuple[str, ...] = ()
+
+
+class _Line(msgspec.Struct, frozen=True, kw_only=True):
+    run: str = ""
+    done: bool = False
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Other:
+    """A robot of another run, at one moment."""
+
+    label: str
+    pose: tuple[float, float, float]
+    q: tuple[float, ...]
+    gripper: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """What there is to tell about the comparison."""
+
+    phase: str = "idle"  # idle | starting | running | done | failed
+    text: str = ""  # why it failed
+    who: str = ""  # started it
+    start: float = 0.0  # [s] from which on the runs may differ
+    values: dict[str, ParameterValue] = field(default_factory=dict)
+    reached: dict[str, float] = field(default_factory=dict)  # [s] simulated, by run
+    outcomes: dict[str, Outcome] = field(default_factory=dict)
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is being computed."""
+        return self.phase in ("starting", "running")
+
+
+class Runs:
+    """The samples of both runs."""
+
+    def __init__(self) -> None:
+        self._samples: dict[str, list[Sample]] = {run: [] for run in RUNS}
+        self.outcomes: dict[str, Outcome] = {}
+
+    def add(self, line: bytes) -> str:
+        """Take one line of the process; the text of an error, else "". Raises ValueError for what is no such line."""
+        kind = msgspec.json.decode(line, type=_Line)
+        if kind.error:
+            return kind.error
+        if kind.run not in self._samples:
+            raise ValueError(f"the run {kind.run!r} is unknown; there are {', '.join(RUNS)}")
+        if kind.done:
+            self.outcomes[kind.run] = msgspec.json.decode(line, type=Outcome)
+            return ""
+        sample, samples = msgspec.json.decode(line, type=Sample), self._samples[kind.run]
+        if len(samples) < MOST_SAMPLES and (not samples or samples[-1].time < sample.time):
+            samples.append(sample)
+        return ""
+
+    def reached(self) -> dict[str, float]:
+        """How far [s] each run is."""
+        return {run: samples[-1].time for run, samples in self._samples.items() if samples}
+
+    def at(self, time: float) -> list[Other]:
+        """The robots of both runs at a time [s]; before the first and after the last sample they stand there."""
+        found = []
+        for run, samples in self._samples.items():
+            number = bisect.bisect_right(samples, time, key=_time)
+            if samples:
+                before, after = samples[max(0, number - 1)], samples[min(number, len(samples) - 1)]
+                found.append(_between(run, before, after, time))
+        return found
+
+
+def _time(sample: Sample) -> float:
+    return sample.time
+
+
+def _between(label: str, a: Sample, b: Sample, time: float) -> Other:
+    part = 0.0 if b.time <= a.time else min(1.0, max(0.0, (time - a.time) / (b.time - a.time)))
+    turn = math.remainder(b.pose[2] - a.pose[2], 2 * math.pi)
+    return Other(
+        label,
+        (_mix(a.pose[0], b.pose[0], part), _mix(a.pose[1], b.pose[1], part), a.pose[2] + part * turn),
+        tuple(_mix(x, y, part) for x, y in zip(a.q, b.q, strict=True)),
+        _mix(a.gripper, b.gripper, part),
+    )
+
+
+def _mix(a: float, b: float, part: float) -> float:
+    return a + part * (b - a)
+
+
+class WhatIf:
+    """At most one comparison at a time. ``session`` gives the run so far as JSON."""
+
+    def __init__(self, session: Callable[[], bytes]) -> None:
+        self._session = session
+        self._lock = threading.Lock()
+        self._runs, self._state, self._job = Runs(), State(), 0
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def state(self) -> State:
+        """What there is to tell now."""
+        with self._lock:
+            return self._state
+
+    def others(self, time: float) -> list[Other]:
+        """The robots to be shown beside the twin's at a time [s], at most two."""
+        with self._lock:
+            return [] if self._state.phase in ("idle", "failed") else self._runs.at(time)
+
+    def start(self, who: str, values: Values, from_index: int) -> None:
+        """Compare the run so far, and how it goes on, with the same from a period on with these values.
+
+        Returns at once; `state` tells what comes of it. Raises ValueError while another comparison runs.
+        """
+        with self._lock:
+            if self._state.busy:
+                raise ValueError("another comparison is being computed: stop it first")
+            self._job += 1
+            self._runs = Runs()
+            self._state = State(phase="starting", who=who, start=from_index * PERIOD, values=dict(values))
+            job = self._job
+        threading.Thread(
+            target=self._compute, args=(job, dict(values), from_index), name="what if", daemon=True
+        ).start()
+
+    def stop(self) -> None:
+        """End what is being computed and show nothing any more."""
+        with self._lock:
+            self._job += 1
+            self._state, self._runs = State(), Runs()
+            process, self._process = self._process, None
+        _end(process)
+
+    def _compute(self, job: int, values: Values, from_index: int) -> None:
+        try:
+            data = self._session()
+            with tempfile.TemporaryDirectory(prefix="motm-what-if-") as folder:
+                file = Path(folder) / "session.json"
+                file.write_bytes(data)
+                self._run(job, [str(file), *arguments(values, from_index)])
+        except Exception as error:
+            if not isinstance(error, (OSError, ValueError, RuntimeError)):
+                traceback.print_exc()
+            self._set(job, phase="failed", text=f"{error}" or type(error).__name__)
+
+    def _run(self, job: int, options: list[str]) -> None:
+        with self._lock:
+            if job != self._job:
+                return
+            process = subprocess.Popen(  # noqa: S603 - our own module; names and values are checked there
+                [sys.executable, "-m", "motm_twin.record.what_if", *options],
+                stdin=subprocess.PIPE,  # closes with this process, which ends the other one
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )
+            self._process = process
+        assert process.stdout is not None and process.stderr is not None
+        said: deque[bytes] = deque(maxlen=ERROR_LINES)
+        listener = threading.Thread(target=said.extend, args=(process.stderr,), name="what if, errors", daemon=True)
+        listener.start()
+        try:
+            self._read(job, process.stdout)
+            process.wait()
+            listener.join(1.0)
+        finally:
+            _end(process)
+        if self._set(job) and self.state.busy:
+            last = said[-1].decode(errors="replace").strip() if said else f"exit code {process.returncode}"
+            self._set(job, phase="failed", text=f"the comparison ended early: {last}")
+
+    def _read(self, job: int, lines: Iterable[bytes]) -> None:
+        for line in lines:
+            with self._lock:
+                if job != self._job:
+                    return
+                error = self._runs.add(line)
+                outcomes, reached = dict(self._runs.outcomes), self._runs.reached()
+            if error:
+                self._set(job, phase="failed", text=error)
+                return
+            phase = "done" if len(outcomes) == len(RUNS) else "running"
+            self._set(job, phase=phase, outcomes=outcomes, reached=reached)
+
+    def _set(self, job: int, **changes: object) -> bool:
+        """Change the state of a job, unless another one has taken its place; whether it is still this one's."""
+        with self._lock:
+            if job != self._job:
+                return False
+            self._state = State(**{**vars(self._state), **changes})  # type: ignore[arg-type]
+            return True
+
+
+def arguments(values: Values, from_index: int) -> list[str]:
+    """The options of ``motm-twin what-if`` for these values."""
+    options = ["--from", f"{from_index * PERIOD:.3f}", "--stream"]
+    for name, value in values.items():
+        text = ("on" if value else "off") if isinstance(value, bool) else str(value)
+        options += ["--set", f"{name}={text}"]
+    return options
+
+
+def _end(process: subprocess.Popen[bytes] | None) -> None:
+    if process is None:
+        return
+    with contextlib.suppress(OSError):
+        process.terminate()
+    try:
+        process.wait(1.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdin is not None:
+        with contextlib.suppress(OSError):
+            process.stdin.close()

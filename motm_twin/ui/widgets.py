@@ -1,0 +1,66 @@
+"""Small helpers for panels: HTML that is sent on change only, widgets that turn grey, rows of buttons, their style."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import viser
+
+HOLD = 1.2  # [s] a widget that a person has just moved is not set from outside
+
+
+class Html:
+    """A piece of HTML that is sent only when it changes."""
+
+    def __init__(self, gui: viser.GuiApi, content: str = "") -> None:
+        self._handle, self._shown = gui.add_html(content), content
+
+    def set(self, content: str) -> None:
+        """Show this; texts from outside must be escaped already."""
+        if content != self._shown:
+            self._shown = content
+            self._handle.content = content
+
+    def show(self, visible: bool) -> None:
+        """Show or hide it."""
+        self._handle.visible = visible
+
+
+class Changing:
+    """Widgets that change something: usable for the driver, grey for everybody else."""
+
+    def __init__(self) -> None:
+        self._widgets: list[Any] = []
+        self.on = True
+
+    def __call__(self, widget: Any) -> Any:
+        """Take a widget in; gives it back."""
+        self._widgets.append(widget)
+        widget.disabled = not self.on
+        return widget
+
+    def enable(self, on: bool) -> None:
+        """Make all usable, or grey."""
+        self.on = on
+        for widget in self._widgets:
+            widget.disabled = not on
+
+
+def buttons(gui: viser.GuiApi, options: Sequence[str], act: Callable, *, label: str = "", hint: str | None = None):
+    """A row of small buttons over the whole width (without a label); ``act`` is the callback."""
+    row = gui.add_button_group(label, tuple(options), hint=hint)
+    row.on_click(act)
+    return row
+
+
+# Viser puts a column for labels before every row: rows of buttons without a label take its place, sliders stand below
+# their label, and five tabs have room side by side. All widgets work without these rules too.
+STYLE = """<style>
+.mantine-Flex-root:has(> div > p > label:empty) > div:first-child {display: none}
+.mantine-Paper-root:has(> * .motm-wide) .mantine-Flex-root:has(> div > p > label) > div:first-child
+ {width: 58% !important}
+.motm-stacked {display: none}
+div:has(> .motm-stacked) .mantine-Flex-root:has(> div > p > label):has(.mantine-Slider-root)
+ {flex-direction: column; align-items: stretch}
+div:has(> .motm-stacked) .mantine-Flex-root:has(> div > p > label):has(.mantine-Slider-root) > div:first-child
+ {width: 100% !important}
+</style>"""
