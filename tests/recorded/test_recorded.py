@@ -1,0 +1,36 @@
+"""Sessions that were recorded once run to the same state today, bit for bit.
+
+After a wanted change of behaviour: ``motm-twin replay tests/recorded/NAME.json --update``.
+"""
+
+import warnings
+from pathlib import Path
+
+import pytest
+
+from motm_twin.record.cli_replay import explain
+from motm_twin.record.replay import rerun
+from motm_twin.record.session import encode_session, load_session
+
+FILES = sorted(Path(__file__).parent.glob("*.json"))
+
+
+def test_there_are_recorded_sessions():
+    assert len(FILES) >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_recorded_session_reruns_to_its_state(path):
+    session = load_session(path)
+    again = rerun(session)
+    made = f"{path.name} was made with other versions: {', '.join(again.differences)}" if again.differences else ""
+    if not again.ok:
+        pytest.fail(f"{made}\n{explain(again)}\nIs the change meant? Then: motm-twin replay {path} --update")
+    if made:
+        warnings.warn(f"{made}; it is equal all the same", stacklevel=1)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_a_recorded_file_is_as_this_program_writes_it(path):
+    assert encode_session(load_session(path)) == path.read_bytes()
