@@ -231,8 +231,8 @@ class Agents:
             return
         yielding, rounding = agent.behaviour == "yield", len(state.detour) > 0
         free, gap = (state.free, state.gap) if yielding else (math.inf, math.inf)
-        if not agent.waypoints and not rounding:  # not faster than it can stop at its goal
-            free = min(free, math.hypot(x - state.pose[0], y - state.pose[1]))
+        if state.errand is not None and not agent.waypoints:  # not faster than it can stop there
+            free = min(free, math.hypot(state.errand[0] - state.pose[0], state.errand[1] - state.pose[1]))
         state.pose, state.v, state.w, left = steer(
             state.pose, state.v, state.w, x, y, agent.speed, free, gap, rounding, self.dt
         )

@@ -182,7 +182,7 @@ class SimulatedPlant(Stateful[PlantState]):
         s.substep += 1
         frames = self._frames(s.base.pose, s.arm.q)
         s.tcp = frames[TCP, :3, 3].copy()
-        slides = self._slide(frames) if s.slides else _NO_SLIDES
+        slides = self._slide() if s.slides else _NO_SLIDES
         velocity = (s.tcp - old_tcp) / SUBSTEP
         rotation, hand = frames[TCP, :3, :3], frames[HAND, :3, 3]
         self._gripper.step(s.gripper, self.time, s.tcp, rotation, hand, velocity, s.objects, self._scenery.solids)
@@ -201,11 +201,11 @@ class SimulatedPlant(Stateful[PlantState]):
         world = self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents, slides)
         self._referee.step(s.referee, world)
 
-    def _slide(self, frames: Array) -> Mapping[str, Point]:
+    def _slide(self) -> Mapping[str, Point]:
         """Move what was thrown; velocities in this substep."""
         s = self._state
-        base = self._shadow(frames).corners[:4]
-        robot = RobotObstruction(base, frames[:, :3, 3])
+        shapes = self._referee.robot
+        robot = RobotObstruction(shapes, shapes.place(s.base.pose, s.arm.q, s.gripper.width))
         slides = dict(s.slides)
         for name in slides:
             slide_body(s, self._scenery.solids, name, robot, SUBSTEP)

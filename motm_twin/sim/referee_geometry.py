@@ -109,7 +109,7 @@ class Surroundings:
         self.names = (*solids.names, "base", *solids.disc_names, *(agent[0] for agent in agents), "floor")
         known = previous.prisms if previous is not None else {}
         keys = [(solids.polygon(i).tobytes(), *solids.z[i]) for i in range(polygons)]
-        self.prisms = {key: known.get(key) or _prism(solids.polygon(i), *solids.z[i]) for i, key in enumerate(keys)}
+        self.prisms = {key: known.get(key) or prism(solids.polygon(i), *solids.z[i]) for i, key in enumerate(keys)}
         self.shapes: list[coal.CollisionGeometry] = [*(self.prisms[key] for key in keys), base_shape]
         self.transforms = [coal.Transform3s() for _ in range(polygons + 1)]
         for (x, y, radius), (low, high) in zip(solids.discs, solids.disc_z, strict=True):
@@ -152,7 +152,7 @@ class Surroundings:
             self.transforms[j].setTranslation(np.array([self.discs[k, 0], self.discs[k, 1], 0.5 * self.disc_z[k, 1]]))
 
 
-def _prism(corners: Array, low: float, high: float) -> coal.Convex:
+def prism(corners: Array, low: float, high: float) -> coal.Convex:
     """A convex prism from its corners and faces; no hull library, which may crash on a flat one."""
     n = len(corners)
     points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()

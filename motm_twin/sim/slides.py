@@ -7,6 +7,7 @@ the contact. Nothing is pushed.
 import math
 from collections.abc import Sequence
 
+import coal
 import numpy as np
 
 from motm_twin.model.geometry import Array
@@ -14,11 +15,11 @@ from motm_twin.model.scene import Point
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.bodies import Outline
 from motm_twin.sim.overlap import entered, gaps
+from motm_twin.sim.referee_geometry import RobotShapes, prism
 from motm_twin.sim.solids import Solids
 
 FRICTION = 2.0  # [m/s^2] by which a sliding body gets slower
 FASTEST = 3.0  # [m/s] of a throw; what is thrown faster is slowed to this
-ARM_RADIUS = 0.055  # [m] of the arm as something a sliding body meets
 STRIDE = 0.002  # [m] between two looks for what a sliding body meets
 
 
@@ -52,29 +53,44 @@ class Obstruction:
 
 
 class RobotObstruction:
-    """The robot as a sliding body meets it: its base as it is, its arm as balls along its links."""
+    """The robot as a sliding body meets it, with the referee's own shapes."""
 
-    def __init__(self, base: Array, joints: Array) -> None:
-        """Corners of the base (4, 2), and the places of the arm's frames one after the other [m], shape (n, 3)."""
-        self._base = base
-        between = [joints[:-1] + share * (joints[1:] - joints[:-1]) for share in (0.0, 1 / 3, 2 / 3)]
-        self._balls = np.vstack([*between, joints[-1:]])
+    def __init__(self, robot: RobotShapes, placed: Array) -> None:
+        """Shapes, and where they are, shape (n, 4, 4); the slot of a held cube, last, is left out."""
+        self._shapes = robot.shapes[:-1]
+        self._transforms = [coal.Transform3s(T[:3, :3], T[:3, 3]) for T in placed[:-1]]
 
-    def gaps(self, body: Outline) -> Array:
-        """Gap [m] to the base, then to each ball that is not above the body."""
-        low = self._balls[self._balls[:, 2] - ARM_RADIUS < body.height]
-        discs = np.column_stack([low[:, :2], np.full(len(low), ARM_RADIUS)])
-        return gaps(body.corners, body.radius, self._base, np.array([0, 4], dtype=np.int64), discs)
+    def gaps(self, body: Outline, way: Array) -> Array:
+        """Distance [m] of each shape to a body that has gone a way (2,); negative where they overlap."""
+        shape, place = _solid(body)
+        transform = coal.Transform3s(np.eye(3), place + np.append(way, 0.0))
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        found = np.empty(len(self._shapes))
+        for i, (own, where) in enumerate(zip(self._shapes, self._transforms, strict=True)):
+            result.clear()
+            found[i] = coal.distance(own, where, shape, transform, request, result)
+        return found
 
     def touched(self, body: Outline, ways: Sequence[Array]) -> tuple[int, bool]:
         """How many of the ways are gone until the body has touched the robot, and whether it has."""
-        before = self.gaps(body)
+        if not ways:
+            return 0, False
+        before = self.gaps(body, np.zeros(2))
+        if before.min() > math.hypot(*ways[-1]):
+            return len(ways), False
         for count, way in enumerate(ways):
-            after = self.gaps(body.shifted(way))
+            after = self.gaps(body, way)
             if len(entered(before, after)) > 0:
                 return count + 1, True
             before = after
         return len(ways), False
+
+
+def _solid(body: Outline) -> tuple[coal.CollisionGeometry, Array]:
+    """A body as a shape, and the place [m] of its frame, shape (3,)."""
+    if len(body.corners) == 1:
+        return coal.Cylinder(body.radius, body.height), np.array([*body.corners[0], 0.5 * body.height])
+    return prism(body.corners, 0.0, body.height), np.zeros(3)
 
 
 def slide(
