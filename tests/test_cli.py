@@ -4,10 +4,15 @@ import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 
+import msgspec
 import pytest
 
 from motm_twin.model.data_dirs import scenes_dir
+from motm_twin.record.session import load_session, save_session
+
+RECORDED = Path(__file__).parent / "recorded" / "temi_dragged_before_the_robot.json"
 
 
 def call(*arguments, cwd=None):
@@ -45,6 +50,51 @@ def test_a_task_that_cannot_be_completed_exits_with_one_and_a_reason(tmp_path):
     assert "time limit" in report["reason"]
 
 
+def short_scene(folder):
+    """Experiment 1 with a time limit of 3 s."""
+    text = (scenes_dir() / "exp1.yaml").read_text(encoding="utf-8")
+    path = folder / "short.yaml"
+    path.write_text(re.sub(r"^time_limit: .*$", "time_limit: 3", text, flags=re.MULTILINE))
+    return path
+
+
+def test_a_saved_run_replays_to_the_same_state_until_something_is_changed(tmp_path):
+    path = tmp_path / "run.json"
+    run = call("run", str(short_scene(tmp_path)), "--variant", "trial1", "--json", "-", "--save", str(path))
+    assert run.returncode == 1, run.stderr  # not completed in 3 s
+    equal = call("replay", str(path), "--json", "-")
+    assert equal.returncode == 0, equal.stderr
+    assert json.loads(equal.stdout)["state_hash"] == json.loads(run.stdout)["state_hash"]
+
+    moved = msgspec.structs.replace(load_session(path), parameters={"bezier": False, "next_weight": 0.2})
+    save_session(moved, path)
+    different = call("replay", str(path))
+    assert different.returncode == 1, different.stderr
+    assert "different" in different.stdout
+    assert load_session(path) == moved
+    updated = call("replay", str(path), "--update")
+    assert updated.returncode == 0
+    assert "different" in updated.stdout
+    assert call("replay", str(path)).returncode == 0
+    assert load_session(path).parameters == moved.parameters
+
+
+def test_what_if_prints_both_runs_and_their_difference(tmp_path):
+    path, out = tmp_path / "run.json", tmp_path / "out.json"
+    call("run", str(short_scene(tmp_path)), "--variant", "trial1", "--save", str(path))
+    result = call(
+        "what-if", str(path), "--set", "next_weight=0.5", "--set", "bezier=off", "--from", "1", "--json", str(out)
+    )
+    assert result.returncode == 0, result.stderr
+    assert "as it was" in result.stdout
+    assert "time limit" in result.stdout
+    report = json.loads(out.read_text())
+    assert report["parameters"] == {"next_weight": 0.5, "bezier": False}
+    assert report["difference_s"] == report["changed"]["time_s"] - report["as_it_was"]["time_s"]
+    lines = call("what-if", str(path), "--set", "bezier=off", "--stream").stdout.splitlines()
+    assert sum("done" in json.loads(line) for line in lines) == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -55,6 +105,12 @@ def test_a_task_that_cannot_be_completed_exits_with_one_and_a_reason(tmp_path):
         (("scene", "check"), "check"),
         (("run", "exp1", "--seed", "x"), "seed"),
         (("fly",), "fly"),
+        (("replay", "no/such/session.json"), "no such file"),
+        (("replay", str(RECORDED), "--json", "no/such/folder/out.json"), "no/such/folder"),
+        (("what-if", str(RECORDED)), "--set"),
+        (("what-if", str(RECORDED), "--set", "next_wait=1"), "next_weight"),
+        (("what-if", str(RECORDED), "--set", "bezier=off", "--from", "1000"), "1000"),
+        (("run", "exp1", "--save", "no/such/folder/run.json"), "folder"),
     ],
 )
 def test_bad_input_exits_with_two_and_says_what_is_wrong(arguments, words):
