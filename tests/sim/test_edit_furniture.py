@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from edit_scenes import TABLE_TOP, body, room
 from sim_hands import DOWN, act, cube_of, move, over_a_cube
-from sim_scenes import scene
+from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, MoveBody, MoveObject, RemoveBody
 from motm_twin.model.furniture import pieces, rigid
@@ -85,36 +85,28 @@ def test_a_stack_rides_along_and_a_binned_cube_stays_binned():
         assert item.state == "binned:bin"
 
 
-@pytest.mark.parametrize("carried", [True, False])
-def test_a_delivery_counts_where_the_bin_is_now_and_not_where_it_was(carried):
+@pytest.mark.parametrize("brought", [True, False])
+def test_a_delivery_counts_where_the_bin_is_now_and_not_where_it_was(brought):
     """The hand drops the cube at one place; the bin is brought there, or taken from there."""
-    hand_x, hand_y = 0.0, 0.0
-    plant = over_a_cube(tasks=(Pick(object="cube"), Place(bin="bin")))
-    hand_x, hand_y, _ = cube_of(plant).position
-    away, here = (hand_x, hand_y + 2.0), (hand_x, hand_y)
-    stand_z = cube_of(plant).position[2] - 0.2
-    fixed = Bin(name="bin", centre=away if carried else here, floor_z=0.15, rim_z=0.25)
-    from sim_scenes import box
-
+    x, y, _ = cube_of(over_a_cube()).position
+    here, away = (x, y), (x, y + 2.0)
+    start, target = (away, here) if brought else (here, away)
     plant = over_a_cube(
-        pedestal=True,
-        bins=(fixed,),
-        solids=(box("shelf", fixed.centre, (0.5, 0.5), 0.13),),
+        bins=(Bin(name="bin", centre=start, floor_z=0.15, rim_z=0.25),),
+        solids=(box("shelf", start, (0.5, 0.5), 0.13),),
         tasks=(Pick(object="cube"), Place(bin="bin")),
     )
-    assert stand_z > 0.15
     plant.command(act(gripper="close"))
     plant.step(0.9)
     move(plant, (0.0, 0.0, 0.1), 0.5)
     plant.apply(RemoveBody(name="stand"))
-    target = here if carried else away
     plant.apply(MoveBody(name="shelf", x=target[0], y=target[1], heading=0.3))
     plant.command(act(gripper="open"))
     plant.step(1.5)
     assert plant.truth().picks == 1
-    assert plant.truth().places == int(carried)
-    assert plant.truth().drops == int(not carried)
-    assert cube_of(plant).state == ("binned:bin" if carried else "dropped")
+    assert plant.truth().places == int(brought)
+    assert plant.truth().drops == int(not brought)
+    assert cube_of(plant).state == ("binned:bin" if brought else "dropped")
 
 
 def test_furniture_that_carries_something_cannot_be_removed_and_says_what_stands_on_it():
@@ -166,15 +158,17 @@ def test_parts_of_a_piece_are_not_moved_alone_and_near_names_are_given():
         plant.apply(MoveBody(name="tabel", x=0.0, y=0.0))
 
 
-def test_agents_yield_to_furniture_where_it_stands_now():
+def test_agents_go_round_furniture_where_it_stands_now():
     agent = Agent(name="temi", start=(-1.0, 3.5, 0.0), waypoints=((4.0, 3.5), (-1.0, 3.5)))
     plant = SimulatedPlant(room(agents=(agent,)))
     plant.apply(MoveBody(name="cabinet", x=1.0, y=3.5))
+    farthest = -1.0
     for _ in range(300):
         plant.step(0.1)
         x, y, _ = body(plant, "temi").position
+        farthest = max(farthest, x)
         assert math.hypot(max(abs(x - 1.0) - 0.2, 0.0), max(abs(y - 3.5) - 0.2, 0.0)) > 0.25
-    assert body(plant, "temi").position[0] > 1.5 or plant.truth().path_length == 0.0
+    assert farthest > 3.5
 
 
 def test_the_camera_does_not_see_through_furniture_that_was_put_in_between():
