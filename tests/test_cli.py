@@ -91,8 +91,9 @@ def test_what_if_prints_both_runs_and_their_difference(tmp_path):
     report = json.loads(out.read_text())
     assert report["parameters"] == {"next_weight": 0.5, "bezier": False}
     assert report["difference_s"] == report["changed"]["time_s"] - report["as_it_was"]["time_s"]
-    lines = call("what-if", str(path), "--set", "bezier=off", "--stream").stdout.splitlines()
-    assert sum("done" in json.loads(line) for line in lines) == 2
+    stream = call("what-if", "no/such/session.json", "--set", "bezier=off", "--stream")
+    assert stream.returncode == 2
+    assert "no such file" in json.loads(stream.stdout)["error"]
 
 
 @pytest.mark.parametrize(
