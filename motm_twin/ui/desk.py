@@ -4,7 +4,7 @@ from typing import Protocol
 
 import viser
 
-from motm_twin.ui import cards, colours
+from motm_twin.ui import cards, colours, markup
 from motm_twin.ui.disturb_tab import DisturbTab
 from motm_twin.ui.drive_tab import DriveTab
 from motm_twin.ui.help_card import HelpCard
@@ -42,7 +42,7 @@ class Desk:
         gui.set_panel_label("motm-twin")
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
-        gui.add_html(STYLE)
+        gui.add_html(STYLE + markup.STYLE)
         self._status = Html(gui, cards.status_card("waiting", None, "connecting"))
         self._wheel = Wheel(gui, hub, visitor)
         tabs, icon = gui.add_tab_group(), viser.Icon

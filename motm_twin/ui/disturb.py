@@ -21,9 +21,9 @@ TURN = math.radians(15.0)
 PUSH = 0.1  # [m]
 IN_FRONT = (0.75, 0.55)  # [m] from the base to where a cube is put, ahead or beside
 PUSHES: dict[str, tuple[float, float, float]] = {  # forward, to the left [m], turn [rad]
-    "Left": (0.0, PUSH, 0.0),
-    "Right": (0.0, -PUSH, 0.0),
-    "Back": (-PUSH, 0.0, 0.0),
+    "◀ Left": (0.0, PUSH, 0.0),
+    "Right ▶": (0.0, -PUSH, 0.0),
+    "▼ Back": (-PUSH, 0.0, 0.0),
     "⟲ 15°": (0.0, 0.0, TURN),
     "⟳ 15°": (0.0, 0.0, -TURN),
 }

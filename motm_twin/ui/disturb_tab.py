@@ -5,7 +5,7 @@ import html
 import viser
 
 from motm_twin.bus.commands import Announce, Command, InjectFault, RemoveBody
-from motm_twin.ui import disturb
+from motm_twin.ui import disturb, markup
 from motm_twin.ui.disturb import Thing
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.widgets import Changing, Html, buttons
@@ -57,9 +57,9 @@ class DisturbTab:
         self._changing = Changing()
         self._names: tuple[str, ...] = ()
         self._selected = ""
-        row = self._row(gui, tuple(NEW), lambda what: self.add(NEW[what]), "Add", "keys T, P, B, C; then drag it")
-        del row
-        gui.add_divider()
+        gui.add_html(markup.card(markup.heading("Add, then drag it")))
+        self._row(gui, tuple(NEW), lambda what: self.add(NEW[what]), hint="keys T, P, B, C")
+        gui.add_html(markup.card(markup.heading("With the selected thing")))
         self._choice: viser.GuiDropdownHandle[str] = self._changing(
             gui.add_dropdown("Selected", (NOTHING,), hint="or click it in the scene")
         )
@@ -69,9 +69,10 @@ class DisturbTab:
         self._piece = self._row(gui, ("Tell the robot",), lambda _: self._announce(), hint="its map follows")
         self._cube = self._row(gui, ("In front of the robot", "Back to its place"), self._with_cube)
         self._turn = self._row(gui, (LEFT, RIGHT, DELETE), self._turn_or_delete)
-        gui.add_divider()
-        self._row(gui, tuple(disturb.PUSHES), self._push, "Push robot", "10 cm, or a turn; its wheels notice nothing")
+        gui.add_html(markup.card(markup.heading("Push the robot 10 cm")))
+        self._row(gui, tuple(disturb.PUSHES), self._push, hint="its pose jumps; its wheels notice nothing")
         self._grip = self._row(gui, ("Take the cube from the gripper",), lambda _: self._take_cube())
+        gui.add_html(markup.card(markup.heading("Sensors fail for a while")))
         self._row(gui, tuple(FAULTS), lambda what: self._send(FAULTS[what]))
         self._faults = Html(gui)
         gui.add_divider()
@@ -135,9 +136,9 @@ class DisturbTab:
         if thing is not None and thing.kind == "agent":
             self._send(disturb.freeze(thing))
 
-    def _row(self, gui: viser.GuiApi, options: tuple[str, ...], act, label: str = "", hint: str | None = None):
+    def _row(self, gui: viser.GuiApi, options: tuple[str, ...], act, hint: str | None = None):
         callback = self._hub.driving(lambda event, _: act(event.target.value))
-        return self._changing(buttons(gui, options, callback, label=label, hint=hint))
+        return self._changing(buttons(gui, options, callback, hint=hint))
 
     def _send(self, command: Command) -> None:
         self._hub.send(self._visitor, command)

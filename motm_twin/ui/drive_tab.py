@@ -3,12 +3,12 @@
 import viser
 
 from motm_twin.bus.commands import Command, Load, Pause, Play, Reset, Speed, Step
-from motm_twin.bus.messages import SceneChoice, StatusMessage
-from motm_twin.ui import cards
+from motm_twin.bus.messages import SceneChoice, StatusMessage, TickMessage
 from motm_twin.ui.camera import PRESETS
 from motm_twin.ui.hub import LAYERS, Hub, Shown, Visitor
 from motm_twin.ui.stage import Stage
 from motm_twin.ui.task_list import TaskBlock
+from motm_twin.ui.why_cards import now_card
 from motm_twin.ui.widgets import Changing, Html, buttons
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
@@ -32,6 +32,8 @@ class DriveTab:
             gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x", hint="wanted real-time factor")
         )
         self._speed.on_update(hub.driving(lambda event, _: self._send(Speed(factor=SPEEDS[event.target.value]))))
+        choose = hub.watching(lambda event, visitor: stage.cameras.choose(visitor.client, event.target.value))
+        buttons(gui, PRESETS, choose, hint="the camera; keys 1 to 5")
         self._progress = Html(gui)
         self._tasks = TaskBlock(gui, hub, visitor)
         with gui.add_folder("Scene", expand_by_default=False):
@@ -41,8 +43,6 @@ class DriveTab:
             self._load = self._changing(gui.add_button("Load", icon=viser.Icon.REFRESH))
         self._scene.on_update(hub.driving(lambda *_: self._offer_variants()))
         self._load.on_click(hub.driving(lambda *_: self._load_scene()))
-        choose = hub.watching(lambda event, visitor: stage.cameras.choose(visitor.client, event.target.value))
-        buttons(gui, PRESETS, choose, hint="the camera; keys 1 to 5")
         with gui.add_folder("Layers", expand_by_default=False):
             self._layers = {name: self._layer(gui, name) for name in LAYERS}
 
@@ -61,7 +61,7 @@ class DriveTab:
         if shown.status is not None:
             self._show_status(shown.status)
         if shown.tick is not None:
-            self._progress.set(cards.progress_card(shown.tick))
+            self._progress.set(now_card(shown.tick) + count_line(shown.tick))
         for name, box in self._layers.items():
             box.value = shown.view.layers.get(name, True)
         self._tasks.update(shown)
@@ -109,3 +109,19 @@ class DriveTab:
     def _load_scene(self) -> None:
         variant = self._variant.value or None
         self._send(Load(scene=self._scene.value, variant=variant, seed=int(self._seed.value)))
+
+
+def count_line(tick: TickMessage) -> str:
+    """Picks, places and contacts so far, as the referee counts them, as HTML."""
+    score = tick.score
+    if score is None:
+        return ""
+    picks, places = (sum(task.kind == kind for task in tick.tasks) for kind in ("pick", "place"))
+    caused = sum(contact.caused_by_robot for contact in score.contacts)
+    others = len(score.contacts) - caused
+    contacts = f'<span style="color:{"#b91c1c" if caused else "#15803d"}">contacts {caused}</span>'
+    contacts += f" (+{others} by others)" if others else ""
+    return (
+        '<div style="font-size:13px;color:#6b7280;padding:0 12px 6px 12px">'
+        f"picked {score.picks}/{picks} &middot; placed {score.places}/{places} &middot; {contacts}</div>"
+    )

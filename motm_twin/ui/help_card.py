@@ -5,11 +5,11 @@ import viser
 from motm_twin.ui.hub import Hub, Visitor
 
 WIDTH, HEIGHT = 330, 190  # [px] of the small card
-_WORD = "display:inline-block;width:62px;font-weight:700;color:#256396"
-SHORT = f"""<div style="font-size:13.5px;line-height:1.5;padding:4px 12px 8px 12px">
-<div><span style="{_WORD}">Look</span>drag: turn · right-drag: move · wheel: zoom</div>
-<div><span style="{_WORD}">Disturb</span>grab a Temi, a cube or a table and drag it</div>
-<div><span style="{_WORD}">Ask</span>click a coloured dot; open <b>Why</b></div>
+SHORT = """<div style="font-size:13.5px;line-height:1.5;padding:4px 12px 8px 12px;display:grid;
+grid-template-columns:58px 1fr;gap:3px 8px">
+<b style="color:#256396">Look</b><span>drag to turn, right-drag to move, wheel to zoom</span>
+<b style="color:#256396">Disturb</b><span>grab a Temi, a cube or a table and drag it</span>
+<b style="color:#256396">Ask</b><span>click a coloured dot, then open <b>Why</b></span>
 </div>"""
 
 
@@ -18,7 +18,7 @@ class HelpCard:
 
     def __init__(self, hub: Hub, visitor: Visitor) -> None:
         self._hub, self._visitor = hub, visitor
-        self._panel: viser.GuiPanelHandle | None = None  # type: ignore[name-defined]
+        self._panel: viser.PanelHandle | None = None
         self.read = False
 
     def open(self) -> None:

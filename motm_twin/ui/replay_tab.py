@@ -66,9 +66,10 @@ class ReplayTab:
         self._hub, self._visitor = hub, visitor
         self._changing = Changing()
         self._shown: Shown | None = None
+        gui.add_html('<div class="motm-stacked"></div>')
         self._line = Html(gui)
         marks = ((-120.0, "-120 s"), (-60.0, "-60"), (0.0, "now"))
-        self._slider = self._changing(gui.add_slider("Seconds", -SPAN, 0.0, PERIOD, 0.0, marks=marks))
+        self._slider = self._changing(gui.add_slider("Seconds before now", -SPAN, 0.0, PERIOD, 0.0, marks=marks))
         self._slider.on_update(hub.driving(lambda event, _: self._look(float(event.target.value))))
         self._touched = -1e9
         self._play = self._row(gui, ("◀ 1", "Play", "1 ▶", "Live"), self._move, hint="keys ←, →, L")

@@ -125,9 +125,10 @@ class TaskBlock:
             self._rows_at = gui.add_folder(None)
             self._rows: list[viser.GuiButtonGroupHandle] = []
             gui.add_html(HOW)
-            self._cube: viser.GuiDropdownHandle[str] = self._changing(gui.add_dropdown("Cube", ("",)))
-            self._bin: viser.GuiDropdownHandle[str] = self._changing(gui.add_dropdown("Into bin", ("",)))
-            self._add = self._changing(gui.add_button("Add to the tasks", icon=viser.Icon.PLUS))
+            with gui.add_folder("Add by name", expand_by_default=False):
+                self._cube: viser.GuiDropdownHandle[str] = self._changing(gui.add_dropdown("Cube", ("",)))
+                self._bin: viser.GuiDropdownHandle[str] = self._changing(gui.add_dropdown("Into bin", ("",)))
+                self._add = self._changing(gui.add_button("Add to the tasks", icon=viser.Icon.PLUS))
         self._add.on_click(hub.driving(lambda *_: self._insert()))
 
     def enable(self, driving: bool) -> None:

@@ -3,12 +3,16 @@
 import threading
 import time
 import traceback
+import warnings
 
 import viser
 
 from motm_twin.ui.desk import Desk
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.stage import Stage
+
+# A page may close while its panel is being updated; that is nothing to report.
+warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 
 RETURN = 20.0  # [s] a page that connects this soon after another one left is taken for the same person
 

@@ -52,15 +52,20 @@ def buttons(gui: viser.GuiApi, options: Sequence[str], act: Callable, *, label: 
     return row
 
 
-# Viser puts a column for labels before every row: rows of buttons without a label take its place, sliders stand below
-# their label, and five tabs have room side by side. All widgets work without these rules too.
+# Viser puts a column for labels before every row: rows of buttons without a label take its place, tasks have a wide
+# one, sliders stand below their label, and five tabs have room side by side. All widgets work without these rules too.
 STYLE = """<style>
 .mantine-Flex-root:has(> div > p > label:empty) > div:first-child {display: none}
-.mantine-Paper-root:has(> * .motm-wide) .mantine-Flex-root:has(> div > p > label) > div:first-child
- {width: 58% !important}
-.motm-stacked {display: none}
-div:has(> .motm-stacked) .mantine-Flex-root:has(> div > p > label):has(.mantine-Slider-root)
- {flex-direction: column; align-items: stretch}
-div:has(> .motm-stacked) .mantine-Flex-root:has(> div > p > label):has(.mantine-Slider-root) > div:first-child
- {width: 100% !important}
+div:has(> div > .motm-wide) > div > .mantine-Flex-root:has(> div > p > label) > div:first-child,
+div:has(> div > .motm-wide) > .mantine-Flex-root:has(> div > p > label) > div:first-child {width: 58% !important}
+div:has(> div > .motm-wide) label {color: #1f2937; letter-spacing: -0.3px}
+div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label):not(:has(input[type=checkbox])) {
+ flex-direction: column; align-items: stretch !important}
+div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label) > div:first-child {width: 100% !important}
+div:has(> div > .motm-stacked) .mantine-Flex-root:has(input[type=checkbox]) > div:first-child {width: 86% !important}
+div:has(> div > .motm-stacked) label {color: #374151; letter-spacing: -0.3px}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) {flex-wrap: nowrap !important; justify-content: space-between}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] {padding: 0 0.45em !important; flex: 1 1 auto;
+ justify-content: center}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] > * {margin-right: 0.25em !important}
 </style>"""
