@@ -46,4 +46,4 @@ class Lease:
     def _set(self, driver: str, name: str, now: float) -> None:
         until = now + SILENCE if driver else 0.0
         self._until = max(self._until, until) if driver and driver == self.driver else until
-        self.driver, self.name = driver, name[:NAME_MAX]
+        self.driver, self.name = driver, name[:NAME_MAX] if driver else ""

@@ -103,10 +103,7 @@ class LiveTwin:
         self.oldest = self._branches.oldest
         self.tick = self.twin.advance()
         self._pending = []
-        self.parameters, self.recorded = (
-            dict(getattr(self.twin, "parameters", {})),
-            len(getattr(self.twin, "edits", [])),
-        )
+        self.parameters, self.recorded = dict(self.twin.parameters), len(self.twin.edits)
         self.message = self._explained(tick_message(self.tick, self.run, self._server_time()))
         return self.message, self.tick
 

@@ -27,11 +27,11 @@ from motm_twin.bus.commands import (
     TakeWheel,
 )
 from motm_twin.bus.holds import Holds
-from motm_twin.bus.lease import Lease
 from motm_twin.bus.live import LiveTwin
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import PERIOD, Pacer
 from motm_twin.bus.ports import MakeTwin, Reply, SceneLibrary, SessionReply, Sink
+from motm_twin.bus.wheel import Wheel
 from motm_twin.model.scene import Scene
 
 SETTLE_PERIODS = 40  # after the last task, so that the last cube lands and the robot comes to rest
@@ -59,8 +59,8 @@ class TwinLoop:
         self._play_at_start, self._server_time, self._reference_tour = playing, server_time, reference_tour
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
         self._stop, self._reload = threading.Event(), threading.Event()
-        self._pacer, self._holds, self._lease = Pacer(), Holds(), Lease()
-        self._live = LiveTwin(make_twin, server_time)
+        self._pacer, self._live = Pacer(), LiveTwin(make_twin, server_time)
+        self._wheel = Wheel(self._post, self._tell)
         self._choices = library.choices()
         self._loaded = first  # what `reload` loads again
         self._tour: float | None = None
@@ -117,9 +117,7 @@ class TwinLoop:
             actual_speed=round(self._pacer.actual_speed(now), 2) if playing else 0.0,
             capped=playing and self._pacer.capped(now),
             scenes=self._choices,
-            driver=self._lease.driver,
-            driver_name=self._lease.name,
-            driver_left=round(self._lease.left(now), 2),
+            **self._wheel.shown(now),
             parameters=live.parameters,
             oldest=live.oldest,
             recorded=live.recorded,
@@ -164,44 +162,16 @@ class TwinLoop:
         try:
             if late >= 0.0:  # it waited for something long, such as a load
                 raise Refused(f"stale: expired {late:.3f} s ago")
-            if not isinstance(command, Inspect):
-                self._expire(arrived)
-                self._lease.require(envelope.sender, arrived)
+            self._wheel.require(envelope, arrived)
             work = self._apply(command)
         except Exception as error:
             reply(_said(error), index)
             return
-        self._turn_wheel(envelope, arrived)
+        self._wheel.turn(envelope, arrived)
         reply("", index)
         if work is not None:
             self._guarded(work)
-            self._lease.renew(envelope.sender, time.monotonic())
-
-    def _turn_wheel(self, envelope: Envelope, now: float) -> None:
-        before = (self._lease.driver, self._lease.name)
-        match envelope.command:
-            case Inspect():
-                return
-            case HandOver(to=to, name=name):
-                self._lease.hand_over(to, name, now)
-            case _:
-                self._lease.take(envelope.sender, envelope.name, now)
-        self._driver_changed(before)
-
-    def _expire(self, now: float) -> None:
-        before = (self._lease.driver, self._lease.name)
-        self._lease.expire(now)
-        self._driver_changed(before)
-
-    def _driver_changed(self, before: tuple[str, str]) -> None:
-        """What the old driver held is let go, and everybody is told."""
-        after = (self._lease.driver, self._lease.name)
-        if before == after:
-            return
-        if before[0] not in ("", after[0]):
-            for release in self._holds.all():
-                self._post(release)
-        self._sink.status()
+            self._wheel.renew(envelope.sender, time.monotonic())
 
     def _apply(self, command: Command) -> Work | None:
         """Do it, or give back what is to be done after the answer. Raises Refused."""
@@ -259,14 +229,19 @@ class TwinLoop:
     def _edit(self, edit: Edit) -> None:
         self._require_twin()
         self._live.post(edit)
-        self._holds.note(edit, time.monotonic())
+        self._wheel.note(edit, time.monotonic())
         if self._state == "done" and isinstance(edit, InsertTask):
             self._settling = SETTLE_PERIODS
             self._set_state("playing" if self._play_on else "paused", "")
         self._show_standing()
 
+    def _tell(self) -> None:
+        self._sink.status()
+
     def _post(self, edit: Edit) -> None:
         """An edit by the loop itself."""
+        if self._live.twin is None:
+            return
         try:
             self._live.post(edit)
         except Refused as refusal:
@@ -276,10 +251,7 @@ class TwinLoop:
 
     def _look_after(self, now: float) -> None:
         """What happens because time passes."""
-        if self._live.twin is not None:
-            for release in self._holds.expired(now):
-                self._post(release)
-        self._expire(now)
+        self._wheel.look_after(now)
         if self._reload.is_set():
             self._reload.clear()
             self._guarded(self._load_again)
@@ -355,7 +327,7 @@ class TwinLoop:
 
     def _begin(self, play: bool, text: str = "") -> None:
         self._settling, self._steps = SETTLE_PERIODS, 0
-        self._holds.clear()
+        self._wheel.forget_holds()
         self._pacer.restart()
         self._advance()
         if self._state != "done":

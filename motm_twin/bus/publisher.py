@@ -20,7 +20,7 @@ GRID_REFRESH = 2.0  # [s] unchanged, it is sent again this often, for subscriber
 
 
 class Publisher:
-    """A Sink that publishes. Slow readers never hold it up: what they can not take is dropped for them."""
+    """A Sink that publishes. Slow readers never hold it up: what they can not take for seconds is dropped for them."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, status: Callable[[], StatusMessage]) -> None:
         self._status, self._encode = status, msgspec.json.Encoder().encode
@@ -31,9 +31,8 @@ class Publisher:
         for key in (keys.tick, keys.grid, keys.scene, keys.status):
             drop = zenoh.CongestionControl.BLOCK if key == keys.scene else zenoh.CongestionControl.DROP
             encoding = zenoh.Encoding.ZENOH_BYTES if key == keys.grid else zenoh.Encoding.APPLICATION_JSON
-            publisher = session.declare_publisher(
-                key, encoding=encoding, congestion_control=drop, express=key == keys.tick
-            )
+            # Not express: ticks that have to wait for a slow reader then share the batches of the send queue.
+            publisher = session.declare_publisher(key, encoding=encoding, congestion_control=drop)
             self._publishers[key] = publisher
             queryable = session.declare_queryable(key, self._answer)
             self._declared += [publisher, queryable]

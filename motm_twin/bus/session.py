@@ -12,6 +12,7 @@ import zenoh
 
 LOOPBACK = "127.0.0.1"
 MAX_MESSAGE_BYTES = 16 * 1024 * 1024
+SEND_BATCHES = 16  # of 64 kB, Zenoh's largest: a reader that stalls for some seconds still gets every tick
 
 
 class PortTaken(OSError):
@@ -51,6 +52,7 @@ def _config(listen: list[str], connect: list[str]) -> zenoh.Config:
         "timestamping/enabled": True,
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+        "transport/link/tx/queue/size/data": SEND_BATCHES,
     }
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))

@@ -1,0 +1,73 @@
+"""The wheel and what hangs on it: who drives, and which bodies are let go when they stop."""
+
+from collections.abc import Callable
+from typing import Any
+
+from motm_twin.bus.commands import Envelope, HandOver, Inspect
+from motm_twin.bus.holds import Holds
+from motm_twin.bus.lease import Lease
+from motm_twin.model.edits import Edit, ReleaseBody
+
+
+class Wheel:
+    """Lets one person at a time change things; all times [s] are on one monotonic clock."""
+
+    def __init__(self, release: Callable[[ReleaseBody], None], changed: Callable[[], None]) -> None:
+        """``release`` lets a body go, ``changed`` tells everybody about a new driver."""
+        self._release, self._changed = release, changed
+        self._lease, self._holds = Lease(), Holds()
+
+    def shown(self, now: float) -> dict[str, Any]:
+        """What a status says of the driver."""
+        lease = self._lease
+        return {"driver": lease.driver, "driver_name": lease.name, "driver_left": round(lease.left(now), 2)}
+
+    def require(self, envelope: Envelope, arrived: float) -> None:
+        """Raise Refused when a command needs the wheel and somebody else has it."""
+        if not isinstance(envelope.command, Inspect):
+            self._expire(arrived)
+            self._lease.require(envelope.sender, arrived)
+
+    def turn(self, envelope: Envelope, arrived: float) -> None:
+        """After a command was accepted: its sender drives, or has handed over."""
+        before = (self._lease.driver, self._lease.name)
+        match envelope.command:
+            case Inspect():
+                return
+            case HandOver(to=to, name=name):
+                self._lease.hand_over(to, name, arrived)
+            case _:
+                self._lease.take(envelope.sender, envelope.name, arrived)
+        self._tell(before)
+
+    def renew(self, sender: str, now: float) -> None:
+        """Waiting for an own command is no silence."""
+        self._lease.renew(sender, now)
+
+    def note(self, edit: Edit, now: float) -> None:
+        """Follow which bodies are held."""
+        self._holds.note(edit, now)
+
+    def forget_holds(self) -> None:
+        """A new run: nothing is held."""
+        self._holds.clear()
+
+    def look_after(self, now: float) -> None:
+        """What silence brings about."""
+        for release in self._holds.expired(now):
+            self._release(release)
+        self._expire(now)
+
+    def _expire(self, now: float) -> None:
+        before = (self._lease.driver, self._lease.name)
+        self._lease.expire(now)
+        self._tell(before)
+
+    def _tell(self, before: tuple[str, str]) -> None:
+        after = (self._lease.driver, self._lease.name)
+        if before == after:
+            return
+        if before[0] not in ("", after[0]):
+            for release in self._holds.all():
+                self._release(release)
+        self._changed()
