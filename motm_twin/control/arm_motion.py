@@ -67,7 +67,7 @@ def hand_motion(state: ManipulatorState, view: View, inputs: ArmInputs, mount: A
         return _swing(_inbound(state, view, inputs, mount, p), rotation, view, mount, p, planar=planar)
     rotation = _rotation(state, view, p)
     if state.phase == "final":
-        return _fixed(_final_point(view, p), rotation, view, p)
+        return _fixed(_final_point(state, view, p), rotation, view, p)
     if state.phase == "retry":
         return _fixed(view.target + np.array([0.0, 0.0, p.hover_height]), rotation, view, p)
     point = state.anchor.copy()
@@ -83,11 +83,18 @@ def _fixed(point: Array, rotation: Array, view: View, p: ArmParameters, *, faste
     return Motion(np.concatenate([linear, _turn(rotation, view, p)]), point)
 
 
-def _final_point(view: View, p: ArmParameters) -> Array:
-    """The grasp point, or above it as long as the object is not below the fingers or not seen well enough."""
+def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
+    """The grasp point, or above it as long as the object is not below the fingers or not seen well enough.
+
+    A hand that has waited for a sight of the object rises: from higher up the camera sees more of what is around.
+    """
     point = grasp_point(view, p)
-    if not view.seen(p) or view.goal.position_sd > p.descend_sd:
+    seen = view.seen(p)
+    if not seen or view.goal.position_sd > p.descend_sd:
         point[2] = view.target[2] + p.hover_height
+        if not seen:
+            waited = max(0.0, view.time - state.since - p.search_after)
+            point[2] += min(p.search_rise, p.search_speed * waited)
         return point
     point[2] += min(max((view.distance - _SURE) * _FUNNEL, 0.0), p.hover_height)
     return point

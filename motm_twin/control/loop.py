@@ -16,7 +16,7 @@ from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.tick import Event, Tick
 from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.model.edits import Edit
-from motm_twin.model.geometry import Array, drive, from_frame, wrap_angle
+from motm_twin.model.geometry import Array, drive, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.state import HasState, Stateful
@@ -28,6 +28,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget
 
 PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
+BIN_SD = 0.05  # [m] how far from the middle of its bin an object may lie
 LOST_SD = 0.1  # [m] how far from the hand an object may be that was lost just now
 
 
@@ -45,6 +46,7 @@ class LoopState:
     index: int = 0
     dwell: float | None = None  # [s] that the active job still needs in reach, as the arm said last
     engaged: bool = False
+    waiting: str = ""  # what the arm said last about why it waits
 
 
 class ControlLoop(Stateful[LoopState]):
@@ -102,11 +104,14 @@ class ControlLoop(Stateful[LoopState]):
             plan = self.planner.drive(problem, placement, budget or self.settings.budget)
         blocked = placement.mode == "closest" and plan.status == "idle"
         in_reach = plan.time_to_range == 0.0
-        events = list(self.sequence.watch(observation.time, in_reach, observation.pose, blocked=blocked))
+        events = list(
+            self.sequence.watch(observation.time, in_reach, observation.pose, blocked=blocked, why=self._state.waiting)
+        )
         steps, arm_events, reason = self._arm_steps(observation, world, plan, stages)
         events += arm_events
         truth = self._truth()
         state = self._state
+        state.waiting = steps[-1].reason
         tick = Tick(
             index=state.index,
             time=observation.time,
@@ -188,15 +193,26 @@ class ControlLoop(Stateful[LoopState]):
             reason = verdict.reason or reason
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
+                held = self.sequence.held
                 index = self.sequence.index
-                if step.outcome == "lost" and self.sequence.held:
-                    self.tracker.move_belief(self.sequence.held, step.reference, observation, LOST_SD)
+                if step.outcome == "lost" and held:
+                    self._lose(held, step.reference, observation, T_odom_world)
+                elif step.outcome == "placed" and held:
+                    self.tracker.move_belief(held, inputs.goal.position, observation, BIN_SD)
                 events += self.sequence.apply(step.outcome, observation.time)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
         return steps, events, reason
+
+    def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
+        """Believe a lost object on the furniture below the hand, or else back where it was picked."""
+        top = self.targets.top_below(to_frame(T_odom_world, hand))
+        place = self.tracker.belief(name, observation)[0]
+        if top is not None:
+            place = np.array([hand[0], hand[1], top + 0.5 * self.targets.objects[name].side])
+        self.tracker.move_belief(name, place, observation, LOST_SD)
 
     def _arm_inputs(
         self, observation: Observation, T_odom_world: Array, plan: BasePlan, plan_poses: Array,

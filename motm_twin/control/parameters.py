@@ -91,6 +91,9 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     seen_within: float = 0.5  # [s] nothing is grasped that was not seen this recently
     close_sd: float = 0.008  # [m] position uncertainty at which the gripper may close
     descend_sd: float = 0.012  # [m] and at which it may descend
+    search_after: float = 1.0  # [s] without a sight of the object after which the hand rises to see more
+    search_rise: float = 0.25  # [m]
+    search_speed: float = 0.15  # [m/s]
     settle_time: float = 0.34  # [s] measured: hover to error < 5 mm
     held_tolerance: float = 0.004  # [m] finger width below side by this: nothing is held
     tip_length: float = 0.009  # [m] of the fingers beyond the tool centre point

@@ -11,8 +11,8 @@ MOVING = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 WAITING = (0.10, 0.30)  # [m/s], [rad/s] below which it waits for the arm
 STARTING = 0.05  # [m/s^2], [rad/s^2] of a base that is about to move
 _DOING = {
-    "transit": "the hand is on its way, {error:.2f} m off",
-    "final": "the fingers go down, {error:.3f} m off",
+    "transit": "the hand is on its way",
+    "final": "the fingers go down",
     "closing": "the fingers close",
     "lift": "the hand lifts it",
     "retry": "the fingers open for another try",
@@ -57,7 +57,7 @@ def _waiting(sequence: TaskSequence, name: str, step: ArmStep) -> str:
         return f"{name}: the {what} is held {step.obstacle_distance:.2f} m from a seen {step.limiter}{tries}"
     if step.reason:
         return _about(name, step.reason) + tries
-    doing = _DOING.get(step.phase, "it leaves its stow pose").format(error=step.error)
+    doing = _DOING.get(step.phase, "it leaves its stow pose")
     if step.phase == "release" and step.actuation.gripper == "open":
         doing = "the fingers let go"
     return f"waiting for the arm at {name}: {doing}{tries}"

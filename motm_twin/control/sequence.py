@@ -127,10 +127,13 @@ class TaskSequence(Stateful[SequenceState]):
             return (Event(time=time, kind="missed", text=f"missed {task.object}, trying again"),)
         return ()
 
-    def watch(self, time: float, in_reach: bool, pose: Array, *, blocked: bool = False) -> tuple[Event, ...]:
+    def watch(
+        self, time: float, in_reach: bool, pose: Array, *, blocked: bool = False, why: str = ""
+    ) -> tuple[Event, ...]:
         """Once per period: end drive_to tasks on arrival, and give up a task that makes no progress in reach.
 
-        ``blocked``: the base stands at the free place that is closest to a point it cannot get to.
+        ``blocked``: the base stands at the free place that is closest to a point it cannot get to; ``why``: the arm
+        waits.
         """
         task, state = self.active, self._state
         if task is None:
@@ -145,7 +148,8 @@ class TaskSequence(Stateful[SequenceState]):
         elif drives and time - state.in_reach_since > DRIVE_LIMIT:
             return self._give_up(time, f"drive to {name_of(task)}: not free for {DRIVE_LIMIT:.0f} s")
         elif not drives and time - state.in_reach_since > STALL_LIMIT:
-            return self._give_up(time, f"{kind_of(task)} {name_of(task)}: in reach for {STALL_LIMIT:.0f} s, not done")
+            text = f"{kind_of(task)} {name_of(task)}: in reach for {STALL_LIMIT:.0f} s, not done"
+            return self._give_up(time, f"{text}: {why}" if why else text)
         return ()
 
     def _task(self, index: int) -> Task | None:

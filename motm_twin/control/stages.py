@@ -11,7 +11,7 @@ class Stages:
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
-        self._seconds = dict.fromkeys(("observe", *OURS), 0.0)
+        self._seconds: dict[str, float] = dict.fromkeys(("observe", *OURS), 0.0)
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:

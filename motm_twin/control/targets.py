@@ -9,9 +9,11 @@ from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_fra
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation
 from motm_twin.model.scene import DriveTo, Pick, Task
+from motm_twin.perception.footprints import distance_to_shape
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.types import Target
 
+TABLE = 0.3  # [m] lower things do not carry objects
 DWELL = {"pick": 1.3, "place": 0.5, "drive": 0.0}  # [s] in reach that a job needs before the arm has begun it
 
 
@@ -79,6 +81,15 @@ class Targets:
             last_seen=observation.time,
             release_half_width=place.side / 2.0 - place.wall,
         )
+
+    def top_below(self, point: Array) -> float | None:
+        """Height [m] of the furniture of the map below a point (3,) [m], world; None over the floor."""
+        tops = [
+            solid.z_max
+            for solid in self.known.solids
+            if TABLE < solid.z_max < point[2] and float(distance_to_shape(solid.shape, point[:2])) == 0.0
+        ]
+        return max(tops, default=None)
 
     def beliefs(self, observation: Observation, T_odom_world: Array, held: str) -> tuple[ObjectBelief, ...]:
         """Every object's belief in the world frame, for the Tick."""
