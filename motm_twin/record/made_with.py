@@ -4,6 +4,8 @@ import functools
 import platform
 from importlib import metadata
 
+import numpy as np
+
 PACKAGES = (
     "motm-twin", "numpy", "scipy", "numba", "llvmlite", "pin", "coal", "shapely", "daqp", "osqp", "qpsolvers",
 )  # fmt: skip
@@ -28,10 +30,9 @@ def made_with() -> dict[str, str]:
 
 
 def _processor() -> str:
-    """The kind of processor as the compiler of the kernels sees it."""
-    from llvmlite import binding
-
-    return str(binding.get_host_cpu_name())
+    """The vector instructions that numpy found: with others it adds in another order."""
+    found = np.show_config(mode="dicts")["SIMD Extensions"]  # type: ignore[index] - a dict in this mode
+    return " ".join([*found.get("baseline", []), *found.get("found", [])])
 
 
 def differences(recorded: dict[str, str]) -> tuple[str, ...]:

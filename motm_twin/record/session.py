@@ -19,10 +19,10 @@ from motm_twin.record.made_with import made_with
 
 SESSION_VERSION = "motm.session/1"
 MAX_BYTES = 50 * 1024 * 1024
-MAX_PERIODS = 20 * 36_000  # ten hours, the longest time limit of a scene
-MAX_EXPANSIONS = 100_000
+MAX_PERIODS = 20 * 7 * 86_400  # a week
+MAX_EXPANSIONS = 10_000
 MAX_TEXT = 2_000  # characters of the title
-MAX_EDITS_PER_PERIOD = 1_000
+MAX_EDITS_PER_PERIOD = 50_000  # hours of dragging while time stands
 
 
 class SessionError(ValueError):

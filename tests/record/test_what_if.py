@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -225,6 +226,27 @@ def test_both_runs_end_with_whoever_started_them(tmp_path, how):
         else:
             process.stdout.close()
         process.wait(timeout=30)
+        assert gone(pids)
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
+def test_a_run_whose_process_dies_is_told_and_takes_the_other_with_it(tmp_path):
+    path = tmp_path / "run.json"
+    save_session(saved(load_scene("exp1", "trial1", 0), periods=4), path)
+    process = program(path, "--set", "bezier=off", stdin=subprocess.PIPE)
+    try:
+        assert "pose" in json.loads(process.stdout.readline())
+        pids = children_of(process.pid)
+        for pid in pids:
+            if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8"):
+                os.kill(pid, signal.SIGKILL)
+                break
+        out = process.stdout.read()  # its standard input stays open
+        assert process.wait(timeout=30) == 1
+        assert "ended before it was done" in json.loads(out.splitlines()[-1])["error"]
         assert gone(pids)
     finally:
         process.kill()
