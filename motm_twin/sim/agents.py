@@ -27,6 +27,7 @@ AT_REST = 0.03  # [m] from a point where an agent shall stand
 PATH_STEP = 0.15  # [m] within which a point of a way round is passed
 PATIENCE = 2.5  # [s] of waiting before the first way round; +0.7 s per agent, so that two do not do the same at once
 STAGGER = 0.7  # [s]
+GIVE_UP = 15.0  # [s] of waiting after which an agent no longer wants to go where it was sent
 AGAIN = 1.5  # [s] between further attempts
 GRID = 0.1  # [m] of the search for a way round
 WINDOW = 3.0  # [m] about the agent that the search covers
@@ -174,6 +175,10 @@ class Agents:
                 state.next_attempt = PATIENCE + STAGGER * state.rank
             return
         state.waiting += self.dt * DECISION_STEPS
+        if state.errand is not None and state.waiting > GIVE_UP:
+            state.errand = None
+            state.stop()
+            return
         if state.waiting < state.next_attempt:
             return
         state.next_attempt = state.waiting + AGAIN + STAGGER * state.rank

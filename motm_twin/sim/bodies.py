@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.edits import AddObstacle
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.scene import Agent
 from motm_twin.sim.solids import obstacle_disc, rectangle
 
@@ -51,7 +51,7 @@ def added_agent(edit: AddObstacle) -> Agent | None:
         return None
     return Agent(
         name=edit.name,
-        start=(edit.x, edit.y, edit.heading),
+        start=(edit.x, edit.y, wrap_angle(edit.heading)),
         speed=speed,
         radius=radius,
         height=height,
@@ -59,9 +59,9 @@ def added_agent(edit: AddObstacle) -> Agent | None:
     )
 
 
-def placed(item: AddObstacle, x: float, y: float, heading: float | None = None) -> AddObstacle:
-    """An obstacle at another place; a heading of None keeps it."""
-    return msgspec.structs.replace(item, x=x, y=y, heading=item.heading if heading is None else heading)
+def placed(item: AddObstacle, x: float, y: float, heading: float) -> AddObstacle:
+    """An obstacle at another place."""
+    return msgspec.structs.replace(item, x=x, y=y, heading=heading)
 
 
 def capped(velocity: tuple[float, float], largest: float) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from motm_twin.model.edits import (
     SendAgent,
     WorldEdit,
 )
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.sim.agents import AgentState, start_agent
 from motm_twin.sim.bodies import added_agent, capped, placed
 from motm_twin.sim.faults import inject
@@ -119,7 +119,7 @@ class Effects:
         agent = next((item for item in state.agents if item.agent.name == edit.name), None)
         if agent is not None:
             before = agent.pose
-            after = np.array([edit.x, edit.y, before[2] if edit.heading is None else edit.heading], dtype=float)
+            after = np.array([edit.x, edit.y, _turned(float(before[2]), edit.heading)])
             agent.pose, agent.held = after, edit.held
             agent.stop()
         elif edit.name in self.furnishings.pieces:
@@ -130,14 +130,14 @@ class Effects:
 
     def _move_piece(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[Array, Array]:
         before = self.furnishings.pose(state.layout, edit.name)
-        after = (edit.x, edit.y, before[2] if edit.heading is None else edit.heading)
+        after = (edit.x, edit.y, _turned(before[2], edit.heading))
         if before != after:
             state.layout = self.furnishings.moved(state.layout, edit.name, after)
         return self._ride(state, scenery, edit.name, before, after)
 
     def _move_obstacle(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[Array, Array]:
         item = self.loosened(state, edit.name)
-        after = placed(item, edit.x, edit.y, edit.heading)
+        after = placed(item, edit.x, edit.y, _turned(item.heading, edit.heading))
         state.layout = state.layout.with_obstacle(after)
         return self._ride(state, scenery, edit.name, (item.x, item.y, item.heading), (after.x, after.y, after.heading))
 
@@ -205,6 +205,10 @@ class Effects:
 def agent_of(state: PlantState, name: str) -> AgentState:
     """The agent of this name."""
     return next(item for item in state.agents if item.agent.name == name)
+
+
+def _turned(before: float, heading: float | None) -> float:
+    return before if heading is None else wrap_angle(heading)
 
 
 def _send(agent: AgentState, edit: SendAgent) -> None:

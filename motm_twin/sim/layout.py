@@ -14,6 +14,7 @@ from motm_twin.model.furniture import Piece, moved_bin, moved_solid, pieces, rig
 from motm_twin.model.plant import BodyTruth
 from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Scene, Solid
 from motm_twin.model.scene_shapes import outline
+from motm_twin.sim.solids import Parts, fixed_parts
 
 STILL = 1e-4  # [m] that a body held by a hand may shift and yet stand still
 STILL_TURN = 1e-3  # [rad]
@@ -49,6 +50,7 @@ class Furnishings:
         found = pieces(scene)
         self.loose = {name: solids[name] for name, piece in found.items() if _is_loose(piece, solids)}
         self.pieces = {name: piece for name, piece in found.items() if name not in self.loose}
+        self._fixed: tuple[tuple[object, ...], Parts] | None = None
 
     def pose(self, layout: Layout, name: str) -> PlanarPose:
         """Reference point and turn of a piece as it stands now."""
@@ -66,8 +68,14 @@ class Furnishings:
         """The layout with a piece at another pose."""
         return msgspec.structs.replace(layout, moved=tuple({**dict(layout.moved), name: pose}.items()))
 
-    def standing(self, layout: Layout) -> tuple[list[Solid], tuple[Bin, ...]]:
-        """Solids of the scene but those taken, and bins, where they are now."""
+    def fixed(self, layout: Layout) -> Parts:
+        """Furniture, loose solids but those taken, and bins, where they are now; kept while only obstacles change."""
+        key = (layout.taken, layout.moved, layout.removed)
+        if self._fixed is None or self._fixed[0] != key:
+            self._fixed = (key, fixed_parts(*self._standing(layout)))
+        return self._fixed[1]
+
+    def _standing(self, layout: Layout) -> tuple[list[Solid], tuple[Bin, ...]]:
         gone = {*layout.taken, *(part for name in layout.removed for part in self.parts(name))}
         transforms = {}
         for name, pose in layout.moved:

@@ -134,8 +134,8 @@ class Referee:
         Contacts with the bodies that were really ``moved`` are the person's for a while; what ``disturbed`` objects do
         next is not the robot's doing.
         """
-        for name in moved:
-            state.edits[name] = world.time
+        recent = {name: time for name, time in state.edits.items() if world.time - time <= BRAKING}
+        state.edits = recent | dict.fromkeys(moved, world.time)
         state.disturbed = tuple(sorted({*state.disturbed, *disturbed}))
         state.gaps = np.zeros((0, 0))
         state.agents_before = world.agents

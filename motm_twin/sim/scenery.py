@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from motm_twin.model.geometry import Array
 from motm_twin.sim.layout import Furnishings, Layout
-from motm_twin.sim.solids import Solids, build_solids
+from motm_twin.sim.solids import Solids, with_obstacles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class Scenery:
 
 def build_scenery(furnishings: Furnishings, layout: Layout, tallest: float) -> Scenery:
     """Arrays of the world for a layout, with agents up to ``tallest`` [m]."""
-    solids = build_solids(*furnishings.standing(layout), layout.obstacles)
+    solids = with_obstacles(furnishings.fixed(layout), layout.obstacles)
     lidar_z = furnishings.scene.robot.lidar.z
     return Scenery(
         layout=layout,

@@ -33,12 +33,10 @@ class Solids:
 
     def segments_at(self, z: float) -> Array:
         """Edges of all polygons that exist at height z [m]: x, y, x, y, shape (s, 4)."""
-        edges = [
-            np.hstack([self.polygon(i), np.roll(self.polygon(i), -1, axis=0)])
-            for i in range(len(self.names))
-            if self.z[i, 0] <= z <= self.z[i, 1]
-        ]
-        return np.vstack(edges) if edges else np.zeros((0, 4))
+        following = np.arange(len(self.corners)) + 1
+        following[self.first[1:] - 1] = self.first[:-1]
+        edges = np.hstack([self.corners, self.corners[following]])
+        return edges[np.repeat((self.z[:, 0] <= z) & (z <= self.z[:, 1]), np.diff(self.first))]
 
     def discs_at(self, z: float) -> Array:
         """Discs that exist at height z [m], shape (d, 3)."""
@@ -46,11 +44,18 @@ class Solids:
 
     def below(self, height: float) -> "Solids":
         """Only what someone of this height [m] standing on the floor can run into."""
-        polygons = [i for i in range(len(self.names)) if self.z[i, 0] < height]
-        discs = [i for i in range(len(self.disc_names)) if self.disc_z[i, 0] < height]
-        return _pack(
-            [(self.names[i], self.polygon(i), *self.z[i], bool(self.mapped[i])) for i in polygons],
-            [(self.disc_names[i], self.discs[i], *self.disc_z[i], bool(self.disc_mapped[i])) for i in discs],
+        low, low_discs = self.z[:, 0] < height, self.disc_z[:, 0] < height
+        counts = np.diff(self.first)
+        return Solids(
+            corners=self.corners[np.repeat(low, counts)],
+            first=np.concatenate([[0], np.cumsum(counts[low])]).astype(np.int64),
+            z=self.z[low],
+            names=tuple(name for name, there in zip(self.names, low, strict=True) if there),
+            mapped=self.mapped[low],
+            discs=self.discs[low_discs],
+            disc_z=self.disc_z[low_discs],
+            disc_names=tuple(name for name, there in zip(self.disc_names, low_discs, strict=True) if there),
+            disc_mapped=self.disc_mapped[low_discs],
         )
 
 
@@ -85,11 +90,19 @@ def obstacle_disc(obstacle: AddObstacle) -> tuple[float, float] | None:
     return None
 
 
-def build_solids(solids: Iterable[Solid], bins: Iterable[Bin], obstacles: Iterable[AddObstacle] = ()) -> Solids:
-    """Furniture, bins and added obstacles as arrays, in this order."""
-    bins = tuple(bins)
-    polygons: list[Piece] = []
-    discs: list[Piece] = []
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """Furniture and bins as polygons and discs, each with name, heights [m] and whether the map knows it."""
+
+    polygons: list[Piece]
+    discs: list[Piece]
+    bins: tuple[Bin, ...]
+
+
+def fixed_parts(solids: Iterable[Solid], bins: Iterable[Bin]) -> Parts:
+    """Furniture, then bins."""
+    parts = Parts(polygons=[], discs=[], bins=tuple(bins))
+    polygons, discs = parts.polygons, parts.discs
     for solid in solids:
         tail = (solid.z_min, solid.z_max, solid.mapped)
         match solid.shape:
@@ -99,8 +112,19 @@ def build_solids(solids: Iterable[Solid], bins: Iterable[Bin], obstacles: Iterab
                 discs.append((solid.name, np.array([*centre, radius]), *tail))
             case Prism(corners=corners):
                 polygons += [(solid.name, part, *tail) for part in convex_parts(np.array(corners, dtype=float))]
-    for box in bins:
+    for box in parts.bins:
         polygons += [(box.name, corners, low, high, True) for corners, low, high in bin_plates(box)]
+    return parts
+
+
+def build_solids(solids: Iterable[Solid], bins: Iterable[Bin], obstacles: Iterable[AddObstacle] = ()) -> Solids:
+    """Furniture, bins and added obstacles as arrays, in this order."""
+    return with_obstacles(fixed_parts(solids, bins), obstacles)
+
+
+def with_obstacles(parts: Parts, obstacles: Iterable[AddObstacle]) -> Solids:
+    """Furniture, bins and added obstacles as arrays, in this order."""
+    polygons, discs = [*parts.polygons], [*parts.discs]
     for item in obstacles:
         round_one = obstacle_disc(item)
         if round_one is None:
@@ -108,7 +132,7 @@ def build_solids(solids: Iterable[Solid], bins: Iterable[Bin], obstacles: Iterab
             polygons.append((item.name, corners, 0.0, item.size[2], False))
         else:
             discs.append((item.name, np.array([item.x, item.y, round_one[0]]), 0.0, round_one[1], False))
-    return _pack(polygons, discs, bins)
+    return _pack(polygons, discs, parts.bins)
 
 
 def _pack(polygons: list[Piece], discs: list[Piece], bins: tuple[Bin, ...] = ()) -> Solids:

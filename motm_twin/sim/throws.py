@@ -26,7 +26,7 @@ def slide_body(state: PlantState, solids: Solids, name: str, robot: RobotObstruc
     if agent is not None:
         agent.pose = agent.pose + np.append(way, 0.0)
     elif item is not None and way.any():
-        after = placed(item, item.x + float(way[0]), item.y + float(way[1]))
+        after = placed(item, item.x + float(way[0]), item.y + float(way[1]), item.heading)
         here, there = np.array([item.x, item.y, item.heading]), np.array([after.x, after.y, after.heading])
         carry(riders(state.objects, solids, (name,)), here, there)
         state.layout = state.layout.with_obstacle(after)

@@ -40,6 +40,7 @@ FARTHEST_PUSH = 0.5  # [m]
 LARGEST_TURN = 1.0  # [rad] of a push
 _PUSH_LOOKS = 10  # places on the way of a push that are looked at
 _TOUCHED = 0.01  # [m] about a point in which somebody else must not be
+_LISTED = 12  # names in a message
 _QUOTED = 40  # characters of a wrong name that are shown
 
 
@@ -102,7 +103,8 @@ class Names:
         known = sorted(names)
         if name not in known:
             near = difflib.get_close_matches(name[:LONGEST_NAME], known, n=3) or known
-            raise EditError(f"{_quoted(name)} is not {kind} here: there is {', '.join(near) if near else 'none'}")
+            shown = near if len(near) <= _LISTED else [*near[:_LISTED], "..."]
+            raise EditError(f"{_quoted(name)} is not {kind} here: there is {', '.join(shown) if shown else 'none'}")
 
 
 def _quoted(name: str) -> str:

@@ -57,6 +57,21 @@ def test_an_agent_with_a_round_goes_to_the_point_and_then_on_with_its_round():
     assert np.ptp(track[-100:, 0]) > 1.0
 
 
+@pytest.mark.parametrize("waypoints", [(), ((0.0, 3.5), (-2.0, 3.5))])
+def test_an_agent_that_cannot_get_to_where_it_was_sent_gives_up(waypoints):
+    agent = Agent(name="temi", start=(0.0, 2.0, 0.0), waypoints=waypoints)
+    plant = SimulatedPlant(scene(start=(-2.0, -3.0, 0.0), agents=(agent,)))
+    plant.apply(AddObstacle(name="guest", shape="person", x=2.5, y=2.0))
+    plant.apply(SendAgent(name="temi", x=2.5, y=2.0))
+    track = positions(plant, "temi", 70.0)
+    away = np.hypot(*(track - (2.5, 2.0)).T)
+    assert 0.5 < away.min() < 0.8
+    if waypoints:
+        assert away[-1] > 1.5
+    else:
+        assert body(plant, "temi").state == "standing"
+
+
 def test_nobody_is_sent_into_furniture_and_only_agents_are_sent():
     plant = SimulatedPlant(room())
     with pytest.raises(ValueError, match="'cabinet' stands there"):

@@ -128,6 +128,16 @@ def test_furniture_is_too_heavy_to_be_thrown_and_a_grabbed_body_stops():
     assert body(plant, "crate").position[:2] == (0.0, -3.0)
 
 
+@pytest.mark.parametrize("shape", ["box", "cylinder", "temi"])
+def test_the_clearance_to_a_body_that_slides_past_is_exact(shape):
+    plant = thrown((0.0, 3.0), start=(1.0, -1.5), shape=shape)
+    plant.step(2.0)
+    assert body(plant, "it").position[1] > 0.5
+    reach = 0.25 if shape == "temi" else 0.2
+    assert plant.truth().min_base_clearance == pytest.approx(1.0 - reach - 0.35, abs=1e-6)
+    assert plant.truth().contacts == ()
+
+
 def test_a_throw_that_is_no_number_is_refused():
     plant = SimulatedPlant(room())
     with pytest.raises(ValueError, match="velocity"):
