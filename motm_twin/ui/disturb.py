@@ -19,7 +19,7 @@ SIZES = {
 }
 TURN = math.radians(15.0)
 PUSH = 0.1  # [m]
-IN_FRONT = (0.75, 0.55)  # [m] from the base to where a cube is put, ahead or beside
+AHEAD = 0.75  # [m] from the base to where a cube is put
 PUSHES: dict[str, tuple[float, float, float]] = {  # forward, to the left [m], turn [rad]
     "◀ Left": (0.0, PUSH, 0.0),
     "Right ▶": (0.0, -PUSH, 0.0),
@@ -85,15 +85,10 @@ def freeze(thing: Thing) -> FreezeBody:
     return FreezeBody(name=thing.name, frozen=not thing.frozen)
 
 
-def put_in_front(name: str, tick: TickMessage, side: float = 0.0) -> MoveObject:
-    """A cube on the floor (or what stands there) before the robot, ``side`` [m] to its left."""
+def put_in_front(name: str, tick: TickMessage) -> MoveObject:
+    """A cube on the floor, or what stands there, before the robot."""
     x, y, heading = tick.robot.true_pose
-    ahead, left = IN_FRONT[0], side
-    return MoveObject(
-        name=name,
-        x=x + ahead * math.cos(heading) - left * math.sin(heading),
-        y=y + ahead * math.sin(heading) + left * math.cos(heading),
-    )
+    return MoveObject(name=name, x=x + AHEAD * math.cos(heading), y=y + AHEAD * math.sin(heading))
 
 
 def put_back(name: str, scene: Scene) -> MoveObject | None:

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from motm_twin.ui.help_card import HelpCard
     from motm_twin.ui.replay_tab import ReplayTab
 
-_SHOWN = {"arrowleft": "←", "arrowright": "→"}
+# No arrow keys: they belong to the slider or list that has the focus.
+_SHOWN = {"delete": "Del"}
 
 
 def add_commands(
@@ -31,8 +32,8 @@ def add_commands(
         ("Play / pause", "space", drive.toggle, True),
         ("One step of 50 ms", "N", lambda: hub.send(visitor, Step()), True),
         ("Reset", "R", lambda: hub.send(visitor, Reset()), True),
-        ("Faster", "arrowup", lambda: drive.faster(1), True),
-        ("Slower", "arrowdown", lambda: drive.faster(-1), True),
+        ("Faster", "E", lambda: drive.faster(1), True),
+        ("Slower", "Q", lambda: drive.faster(-1), True),
         ("Add a Temi", "T", lambda: disturb.add("temi"), True),
         ("Add a person", "P", lambda: disturb.add("person"), True),
         ("Add a box", "B", lambda: disturb.add("box"), True),
@@ -40,8 +41,8 @@ def add_commands(
         ("Freeze / go on", "F", disturb.freeze, True),
         ("Delete the selected", "delete", disturb.delete, True),
         ("Clear all disturbances", None, disturb.clear, True),
-        ("Back by one period", "arrowleft", lambda: replay.step(-1), True),
-        ("On by one period", "arrowright", lambda: replay.step(1), True),
+        ("Back by one period", "J", lambda: replay.step(-1), True),
+        ("On by one period", "K", lambda: replay.step(1), True),
         ("Back to live", "L", hub.playback.live, True),
         ("Branch from here", None, replay.branch, True),
         ("Save the session", "S", replay.save, False),

@@ -68,11 +68,11 @@ class ReplayTab:
         self._shown: Shown | None = None
         gui.add_html('<div class="motm-stacked"></div>')
         self._line = Html(gui)
-        marks = ((-120.0, "-120 s"), (-60.0, "-60"), (0.0, "now"))
+        marks = ((-120.0, "-120"), (-60.0, "-60"), (0.0, "now"))
         self._slider = self._changing(gui.add_slider("Seconds before now", -SPAN, 0.0, PERIOD, 0.0, marks=marks))
         self._slider.on_update(hub.driving(lambda event, _: self._look(float(event.target.value))))
         self._touched = -1e9
-        self._play = self._row(gui, ("◀ 1", "Play", "1 ▶", "Live"), self._move, hint="keys ←, →, L")
+        self._play = self._row(gui, ("◀ 1", "Play", "1 ▶", "Live"), self._move, hint="keys J, K, L")
         self._speed: viser.GuiDropdownHandle[str] = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x")
         hint = "the twin goes back to the shown moment and on from there; what came after is forgotten"
         self._branch = self._changing(gui.add_button("Branch from here", icon=viser.Icon.GIT_BRANCH, hint=hint))

@@ -1,0 +1,255 @@
+"""What the panel computes without a browser: who drives, names, the list of tasks, looking back, file names."""
+
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, MoveTask, Pause, TakeWheel
+from motm_twin.bus.messages import StatusMessage, TaskMessage
+from motm_twin.ui.disturb import Thing
+from motm_twin.ui.disturb_tab import about, faults
+from motm_twin.ui.history import Span
+from motm_twin.ui.hub import Hub, View, clean_name
+from motm_twin.ui.playback import Playback
+from motm_twin.ui.replay_tab import file_name, rerun_text
+from motm_twin.ui.task_list import ended_lines, jobs, label, moved
+from motm_twin.ui.wheel import asked_line, driver_line
+
+HOSTILE = '<img src=x onerror="alert(1)">&"\''
+SPAN = Span(100, 500, 5.0, 25.0)
+
+
+def status(driver="", name="", **changes):
+    fields = {
+        "version": "motm.status/1", "twin": "frankie", "run": 1, "server_time": 0.0, "state": "playing", "text": "",
+        "scene": "exp2", "variant": "random", "seed": 0, "time": 12.34, "speed": 1.0, "actual_speed": 1.0,
+        "capped": False, "scenes": [],
+    }  # fmt: skip
+    return StatusMessage(driver=driver, driver_name=name, **{**fields, **changes})
+
+
+def task(kind, target, state="waiting", attempts=0):
+    return TaskMessage(kind=kind, target=target, status=state, attempts=attempts)
+
+
+class Client:
+    """Stands where a TwinClient does: keeps what it is told and answers as the server would."""
+
+    def __init__(self):
+        self.told, self.driver, self.sender, self.alive, self.endpoint = [], "", "page", True, "tcp/none"
+        self.arrived = threading.Semaphore(0)
+
+    def status(self):
+        return status(self.driver, "Ann")
+
+    def session(self):
+        return b""
+
+    def command(self, command, sender="", name=""):
+        self.told.append((command, sender, name))
+        self.arrived.release()
+        return Answer(ok=True)
+
+
+class Page:
+    """Stands where a connected browser page does."""
+
+    def __init__(self, number):
+        self.client_id, self.notes = number, []
+
+    def add_notification(self, title, text, **_):
+        self.notes.append(text)
+
+
+@pytest.fixture
+def hub():
+    made = Hub(None, Client())
+    yield made
+    made.stop()
+
+
+class TestNames:
+    @given(st.text(max_size=200))
+    def test_a_name_is_printable_short_and_one_line(self, text):
+        name = clean_name(text)
+        assert len(name) <= NAME_MAX and name.isprintable() and name == name.strip()
+
+    def test_signs_that_turn_the_direction_of_writing_are_left_out(self):
+        assert clean_name("An\u202en\n\tSmith\x00") == "An n Smith"
+
+    def test_an_empty_name_changes_nothing(self, hub):
+        visitor = hub.enter(Page(0))
+        visitor.rename("  \n ")
+        assert visitor.name == "Visitor 1"
+        visitor.rename("Ann")
+        assert visitor.name == "Ann"
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            driver_line(status("x", HOSTILE), "me"),
+            asked_line(HOSTILE),
+            about(None, HOSTILE),
+            about(Thing(HOSTILE, "agent"), HOSTILE),
+            faults([HOSTILE]),
+            ended_lines(jobs([task("pick", HOSTILE, "done"), task("place", HOSTILE, "done")])),
+            rerun_text(file_name(status(scene=HOSTILE, variant=HOSTILE), "json")),
+        ],
+    )
+    def test_texts_from_outside_are_escaped(self, text):
+        assert "<img" not in text
+
+
+class TestWheel:
+    def test_the_line_says_who_drives(self):
+        assert "Nobody" in driver_line(status(), "me")
+        assert "You" in driver_line(status("me", "Ann"), "me")
+        assert "Ann" in driver_line(status("other", "Ann"), "me")
+
+    def test_a_viewer_is_refused_in_the_callback_and_told_who_drives(self, hub):
+        visitor, acted = hub.enter(Page(3)), []
+        hub.client.driver = "somebody"
+        run(hub.driving(lambda *_: acted.append(1)), visitor)
+        assert acted == [] and visitor.client.notes == ["Ann is driving"]
+
+    def test_an_error_in_a_callback_is_told_on_the_page(self, hub):
+        visitor = hub.enter(Page(3))
+        run(hub.watching(lambda *_: 1 / 0), visitor)
+        assert "ZeroDivisionError" in visitor.client.notes[0]
+
+    def test_what_a_driver_does_on_the_page_alone_keeps_the_wheel(self, hub):
+        visitor = hub.enter(Page(1))
+        run(hub.driving(lambda *_: None), visitor)
+        hub.client.arrived.acquire(timeout=5.0)
+        assert [type(command) for command, *_ in hub.client.told] == [TakeWheel]
+        run(hub.driving(lambda *_: None), visitor)  # at once again: kept already
+        run(hub.driving(lambda *_: hub.send(visitor, Pause())), visitor)
+        hub.client.arrived.acquire(timeout=5.0)
+        assert [type(command) for command, *_ in hub.client.told] == [TakeWheel, Pause]
+
+    def test_a_driver_that_vanishes_gives_the_wheel_back_and_says_no_more(self, hub):
+        page = Page(1)
+        visitor = hub.enter(page)
+        hub.client.driver, hub.view.at = visitor.sender, 7
+        hub.leave(page)
+        hub.client.arrived.acquire(timeout=5.0)
+        assert hub.client.told == [(HandOver(), visitor.sender, visitor.name)]
+        assert not hub.command(visitor, Pause()).ok
+        assert len(hub.client.told) == 1 and hub.view.at is None and hub.visitors == []
+
+    def test_who_asks_first_is_served_first_and_forgotten_when_gone(self, hub):
+        pages = [Page(number) for number in range(3)]
+        driver, ann, bob = (hub.enter(page) for page in pages)
+        hub.client.driver = driver.sender
+        hub.ask(bob)
+        hub.ask(ann)
+        assert hub.asker() is bob and hub.asks(bob) and pages[0].notes
+        hub.leave(pages[2])
+        assert hub.asker() is ann
+        hub.client.driver = ann.sender
+        assert hub.asker() is None
+
+
+def run(callback, visitor):
+    """Trigger a callback as Viser does."""
+    import asyncio
+    from types import SimpleNamespace
+
+    asyncio.run(callback(SimpleNamespace(client_id=visitor.client.client_id)))
+
+
+class TestTasks:
+    LIST = (
+        task("pick", "a", "done", 1), task("place", "x", "done", 1),
+        task("pick", "b", "done", 2), task("place", "y", "active", 1),
+        task("drive_to", "(1.00, 2.00)"),
+        task("pick", "c"), task("drive_to", "(0.00, 0.00)"), task("place", "x"),
+        task("pick", "d"),
+    )  # fmt: skip
+
+    def test_a_pick_belongs_to_its_place(self):
+        listed = jobs(self.LIST)
+        assert [(job.first, job.count, job.status) for job in listed] == [
+            (0, 2, "done"), (2, 2, "active"), (4, 1, "waiting"), (5, 3, "waiting"), (8, 1, "waiting"),
+        ]  # fmt: skip
+        assert label(listed[1]) == "▶ b → y (2.)"
+        assert listed[3].text == "c → drive to (0.00, 0.00) → x"
+
+    def test_up_and_down_move_past_the_whole_neighbour(self):
+        listed = jobs(self.LIST)
+        assert moved(listed, listed[3], up=True) == MoveTask(index=5, to=4)
+        assert moved(listed, listed[2], up=False) == MoveTask(index=4, to=8)
+        assert moved(listed, listed[4], up=False) is None
+        assert moved(listed, listed[1], up=True) is None, "what has ended stays before it"
+
+    def test_a_task_that_is_gone_moves_nothing(self):
+        listed = jobs(self.LIST)
+        assert moved(listed[:2], listed[4], up=True) is None
+
+    @given(st.lists(st.tuples(st.sampled_from(["pick", "place", "drive_to"]), st.sampled_from("wad")), max_size=60))
+    def test_every_task_is_in_one_job(self, kinds):
+        tasks = [task(kind, "t", {"w": "waiting", "a": "active", "d": "done"}[state]) for kind, state in kinds]
+        listed = jobs(tasks)
+        covered = [index for job in listed for index in range(job.first, job.first + job.count)]
+        assert covered == list(range(len(tasks)))
+
+
+class TestLookingBack:
+    def test_seconds_before_now_choose_the_period(self):
+        view = View()
+        playback = Playback(view)
+        playback.look(2.0, SPAN)
+        assert view.at == 460
+        playback.look(1000.0, SPAN)
+        assert view.at == SPAN.first
+        playback.look(0.0, SPAN)
+        assert view.at is None
+
+    def test_steps_end_at_the_newest_period(self):
+        view = View()
+        playback = Playback(view)
+        playback.step(-1, SPAN)
+        assert view.at == 499
+        playback.step(1, SPAN)
+        assert view.at is None
+
+    def test_it_plays_at_its_speed_until_it_is_live(self):
+        view = View(at=400)
+        playback = Playback(view)
+        playback.play(2.0, SPAN)
+        start = playback._last
+        playback.advance(SPAN, start + 1.0)
+        assert view.at == 440 and playback.playing
+        playback.advance(SPAN, start + 3.0)
+        assert view.at is None and not playback.playing
+
+    def test_what_is_forgotten_meanwhile_is_skipped(self):
+        view = View(at=100)
+        playback = Playback(view)
+        playback.play(1.0, SPAN)
+        playback.advance(SPAN._replace(first=300), playback._last + 0.06)
+        assert view.at == 301
+
+    def test_from_live_it_plays_all_there_is(self):
+        view = View()
+        Playback(view).play(1.0, SPAN)
+        assert view.at == SPAN.first
+
+    def test_without_a_history_nothing_happens(self):
+        view = View()
+        playback = Playback(view)
+        playback.look(3.0, None)
+        playback.step(-1, None)
+        playback.play(1.0, None)
+        playback.advance(None, time.monotonic())
+        assert view.at is None and not playback.playing
+
+
+def test_files_have_names_that_any_system_takes():
+    assert file_name(status(), "json") == "exp2-random-0-12.3s.json"
+    assert file_name(status(variant=""), "png") == "exp2-0-12.3s.png"
+    assert file_name(status(scene="../../etc/passwd", variant="a b\n"), "json") == "etc_passwd-a_b-0-12.3s.json"
+    assert file_name(None, "html") == "twin.html"
