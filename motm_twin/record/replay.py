@@ -6,12 +6,14 @@ from collections.abc import Iterator
 import msgspec
 
 from motm_twin.control.tick import Tick
+from motm_twin.model.state import state_hash
 from motm_twin.record.log import Log
 from motm_twin.record.made_with import differences, made_with
 from motm_twin.record.session import Session, SessionError
 from motm_twin.twin import Twin
 
 TRACK_PERIODS = 20  # periods between two poses of a track: one second
+PART_DIGITS = 12
 
 Track = tuple[tuple[float, float, float], ...]
 
@@ -24,6 +26,7 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
     recorded_hash: str
     periods: int
     time: float  # [s] simulated, at the end
+    parts: dict[str, str]  # part of the twin: first digits of its own hash
     track: Track  # true base pose after each second
     first_sign: str  # where the rerun parted from the recording, one sentence; "" when it did not
     differences: tuple[str, ...]  # what is not here as it was where the session was made
@@ -55,7 +58,8 @@ def rerun(session: Session) -> Rerun:
     for twin, tick in player(session):  # noqa: B007 - the last one is used
         tracker.add(tick)
         time = tick.time
-    now = (twin or begin(session)).state_hash()
+    twin = twin or begin(session)
+    now, parts = twin.state_hash(), part_hashes(twin)
     ok = now == session.state_hash
     return Rerun(
         ok=ok,
@@ -63,15 +67,23 @@ def rerun(session: Session) -> Rerun:
         recorded_hash=session.state_hash,
         periods=session.periods,
         time=time,
+        parts=parts,
         track=tracker.track,
-        first_sign="" if ok else _first_sign(session, tracker.track),
+        first_sign="" if ok else _first_sign(session, tracker.track, parts),
         differences=differences(session.made_with),
     )
 
 
 def updated(session: Session, again: Rerun) -> Session:
     """The session with what its rerun gave: to be saved only by somebody who wants the change of behaviour."""
-    return msgspec.structs.replace(session, state_hash=again.state_hash, track=again.track, made_with=made_with())
+    return msgspec.structs.replace(
+        session, state_hash=again.state_hash, parts=again.parts, track=again.track, made_with=made_with()
+    )
+
+
+def part_hashes(twin: Twin) -> dict[str, str]:
+    """The first digits of the hash of every part of a twin."""
+    return {name: state_hash(part.snapshot())[:PART_DIGITS] for name, part in twin.parts().items()}
 
 
 class Tracker:
@@ -92,7 +104,7 @@ class Tracker:
         return tuple(self._poses)
 
 
-def _first_sign(session: Session, track: Track) -> str:
+def _first_sign(session: Session, track: Track, parts: dict[str, str]) -> str:
     if not session.state_hash:
         return "the session has no state hash to compare with"
     if not session.track:
@@ -104,4 +116,5 @@ def _first_sign(session: Session, track: Track) -> str:
             return f"after {second} s the base is {away:.3g} mm and {turned:.3g} deg from where it was recorded"
     if len(session.track) != len(track):
         return f"the track has {len(session.track)} poses, the rerun {len(track)}"
-    return "the base drove the same way; the arm, the cubes, the agents or what the robot believes differ"
+    differ = [name for name, now in parts.items() if session.parts.get(name) != now]
+    return f"the base drove the same way; what differs at the end is the state of {', '.join(differ)}"

@@ -60,6 +60,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     cuts: tuple[Cut, ...] = ()
     periods: int = 0
     state_hash: str = ""
+    parts: dict[str, str] = {}  # part of the twin: first digits of its own hash, to tell which one differs
     track: tuple[tuple[float, float, float], ...] = ()  # true base pose after each second, to tell where a rerun parts
 
 

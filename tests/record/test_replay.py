@@ -47,6 +47,8 @@ def test_where_a_changed_run_parts_from_the_recording_is_told(recorded):
     assert not again.ok
     assert "after 2 s the base is" in again.first_sign
     assert any(said.startswith("numpy 0.1 there") for said in again.differences)
+    other = replace(tracked, state_hash="0" * 64, parts={**tracked.parts, "sequence": "0" * 12})
+    assert rerun(other).first_sign.endswith("the state of sequence")
     assert "without a track" in rerun(replace(recorded.session, edits=late)).first_sign
 
 
