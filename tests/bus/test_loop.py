@@ -1,24 +1,40 @@
+import msgspec
 import pytest
 from fake_twin import FakeTwin
 from running import Running
 from waiting import until
 
 from motm_twin.bus.commands import (
+    EDITS,
+    SERVER_COMMANDS,
     AddObstacle,
+    Announce,
+    Branch,
+    FreezeBody,
     HandOver,
+    InjectFault,
+    InsertTask,
     Inspect,
     Load,
     MoveBody,
+    MoveObject,
+    MoveTask,
     Pause,
     Play,
+    PushRobot,
     ReleaseBody,
+    RemoveBody,
+    RemoveTask,
     Reset,
+    SendAgent,
+    SetParameter,
     Speed,
     Step,
     TakeWheel,
 )
 from motm_twin.bus.live import MAX_ADDED
 from motm_twin.bus.loop import SETTLE_PERIODS
+from motm_twin.model.scene import DriveTo
 
 
 def test_a_paused_twin_stands_and_steps_exactly_as_often_as_told():
@@ -177,3 +193,45 @@ def test_an_edit_that_fails_in_the_twin_is_refused_and_the_loop_goes_on(capsys):
         assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == "RuntimeError: post is broken"
         running.step()
     assert "post is broken" in capsys.readouterr().err
+
+
+EXAMPLES = [
+    Play(),
+    Pause(),
+    Step(),
+    Reset(),
+    Speed(factor=4.0),
+    Load(scene="other"),
+    Branch(index=0),
+    TakeWheel(),
+    HandOver(to="bob"),
+    AddObstacle(name="x", x=0.0, y=0.0),
+    MoveBody(name="temi1", x=0.0, y=0.0),
+    ReleaseBody(name="temi1"),
+    FreezeBody(name="temi1"),
+    SendAgent(name="temi1", x=0.0, y=0.0),
+    RemoveBody(name="temi1"),
+    MoveObject(name="cube1", x=0.0, y=0.0),
+    PushRobot(dx=0.1, dy=0.0),
+    InjectFault(fault="lidar_off"),
+    InsertTask(tasks=(DriveTo(point=(0.0, 0.0)),)),
+    RemoveTask(index=3),
+    MoveTask(index=4, to=2),
+    SetParameter(name="xi", value=0.5),
+    Announce(name="desk"),
+]
+
+
+def test_no_command_of_somebody_who_does_not_drive_has_an_effect():
+    assert {type(command) for command in EXAMPLES} == {*SERVER_COMMANDS, *EDITS} - {Inspect}
+    with Running() as running:
+        assert running.ask(TakeWheel()) == ""
+        ticks, before = len(running.sink.ticks), running.loop.status()
+        for command in EXAMPLES:
+            assert "Ann is driving" in running.ask(command, sender="bob", name="Bob"), command
+        after = running.loop.status()
+        assert running.twins[0].queue == []
+        assert len(running.twins) == 1
+        assert len(running.sink.ticks) == ticks
+        same = {"server_time": 0.0, "driver_left": 0.0}
+        assert msgspec.structs.replace(before, **same) == msgspec.structs.replace(after, **same)
