@@ -1,0 +1,75 @@
+"""The last seconds as a page that plays from a file, without a server."""
+
+import io
+
+import msgspec
+import numpy as np
+import pytest
+from fake_twin import FakeTwin, fake_scene
+from page import chromium
+from PIL import Image
+
+from motm_twin.bus.encode import grid_bytes, grid_info, tick_message
+from motm_twin.ui.export import ExportFailed, export_html, record
+from motm_twin.ui.history import History
+
+SLOW = 120_000  # [ms] software rendering on a busy machine
+
+
+@pytest.fixture(scope="module")
+def history():
+    twin, kept = FakeTwin(fake_scene()), History()
+    for _ in range(81):
+        tick = twin.advance()
+        kept.add(msgspec.json.encode(tick_message(tick, 1, 0.0)))
+        kept.add_grid(grid_bytes(tick.map), msgspec.json.encode(grid_info(tick.map, 1)))
+    return kept
+
+
+def scene():
+    return msgspec.structs.replace(fake_scene(), title="Circles </title><img src=x onerror=alert(1)>")
+
+
+def test_frames_are_thinned_to_the_rate(history):
+    assert len(record(history, scene(), 2.0, 20.0).frames) == 41
+    assert len(record(history, scene(), 2.0, 10.0).frames) == 21
+    assert len(record(history, scene(), 1e9, 20.0).frames) == 81
+
+
+def test_nothing_recorded_is_a_sentence_not_a_page():
+    with pytest.raises(ExportFailed, match="let the robot move first"):
+        export_html(History(), scene(), 10.0)
+
+
+def test_a_process_that_fails_tells_why(history):
+    with pytest.raises(ExportFailed, match="took more than 0 s"):
+        export_html(history, scene(), 1.0, timeout=0.01)
+
+
+def test_the_page_plays_from_a_file_without_a_server(history, tmp_path):
+    told = []
+    path = tmp_path / "page.html"
+    path.write_bytes(export_html(history, scene(), 4.0, told.append))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 640, "height": 400})
+        errors, requests = [], []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto(path.as_uri())
+        page.locator("canvas").first.wait_for(timeout=SLOW)
+        assert page.title().startswith(scene().title)
+        first = picture(page)
+        while first.std() < 10.0:  # not drawn yet
+            first = picture(page)
+        while np.abs(picture(page) - first).max() < 50.0:  # the robot is still where it was
+            page.wait_for_timeout(200)
+        assert not errors
+        assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
+        assert page.locator("img[src=x]").count() == 0
+
+
+def picture(page):
+    shot = page.screenshot(timeout=SLOW, clip={"x": 0, "y": 60, "width": 640, "height": 280})
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=float)
