@@ -4,7 +4,7 @@ A process of its own draws the periods of the history with the page's own stage 
 is told of, and keeps what that would have sent. So the page goes on undisturbed meanwhile.
 """
 
-import html as escaping
+import html
 import os
 import secrets
 import subprocess
@@ -75,9 +75,6 @@ def export_html(
         source.write_bytes(msgspec.msgpack.encode(recording))
         _draw_elsewhere(source, result, progress, timeout)
         return result.read_bytes()
-
-
-html = export_html
 
 
 def record(history: History, scene: Scene, seconds: float, rate: float) -> Recording:
@@ -184,7 +181,7 @@ def _grid(info: GridInfo, packed: bytes) -> Grid:
 
 def _with_caption(page: str, caption: str) -> str:
     """The page with a title, and a line in its corner."""
-    name = escaping.escape(caption)
+    name = html.escape(caption)
     start, end = page.index("<title>"), page.index("</title>")
     page = page[:start] + f"<title>{name}" + page[end:]
     line = (

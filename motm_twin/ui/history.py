@@ -38,7 +38,6 @@ class _Entry:
     index: int
     time: float
     payload: bytes
-    sample: Sample
     events: tuple[EventMessage, ...]
 
 
@@ -58,6 +57,8 @@ class History:
         self._read_part = msgspec.json.Decoder(Part).decode
         self._read = msgspec.json.Decoder(TickMessage).decode
         self._entries: list[_Entry] = []
+        self._rows = np.empty((2 * periods + 2, len(Sample._fields)))  # of the entries, from the first on
+        self._first = 0
         self._bytes, self._map_bytes, self._run = 0, 0, -1
         self._maps: list[_Map] = []
         self._shown: tuple[_Entry, TickMessage] | None = None
@@ -72,10 +73,10 @@ class History:
         if part.version != TICK_VERSION:
             raise ValueError(f"the history holds {TICK_VERSION!r}, not {part.version!r}")
         packed = zlib.compress(payload, LEVEL)
-        entry = _Entry(part.index, part.time, packed, sample(part), tuple(part.events))
+        entry, row = _Entry(part.index, part.time, packed, tuple(part.events)), sample(part)
         with self._lock:
             self._cut(part.run, part.index, part.time)
-            self._entries.append(entry)
+            self._append(entry, row)
             self._bytes += len(packed)
             self._shorten()
 
@@ -165,26 +166,33 @@ class History:
     def samples(self, index: int | None, seconds: float) -> NDArray[np.float64]:
         """What the plots need of the seconds [s] up to a period (None: the newest), shape (n, len(Sample))."""
         with self._lock:
-            entries = self._until(index)
-            if not entries:
+            end = self._count(index)
+            if end == 0:
                 return np.zeros((0, len(Sample._fields)))
-            start = bisect.bisect_left(entries, entries[-1].time - seconds - 1e-9, key=_time)
-            return np.array([entry.sample for entry in entries[start:]])
+            start = bisect.bisect_left(self._entries, self._entries[end - 1].time - seconds - 1e-9, 0, end, key=_time)
+            return self._rows[self._first + start : self._first + end].copy()
 
     def events(self, index: int | None, count: int) -> list[EventMessage]:
         """The last events up to a period (None: the newest), newest first."""
         found: list[EventMessage] = []
         with self._lock:
-            for entry in reversed(self._until(index)):
-                found += reversed(entry.events)
+            for k in range(self._count(index) - 1, -1, -1):
+                found += reversed(self._entries[k].events)
                 if len(found) >= count:
                     break
         return found[:count]
 
-    def _until(self, index: int | None) -> list[_Entry]:
-        if index is None:
-            return self._entries
-        return self._entries[: bisect.bisect_right(self._entries, index, key=_index)]
+    def _count(self, index: int | None) -> int:
+        """How many periods there are up to one."""
+        return len(self._entries) if index is None else bisect.bisect_right(self._entries, index, key=_index)
+
+    def _append(self, entry: _Entry, row: Sample) -> None:
+        count = len(self._entries)
+        if self._first + count == len(self._rows):
+            self._rows[:count] = self._rows[self._first :]
+            self._first = 0
+        self._rows[self._first + count] = row
+        self._entries.append(entry)
 
     def _find(self, index: int) -> _Entry | None:
         if not self._entries:
@@ -216,6 +224,7 @@ class History:
         if gone == 0:
             return
         del self._entries[:gone]
+        self._first += gone
         old = bisect.bisect_right(self._maps, self._entries[0].time + 1e-9, key=_stamp) - 1  # still in force
         if old > 0:
             self._map_bytes -= sum(len(kept.cells) for kept in self._maps[:old])

@@ -218,19 +218,17 @@ def path_of(time: NDArray[np.float64], curve: Curve, low: float, high: float) ->
         values = curve.values[ends]
     share = (np.clip(values, low, high) - low) / (high - low)
     found = np.isfinite(share)
-    y = np.where(found, np.round((1.0 - share) * HEIGHT), 0.0).astype(int)
-    parts: list[str] = []
-    at: tuple[int, int] | None = None
-    for px, py, ok in zip(x.tolist(), y.tolist(), found.tolist(), strict=True):
-        if not ok:
-            at = None
-        elif at is None:
-            parts.append(f"M{px} {py}l0 0")
-            at = px, py
-        elif (px, py) != at:
-            parts.append(f"l{px - at[0]} {py - at[1]}")
-            at = px, py
-    return "".join(parts)
+    points = np.stack([x, np.round((1.0 - np.where(found, share, 0.0)) * HEIGHT).astype(int)], axis=1)
+    breaks = np.flatnonzero(np.diff(found, prepend=False, append=False))
+    return "".join(_line(points[start:end]) for start, end in breaks.reshape(-1, 2))
+
+
+def _line(points: NDArray[np.int64]) -> str:
+    """Through these points, shape (n, 2), in steps from each to the next."""
+    steps = np.diff(points, axis=0)
+    steps = steps[(steps != 0).any(axis=1)]
+    start = f"M{points[0, 0]} {points[0, 1]}l"
+    return start + ("%d %d " * len(steps) % tuple(steps.ravel().tolist()) if len(steps) else "0 0")
 
 
 def _y(plot: Plot, value: float) -> float:

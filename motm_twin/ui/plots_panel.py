@@ -4,8 +4,8 @@ import viser
 
 from motm_twin.bus.messages import TickMessage
 from motm_twin.ui.hub import Hub, Shown, Visitor
-from motm_twin.ui.pieces import Piece
 from motm_twin.ui.plots import WINDOW, plots_html
+from motm_twin.ui.widgets import Html
 
 EVERY = 5  # updates (of 0.1 s) between pictures
 PANEL_WIDTH = 300  # [px]
@@ -17,7 +17,7 @@ class PlotsPanel:
     def __init__(self, gui: viser.GuiApi, hub: Hub) -> None:
         self._gui, self._hub = gui, hub
         self._panel: viser.PanelHandle | None = None
-        self._piece: Piece | None = None
+        self._piece: Html | None = None
         self._count = 0
         self._drawn: TickMessage | None = None
         self._button = gui.add_button("Plots", icon=viser.Icon.CHART_LINE, hint="curves of the last minute; key G")
@@ -50,7 +50,7 @@ class PlotsPanel:
         else:
             panel = self._gui.add_panel()
             with panel.add_tab("Plots", viser.Icon.CHART_LINE):
-                self._piece = Piece(self._gui, "&nbsp;")
+                self._piece = Html(self._gui, "&nbsp;")
             panel.dock_left()
             panel.set_width(PANEL_WIDTH)
             self._panel, self._drawn = panel, None

@@ -143,7 +143,7 @@ class ReplayTab:
             return
         self._bar.visible = True
         try:
-            page = await asyncio.to_thread(export.html, history, shown.scene, seconds)
+            page = await asyncio.to_thread(export.export_html, history, shown.scene, seconds)
         finally:
             self._bar.visible = False
         self._visitor.client.send_file_download(file_name(self._status(), "html"), page, save_immediately=True)

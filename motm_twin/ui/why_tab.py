@@ -3,14 +3,13 @@
 import viser
 
 from motm_twin.bus.messages import TickMessage
-from motm_twin.ui import markup
 from motm_twin.ui.candidate_card import NEXT_WEIGHT, candidate_card
 from motm_twin.ui.hub import Hub, Shown, Visitor
-from motm_twin.ui.pieces import Piece
 from motm_twin.ui.plots_panel import PlotsPanel
 from motm_twin.ui.score_card import score_card
 from motm_twin.ui.timing_card import WINDOW, timing_card
 from motm_twin.ui.why_cards import EVENTS, arm_card, events_card, now_card, task_card
+from motm_twin.ui.widgets import Html
 
 FAST, SLOW = 2, 10  # updates (of 0.1 s) between refreshes: of what is read as it happens, and of statistics
 
@@ -21,15 +20,14 @@ class WhyTab:
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         self._hub = hub
         self._count = 0
-        gui.add_html(markup.STYLE)
-        self._now = Piece(gui)
+        self._now = Html(gui)
         self._plots = PlotsPanel(gui, hub)
-        self._task, self._candidate, self._arm = (Piece(gui) for _ in range(3))
-        self._events = Piece(gui)
+        self._task, self._candidate, self._arm = (Html(gui) for _ in range(3))
+        self._events = Html(gui)
         with gui.add_folder("Timing"):
-            self._timing = Piece(gui)
+            self._timing = Html(gui)
         with gui.add_folder("Score"):
-            self._score = Piece(gui)
+            self._score = Html(gui)
         self._tick: TickMessage | None = None
         self._picked: int | None = None
 

@@ -148,6 +148,7 @@ def test_whatever_comes_the_history_stays_in_order_and_bounded(arrivals):
         assert len(indices) <= 16
         assert history.newest == index == history.at(index).index
         assert history.at(index).run == run
+        assert [round(time / 0.05) for time in history.samples(None, 1e9)[:, 0]] == indices
         assert history._bytes == sum(len(entry.payload) for entry in history._entries)
         assert history._bytes <= 20_000 or len(indices) == 1
         assert history._map_bytes == sum(len(kept.cells) for kept in history._maps)
