@@ -83,17 +83,18 @@ class Surroundings:
     def first(self, ray: Ray, tick: TickMessage, *, candidates: bool) -> Hit | None:
         """The first thing along a ray; candidates only when they are shown."""
         solid = self.solid(ray, tick)
-        limit = _NO_HIT if solid is None else solid.distance
+        behind = self.solid(ray, tick, bins=False)  # bins are open: what lies in one can be seen
+        limit = _NO_HIT if behind is None else behind.distance
         small = [self._object(ray, item) for item in tick.objects]
         if candidates:
             small.append(_candidate(ray, tick))
         near = [hit for hit in small if hit is not None and hit.distance < limit + 0.08]
         return min(near, key=lambda hit: hit.distance) if near else solid
 
-    def solid(self, ray: Ray, tick: TickMessage) -> Hit | None:
+    def solid(self, ray: Ray, tick: TickMessage, *, bins: bool = True) -> Hit | None:
         """The first thing along a ray that is not small."""
         found: list[tuple[float, str, str]] = []
-        for name, shape, low, high in self._bins:
+        for name, shape, low, high in self._bins if bins else []:
             found.append((_prism(ray, shape, low, high), "bin", name))
         for owner, shape, low, high in self._prisms:
             found.append((_prism(ray, shape, low, high), "fixed" if owner is None else "piece", owner or ""))

@@ -117,7 +117,7 @@ class BodyView:
         else:
             drawn.sign = self._server.scene.add_label(
                 f"{ROOT}/{name}/sign", "\N{SNOWFLAKE} frozen", position=(0.0, 0.0, body.size[2] + 0.08),
-                font_screen_scale=0.62, anchor="bottom-center", depth_test=False,
+                font_screen_scale=0.78, anchor="bottom-center", depth_test=False,
             )  # fmt: skip
 
     @staticmethod

@@ -26,6 +26,8 @@ EASE = 0.7  # [s] of a move from one view to another
 SWING = 1.6  # [1/s] how fast a ride turns with the robot
 REST = 0.5  # [s] after the hand's last move the ride goes on
 ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
+PANEL = 334  # [px] that the docked panel takes from the picture; a page tells its size before it is docked
+NARROW = 700  # [px] of a page on which the panel lies over the picture
 _MEMORY = 90  # sent poses that echoes are compared with
 
 
@@ -37,6 +39,7 @@ class _Eye:
     sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
     target: View | None = None  # of a fixed view
     aspect: float = 0.0
+    page_width: int = 0  # [px] when it came
     ease_from: View | None = None
     ease_start: float = 0.0
     heading: float | None = None  # [rad] of the ride's frame
@@ -118,7 +121,10 @@ class Cameras:
     def _fixed(self, eye: _Eye, client: viser.ClientHandle) -> View | None:
         if self._scene is None or eye.mode == "Free":
             return None
-        aspect = float(client.camera.aspect)
+        width, height = client.camera.image_width, client.camera.image_height
+        if width == eye.page_width and width > NARROW:
+            width -= PANEL
+        aspect = width / max(height, 1)
         if eye.ease_from is None and eye.target is not None and abs(aspect - eye.aspect) < 1e-3:
             return None
         eye.aspect = aspect
@@ -168,7 +174,7 @@ class Cameras:
     async def _enter(self, client: viser.ClientHandle) -> None:
         number = client.client_id
         with self._lock:
-            self._eyes[number] = _Eye()
+            self._eyes[number] = _Eye(page_width=client.camera.image_width)
 
         async def moved(camera: viser.CameraHandle) -> None:
             self._moved(number, camera)

@@ -117,6 +117,10 @@ class Drag:
             return f"{status.driver_name if status else 'somebody else'} is driving"
         return "" if self.live else LOOKING_BACK
 
+    def tell(self, visitor: Visitor, text: str) -> None:
+        """A note to a visitor."""
+        self._hub.tell(visitor, text)
+
     def leave(self, visitor: Visitor) -> None:
         """Let go of everything that a visitor holds."""
         with self._lock:

@@ -14,7 +14,7 @@ from motm_twin.ui.scene_view import SHADOW_HEIGHT
 from motm_twin.ui.shadows import shadow_glb
 
 ROOT = "/furniture"
-LABEL_SIZE = 0.62
+LABEL_SIZE = 0.78
 LABEL_GAP = 0.10  # [m] above the rim of a bin
 
 

@@ -9,8 +9,8 @@ import asyncio
 import viser
 
 from motm_twin.bus.commands import Command
-from motm_twin.bus.messages import TickMessage
-from motm_twin.model.edits import InsertTask, SendAgent
+from motm_twin.bus.messages import TaskMessage, TickMessage
+from motm_twin.model.edits import InsertTask, RemoveTask, SendAgent
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.ui.aim import Hit, Ray, Surroundings
 from motm_twin.ui.drag import Drag
@@ -55,8 +55,21 @@ class Pointing:
         return self.tick is not None and any(item.name == name for item in self.tick.objects)
 
     async def _deliver(self, visitor: Visitor, cube: str, box: str) -> None:
-        if await self._order(visitor, InsertTask(tasks=(Pick(object=cube), Place(bin=box)))):
-            self._hub.tell(visitor, f"{cube} \N{RIGHTWARDS ARROW} {box} added", "Task", "green")
+        """Add a pick and its place at the end; a cube that waits in the list already goes to this bin instead."""
+        index, wanted = None, InsertTask(tasks=(Pick(object=cube), Place(bin=box)))
+        planned = None if self.tick is None else waiting_job(self.tick.tasks, cube)
+        if planned is not None:
+            index, before = planned
+            if before == box:
+                self._hub.tell(visitor, f"{cube} goes to {box} already", "Task")
+                self._hub.view.selected = ""
+                return
+            if not await self._order(visitor, RemoveTask(index=index)):
+                return
+            wanted = InsertTask(tasks=wanted.tasks, index=index)
+        if await self._order(visitor, wanted):
+            instead = "" if planned is None else f", not to {planned[1]}"
+            self._hub.tell(visitor, f"{cube} \N{RIGHTWARDS ARROW} {box}{instead or ' added'}", "Task", "green")
             self._hub.view.selected = ""
 
     async def _floor(self, visitor: Visitor, hit: Hit) -> None:
@@ -70,7 +83,8 @@ class Pointing:
             view.selected = ""
         elif tick is not None:
             index = min(tick.task_index, len(tick.tasks))
-            await self._order(visitor, InsertTask(tasks=(DriveTo(point=(x, y)),), index=index))
+            if await self._order(visitor, InsertTask(tasks=(DriveTo(point=(x, y)),), index=index)) and tick.preview:
+                self._hub.tell(visitor, f"drive to ({x:.2f}, {y:.2f}) is added when time goes on", "Task", "green")
 
     async def _order(self, visitor: Visitor, command: Command) -> bool:
         """Have a command carried out; a refusal is told by the hub."""
@@ -78,3 +92,12 @@ class Pointing:
             self._hub.tell(visitor, reason)
             return False
         return (await asyncio.to_thread(self._hub.command, visitor, command)).ok
+
+
+def waiting_job(tasks: list[TaskMessage], cube: str) -> tuple[int, str] | None:
+    """Index of a waiting pick of this cube, and the bin it is to be placed in; None when there is none."""
+    for index, task in enumerate(tasks):
+        if task.kind == "pick" and task.target == cube and task.status == "waiting":
+            place = next((later for later in tasks[index:] if later.kind == "place"), None)
+            return index, "" if place is None else place.target
+    return None

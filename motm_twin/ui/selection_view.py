@@ -1,4 +1,4 @@
-"""What is selected: a ring under it, and a handle to turn it by."""
+"""What is selected: a ring under it, and a knob in front of it to turn it by."""
 
 import math
 from dataclasses import dataclass
@@ -10,14 +10,15 @@ from motm_twin.bus.messages import TickMessage
 from motm_twin.model.scene_shapes import outline
 from motm_twin.ui import colours
 from motm_twin.ui.aim import Surroundings
-from motm_twin.ui.drag import Drag
+from motm_twin.ui.drag import Drag, on_plane
 from motm_twin.ui.hub import Hub, Visitor
 from motm_twin.ui.rotation import yaw_wxyz
 
 ROOT = "/selection"
 CORNERS = 48  # of the ring
 ROOM = 0.07  # [m] between the selected and its ring
-GIZMO = 1.35  # radius of the handle, in rings
+STEM = 0.16  # [m] from the ring to the knob
+KNOB = 0.055  # [m] its radius
 
 
 @dataclass(frozen=True)
@@ -33,67 +34,57 @@ class Spot:
 
 
 class SelectionView:
-    """One ring and one handle for everybody."""
+    """One ring and one knob to turn by, for everybody."""
 
     def __init__(self, server: viser.ViserServer, hub: Hub, drag: Drag) -> None:
-        self._hub, self._drag = hub, drag
-        self._ring = server.scene.add_line_segments(
-            f"{ROOT}/ring", ring(1.0), colours.SELECTED, thickness=0.03, visible=False
+        add = server.scene
+        self._drag = drag
+        self._ring = add.add_line_segments(f"{ROOT}/ring", ring(1.0), colours.SELECTED, thickness=0.03, visible=False)
+        self._stem = add.add_line_segments(f"{ROOT}/stem", _stem(1.0), colours.SELECTED, thickness=0.022, visible=False)
+        self._knob = add.add_icosphere(
+            f"{ROOT}/knob", radius=KNOB, color=colours.SELECTED, visible=False, cast_shadow=False, receive_shadow=False
         )
-        self._server = server
-        self._gizmo: viser.TransformControlsHandle | None = None
+        self._knob.on_drag("left")(hub.watching(self._turn))
         self._radius = 0.0
-        self._name, self._spot = "", None
-        self._turning = False
+        self._name = ""
+        self._place = (0.0, 0.0)
+        self._refused = False
 
     def update(self, name: str, tick: TickMessage, surroundings: Surroundings, *, live: bool) -> None:
         """Mark this; an empty or unknown name: nothing."""
         spot = spot_of(name, tick, surroundings) if name else None
-        self._name, self._spot = name, spot
-        visible = spot is not None
-        if self._ring.visible != visible:
-            self._ring.visible = visible
-        if spot is not None:
-            held = self._drag.held(name)
-            x, y, z = (spot.x, spot.y, spot.z) if held is None else (held.x, held.y, held.z)
-            self._ring.position = (x, y, z + 0.016)
-            if spot.radius != self._radius:
-                self._radius = spot.radius
-                self._ring.points = ring(spot.radius)
-        self._update_gizmo(spot if live else None)
+        self._name = name
+        turns = spot is not None and spot.turns and live
+        for handle, visible in ((self._ring, spot is not None), (self._stem, turns), (self._knob, turns)):
+            if handle.visible != visible:
+                handle.visible = visible
+        if spot is None:
+            return
+        held = self._drag.held(name)
+        x, y, z = (spot.x, spot.y, spot.z) if held is None else (held.x, held.y, held.z)
+        heading = spot.heading if held is None or held.heading is None else held.heading
+        self._place = (x, y)
+        if spot.radius != self._radius:
+            self._radius = spot.radius
+            self._ring.points, self._stem.points = ring(spot.radius), _stem(spot.radius)
+        self._ring.position = self._stem.position = (x, y, z + 0.016)
+        if turns:
+            reach = spot.radius + STEM
+            self._stem.wxyz = yaw_wxyz(heading)
+            self._knob.position = (x + reach * math.cos(heading), y + reach * math.sin(heading), KNOB)
 
-    def _update_gizmo(self, spot: Spot | None) -> None:
-        if spot is None or not spot.turns:
-            if self._gizmo is not None:
-                self._gizmo.remove()
-                self._gizmo, self._turning = None, False
+    def _turn(self, event: viser.SceneNodeDragEvent, visitor: Visitor) -> None:
+        """The knob is dragged round: the body faces it."""
+        if event.phase == "start":
+            reason = self._drag.refusal(visitor)
+            self._refused = bool(reason)
+            if reason:
+                self._drag.tell(visitor, reason)
+        pointed = on_plane(np.asarray(event.client.camera.position), np.asarray(event.end_position), KNOB)
+        if self._refused or not self._name or pointed is None:
             return
-        scale = round(GIZMO * spot.radius, 2)
-        if self._gizmo is not None and self._gizmo.scale != scale:
-            self._gizmo.scale = scale
-        if self._gizmo is None:
-            self._gizmo = self._server.scene.add_transform_controls(
-                f"{ROOT}/turn", scale=scale, line_width=3.0, active_axes=(True, True, False), disable_axes=True,
-                disable_sliders=True, depth_test=False, opacity=0.9,
-            )  # fmt: skip
-            self._gizmo.on_update(self._hub.watching(self._turn))
-        if not self._turning:
-            held = self._drag.held(self._name)
-            x, y = (spot.x, spot.y) if held is None else (held.x, held.y)
-            self._gizmo.position, self._gizmo.wxyz = (x, y, 0.02), yaw_wxyz(spot.heading)
-
-    def _turn(self, event: viser.TransformControlsEvent, visitor: Visitor) -> None:
-        if self._spot is None or not self._name:
-            return
-        if event.phase == "start" and (reason := self._drag.refusal(visitor)):
-            self._hub.tell(visitor, reason)
-        if self._drag.refusal(visitor):
-            return
-        self._turning = event.phase != "end"
-        w, _, _, z = event.target.wxyz
-        heading = math.remainder(2.0 * math.atan2(float(z), float(w)), 2.0 * math.pi)
-        place = (float(event.target.position[0]), float(event.target.position[1]))
-        self._drag.turn(self._name, visitor, place, heading, last=not self._turning)
+        (x, y), last = self._place, event.phase == "end"
+        self._drag.turn(self._name, visitor, (x, y), math.atan2(pointed[1] - y, pointed[0] - x), last=last)
 
 
 def spot_of(name: str, tick: TickMessage, surroundings: Surroundings) -> Spot | None:
@@ -119,6 +110,10 @@ def spot_of(name: str, tick: TickMessage, surroundings: Surroundings) -> Spot | 
     bounds = np.array([outline(s.shape).bounds for s in surroundings.now.solids if s.name in piece.solids])
     reach = np.concatenate([bounds[:, :2], bounds[:, 2:]]) - (x, y)
     return Spot(x, y, 0.0, heading, round(float(np.linalg.norm(reach, axis=1).max()) + ROOM, 2), True)
+
+
+def _stem(radius: float) -> np.ndarray:
+    return np.array([[(radius, 0.0, 0.0), (radius + STEM, 0.0, 0.0)]], dtype=np.float32)
 
 
 def ring(radius: float) -> np.ndarray:

@@ -10,18 +10,22 @@ from fake_twin import FakeTwin, fake_scene
 
 from motm_twin.bus.client import Grid
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.messages import GRID_VERSION, GridInfo, TickMessage
+from motm_twin.bus.messages import GRID_VERSION, BodyMessage, GridInfo, TickMessage
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
 from motm_twin.ui import colours
+from motm_twin.ui.aim import Ray, Surroundings
 from motm_twin.ui.backdrop import floor_glb, ground_glb, sky_glb
-from motm_twin.ui.drag import on_plane
+from motm_twin.ui.drag import on_plane, throw
 from motm_twin.ui.framing import ASPECT, FIELD_OF_VIEW, extent, from_above, overview
 from motm_twin.ui.free_place import free_place, is_free
 from motm_twin.ui.furniture import bin_mesh, loose_box_mesh, solids_mesh
 from motm_twin.ui.light import SHADOW_SHIFT, on_screen, shining
-from motm_twin.ui.plan_view import relative_cost
+from motm_twin.ui.marks_view import believed, drive_points
+from motm_twin.ui.plan_view import dashes, relative_cost
+from motm_twin.ui.pointing import waiting_job
 from motm_twin.ui.robot_view import GHOST_GAP, GHOSTS, ghost_poses
 from motm_twin.ui.rotation import matrices_wxyz, yaw_wxyz
+from motm_twin.ui.selection_view import spot_of
 from motm_twin.ui.shadows import box_shadow_glb
 from motm_twin.ui.textures import MARGIN, floor, ground_tone
 
@@ -167,3 +171,103 @@ def test_a_new_obstacle_comes_to_free_floor_away_from_others():
         taken.append((x, y))
     assert not is_free(grid, (0.9, 0.0))
     assert not is_free(grid, (9.0, 0.0))
+
+
+def test_a_hand_that_moves_on_release_throws_and_one_that_rests_does_not():
+    moving = [(0.05 * i, 0.05 * i, 0.0) for i in range(9)]  # 1 m/s along x
+    assert throw(moving, 0.42) == pytest.approx((1.0, 0.0))
+    assert throw(moving, 0.9) == (0.0, 0.0)
+    assert throw([(t, 0.2 * x, 0.0) for t, x, _ in moving], 0.42) == (0.0, 0.0)
+    assert math.hypot(*throw([(t, 9.0 * x, 9.0 * x) for t, x, _ in moving], 0.42)) == pytest.approx(2.5)
+    assert throw(moving[:1], 0.0) == (0.0, 0.0)
+    rested = [*moving, *((0.4 + 0.05 * i, 0.4, 0.0) for i in range(1, 9))]
+    assert throw(rested, 0.82) == (0.0, 0.0)
+
+
+def test_dashes_leave_gaps_and_end_where_the_line_ends():
+    line = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], dtype=np.float32)
+    pieces = dashes(line)
+    drawn = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1).sum()
+    assert 0.8 < drawn < 1.2
+    assert np.linalg.norm(pieces, axis=2).max() <= math.sqrt(2.0) + 1e-6
+    assert dashes(line[:2] * 0.01).shape[1:] == (2, 2)
+
+
+@pytest.fixture
+def around(tick):
+    """What the pointer can be at."""
+    surroundings = Surroundings(fake_scene())
+    surroundings.update(tick)
+    return surroundings
+
+
+def aimed(around, tick, point, *, candidates=True):
+    return around.first(Ray.through((point[0] - 1.0, point[1] - 2.0, 3.0), point), tick, candidates=candidates)
+
+
+def test_the_pointer_finds_the_first_thing_on_its_way(around, tick):
+    item, box = tick.objects[0], around.now.bins[0]
+    assert aimed(around, tick, item.position).name == item.name
+    hit = aimed(around, tick, (*box.centre, box.rim_z))
+    assert (hit.kind, hit.name) == ("bin", box.name)
+    piece = next(iter(around.pieces.values()))
+    top = max(solid.z_max for solid in around.now.solids if solid.name in piece.solids)
+    corner = (piece.centre[0], piece.centre[1], top)
+    assert aimed(around, tick, corner, candidates=False).kind in ("piece", "bin", "object")
+    x, y, _ = tick.robot.true_pose
+    assert aimed(around, tick, (x, y, 0.4), candidates=False).kind == "robot"
+    far = (tick.robot.true_pose[0] + 40.0, 40.0, 0.0)
+    assert aimed(around, tick, far).kind == "floor"
+    assert around.first(Ray.through((0.0, 0.0, 1.0), (1.0, 0.0, 2.0)), tick, candidates=True) is None
+
+
+def test_a_candidate_is_found_by_its_place_only_while_they_are_shown(around, tick):
+    viable = next(i for i, reason in enumerate(tick.placement.rejected) if not reason)
+    x, y, _ = tick.placement.poses[viable]
+    hit = aimed(around, tick, (x, y, 0.035))
+    assert hit.kind == "candidate"
+    assert math.dist(tick.placement.poses[hit.index][:2], (x, y)) < 0.05
+    assert aimed(around, tick, (x, y, 0.035), candidates=False).kind != "candidate"
+
+
+def test_a_cube_is_put_on_the_surface_under_the_pointer(around):
+    box = around.now.bins[0]
+    down = Ray.through((*box.centre, 3.0), (*box.centre, 0.0))
+    put = around.surface(down)
+    tops = [s.z_max for s in around.now.solids] + [b.floor_z for b in around.now.bins]
+    assert any(abs(put[2] - top) < 1e-9 for top in tops)
+    assert around.surface(Ray.through((40.0, 40.0, 2.0), (40.0, 41.0, 0.0)))[2] == pytest.approx(0.0)
+
+
+def test_a_moved_piece_is_found_where_it_is_now(around, tick):
+    name, piece = next(iter(around.pieces.items()))
+    body = BodyMessage(name=name, kind="furniture", position=[20.0, 20.0, 0.0], yaw=1.0, state="", size=[1.0, 1.0, 1.0])
+    moved = msgspec.structs.replace(tick, furniture=[body])
+    around.update(moved)
+    spot = spot_of(name, moved, around)
+    assert (spot.x, spot.y, spot.heading) == (20.0, 20.0, 1.0)
+    assert around.first(Ray.through((20.0, 19.9, 9.0), (20.0, 20.0, 0.0)), moved, candidates=False).kind != "floor"
+    assert spot_of(name, msgspec.structs.replace(tick, removed=[name]), around) is None
+    assert piece.centre != (20.0, 20.0)
+
+
+def test_points_to_drive_to_are_read_from_the_tasks_that_are_left(tick):
+    drive = msgspec.structs.replace(tick.tasks[0], kind="drive_to", target="(1.50, -0.25)", status="waiting")
+    assert drive_points(msgspec.structs.replace(tick, tasks=[drive, *tick.tasks], task_index=0)) == [(1.5, -0.25)]
+    assert drive_points(msgspec.structs.replace(tick, tasks=[drive, *tick.tasks], task_index=1)) == []
+
+
+def test_beliefs_are_marked_only_where_they_are_off(tick):
+    item = tick.objects[0]
+    belief = msgspec.structs.replace(tick.beliefs[0], name=item.name, position=[p + 0.004 for p in item.position])
+    assert len(believed(msgspec.structs.replace(tick, beliefs=[belief]))) == 0
+    off = msgspec.structs.replace(belief, position=[p + 0.02 for p in item.position])
+    assert believed(msgspec.structs.replace(tick, beliefs=[off])).shape == (1, 3)
+
+
+def test_a_cube_that_waits_in_the_list_is_found_with_its_bin(tick):
+    waiting = [msgspec.structs.replace(task, status="waiting") for task in tick.tasks]
+    assert waiting_job(waiting, waiting[0].target) == (0, waiting[1].target)
+    assert waiting_job(waiting, "nothing") is None
+    done = [msgspec.structs.replace(task, status="done") for task in tick.tasks]
+    assert waiting_job(done, done[0].target) is None
