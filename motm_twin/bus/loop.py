@@ -101,14 +101,14 @@ class TwinLoop:
     def status(self) -> StatusMessage:
         """The state of the server, from any thread."""
         now, live, scene = time.monotonic(), self._live, self._live.scene
-        playing = self._state == "playing"
+        playing, busy = self._state == "playing", self._state in ("loading", "error")
         return StatusMessage(
             version=STATUS_VERSION,
             twin=self._twin_name,
             run=live.run,
             server_time=self._server_time(),
             state=self._state,
-            text=self._file_error or self._text,
+            text=self._text if busy else (self._file_error or self._text),
             scene=scene.name if scene else self._loaded.scene,
             variant=scene.variant if scene else (self._loaded.variant or ""),
             seed=scene.seed if scene else (self._loaded.seed or 0),

@@ -6,6 +6,7 @@
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import msgspec
 import zenoh
@@ -125,7 +126,7 @@ class TwinServer:
 
         def reply(reason: str, index: int) -> None:
             answer = Answer(ok=not reason, reason=reason, server_time=self._clock(), index=index)
-            with query:
+            with suppress(zenoh.ZError), query:  # the asker may be gone
                 query.reply(query.key_expr, self._encode(answer))
 
         try:
@@ -135,7 +136,7 @@ class TwinServer:
 
     def _on_session(self, query: zenoh.Query) -> None:
         def reply(session: bytes, problem: str) -> None:
-            with query:
+            with suppress(zenoh.ZError), query:
                 if problem:
                     query.reply_err(problem)
                 else:
