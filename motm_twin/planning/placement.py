@@ -123,13 +123,14 @@ class NextTargetPlacement(Stateful[PlacementState]):
         next_poses = self._next_poses(problem.next_target, here)
         to_next = goal_table(graph, next_poses, self._rates) if next_poses is not None else None
         candidates, current, onward = self._evaluate(target, here, from_robot, to_next)
-        cost = current + self._parameters.placement.next_weight * onward
+        viable = np.isfinite(current)  # an infinite cost times a weight of 0 would be no number
+        cost = current + self._parameters.placement.next_weight * np.where(viable, onward, 0.0)
         preferred = cost - self._parameters.placement.hysteresis * self._chosen_before(target, candidates.pose)
         chosen = int(np.argmin(preferred)) if np.isfinite(preferred).any() else -1
         goal = candidates.pose[chosen] if chosen >= 0 else problem.pose
         self._state = PlacementState(target=(target.kind, target.name), goal=np.array(goal))
         next_goals = self._best_next(goal, next_poses, graph) if next_poses is not None else None
-        self._last = Searched(graph, from_robot, to_next, candidates.pose, np.isfinite(cost))
+        self._last = Searched(graph, from_robot, to_next, candidates.pose, viable)
         return Placement(
             mode=candidates.mode,
             radius=candidates.radius,
