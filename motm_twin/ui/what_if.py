@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time as clock
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -23,6 +24,8 @@ from motm_twin.model.edits import ParameterValue
 RUNS = ("as it was", "changed")
 PERIOD = 0.05  # [s]
 ERROR_LINES = 12  # of the standard error of the process that are kept
+WATCH_SPEED = 3.0  # times real time
+WATCH_END = 3.0  # [s] the ends are shown before both follow the twin again
 MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
 Values = Mapping[str, ParameterValue]
 
@@ -109,6 +112,12 @@ class Runs:
         """How far [s] each run is."""
         return {run: samples[-1].time for run, samples in self._samples.items() if samples}
 
+    def common(self) -> float:
+        """Up to when [s] both runs can be shown: a run that has ended stands where it did."""
+        open_runs = [run for run in RUNS if run not in self.outcomes]
+        reached = self.reached()
+        return min((reached.get(run, 0.0) for run in open_runs), default=max(reached.values(), default=0.0))
+
     def at(self, time: float) -> list[Other]:
         """The robots of both runs at a time [s]; before the first and after the last sample they stand there."""
         found = []
@@ -116,7 +125,9 @@ class Runs:
             number = bisect.bisect_right(samples, time, key=_time)
             if samples:
                 before, after = samples[max(0, number - 1)], samples[min(number, len(samples) - 1)]
-                found.append(_between(run, before, after, time))
+                outcome = self.outcomes.get(run)
+                label = run if outcome is None or time < outcome.time_s else f"{run}: {outcome.time_s:.1f} s"
+                found.append(_between(label, before, after, time))
         return found
 
 
@@ -142,8 +153,9 @@ def _mix(a: float, b: float, part: float) -> float:
 class WhatIf:
     """At most one comparison at a time. ``session`` gives the run so far as JSON."""
 
-    def __init__(self, session: Callable[[], bytes]) -> None:
-        self._session = session
+    def __init__(self, session: Callable[[], bytes], now: Callable[[], float] = clock.monotonic) -> None:
+        self._session, self._now = session, now
+        self._watch_from: float | None = None  # on that clock
         self._lock = threading.Lock()
         self._runs, self._state, self._job = Runs(), State(), 0
         self._process: subprocess.Popen[bytes] | None = None
@@ -155,9 +167,34 @@ class WhatIf:
             return self._state
 
     def others(self, time: float) -> list[Other]:
-        """The robots to be shown beside the twin's at a time [s], at most two."""
+        """The robots to be shown beside the twin's at a time [s], at most two.
+
+        Both are shown at the same time, also while one run is further than the other, or somebody watches them alone.
+        """
         with self._lock:
-            return [] if self._state.phase in ("idle", "failed") else self._runs.at(time)
+            if self._state.phase in ("idle", "failed"):
+                return []
+            watched = self._watched()
+            return self._runs.at(min(self._runs.common(), time if watched is None else watched))
+
+    def watch(self) -> None:
+        """Show both runs alone, from where they part to their ends, faster than they were."""
+        with self._lock:
+            self._watch_from = self._now()
+
+    @property
+    def watched(self) -> float | None:
+        """The time [s] of both runs that is watched; None while they follow the twin."""
+        with self._lock:
+            return self._watched()
+
+    def _watched(self) -> float | None:
+        if self._watch_from is None:
+            return None
+        time = self._state.start + WATCH_SPEED * (self._now() - self._watch_from)
+        if time > self._runs.common() + WATCH_SPEED * WATCH_END:
+            self._watch_from = None
+        return None if self._watch_from is None else min(time, self._runs.common())
 
     def start(self, who: str, values: Values, from_index: int) -> None:
         """Compare the run so far, and how it goes on, with the same from a period on with these values.
@@ -168,7 +205,7 @@ class WhatIf:
             if self._state.busy:
                 raise ValueError("another comparison is being computed: stop it first")
             self._job += 1
-            self._runs = Runs()
+            self._runs, self._watch_from = Runs(), None
             self._state = State(phase="starting", who=who, start=from_index * PERIOD, values=dict(values))
             job = self._job
         threading.Thread(
@@ -179,7 +216,7 @@ class WhatIf:
         """End what is being computed and show nothing any more."""
         with self._lock:
             self._job += 1
-            self._state, self._runs = State(), Runs()
+            self._state, self._runs, self._watch_from = State(), Runs(), None
             process, self._process = self._process, None
         _end(process)
 

@@ -6,15 +6,17 @@ from collections.abc import Callable
 import viser
 
 from motm_twin.control.tuning import PARAMETERS
+from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.tuning_values import TuningValues
 from motm_twin.ui.what_if import RUNS, Outcome, State
-from motm_twin.ui.widgets import Changing, Html
+from motm_twin.ui.widgets import Changing, Html, buttons
 
+WATCH = "Watch both runs"
 NOW, SHOWN, START = "from now", "from the shown moment", "from the start"
 _TEXT = "font-size:12px;line-height:1.45;padding:2px 12px 6px 12px"
 _MUTED = "color:#6b7280"
-_COLOURS = {"as it was": "#6b7280", "changed": "#7c3aed"}
+_COLOURS = dict(zip(RUNS, map(colours.css, colours.OTHERS), strict=True))  # as in the scene
 
 
 def result(state: State) -> str:
@@ -52,7 +54,8 @@ def _row(name: str, *cells: str, head: bool = False) -> str:
 
 def _verdict(state: State, before: Outcome | None, after: Outcome | None) -> str:
     if before is None or after is None:
-        return f'<div style="{_MUTED}">the same until {state.start:.1f} s</div>'
+        words = f"the same until {state.start:.1f} s" if state.start > 0.0 else "computed from the start"
+        return f'<div style="{_MUTED}">{words}</div>'
     words = []
     if before.success and after.success:
         gain = after.time_s - before.time_s
@@ -83,6 +86,9 @@ class WhatIfPanel:
             )
             self._go = self._changing(gui.add_button("Compare", icon=viser.Icon.ARROWS_SPLIT))
             self._result = Html(gui)
+            watch = hub.driving(lambda *_: hub.what_if.watch())
+            self._watch = self._changing(buttons(gui, (WATCH,), watch, hint="in the scene, from where they part"))
+            self._watch.visible = False
         self._go.on_click(hub.driving(lambda *_: self._press()))
 
     def enable(self, driving: bool) -> None:
@@ -95,6 +101,9 @@ class WhatIfPanel:
         state = self._hub.what_if.state
         self._go.label = "Stop" if state.busy else "Compare" if state.phase == "idle" else "Clear the comparison"
         self._result.set(result(state))
+        watched = self._hub.what_if.watched
+        self._watch.visible = state.phase in ("running", "done")
+        self._watch.options = (WATCH if watched is None else f"Both runs at {watched:.0f} s",)
 
     def _part(self, apart: bool) -> None:
         self._values.part(apart)
