@@ -87,6 +87,7 @@ def test_what_if_prints_both_runs_and_their_difference(tmp_path):
     )
     assert result.returncode == 0, result.stderr
     assert "as it was" in result.stdout
+    assert "time [s]" in result.stdout
     assert "time limit" in result.stdout
     report = json.loads(out.read_text())
     assert report["parameters"] == {"next_weight": 0.5, "bezier": False}

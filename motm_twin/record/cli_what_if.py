@@ -5,6 +5,7 @@ from typing import Any
 
 import msgspec
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from motm_twin.record.changes import parse_changes, start_period
@@ -47,11 +48,11 @@ def _print(was: Outcome, changed: Outcome, title: str) -> None:
     table = Table("", "as it was", "changed", "difference")
     for column in table.columns[1:]:
         column.justify = "right"
-    table.add_row("time [s]", *_numbers(was.time_s, changed.time_s, 2))
+    table.add_row(escape("time [s]"), *_numbers(was.time_s, changed.time_s, 2))
     table.add_row("picks", *_numbers(was.picks, changed.picks, 0))
     table.add_row("places", *_numbers(was.places, changed.places, 0))
     table.add_row("contacts caused", *_numbers(was.contacts, changed.contacts, 0))
-    table.add_row("distance driven [m]", *_numbers(was.path_length, changed.path_length, 2))
+    table.add_row(escape("distance driven [m]"), *_numbers(was.path_length, changed.path_length, 2))
     table.add_row("success", *("yes" if end.success else "no" for end in (was, changed)), "")
     console.print(title, style="bold", markup=False)
     console.print(table)
