@@ -120,7 +120,7 @@ def _joining(twin: Served, report: Report) -> None:
 def _loading(twin: Served, report: Report) -> None:
     page_measures.restart(twin.client, playing=False)
     by_websocket = page_measures.scene_bytes(twin)
-    load = page_browser.first_load(_url(twin))
+    load = page_browser.first_load(twin.url)
     report.values.update(load_mb=(load.http_bytes + by_websocket) / 1e6, picture_s=load.complete_at)
     report.details["first_load_mb"] = {"http": load.http_bytes / 1e6, "websocket": by_websocket / 1e6}
 
@@ -129,7 +129,7 @@ def _memory(twin: Served, report: Report, minutes: float) -> None:
     """With a browser that shows the page all the time, where there is one."""
     try:
         with page_browser.browser() as browser:
-            browser.page.goto(_url(twin))
+            browser.page.goto(twin.url)
             series = page_measures.memory(twin, minutes, browser.heap_mb)
     except RuntimeError as error:
         report.failures.append(f"memory of the page: {error}")
@@ -143,10 +143,6 @@ def _memory(twin: Served, report: Report, minutes: float) -> None:
     }
     report.details["memory_minutes"] = minutes
     page_measures.act(twin.client, Pause())
-
-
-def _url(twin: Served) -> str:
-    return f"http://127.0.0.1:{twin.port}/"
 
 
 def _conclude(report: Report, out: Path, console: Console) -> bool:

@@ -93,6 +93,11 @@ class PageReader:
                 return uuid
         return None
 
+    def options(self, label: str) -> tuple[str, ...]:
+        """What a list offers; nothing when there is no such list."""
+        uuid = self.find(label, "Dropdown")
+        return () if uuid is None else tuple(self.widgets[uuid]["props"]["options"])
+
     def set(self, label: str, value: Any, kind: str = "") -> bool:
         """Click a button or change a widget by its label; False when there is no such widget."""
         uuid = self.find(label, kind)

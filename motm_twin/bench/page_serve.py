@@ -29,6 +29,11 @@ class Served:
     client: TwinClient
     process: subprocess.Popen
 
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{LOOPBACK}:{self.port}/"
+
     def pid(self, module: str) -> int:
         """Number of the child process that runs a module. Raises RuntimeError when there is none."""
         for path in Path("/proc").glob("[0-9]*"):
@@ -45,6 +50,11 @@ class Served:
     def viewer(self) -> int:
         """Process number of the viewer."""
         return self.pid("motm_twin.ui.viewer_process")
+
+    @property
+    def server(self) -> int:
+        """Process number of the twin server."""
+        return self.pid("motm_twin.bus.server_process")
 
     def interrupt(self) -> float:
         """Ctrl-C; how long [s] it took to end."""

@@ -1,22 +1,21 @@
 """A person at the page, for tests: Chromium, a mouse that aims at points of the world, a client to check the twin."""
 
+import io
 import os
 import shutil
-import subprocess
-import sys
 import time
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from motm_twin.bus.client import TwinClient
-from motm_twin.bus.health import page_answers
-from motm_twin.bus.session import free_port
-from motm_twin.ui.camera import FIELD_OF_VIEW, overview
+from motm_twin.bench.page_serve import served
+from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
-VIEW = {"width": 1280, "height": 800}
+VIEW = {"width": 1024, "height": 700}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+SHOWN = 60.0  # [s] for something to appear: software rendering on a busy machine
 
 
 def chromium_path():
@@ -43,34 +42,125 @@ def until(condition, timeout, what):
 
 @contextmanager
 def serving(scene, *options):
-    """`motm-twin serve` as a user starts it; yields address of the page and a client of the twin."""
-    page_port, zenoh_port = free_port(), free_port()
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", scene, "--port", str(page_port)]
-    process = subprocess.Popen([*command, "--zenoh-port", str(zenoh_port), *options])
-    try:
-        with TwinClient(f"tcp/127.0.0.1:{zenoh_port}") as client:
-            until(lambda: page_answers(page_port), 60.0, "the page did not come up")
-            yield f"http://127.0.0.1:{page_port}/", client
-    finally:
-        process.terminate()
-        process.wait(10.0)
+    """`motm-twin serve` as a user starts it, once it has run a period."""
+    chromium_path()  # no browser, no need to start
+    with served(str(scene), *options) as twin:
+        yield twin
+
+
+@contextmanager
+def chromium():
+    """A browser."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    path = chromium_path()
+    with playwright.sync_playwright() as engine:
+        browser = engine.chromium.launch(executable_path=path, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def visiting(twin):
+    """A browser with the page of a served twin open; yields its visitor, who has read how to drive."""
+    with chromium() as browser:
+        yield Visitor.enter(browser, twin)
 
 
 class Visitor:
-    """A browser page in the overview, and its mouse."""
+    """A person with a browser page in the overview."""
 
-    def __init__(self, page, scene):
-        self.page = page
-        self._eye, self._look_at = overview(scene)
+    def __init__(self, page, twin):
+        self.page, self.twin, self.errors = page, twin, []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    @classmethod
+    def enter(cls, browser, twin):
+        """Open the page in a new window and put the introduction away."""
+        visitor = cls(browser.new_page(viewport=VIEW), twin)
+        visitor.page.goto(twin.url)
+        visitor.button("Play", "Pause").wait_for(timeout=SHOWN * 1000)
+        visitor.close_notes()
+        return visitor
+
+    # what is seen
+
+    def says(self, text, exact=False):
+        """Wait until a text is on the page."""
+        self.page.get_by_text(text, exact=exact).first.wait_for(timeout=SHOWN * 1000)
+
+    def state(self, name):
+        """Wait until the page shows this state of the twin, such as Running."""
+        self.says(name, exact=True)
+
+    def sees(self, text):
+        """Whether a text is on the page now."""
+        return self.page.get_by_text(text).first.is_visible()
+
+    def picture(self):
+        """The scene as it is shown, shape (height, width, 3), without what lies over it at its edges."""
+        shot = self.page.screenshot(clip=self._canvas(), timeout=SHOWN * 1000)
+        return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=float)
+
+    def settled(self, quiet=2):
+        """The picture once it has stayed the same for a while; the twin must be paused."""
+        same, last = 0, self.picture()
+        deadline = time.monotonic() + SHOWN
+        while same < quiet and time.monotonic() < deadline:
+            self.page.wait_for_timeout(250)
+            now = self.picture()
+            same = same + 1 if changed(last, now) < 1e-4 else 0
+            last = now
+        return last
+
+    def _canvas(self):
+        """Where the scene is on the screen."""
+        return self.page.locator("canvas").first.bounding_box()
+
+    # panel
+
+    def button(self, *names):
+        """The first visible button with one of these names."""
+        found = self.page.get_by_role("button", name=names[0], exact=True)
+        for name in names[1:]:
+            found = found.or_(self.page.get_by_role("button", name=name, exact=True))
+        return found.locator("visible=true").first
+
+    def press(self, name):
+        """Click a button of the panel."""
+        self.button(name).click(timeout=SHOWN * 1000)
+
+    def tab(self, name):
+        """Open a tab of the panel."""
+        self.page.get_by_role("tab", name=name, exact=True).click(timeout=SHOWN * 1000)
+
+    def unfold(self, folder):
+        """Open a folder of the panel."""
+        self.page.get_by_text(folder, exact=True).locator("visible=true").first.click()
+
+    def choose(self, label, option):
+        """Choose from a list of the panel."""
+        self.page.get_by_label(label, exact=True).locator("visible=true").first.click(timeout=SHOWN * 1000)
+        self.page.get_by_role("option", name=option, exact=True).click(timeout=SHOWN * 1000)
+
+    def close_notes(self):
+        """Close what lies over the scene."""
+        for name in ("Got it",):
+            if self.button(name).is_visible():
+                self.press(name)
+        for button in self.page.locator(".mantine-Notification-closeButton").all():
+            button.click()
+
+    # mouse in the scene
 
     def pixel(self, point):
         """Where a point of the world is on the screen."""
-        box = self.page.locator("canvas").first.bounding_box()
-        forward = (self._look_at - self._eye) / np.linalg.norm(self._look_at - self._eye)
+        box = self._canvas()
+        eye, look_at = overview(self.twin.client.scene(), box["width"] / box["height"])
+        forward = (look_at - eye) / np.linalg.norm(look_at - eye)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         up = np.cross(right, forward)
-        ray = np.asarray(point) - self._eye
+        ray = np.asarray(point) - eye
         depth, focal = ray @ forward, 0.5 * box["height"] / np.tan(FIELD_OF_VIEW / 2)
         x = box["x"] + box["width"] / 2 + focal * (ray @ right) / depth
         y = box["y"] + box["height"] / 2 - focal * (ray @ up) / depth
@@ -89,29 +179,16 @@ class Visitor:
         self.page.mouse.up()
 
     def drag(self, start, end, steps=12):
-        """Drag from one point of the world to another."""
+        """Drag from one point of the world to another, and hold still before letting go."""
         self.hover(start)
         self.page.mouse.down()
         for part in np.linspace(0.0, 1.0, steps + 1)[1:]:
             self.page.mouse.move(*self.pixel(np.asarray(start) + part * (np.asarray(end) - np.asarray(start))))
             self.page.wait_for_timeout(80)
-        self.page.wait_for_timeout(300)
+        self.page.wait_for_timeout(600)
         self.page.mouse.up()
 
-    def close_notes(self):
-        """Close what lies over the scene."""
-        for button in self.page.locator(".mantine-Notification-closeButton").all():
-            button.click()
 
-
-@contextmanager
-def visiting(url):
-    """Chromium with the page open; yields the Playwright page."""
-    playwright = pytest.importorskip("playwright.sync_api")
-    path = chromium_path()
-    with playwright.sync_playwright() as engine:
-        browser = engine.chromium.launch(executable_path=path, args=FLAGS)
-        page = browser.new_page(viewport=VIEW)
-        page.goto(url)
-        yield page
-        browser.close()
+def changed(before, after, by=24.0):
+    """Share of the pixels of two pictures that differ clearly."""
+    return float((np.abs(before - after).max(axis=2) > by).mean())

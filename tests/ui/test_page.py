@@ -1,25 +1,13 @@
-"""The page in real Chromium, with the real twin behind it, used by mouse and keyboard as a person would."""
+"""The page in real Chromium, with the real twin behind it, used by mouse and keyboard as a person would: disturbing."""
 
 import itertools
 import math
-import os
-import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
-from page import Visitor, serving, until, visiting
+from page import serving, until, visiting
 
 GRAB = 0.15  # [m] height at which the Temi is taken: its body
-COMPILING = 240.0  # [s] the first start of the twin on a busy machine
-
-
-def page_shows(page, text):
-    page.get_by_text(text).first.wait_for(timeout=60_000)
-
-
-def page_says(page, state):
-    page.get_by_text(state, exact=True).first.wait_for(timeout=60_000)
 
 
 def ahead(tick, distance):
@@ -46,31 +34,23 @@ def gap(tick, name):
 @pytest.mark.browser
 @pytest.mark.timeout(600)
 def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_its_way():
-    with serving("exp1", "--variant", "trial1") as (url, client), visiting(url) as page:
-        errors = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        visitor = Visitor(page, until(client.scene, COMPILING, "no scene"))
-        page_shows(page, "motm-twin")
-        first = until(client.tick, COMPILING, "the twin never ran")
-        page_says(page, "Running")
-        moved = until(lambda: math.dist(client.tick().robot.pose[:2], first.robot.pose[:2]) > 0.05, 60.0, "it stands")
-        assert moved
-        visitor.close_notes()
+    with serving("exp1", "--variant", "trial1") as twin, visiting(twin) as visitor:
+        client, page = twin.client, visitor.page
+        visitor.says("motm-twin")
+        visitor.state("Running")
+        first = client.tick()
+        until(lambda: math.dist(client.tick().robot.pose[:2], first.robot.pose[:2]) > 0.05, 60.0, "it stands")
 
         page.keyboard.press("Space")
-        page_says(page, "Paused")
+        visitor.state("Paused")
         page.keyboard.press("r")
         until(lambda: client.tick().index == 0, 30.0, "reset by keyboard")
         page.keyboard.press("n")
         until(lambda: client.tick().index == 1, 30.0, "one step by keyboard")
-        page.get_by_role("button", name="Add Temi").click()
+        visitor.tab("Disturb")
+        visitor.press("Temi")
         temi = until(lambda: client.tick().obstacles, 30.0, "the Temi was not added")[0]
-        page.wait_for_timeout(2500)  # the page draws it
-
-        placement = client.tick().placement
-        x, y, _ = placement.poses[placement.chosen]
-        visitor.click((x, y, 0.035))
-        page_shows(page, "rank 1")
+        visitor.settled()  # the page draws it
 
         target = ahead(client.tick(), 1.6)
         visitor.drag([*temi.position[:2], GRAB], [*target, GRAB])
@@ -79,8 +59,9 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
             30.0,
             f"dragged to {target}, but the Temi is at {client.tick().obstacles[0].position}",
         )
-        page.get_by_role("button", name="Play").click()
-        page_says(page, "Running")
+        visitor.tab("Drive")
+        visitor.press("Play")
+        visitor.state("Running")
 
         gaps, picks = [], 0
 
@@ -94,36 +75,4 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
 
         until(delivered, 240.0, f"the robot did not deliver its first cube past the Temi; picks: {picks}")
         assert min(gaps) > 0.0
-        assert errors == []
-
-
-@pytest.mark.browser
-@pytest.mark.timeout(600)
-def test_another_variant_is_chosen_by_mouse_and_a_silent_server_is_told():
-    with serving("exp1") as (url, client), visiting(url) as page:
-        until(client.tick, COMPILING, "the twin never ran")
-        page_says(page, "Running")
-        page.get_by_label("Variant").click()
-        page.get_by_role("option", name="trial4").click()
-        page.get_by_role("button", name="Load").click()
-        until(lambda: client.status().variant == "trial4" and client.scene().variant == "trial4", 60.0, "not loaded")
-        page_shows(page, "exp1 / trial4")
-        server = next(
-            pid for pid in processes("motm_twin.bus.server_process") if client.endpoint.rsplit(":")[-1] in command(pid)
-        )
-        os.kill(server, signal.SIGSTOP)
-        page_says(page, "Connection lost")
-        os.kill(server, signal.SIGCONT)
-        page_says(page, "Running")
-
-
-def processes(module):
-    """Numbers of the processes that run a module."""
-    return [int(path.name) for path in Path("/proc").glob("[0-9]*") if module in command(int(path.name))]
-
-
-def command(pid):
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").replace("\0", " ")
-    except OSError:
-        return ""
+        assert visitor.errors == []

@@ -1,0 +1,77 @@
+"""The page in Chromium: driving by mouse, every scene, and a server that is silent, killed and there again."""
+
+import os
+import signal
+
+import pytest
+from page import serving, until, visiting
+
+from motm_twin.bench.page_client import PageReader
+from motm_twin.bus.library import FileLibrary
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies_comes_back():
+    with serving("exp1") as twin, visiting(twin) as visitor:
+        client, page = twin.client, visitor.page
+        visitor.state("Running")
+        visitor.press("Pause")
+        visitor.state("Paused")
+        until(lambda: client.status().state == "paused", 30.0, "not paused")
+        before = client.tick().index
+        for step in (1, 2):
+            visitor.press("Step")
+            until(lambda step=step: client.tick().index == before + step, 30.0, f"step {step}")
+        visitor.press("Reset")
+        until(lambda: client.tick().index == 0, 30.0, "reset")
+        visitor.choose("Speed", "1/2")
+        until(lambda: client.status().speed == 0.5, 30.0, "speed")
+        visitor.press("Play")
+        until(lambda: client.status().state == "playing", 30.0, "not playing")
+        visitor.says("speed 0.5×, actual")
+
+        visitor.unfold("Scene")
+        for scene, variant in (("exp2", "one_temi"), ("playground", "calm")):
+            visitor.choose("Scene", scene)
+            visitor.choose("Variant", variant)
+            visitor.press("Load")
+            until(lambda s=scene: client.scene().name == s and client.tick().index > 0, 60.0, f"{scene} not loaded")
+            visitor.says(f"{scene} / {variant}")
+            assert client.status().variant == variant
+        assert visitor.settled(quiet=1).std() > 10.0
+
+        os.kill(twin.server, signal.SIGSTOP)
+        visitor.state("Connection lost")
+        os.kill(twin.server, signal.SIGCONT)
+        visitor.state("Running")
+        dead = twin.server
+        os.kill(dead, signal.SIGKILL)
+        visitor.state("Connection lost")
+        visitor.says("reconnects by itself")
+        visitor.state("Running")
+        visitor.says("exp1 / trial1")  # what `serve` was told
+        assert twin.server != dead
+        page.keyboard.press("Space")
+        until(lambda: client.status().state == "paused", 30.0, "the page can not drive the new server")
+        assert visitor.errors == []
+
+
+@pytest.mark.timeout(600)
+def test_every_shipped_scene_and_variant_can_be_chosen():
+    with serving("exp1") as twin, PageReader(twin.port) as page:
+        client = twin.client
+        assert page.wait(lambda page: page.find("Load") and page.find("Variant"), 60.0)
+        assert page.wait(lambda page: page.find("Pause"), 60.0)
+        page.set("Pause", True)
+        until(lambda: client.status().state == "paused", 30.0, "not paused")
+        for choice in FileLibrary("exp1").choices():
+            for variant in choice.variants:
+                run = client.tick().run
+                page.set("Scene", choice.name, "Dropdown")
+                assert page.wait(lambda page, v=variant: v in page.options("Variant"), 30.0)
+                page.set("Variant", variant, "Dropdown")
+                page.set("Load", True, "Button")
+                until(lambda run=run: client.tick().run > run, 60.0, f"{choice.name} / {variant} did not run")
+                assert (client.status().scene, client.status().variant) == (choice.name, variant)
+                assert client.status().state == "paused", client.status().text
