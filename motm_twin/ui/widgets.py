@@ -35,14 +35,27 @@ class Changing:
     def __call__(self, widget: Any) -> Any:
         """Take a widget in; gives it back."""
         self._widgets.append(widget)
-        widget.disabled = not self.on
+        set_disabled(widget, not self.on)
         return widget
 
     def enable(self, on: bool) -> None:
         """Make all usable, or grey."""
         self.on = on
         for widget in self._widgets:
-            widget.disabled = not on
+            set_disabled(widget, not on)
+
+
+def set_disabled(widget: Any, disabled: bool) -> None:
+    """Make a widget grey, or usable again.
+
+    A row of buttons can be made grey, and its page shows it so, but Viser's handle refuses to change that later: the
+    change is sent as Viser sends those of other widgets.
+    """
+    if not isinstance(widget, viser.GuiButtonGroupHandle):
+        widget.disabled = disabled
+    elif widget._impl.props.disabled != disabled and not widget._impl.removed:
+        widget._impl.props.disabled = disabled
+        widget._queue_update("disabled", disabled)
 
 
 def buttons(gui: viser.GuiApi, options: Sequence[str], act: Callable, *, label: str = "", hint: str | None = None):

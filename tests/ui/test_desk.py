@@ -4,6 +4,7 @@ import threading
 import time
 
 import pytest
+import viser
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +18,7 @@ from motm_twin.ui.playback import Playback
 from motm_twin.ui.replay_tab import file_name, rerun_text
 from motm_twin.ui.task_list import ended_lines, jobs, label, moved
 from motm_twin.ui.wheel import asked_line, driver_line
+from motm_twin.ui.widgets import Changing
 
 HOSTILE = '<img src=x onerror="alert(1)">&"\''
 SPAN = Span(100, 500, 5.0, 25.0)
@@ -101,6 +103,24 @@ class TestNames:
     )
     def test_texts_from_outside_are_escaped(self, text):
         assert "<img" not in text
+
+
+def test_rows_of_buttons_turn_grey_too():
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    try:
+        changing = Changing()
+        row = changing(server.gui.add_button_group("", ("a", "b")))
+        button = changing(server.gui.add_button("c"))
+        sent = []
+        row._queue_update = lambda name, value: sent.append((name, value))
+        for on in (False, False, True):
+            changing.enable(on)
+            assert button.disabled is not on
+        assert sent == [("disabled", True), ("disabled", False)]
+        changing.enable(False)
+        assert changing(server.gui.add_button_group("", ("d",)))._impl.props.disabled
+    finally:
+        server.stop()
 
 
 class TestWheel:
