@@ -247,14 +247,12 @@ def _let_go(held: Held) -> bool:
 
 def throw(trace: list[tuple[float, float, float]], now: float) -> Point:
     """Velocity [m/s] at the release, from (time, x, y) of the last moves; (0, 0) when it was held still or slow."""
-    recent = [entry for entry in trace if now - entry[0] <= 2.0 * THROW_WINDOW]
-    if len(recent) < 2 or now - recent[-1][0] > THROW_WINDOW:
+    if len(trace) < 2 or now - trace[-1][0] > THROW_WINDOW:
         return 0.0, 0.0
-    start = next((entry for entry in recent if recent[-1][0] - entry[0] <= THROW_WINDOW), recent[0])
-    if start is recent[-1]:
-        start = recent[-2]
-    seconds = max(recent[-1][0] - start[0], INTERVAL)
-    vx, vy = (recent[-1][1] - start[1]) / seconds, (recent[-1][2] - start[2]) / seconds
+    end, before = trace[-1], trace[:-1]
+    start = next((entry for entry in before if end[0] - entry[0] <= THROW_WINDOW), before[-1])  # slow pages: the last
+    seconds = max(end[0] - start[0], INTERVAL)
+    vx, vy = (end[1] - start[1]) / seconds, (end[2] - start[2]) / seconds
     speed = float(np.hypot(vx, vy))
     if speed < THROW_FROM:
         return 0.0, 0.0

@@ -23,8 +23,8 @@ from motm_twin.ui.history import History
 from motm_twin.ui.playback import Playback
 from motm_twin.ui.what_if import WhatIf
 
-LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodified STAA* path", "Cast shadows")
-OFF_AT_FIRST = ("Unmodified STAA* path", "Cast shadows")
+LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodified STAA* path")
+OFF_AT_FIRST = ("Unmodified STAA* path",)
 NOTE_TIME = 6.0  # [s] a note stays on the page
 WAITING = 100  # commands that may wait to be sent
 KEEP_WHEEL = 3.0  # [s] what a driver does on the page alone keeps the wheel as well, told this often

@@ -17,7 +17,11 @@ _EXPOSURE = 1.0 / 0.6
 
 
 class Lights:
-    """The lights of the scene: none of them casts shadows, those are baked into pictures."""
+    """The lights of the scene: none of them casts shadows, those are baked into pictures (see `shadows`).
+
+    Tried: real shadows. They took 45 % (sun) and 65 % (lamp) of the pictures per second in software rendering, and
+    Viser 1.1.1 lets a sun cast them straight down wherever it stands.
+    """
 
     def __init__(self, server: viser.ViserServer) -> None:
         scene = server.scene
