@@ -189,3 +189,13 @@ def test_a_drive_to_a_point_inside_furniture_ends_with_a_sentence():
     tick = advance_until(twin, lambda tick: tick.tasks[0].status == "failed", 300)
     assert "not free" in next(event.text for event in tick.events if event.kind == "failed")
     advance_until(twin, lambda tick: tick.truth.picks == 1)
+
+
+def test_an_arm_that_something_dropped_on_the_robot_has_bent_backwards_starts_over():
+    """Joint 1 stood at its limit with the hand behind the arm: it was at the stow pose, and went nowhere from there."""
+    twin = Twin(SHORT)
+    x, y, _ = advance(twin, 60).truth.pose
+    twin.post(AddObstacle(name="crate", x=x + 0.2, y=y + 0.1, size=(0.4, 0.4, 0.6)))
+    tick = advance_until(twin, lambda tick: tick.truth.picks == 1, 500)
+    assert tick.truth.contacts
+    assert not caused(tick)

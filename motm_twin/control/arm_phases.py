@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motm_twin.control.arm_reference import cube_yaw, hand_yaw, pose_at, tilt_of
+from motm_twin.control.arm_reference import cube_yaw, hand_yaw, planar_joints, pose_at, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmInputs, ArmTiming
@@ -24,6 +24,7 @@ _OPEN_ROOM = 0.015  # [m] wider than the object: the fingers are open enough for
 _YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
 _MID_DWELL = 0.6  # [s] after arrival the base is about nearest
 _HOVER = 0.75  # [m] from the mount, about where a hand waits for its target
+_BENT = 0.8  # [rad] of joints 1 to 5 from those of the stow pose, beyond which an arm is folded another way
 _LEVEL = 0.05  # [m] of height error at which a transit has arrived
 
 
@@ -130,7 +131,10 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
 
 
 def _stowed(view: View, p: ArmParameters) -> bool:
-    return math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1]) < 2.0 * p.stow_radius
+    """The hand is at the stow pose, and the arm is not turned or folded another way to hold it there."""
+    near = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1]) < 2.0 * p.stow_radius
+    bent = np.abs(planar_joints(p.stow_radius, p.stow_height, p.stow_tilt) - view.q)[:5]
+    return near and float(bent.max()) < _BENT
 
 
 def _way(view: View, inputs: ArmInputs, rules: PhaseRules) -> float:

@@ -38,6 +38,7 @@ from motm_twin.model.plant import Actuation
 from motm_twin.model.state import Stateful
 
 _STOWED = 0.25  # [rad] joints this near to the stow pose are there
+_TURNED = 0.8  # [rad] and joint 1, which may turn a little towards the target
 _ACTIVE = 1e-6  # a row or bound this close to equality is active
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
 _SWINGING = ("stow", "carry", "transit")
@@ -196,7 +197,8 @@ class Manipulator(Stateful[ManipulatorState]):
         state, p = self._state, self.parameters
         error = self._stow_joints - view.q
         stuck = state.phase in ("stow", "carry") and view.time - state.since > p.stuck_time
-        if not stuck or float(np.abs(error[[1, 2, 3, 4]]).max()) < _STOWED:
+        there = float(np.abs(error[[1, 2, 3, 4]]).max()) < _STOWED and abs(error[0]) < _TURNED
+        if not stuck or there:
             return cost
         free = cost.copy()
         free[SLACK] = p.qp.free_weight
