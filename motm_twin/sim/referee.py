@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
 from motm_twin.model.scene import Pick, Place, Scene, Task
+from motm_twin.sim.blame import NEVER, Disturbance, latest, persons_doing, recent, still_persons_doing
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.plant_check import PlantCheck, PlantCheckState
@@ -23,12 +24,9 @@ from motm_twin.sim.solids import Solids, rectangle
 TOUCH = 1e-5  # [m] of penetration that counts as contact
 ROBOT_MOVES = 0.02  # [m/s] towards the other, from which the robot caused a contact
 EPISODE_END = 0.1  # [s] apart after which a contact episode has ended
-PERSON = 0.5  # [s] after a person moved a body (or the robot) within which a new contact with it is the person's doing
-BRAKING = 1.2  # [s] after that motion for which such a contact stays the person's doing while it lasts: the robot stops
 LIFTED = 0.02  # [m] above where it was taken: the cube counts as picked
 SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it was taken from
 DROP_HEIGHT = 0.01  # [m] of fall that makes a drop
-NOT_BY_PUSH = ("base", "floor")  # what the robot does not run into by being pushed
 NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the own base, or always beside it
 _NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: which distance makes an exact measurement worth it
 
@@ -76,8 +74,8 @@ class RefereeState:
     agents_before: Array = field(default_factory=lambda: np.zeros((0, 4)))
     episodes: dict[tuple[str, str], Episode] = field(default_factory=dict)
     contacts: list[Contact] = field(default_factory=list)  # ended
-    edits: dict[str, float] = field(default_factory=dict)  # body: time when a person last moved it [s]
-    pushed: float = -math.inf  # time when a person last pushed the robot [s]
+    edits: dict[str, Disturbance] = field(default_factory=dict)  # body: when a person last moved it
+    pushed: Disturbance = NEVER  # when a person last pushed the robot
     disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing: no place, no drop
     held: str = ""
     held_from_z: float = 0.0
@@ -108,6 +106,7 @@ class Referee:
         self.robot = RobotShapes(scene.robot)
         self.check = PlantCheck(scene.robot, dt)
         self._foot = scene.robot.footprint
+        self._deceleration = scene.robot.base.linear_acceleration
         self._tasks = scene.tasks
         self._surroundings: Surroundings | None = None
         self._bodies: tuple[tuple[str, float, float], ...] | None = None
@@ -134,8 +133,8 @@ class Referee:
         Contacts with the bodies that were really ``moved`` are the person's for a while; what ``disturbed`` objects do
         next is not the robot's doing.
         """
-        recent = {name: time for name, time in state.edits.items() if world.time - time <= BRAKING}
-        state.edits = recent | dict.fromkeys(moved, world.time)
+        now = Disturbance(world.time, float(world.twist[0]))
+        state.edits = recent(state.edits, world.time) | dict.fromkeys(moved, now)
         state.disturbed = tuple(sorted({*state.disturbed, *disturbed}))
         state.gaps = np.zeros((0, 0))
         state.agents_before = world.agents
@@ -144,13 +143,13 @@ class Referee:
     def pushed(self, state: RefereeState, world: World) -> None:
         """A person pushed the robot, between two substeps."""
         self.edited(state, world, moved=(), disturbed=())
-        state.pushed = world.time
+        state.pushed = Disturbance(world.time, float(world.twist[0]))
         state.placed_before = self._place(world)
 
     def step(self, state: RefereeState, world: World) -> None:
         """Judge the substep that ended with this world."""
         for name in world.slides:
-            state.edits[name] = world.time
+            state.edits[name] = Disturbance(world.time, float(world.twist[0]))
         self.check.step(state.check, world)
         self._objects(state, world)
         placed = self._place(world)
@@ -318,20 +317,21 @@ class Referee:
         pair = (body, around.names[j])
         episode = state.episodes.get(pair)
         if episode is None:
-            by_person = self._by_person(state, pair[1], world.time)
+            by_person = self._by_person(state, world, body, pair[1])
             episode = Episode(world.time, world.time, 0.0, closing, other_speed, False, by_person)
             state.episodes[pair] = episode
-        elif episode.by_person and world.time - _disturbance(state, pair[1]) > BRAKING:
-            episode.by_person = False  # from here on it is the robot that goes on into what stands still
+        elif episode.by_person:  # for as long as the robot needs to stop; then it goes on into what stands still
+            episode.by_person = still_persons_doing(latest(state.edits, state.pushed, pair[1]), world.time)
         episode.last = world.time
         episode.depth = max(episode.depth, -distance)
         episode.robot_moved |= closing > ROBOT_MOVES and not episode.by_person
 
-    @staticmethod
-    def _by_person(state: RefereeState, other: str, now: float) -> bool:
+    def _by_person(self, state: RefereeState, world: World, body: str, other: str) -> bool:
         """Whether a contact that begins now is a person's doing, or part of one that is and lasts."""
         lasting = any(name == other and episode.by_person for (_, name), episode in state.episodes.items())
-        return lasting or now - _disturbance(state, other) <= PERSON
+        cause = latest(state.edits, state.pushed, other)
+        speed = float(world.twist[0]) if body == "base" else None
+        return lasting or persons_doing(cause, world.time, base_speed=speed, deceleration=self._deceleration)
 
     def _velocity(self, state: RefereeState, placed: Array, i: int, point: Array) -> Array:
         """Velocity [m/s] of a point fixed to shape i, over the last substep, shape (3,)."""
@@ -359,11 +359,6 @@ class Referee:
 def _body_centre(pose: Array, offset_x: float) -> tuple[float, float, float]:
     x, y, heading = (float(value) for value in pose)
     return x + offset_x * math.cos(heading), y + offset_x * math.sin(heading), heading
-
-
-def _disturbance(state: RefereeState, other: str) -> float:
-    """Time [s] when a person last moved this body or pushed the robot."""
-    return max(state.edits.get(other, -math.inf), -math.inf if other in NOT_BY_PUSH else state.pushed)
 
 
 def _contact(pair: tuple[str, str], episode: Episode) -> Contact:

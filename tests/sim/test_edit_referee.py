@@ -9,8 +9,8 @@ from sim_scenes import box, scene
 
 from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, PushRobot, ReleaseBody
 from motm_twin.model.scene import Agent
+from motm_twin.sim.blame import BRAKING, PERSON
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.sim.referee import BRAKING, PERSON
 
 
 def base_hits(plant):
@@ -46,6 +46,21 @@ def test_a_robot_that_does_not_stop_for_what_was_put_before_it_causes_the_contac
     assert [item.caused_by_robot for item in base_hits(plant)] == [False]
     plant.step(BRAKING)
     assert [item.caused_by_robot for item in base_hits(plant)] == [True]
+
+
+@pytest.mark.parametrize(("gap", "reaction", "by_robot"), [(0.17, 0.1, False), (0.22, 0.45, True)])
+def test_a_body_put_nearer_than_the_base_can_stop_is_the_persons_doing_if_the_base_brakes_at_once(
+    gap, reaction, by_robot
+):
+    plant = driving()
+    front, half = 0.35, 0.25
+    plant.apply(AddObstacle(name="it", x=float(plant.truth().pose[0]) + front + half + gap, y=0.0))
+    before = plant.time
+    plant.step(reaction)
+    stop(plant)
+    (hit,) = base_hits(plant)
+    assert hit.time - before > PERSON
+    assert hit.caused_by_robot == by_robot
 
 
 def test_what_was_put_down_before_is_the_robots_business():
