@@ -15,6 +15,7 @@ from motm_twin.model.scene import Bin, Box, Cylinder, Solid
 from motm_twin.ui.textures import wood
 
 TOP = 0.03  # [m] thickness of a wooden top
+BOARD_GAP = 0.3  # [m] between the boards of a shelf
 PICTURE = 1.2  # [m] side of a surface picture
 Part = tuple[trimesh.Trimesh, str]
 
@@ -22,6 +23,7 @@ _PLAIN = {  # sRGB, metallic, roughness
     "steel": ((88, 94, 102), 0.35, 0.5),
     "white": ((243, 242, 238), 0.0, 0.55),
     "dark": ((62, 66, 72), 0.2, 0.6),
+    "inside": ((92, 74, 58), 0.0, 0.9),
     "card": ((205, 160, 108), 0.0, 0.9),
     "tape": ((232, 206, 160), 0.0, 0.5),
     "wall": ((232, 231, 227), 0.0, 0.95),
@@ -100,6 +102,24 @@ def _cabinet_parts(solid: Solid) -> list[Part]:
     return [(body, "white"), (foot, "dark"), (top, "dark wood"), *fronts]
 
 
+def _shelf_parts(solid: Solid) -> list[Part]:
+    """A frame and boards of wood round a dark inside."""
+    if not isinstance(solid.shape, Box):
+        return _plain_parts(solid)
+    (length, width), low, high = solid.shape.size, solid.z_min, solid.z_max
+    parts: list[Part] = [(_extrude(_rectangle(length - TOP, width - 0.03, 0.0), low, high - TOP), "inside")]
+    for x in (-1.0, 1.0):
+        side = _extrude(_rectangle(TOP, width, 0.0), low, high - TOP)
+        side.apply_translation((x * (length - TOP) / 2, 0.0, 0.0))
+        parts.append((side, "wood"))
+    count = max(1, round((high - low) / BOARD_GAP))
+    for level in np.linspace(low, high - TOP, count + 1):
+        parts.append((_extrude(_rectangle(length, width, 0.0), float(level), float(level) + TOP), "wood"))
+    for mesh, _ in parts:
+        mesh.apply_transform(_planar(solid.shape.centre, solid.shape.yaw))
+    return parts
+
+
 def _box_parts(solid: Solid) -> list[Part]:
     if not isinstance(solid.shape, Box):
         return [(_extrude(_outline(solid, 0.0), solid.z_min, solid.z_max), "card")]
@@ -121,6 +141,7 @@ _PARTS = {
     "table": _table_parts,
     "desk": _desk_parts,
     "cabinet": _cabinet_parts,
+    "shelf": _shelf_parts,
     "box": _box_parts,
     "wall": _wall_parts,
 }

@@ -65,7 +65,7 @@ def test_free_ground_is_clear_and_occupied_ground_is_red():
         (Prism(corners=((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.5, 0.2))), (0.0, 0.0), (1.0, 1.0)),
     ],
 )
-@pytest.mark.parametrize("style", ["table", "desk", "cabinet", "box", "wall", "plain", "unheard of"])
+@pytest.mark.parametrize("style", ["table", "desk", "cabinet", "shelf", "box", "wall", "plain", "unheard of"])
 def test_furniture_is_drawn_as_large_as_the_referee_knows_it(shape, low, high, style):
     solid = Solid(name="s", shape=shape, z_min=0.0, z_max=0.6, mapped=True, style=style)
     bounds = solids_mesh([solid]).bounds
