@@ -148,10 +148,7 @@ class DisturbTab:
         shown = self._shown
         if shown is None or shown.newest is None or shown.scene is None:
             return None
-        if not shown.live:
-            self._hub.tell(self._visitor, "looking back: return to live or branch from here")
-            return None
-        return shown
+        return shown if self._hub.live(self._visitor) else None
 
     def _thing(self) -> Thing | None:
         shown = self._live()

@@ -185,6 +185,12 @@ class Hub:
             self.tell(visitor, answer.reason)
         return answer
 
+    def live(self, visitor: Visitor) -> bool:
+        """Whether the newest period is shown; else the visitor is told that nothing of it can be changed."""
+        if self.view.at is not None:
+            self.tell(visitor, "looking back: return to live or branch from here")
+        return self.view.at is None
+
     def tell(self, visitor: Visitor | None, text: str, title: str = "", colour: str = "orange") -> None:
         """A note on one page, or on all."""
         for reader in self.visitors if visitor is None else [visitor]:

@@ -11,6 +11,7 @@ from PIL import Image
 
 from motm_twin.bus.commands import Branch
 from motm_twin.bus.messages import StatusMessage
+from motm_twin.ui.export import export_html
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.playback import PERIOD
 from motm_twin.ui.widgets import HOLD, Changing, Html, buttons
@@ -84,7 +85,8 @@ class ReplayTab:
         gui.add_divider()
         act = hub.watching(lambda event, _: self._export(EXPORTS[event.target.value]))
         buttons(gui, tuple(EXPORTS), act, label="As a page", hint="the last seconds as one HTML file, to be sent on")
-        self._bar = gui.add_progress_bar(100.0, animated=True, visible=False)
+        self._bar = gui.add_progress_bar(0.0, animated=True, visible=False)
+        self._exporting = False
         picture = gui.add_button("Screenshot", icon=viser.Icon.CAMERA)
         picture.on_click(hub.watching(lambda *_: self.screenshot()))
 
@@ -136,17 +138,21 @@ class ReplayTab:
         )
 
     async def _export(self, seconds: float) -> None:
-        from motm_twin.ui import export
-
         shown, history = self._shown, self._hub.history
         if shown is None or shown.scene is None or history is None:
             return
-        self._bar.visible = True
+        if self._exporting:
+            self._hub.tell(self._visitor, "a page is being made already")
+            return
+        self._exporting, self._bar.visible = True, True
         try:
-            page = await asyncio.to_thread(export.export_html, history, shown.scene, seconds)
+            page = await asyncio.to_thread(export_html, history, shown.scene, seconds, self._progress)
         finally:
-            self._bar.visible = False
+            self._exporting, self._bar.visible = False, False
         self._visitor.client.send_file_download(file_name(self._status(), "html"), page, save_immediately=True)
+
+    def _progress(self, part: float) -> None:
+        self._bar.value = round(100.0 * min(1.0, max(0.0, part)))
 
     def _row(self, gui: viser.GuiApi, options: tuple[str, ...], act, hint: str):
         callback = self._hub.driving(lambda event, _: act(event.target.value))

@@ -165,7 +165,7 @@ class TaskBlock:
             return self._changing(buttons(self._gui, (UP, DOWN, DELETE), act, label="-", hint=hint))
 
     def _act(self, number: int, what: str) -> None:
-        if number >= len(self._open):
+        if number >= len(self._open) or not self._hub.live(self._visitor):
             return
         job = self._open[number]
         command = RemoveTask(index=job.first) if what == DELETE else moved(self._listed, job, what == UP)
@@ -173,6 +173,6 @@ class TaskBlock:
             self._hub.send(self._visitor, command)
 
     def _insert(self) -> None:
-        if self._cube.value and self._bin.value:
+        if self._cube.value and self._bin.value and self._hub.live(self._visitor):
             tasks = (Pick(object=self._cube.value), Place(bin=self._bin.value))
             self._hub.send(self._visitor, InsertTask(tasks=tasks))

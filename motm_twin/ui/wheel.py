@@ -97,5 +97,7 @@ class Wheel:
 
     def _rename(self, text: str) -> None:
         self._visitor.rename(text)
+        if len(text) > NAME_MAX:
+            self._name.value = self._visitor.name
         if self._hub.is_driver(self._visitor):
             self._hub.send(self._visitor, TakeWheel())  # carries the new name
