@@ -13,7 +13,7 @@ from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances, field_of
 from motm_twin.planning.cost_to_go import Table
-from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path
+from motm_twin.planning.global_path import GraphCache, goal_table, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import Job, ReachModel, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
@@ -161,7 +161,7 @@ class StaaController:
             after = self._next_weight * float(placement.cost_next[placement.chosen])
         table = goal_table(graph, goal, self._global_rates)
         path, in_reverse = path_to_goal(graph, table, problem.pose)
-        leaves = _leave(path, self._p.local_radius)
+        leaves = leaves_disc(path, self._p.local_radius)
         if leaves is None:
             local = goal_table(graph, goal, self._rates, np.array([after]))
             return LocalGoal(goal, 0.0, local, after, path, float(goal[2]), len(path) > 1, True)
@@ -389,16 +389,3 @@ def _branch(memory: search_memory.Memory, node: int) -> list[int]:
     while memory.link[branch[-1], search_memory.PARENT] >= 0:
         branch.append(int(memory.link[branch[-1], search_memory.PARENT]))
     return branch[::-1]
-
-
-def _leave(path: Array, radius: float) -> tuple[int, Array] | None:
-    """Where a path (m, 2) first leaves the disc of `radius` [m] about its start: segment and point."""
-    start = path[0]
-    for i in range(len(path) - 1):
-        if math.hypot(*(path[i + 1] - start)) <= radius:
-            continue
-        a, d = path[i] - start, path[i + 1] - path[i]
-        dd, ad, aa = float(d @ d), float(a @ d), float(a @ a)
-        t = (-ad + math.sqrt(max(0.0, ad * ad - dd * (aa - radius * radius)))) / dd
-        return i, path[i] + min(1.0, max(0.0, t)) * d
-    return None

@@ -95,3 +95,16 @@ def shortest_path(graph: Graph, start: Array, goal: Array, limits: BaseLimits) -
     rates = rates_of(limits, rotation_cost=False)
     table = goal_table(graph, np.array([[goal[0], goal[1], math.nan]]), rates)
     return path_to_goal(graph, table, np.asarray(start, dtype=np.float64))[0]
+
+
+def leaves_disc(path: Array, radius: float) -> tuple[int, Array] | None:
+    """Where a path (m, 2) first leaves the disc of `radius` [m] about its start: segment and point."""
+    start = path[0]
+    for i in range(len(path) - 1):
+        if math.hypot(*(path[i + 1] - start)) <= radius:
+            continue
+        a, d = path[i] - start, path[i + 1] - path[i]
+        dd, ad, aa = float(d @ d), float(a @ d), float(a @ a)
+        t = (-ad + math.sqrt(max(0.0, ad * ad - dd * (aa - radius * radius)))) / dd
+        return i, path[i] + min(1.0, max(0.0, t)) * d
+    return None
