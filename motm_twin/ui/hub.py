@@ -166,6 +166,8 @@ class Hub:
 
     def send(self, visitor: Visitor | None, command: Command) -> None:
         """Have a command sent soon; a refusal is told to the visitor."""
+        if visitor is not None:
+            visitor.sent = time.monotonic()
         try:
             self._queue.put_nowait((visitor, command))
         except queue.Full:
@@ -235,11 +237,9 @@ class Hub:
         return self.watching(checked)
 
     def _as_driver(self, act: Callable[[Any, Visitor], object], event: Any, visitor: Visitor) -> object:
-        before = self._queue.qsize()
         result = act(event, visitor)
-        quiet = self._queue.qsize() == before and time.monotonic() - visitor.sent > KEEP_WHEEL
+        quiet = time.monotonic() - visitor.sent > KEEP_WHEEL
         if quiet and self.client.alive and not visitor.gone:
-            visitor.sent = time.monotonic()
             self.send(visitor, TakeWheel())
         return result
 

@@ -1,0 +1,290 @@
+"""A whole panel without a browser: its widgets are made, follow what is shown, and send what they should."""
+
+import asyncio
+import time
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+import viser
+
+from motm_twin.bus.commands import (
+    AddObstacle,
+    Announce,
+    Answer,
+    Branch,
+    HandOver,
+    InjectFault,
+    InsertTask,
+    Load,
+    MoveObject,
+    MoveTask,
+    Pause,
+    PushRobot,
+    RemoveBody,
+    RemoveTask,
+    SendAgent,
+    SetParameter,
+    Speed,
+)
+from motm_twin.bus.encode import tick_message
+from motm_twin.bus.messages import SceneChoice, StatusMessage
+from motm_twin.model.furniture import pieces
+from motm_twin.model.scene_file import load_scene
+from motm_twin.twin import Twin
+from motm_twin.ui.desk import Desk
+from motm_twin.ui.history import History
+from motm_twin.ui.hub import Hub, Shown
+
+ENCODE = msgspec.json.Encoder().encode
+
+
+class Client:
+    """Stands where a TwinClient does: keeps what it is told and answers as the server would."""
+
+    sender, alive, endpoint = "page", True, "tcp/none"
+
+    def __init__(self):
+        self.now = None
+
+    def status(self):
+        return self.now
+
+    def grid(self):
+        return None
+
+    def session(self):
+        return b"{}"
+
+    def command(self, command, sender="", name=""):
+        return Answer(ok=True)
+
+
+class Page:
+    """Stands where a connected browser page does; its widgets are those of a server without visitors."""
+
+    def __init__(self, gui):
+        self.client_id, self.gui, self.notes, self.files = 0, gui, [], []
+
+    def add_notification(self, title, text, **_):
+        self.notes.append(text)
+
+    def send_file_download(self, name, content, **_):
+        self.files.append((name, content))
+
+
+class Person:
+    """A desk, and somebody who uses it."""
+
+    def __init__(self, server, scene, ticks):
+        self.scene, self.ticks = scene, ticks
+        self.client = Client()
+        self.hub = Hub(server, self.client)
+        self.hub.history = History()
+        for tick in ticks:
+            self.hub.history.add(ENCODE(tick))
+        self.page = Page(server.gui)
+        self.visitor = self.hub.enter(self.page)
+        self.sent = []
+        self.hub.send = self._send
+        self.cameras = []
+        stage = SimpleNamespace(cameras=SimpleNamespace(choose=lambda client, preset: self.cameras.append(preset)))
+        self.desk = Desk(self.hub, self.visitor, stage)
+        self.widgets = server.gui._gui_input_handle_from_uuid
+        self.status = StatusMessage(
+            version="motm.status/1", twin="frankie", run=1, server_time=0.0, state="playing", text="", scene="exp2",
+            variant="random", seed=0, time=1.0, speed=1.0, actual_speed=1.0, capped=False,
+            scenes=[SceneChoice(name="exp2", title="", variants=["random", "still"]),
+                    SceneChoice(name="exp1", title="", variants=["trial1"])],
+            driver=self.visitor.sender, driver_name="Ann",
+        )  # fmt: skip
+
+    def _send(self, visitor, command):
+        visitor.sent = time.monotonic()
+        self.sent.append(command)
+
+    def shows(self, state="playing", tick=None, **changes):
+        """Let the desk show this."""
+        self.status = msgspec.structs.replace(self.status, state=state, **changes)
+        self.client.now = self.status
+        newest = self.ticks[-1] if tick is None else tick
+        at = self.hub.view.at
+        shown = newest if at is None else self.hub.history.at(at)
+        self.desk.update(
+            Shown(state=state, status=self.status, scene=self.scene, tick=shown, newest=newest, live=at is None,
+                  view=self.hub.view)
+        )  # fmt: skip
+
+    def widget(self, text):
+        """The widget with this label, or the row of buttons with one of this name."""
+        found = [
+            widget for widget in self.widgets.values()
+            if getattr(widget._impl.props, "label", None) == text or (isinstance(widget, viser.GuiButtonGroupHandle) and text in widget.options)
+        ]  # fmt: skip
+        assert found, f"no widget {text!r}"
+        return found[0]
+
+    def presses(self, text, number=0):
+        """Press a button, or one in a row."""
+        rows = [w for w in self.widgets.values() if isinstance(w, viser.GuiButtonGroupHandle) and text in w.options]
+        if rows:
+            rows[number]._impl.value = text
+        self._does(rows[number] if rows else self.widget(text))
+
+    def chooses(self, label, value):
+        """Set a slider, list or box."""
+        widget = self.widget(label)
+        widget._impl.value = value
+        self._does(widget)
+
+    def _does(self, widget):
+        self.sent.clear()
+        assert not grey_(widget), f"{widget.label!r} is grey"
+        for callback in widget._impl.update_cb:
+            asyncio.run(callback(SimpleNamespace(client_id=0, target=widget)))
+
+    @property
+    def last(self):
+        return self.sent[-1]
+
+
+def grey_(widget):
+    """Whether a widget cannot be used now."""
+    return getattr(widget._impl.props, "disabled", False)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("exp2", "random", 0)
+
+
+@pytest.fixture(scope="module")
+def ticks(scene):
+    twin = Twin(scene)
+    return [tick_message(twin.advance(), run=1, server_time=0.0) for _ in range(30)]
+
+
+@pytest.fixture
+def person(scene, ticks):
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    made = Person(server, scene, ticks)
+    made.shows()
+    yield made
+    made.hub.stop()
+    server.stop()
+
+
+def test_it_can_be_shown_before_there_is_a_twin(person):
+    person.desk.update(
+        Shown(state="waiting", status=None, scene=None, tick=None, newest=None, live=True, view=person.hub.view)
+    )
+    person.shows("lost")
+    person.shows("done")
+    assert person.page.notes == []
+
+
+def test_play_speed_and_scene(person):
+    person.presses("Pause")
+    assert person.sent == [Pause()]
+    person.chooses("Speed", "2x")
+    assert person.sent == [Speed(factor=2.0)]
+    person.chooses("Scene", "exp1")
+    assert person.widget("Variant").options == ("trial1",)
+    person.presses("Load")
+    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0)]
+
+
+def test_tasks_are_added_moved_and_removed(person):
+    cube, box = person.scene.objects[1].name, person.scene.bins[0].name
+    person.chooses("Cube", cube)
+    person.chooses("Into bin", box)
+    person.presses("Add to the tasks")
+    assert isinstance(person.last, InsertTask) and len(person.last.tasks) == 2
+    person.presses("▼", 1)
+    assert person.sent == [MoveTask(index=2, to=6)]
+    person.presses("✕", 2)
+    assert person.sent == [RemoveTask(index=4)]
+
+
+def test_bodies_are_added_and_the_selected_one_is_sent_and_deleted(person):
+    person.presses("Temi")
+    assert isinstance(person.last, AddObstacle) and person.hub.view.selected == person.last.name
+    agent = person.scene.agents[0].name
+    person.chooses("Selected", agent)
+    person.shows()
+    assert person.widget("Freeze").visible and not person.widget("Tell the robot").visible
+    person.presses("Send to…")
+    assert person.hub.view.sending == agent and not any(isinstance(c, SendAgent) for c in person.sent)
+    person.shows()
+    person.presses("Delete")
+    assert person.last == RemoveBody(name=agent)
+
+
+def test_furniture_is_announced_and_cubes_are_put_elsewhere(person):
+    piece = next(iter(pieces(person.scene)))
+    person.chooses("Selected", piece)
+    person.shows()
+    person.presses("Tell the robot")
+    assert person.last == Announce(name=piece)
+    cube = person.scene.objects[0].name
+    person.chooses("Selected", cube)
+    person.shows()
+    person.presses("In front of the robot")
+    assert isinstance(person.last, MoveObject) and person.last.name == cube
+    assert not person.widget("Delete").visible
+
+
+def test_the_robot_is_pushed_and_blinded(person):
+    person.presses("◀ Left")
+    assert isinstance(person.last, PushRobot)
+    person.presses("Camera off 2 s")
+    assert person.last == InjectFault(fault="camera_off", seconds=2.0)
+
+
+def test_sliders_send_and_follow(person):
+    title = "Weight of the next target"
+    person.chooses(title, 1.5)
+    person.shows()
+    assert person.last == SetParameter(name="next_weight", value=1.5)
+    person.shows(parameters={"next_weight": 1.5, "xi": 1.0})
+    assert person.widget("● Approach speed  xi [m/s]").value == 1.0
+    assert person.widget("● " + title).value == 1.5
+
+
+def test_nothing_is_changed_while_looking_back(person):
+    person.chooses("Seconds before now", -0.5)
+    assert person.hub.view.at == 19
+    person.shows()
+    for press in ("Temi", "✕", "◀ Left"):
+        person.presses(press)
+        assert all(not isinstance(c, AddObstacle | RemoveTask | PushRobot) for c in person.sent)
+    assert len(person.page.notes) == 3 and "looking back" in person.page.notes[0]
+    person.presses("Branch from here")
+    assert person.last == Branch(index=19) and person.hub.view.at is None
+
+
+def test_the_session_is_downloaded(person):
+    person.presses("Save the session")
+    assert person.page.files == [("exp2-random-0-1.0s.json", b"{}")]
+
+
+def test_who_only_looks_has_grey_widgets(person):
+    person.shows(driver="somebody", driver_name="Bob")
+    grey = [widget.label for widget in person.widgets.values() if grey_(widget)]
+    assert len(grey) > 50
+    usable = {getattr(widget._impl.props, "label", "") for widget in person.widgets.values() if not grey_(widget)}
+    assert {"Ask for the wheel", "Your name", "Save the session", "Screenshot"} <= usable
+    person.shows(driver=person.visitor.sender)
+    assert not person.widget("Step")._impl.props.disabled
+    person.presses("Hand over")
+    assert person.last == HandOver()
+
+
+def test_what_does_not_change_is_not_sent_again(person):
+    for _ in range(30):
+        person.shows()
+    queued = []
+    person.widgets[next(iter(person.widgets))]._impl.gui_api._websock_interface.queue_message = queued.append
+    for _ in range(20):
+        person.shows()
+    assert [message for message in queued if "Gui" in type(message).__name__] == []
