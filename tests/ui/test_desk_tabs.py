@@ -118,9 +118,10 @@ class Person:
     def widget(self, text):
         """The widget with this label, or the row of buttons with one of this name."""
         found = [
-            widget for widget in self.widgets.values()
-            if getattr(widget._impl.props, "label", None) == text or (isinstance(widget, viser.GuiButtonGroupHandle) and text in widget.options)
-        ]  # fmt: skip
+            widget
+            for widget in self.widgets.values()
+            if label(widget) == text or (isinstance(widget, viser.GuiButtonGroupHandle) and text in widget.options)
+        ]
         assert found, f"no widget {text!r}"
         return found[0]
 
@@ -146,6 +147,11 @@ class Person:
     @property
     def last(self):
         return self.sent[-1]
+
+
+def label(widget):
+    """What stands beside a widget, or on a button."""
+    return getattr(widget._impl.props, "label", "")
 
 
 def grey_(widget):
@@ -272,7 +278,7 @@ def test_who_only_looks_has_grey_widgets(person):
     person.shows(driver="somebody", driver_name="Bob")
     grey = [widget.label for widget in person.widgets.values() if grey_(widget)]
     assert len(grey) > 50
-    usable = {getattr(widget._impl.props, "label", "") for widget in person.widgets.values() if not grey_(widget)}
+    usable = {label(widget) for widget in person.widgets.values() if not grey_(widget)}
     assert {"Ask for the wheel", "Your name", "Save the session", "Screenshot"} <= usable
     person.shows(driver=person.visitor.sender)
     assert not person.widget("Step")._impl.props.disabled
