@@ -4,14 +4,12 @@ All of it shines by itself, so its tones do not depend on the light, and floor, 
 """
 
 import numpy as np
-import trimesh
 from PIL import Image
-from trimesh.visual.material import PBRMaterial
-from trimesh.visual.texture import TextureVisuals
 
 from motm_twin.model.scene import Scene
 from motm_twin.ui.light import shining
 from motm_twin.ui.textures import HORIZON, floor, ground, sky
+from motm_twin.ui.unlit import unlit_glb
 
 DEEP = -0.012  # [m] the ground lies this far below the floor
 _UV = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -46,16 +44,5 @@ def _plane(x: float, y: float, length: float, width: float, z: float) -> np.ndar
 
 
 def _shining_glb(points: np.ndarray, uv: np.ndarray, picture: Image.Image, faces: np.ndarray | None = None) -> bytes:
-    emitted = Image.fromarray(shining(np.asarray(picture, dtype=float)))
-    material = PBRMaterial(
-        baseColorFactor=[0, 0, 0, 255],
-        emissiveTexture=emitted,
-        emissiveFactor=[1.0, 1.0, 1.0],
-        metallicFactor=0.0,
-        roughnessFactor=1.0,
-    )
     faces = np.array([(0, 1, 2), (0, 2, 3)]) if faces is None else faces
-    mesh = trimesh.Trimesh(points, faces, visual=TextureVisuals(uv=uv, material=material), process=False)
-    exported = trimesh.Scene(mesh).export(file_type="glb")
-    assert isinstance(exported, bytes)
-    return exported
+    return unlit_glb(points, faces, uv, Image.fromarray(shining(np.asarray(picture, dtype=float))))

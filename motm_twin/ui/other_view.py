@@ -1,6 +1,6 @@
 """Robots of a comparison: the same session under other parameters, drawn as tinted glass beside the real one."""
 
-from typing import Protocol
+from collections.abc import Sequence
 
 import numpy as np
 import viser
@@ -10,20 +10,12 @@ from motm_twin.model.kinematics import LINKS, Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.ui import colours
 from motm_twin.ui.rotation import matrices_wxyz
+from motm_twin.ui.what_if import Other
 
 ROOT = "/others"
 MOST = 2
 _AWAY = -100.0  # [m]
 _LABEL_HEIGHT = 1.15  # [m]
-
-
-class Other(Protocol):
-    """A robot at one time of a comparison."""
-
-    label: str  # "changed: 71.2 s"
-    pose: tuple[float, float, float]
-    q: tuple[float, ...]
-    gripper: float
 
 
 class OtherView:
@@ -40,9 +32,9 @@ class OtherView:
         """Another robot profile."""
         self._kinematics = Frankie(profile)
 
-    def update(self, others: "list[Other] | tuple[Other, ...] | None") -> None:
+    def update(self, others: Sequence[Other]) -> None:
         """Draw these, at most `MOST`."""
-        robots = list(others or ())[:MOST]
+        robots = others[:MOST]
         if self._kinematics is None or not (robots or self._shown):
             return
         if not self._links:

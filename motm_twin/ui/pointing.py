@@ -75,10 +75,9 @@ class Pointing:
     async def _floor(self, visitor: Visitor, hit: Hit) -> None:
         view, tick = self._hub.view, self.tick
         x, y = round(float(hit.point[0]), 3), round(float(hit.point[1]), 3)
-        sending = getattr(view, "sending", "")
-        if sending:
-            if await self._order(visitor, SendAgent(name=sending, x=x, y=y)):
-                view.sending = ""  # type: ignore[attr-defined]
+        if view.sending:
+            if await self._order(visitor, SendAgent(name=view.sending, x=x, y=y)):
+                view.sending = ""
         elif view.selected:
             view.selected = ""
         elif tick is not None:

@@ -4,14 +4,12 @@ import functools
 
 import numpy as np
 import shapely
-import trimesh
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.ndimage import gaussian_filter
-from trimesh.visual.material import PBRMaterial
-from trimesh.visual.texture import TextureVisuals
 
 from motm_twin.ui.light import SHADOW_SHIFT
+from motm_twin.ui.unlit import unlit_glb
 
 PIXELS_PER_METRE = 40
 MARGIN = 0.35  # [m] round what casts the shadow
@@ -67,12 +65,6 @@ def _flat_glb(dark: NDArray[np.float64], bounds: tuple[float, float, float, floa
     picture[..., :3] = _TONE
     picture[..., 3] = np.round(np.clip(dark, 0.0, 1.0) * DARKEST / 4) * 4
     x, y, u, v = bounds
-    material = PBRMaterial(
-        baseColorTexture=Image.fromarray(picture), alphaMode="BLEND", metallicFactor=0.0, roughnessFactor=1.0
-    )
-    visual = TextureVisuals(uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)]), material=material)
-    corners = [(x, y, 0.0), (u, y, 0.0), (u, v, 0.0), (x, v, 0.0)]
-    mesh = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], visual=visual, process=False)
-    exported = trimesh.Scene(mesh).export(file_type="glb")
-    assert isinstance(exported, bytes)
-    return exported
+    corners = np.array([(x, y, 0.0), (u, y, 0.0), (u, v, 0.0), (x, v, 0.0)])
+    uv = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    return unlit_glb(corners, np.array([(0, 1, 2), (0, 2, 3)]), uv, Image.fromarray(picture))

@@ -73,8 +73,8 @@ class Stage:
     def _draw_slow(self, shown: Shown, tick: TickMessage, surroundings: Surroundings) -> None:
         view = shown.view
         layers = view.layers
-        if layers.get(STAA_LAYER, False) != view.staa_path:
-            view.staa_path = layers.get(STAA_LAYER, False)
+        if layers[STAA_LAYER] != view.staa_path:
+            view.staa_path = layers[STAA_LAYER]
             self._hub.inspect()
         self._robot.ghosts_on, self._bodies.trails_on = layers["Ghosts"], layers["Trails"]
         self._plan.candidates_on, self._plan.paths_on = layers["Candidates"], layers["Paths"]
@@ -85,8 +85,7 @@ class Stage:
             self._robot.update_ghosts(tick)
             self._plan.update(tick)
             self._marks.update(tick, surroundings)
-            comparison = getattr(self._hub, "what_if", None)
-            self._others.update(None if comparison is None else comparison.others(tick.time))
+            self._others.update(self._hub.what_if.others(tick.time))
         self._bodies.update_trails()
         self._map.update(shown.grid)
 
