@@ -24,6 +24,7 @@ class Visitors:
         self._hub, self._stage = hub, stage
         self._lock = threading.Lock()
         self._desks: dict[int, Desk] = {}
+        self._scene: tuple[str, str, int] | None = None
         self._left = -1e9  # [s] monotonic, when a page left whose visitor knows how to drive
         server.on_client_connect(self._enter)
         server.on_client_disconnect(self._leave)
@@ -32,6 +33,7 @@ class Visitors:
         """Bring every desk up to date; one that fails does not stop the others."""
         history = self._hub.history
         self._hub.playback.advance(None if history is None else history.span)
+        self._forget_other_scenes(shown)
         with self._lock:
             desks = list(self._desks.values())
         for desk in desks:
@@ -44,6 +46,14 @@ class Visitors:
                     continue
                 traceback.print_exc()
                 self._hub.tell(desk.visitor, f"{type(error).__name__}: {error}", "The panel has an error", "red")
+
+    def _forget_other_scenes(self, shown: Shown) -> None:
+        """A comparison is about one scene."""
+        status = shown.status
+        scene = None if status is None else (status.scene, status.variant, status.seed)
+        if scene != self._scene and None not in (scene, self._scene):
+            self._hub.what_if.stop()
+        self._scene = scene or self._scene
 
     async def _enter(self, client: viser.ClientHandle) -> None:
         visitor = self._hub.enter(client)
