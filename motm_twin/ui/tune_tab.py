@@ -32,6 +32,9 @@ class TuneTab:
         self._preset: viser.GuiDropdownHandle[str] = self._changing(
             gui.add_dropdown("Preset", (*PRESETS, OWN), hint="sets everything at once")
         )
+        everything = [entry.name for entry in PARAMETERS]
+        reset = hub.driving(lambda *_: self._reset(everything))
+        self._changing(buttons(gui, ("Reset everything",), reset, hint="back to how it was shipped"))
         self._preset.on_update(hub.driving(lambda event, _: self._use(event.target.value)))
         self._what_if = WhatIfPanel(gui, hub, visitor, self._values, self._show)
         for number, group in enumerate(GROUPS):

@@ -57,7 +57,12 @@ class Visitors:
 
     async def _enter(self, client: viser.ClientHandle) -> None:
         visitor = self._hub.enter(client)
-        desk = Desk(self._hub, visitor, self._stage, new=time.monotonic() - self._left > RETURN)
+        try:
+            desk = Desk(self._hub, visitor, self._stage, new=time.monotonic() - self._left > RETURN)
+        except Exception as error:
+            traceback.print_exc()
+            self._hub.tell(visitor, f"{type(error).__name__}: {error}", "There is no panel", "red")
+            return
         with self._lock:
             self._desks[client.client_id] = desk
 

@@ -16,7 +16,7 @@ WATCH = "Watch both runs"
 NOW, SHOWN, START = "from now", "from the shown moment", "from the start"
 _TEXT = "font-size:12px;line-height:1.45;padding:2px 12px 6px 12px"
 _MUTED = "color:#6b7280"
-_COLOURS = dict(zip(RUNS, map(colours.css, colours.OTHERS), strict=True))  # as in the scene
+_COLOURS: dict[str, str] = dict(zip(RUNS, map(colours.css, colours.OTHERS), strict=True))  # as in the scene
 
 
 def result(state: State) -> str:

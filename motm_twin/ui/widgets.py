@@ -53,8 +53,10 @@ def set_disabled(widget: Any, disabled: bool) -> None:
     """
     if not isinstance(widget, viser.GuiButtonGroupHandle):
         widget.disabled = disabled
-    elif widget._impl.props.disabled != disabled and not widget._impl.removed:
-        widget._impl.props.disabled = disabled
+        return
+    props: Any = widget._impl.props
+    if props.disabled != disabled and not widget._impl.removed:
+        props.disabled = disabled
         widget._queue_update("disabled", disabled)
 
 
