@@ -249,8 +249,9 @@ def throw(trace: list[tuple[float, float, float]], now: float) -> Point:
     """Velocity [m/s] at the release, from (time, x, y) of the last moves; (0, 0) when it was held still or slow."""
     if len(trace) < 2 or now - trace[-1][0] > THROW_WINDOW:
         return 0.0, 0.0
-    end, before = trace[-1], trace[:-1]
-    start = next((entry for entry in before if end[0] - entry[0] <= THROW_WINDOW), before[-1])  # slow pages: the last
+    end = trace[-1]
+    earlier = [entry for entry in trace if end[0] - entry[0] >= THROW_WINDOW]
+    start = earlier[-1] if earlier else trace[0]  # on a slow page this is longer ago
     seconds = max(end[0] - start[0], INTERVAL)
     vx, vy = (end[1] - start[1]) / seconds, (end[2] - start[2]) / seconds
     speed = float(np.hypot(vx, vy))

@@ -39,7 +39,7 @@ class SelectionView:
     def __init__(self, server: viser.ViserServer, hub: Hub, drag: Drag) -> None:
         add = server.scene
         self._drag = drag
-        self._ring = add.add_line_segments(f"{ROOT}/ring", ring(1.0), colours.SELECTED, thickness=0.03, visible=False)
+        self._ring = add.add_line_segments(f"{ROOT}/ring", ring(1.0), colours.SELECTED, thickness=0.022, visible=False)
         self._stem = add.add_line_segments(f"{ROOT}/stem", _stem(1.0), colours.SELECTED, thickness=0.022, visible=False)
         self._knob = add.add_icosphere(
             f"{ROOT}/knob", radius=KNOB, color=colours.SELECTED, visible=False, cast_shadow=False, receive_shadow=False

@@ -180,6 +180,9 @@ def test_a_hand_that_moves_on_release_throws_and_one_that_rests_does_not():
     assert throw([(t, 0.2 * x, 0.0) for t, x, _ in moving], 0.42) == (0.0, 0.0)
     assert math.hypot(*throw([(t, 9.0 * x, 9.0 * x) for t, x, _ in moving], 0.42)) == pytest.approx(2.5)
     assert throw(moving[:1], 0.0) == (0.0, 0.0)
+    slow_page = [(0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.97, 1.0, 0.0), (1.0, 1.0, 0.0)]
+    assert throw(slow_page, 1.0) == pytest.approx((1.0, 0.0))
+    assert throw([*moving, (0.9, 0.4, 0.0)], 0.9) == (0.0, 0.0)
     rested = [*moving, *((0.4 + 0.05 * i, 0.4, 0.0) for i in range(1, 9))]
     assert throw(rested, 0.82) == (0.0, 0.0)
 
