@@ -30,6 +30,7 @@ class Job:
     first: int  # index in the list of tasks
     count: int
     attempts: int = 1
+    now: int = -1  # index of the first of them that has not ended
 
     @property
     def ended(self) -> bool:
@@ -45,7 +46,8 @@ def jobs(tasks: Sequence[TaskMessage]) -> list[Job]:
         group = tasks[index : index + count]
         text = " → ".join(task_name(task) for task in group)
         attempts = max(task.attempts for task in group)
-        found.append(Job(text, _status(group), index, count, attempts))
+        going = (i for i, task in enumerate(group, index) if task.status not in ("done", "failed"))
+        found.append(Job(text, _status(group), index, count, attempts, next(going, index)))
         index += count
     return found
 
@@ -83,9 +85,9 @@ def moved(listed: Sequence[Job], job: Job, up: bool) -> MoveTask | None:
         return None
     if up:
         before = listed[number - 1] if number > 0 else None
-        return None if before is None or before.ended else MoveTask(index=job.first, to=before.first)
+        return None if before is None or before.ended else MoveTask(index=job.now, to=before.now)
     after = listed[number + 1] if number + 1 < len(listed) else None
-    return None if after is None else MoveTask(index=job.first, to=after.first + after.count)
+    return None if after is None else MoveTask(index=job.now, to=after.first + after.count)
 
 
 def ended_lines(listed: Sequence[Job]) -> str:
@@ -168,7 +170,7 @@ class TaskBlock:
         if number >= len(self._open) or not self._hub.live(self._visitor):
             return
         job = self._open[number]
-        command = RemoveTask(index=job.first) if what == DELETE else moved(self._listed, job, what == UP)
+        command = RemoveTask(index=job.now) if what == DELETE else moved(self._listed, job, what == UP)
         if command is not None:
             self._hub.send(self._visitor, command)
 

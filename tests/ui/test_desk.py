@@ -205,6 +205,12 @@ class TestTasks:
         assert moved(listed, listed[4], up=False) is None
         assert moved(listed, listed[1], up=True) is None, "what has ended stays before it"
 
+    def test_of_a_job_that_has_begun_the_rest_is_moved_and_removed(self):
+        begun = jobs((task("pick", "a", "done", 1), task("drive_to", "(1.00, 2.00)", "active"), task("place", "x")))
+        assert (begun[0].first, begun[0].now) == (0, 1)
+        more = jobs((*self.LIST[2:4], *self.LIST[5:8]))
+        assert moved(more, more[1], up=True) == MoveTask(index=2, to=1)
+
     def test_a_task_that_is_gone_moves_nothing(self):
         listed = jobs(self.LIST)
         assert moved(listed[:2], listed[4], up=True) is None
