@@ -15,7 +15,7 @@ from motm_twin.ui.stage import Stage
 from motm_twin.ui.tune_tab import TuneTab
 from motm_twin.ui.wheel import Wheel
 from motm_twin.ui.why_tab import WhyTab
-from motm_twin.ui.widgets import STYLE, Html
+from motm_twin.ui.widgets import STYLE, Html, buttons
 
 WIDTH = 330  # [px]
 
@@ -46,8 +46,10 @@ class Desk:
         self._status = Html(gui, cards.status_card("waiting", None, "connecting"))
         self._wheel = Wheel(gui, hub, visitor)
         tabs, icon = gui.add_tab_group(), viser.Icon
+        self._help = HelpCard(hub, visitor)
         with tabs.add_tab("Drive", icon.STEERING_WHEEL):
             drive = DriveTab(gui, hub, visitor, stage)
+            buttons(gui, ("?  How to drive",), hub.watching(lambda *_: self._help.show_keys()), hint="H: all keys")
         with tabs.add_tab("Disturb", icon.HAND_FINGER):
             disturb = DisturbTab(gui, hub, visitor)
         with tabs.add_tab("Why", icon.BULB):
@@ -57,7 +59,6 @@ class Desk:
         with tabs.add_tab("Replay", icon.HISTORY):
             replay = ReplayTab(gui, hub, visitor)
         self._tabs: list[Tab] = [drive, disturb, why, tune, replay]
-        self._help = HelpCard(hub, visitor)
         add_commands(hub, visitor, stage, drive, disturb, replay, self._help)
         if new:
             self._help.open()

@@ -20,6 +20,7 @@ class HelpCard:
         self._hub, self._visitor = hub, visitor
         self._panel: viser.PanelHandle | None = None
         self.read = False
+        self.keys: list[tuple[str, str]] = []  # what can be done, and its key
 
     def open(self) -> None:
         """Show the small card, in the corner of the scene where the robot is not."""
@@ -39,13 +40,13 @@ class HelpCard:
         if panel is not None:
             panel.remove()
 
-    def show_keys(self, keys: list[tuple[str, str]]) -> None:
+    def show_keys(self) -> None:
         """Everything that can be done, with its keys, as a window over the page."""
         self.close()
         gui = self._visitor.client.gui
         with gui.add_modal("How to drive") as modal:
             gui.add_html(SHORT)
-            gui.add_html(_table(keys))
+            gui.add_html(_table(self.keys))
             gui.add_button("Close").on_click(self._hub.watching(lambda *_: modal.close()))
 
 

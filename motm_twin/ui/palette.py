@@ -52,8 +52,8 @@ def add_commands(
     for number, preset in enumerate(PRESETS, 1):
         act = lambda preset=preset: stage.cameras.choose(visitor.client, preset)  # noqa: E731
         table.append((f"Camera: {preset}", str(number), act, False))
-    keys = [(label, _SHOWN.get(key, key)) for label, key, *_ in table if key is not None]
-    table.append(("How to drive", "H", lambda: card.show_keys([*keys, ("This card", "H")]), False))
+    table.append(("How to drive", "H", card.show_keys, False))
+    card.keys = [(label, _SHOWN.get(key, key)) for label, key, *_ in table if key is not None]
     for label, key, act, drives in table:
         guard = hub.driving if drives else hub.watching
         command = visitor.client.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
