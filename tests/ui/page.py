@@ -74,9 +74,9 @@ class Visitor:
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     @classmethod
-    def enter(cls, browser, twin):
+    def enter(cls, browser, twin, view=VIEW):
         """Open the page in a new window and put the introduction away."""
-        visitor = cls(browser.new_page(viewport=VIEW), twin)
+        visitor = cls(browser.new_page(viewport=view), twin)
         visitor.page.goto(twin.url)
         visitor.button("Play", "Pause").wait_for(timeout=SHOWN * 1000)
         visitor.close_notes()
@@ -141,6 +141,13 @@ class Visitor:
         """Choose from a list of the panel."""
         self.page.get_by_label(label, exact=True).locator("visible=true").first.click(timeout=SHOWN * 1000)
         self.page.get_by_role("option", name=option, exact=True).click(timeout=SHOWN * 1000)
+
+    def write(self, label, text):
+        """Type into a field of the panel; Viser's labels of text fields point nowhere."""
+        row = "xpath=ancestor::div[contains(@class, 'mantine-Flex-root')][1]"
+        field = self.page.get_by_text(label, exact=True).first.locator(row).locator("input")
+        field.fill(text, timeout=SHOWN * 1000)
+        field.press("Enter")
 
     def close_notes(self):
         """Close what lies over the scene."""

@@ -1,0 +1,106 @@
+"""The page in Chromium: understanding what is shown, looking back, branching, and taking a session home."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import msgspec
+import pytest
+from page import changed, serving, until, visiting
+
+from motm_twin.record.session import Session
+from motm_twin.ui.aim import CANDIDATE_HEIGHT
+from motm_twin.ui.hub import LAYERS
+
+SIGHT = 1e-4  # share of the pixels that must change at least
+BACK = 3  # periods
+MOVED = 60  # periods after which the Temis have trails
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+def test_layers_candidates_looking_back_branching_and_saving_by_mouse(tmp_path):
+    with serving("exp2", "--variant", "trial1") as twin, visiting(twin) as visitor:
+        client, page = twin.client, visitor.page
+        visitor.press("Pause")
+        visitor.press("Reset")
+        until(lambda: client.tick().index == 0 and client.status().state == "paused", 60.0, "not at the start")
+        visitor.settled()  # the camera has found its place
+        candidates(visitor)
+
+        visitor.tab("Drive")
+        visitor.press("Play")
+        until(lambda: client.tick().index > MOVED, 60.0, "the twin does not run")
+        visitor.press("Pause")
+        until(lambda: client.status().state == "paused", 30.0, "not paused")
+        layers(visitor)
+
+        newest = client.tick()
+        visitor.tab("Replay")
+        visitor.says("(live)")
+        for back in range(1, BACK + 1):
+            visitor.press("\N{BLACK LEFT-POINTING TRIANGLE} 1")
+            visitor.says(f"period {newest.index - back}")
+        visitor.says("Looking back")
+        assert client.tick().index == newest.index  # the twin does not notice
+        visitor.press("Branch from here")
+        branched = until(lambda: client.tick().run > newest.run and client.tick(), 30.0, "no branch")
+        assert branched.index == newest.index - BACK
+        visitor.says("(live)")
+
+        with page.expect_download() as download:
+            visitor.press("Save the session")
+        path = tmp_path / download.value.suggested_filename
+        assert path.name.startswith("exp2-trial1-0-")
+        download.value.save_as(path)
+        rerun_is_equal(path, periods=branched.index + 1)
+
+        os.kill(twin.server, signal.SIGSTOP)
+        visitor.press("Save the session")
+        visitor.says("This did not work")  # an error in a callback is shown
+        os.kill(twin.server, signal.SIGCONT)
+        visitor.state("Paused")
+        visitor.tab("Drive")
+        visitor.press("Play")
+        visitor.state("Running")  # and does no harm
+        assert visitor.errors == []
+
+
+def candidates(visitor):
+    """Click the chosen place and one that is out; both are explained."""
+    placement = visitor.twin.client.tick().placement
+    count, chosen = len(placement.poses), placement.chosen
+    visitor.tab("Why")
+    visitor.click((*placement.poses[chosen][:2], CANDIDATE_HEIGHT))
+    visitor.says(re.compile(f"^Place {chosen + 1} of {count}, chosen$"))
+    visitor.says(f"{placement.cost[chosen]:.1f} s")
+    inspected = until(lambda: visitor.twin.client.tick().inspected, 30.0, "its paths are not computed")
+    assert inspected.candidate == chosen
+    assert inspected.path
+    out = [i for i in range(count) if all(placement.rejected[(i + step) % count] for step in (-1, 0, 1))]
+    nearest = min(out, key=lambda i: placement.poses[i][1])  # in front of the table
+    visitor.click((*placement.poses[nearest][:2], CANDIDATE_HEIGHT))
+    visitor.says("rejected: ")
+
+
+def layers(visitor):
+    """Each layer, switched off or on, changes the picture."""
+    visitor.tab("Drive")
+    visitor.unfold("Layers")
+    before = visitor.settled()
+    for name in LAYERS:
+        visitor.page.get_by_label(name, exact=True).click()
+        until(lambda before=before: changed(before, visitor.picture()) > SIGHT, 30.0, f"layer {name} changes nothing")
+        before = visitor.settled()
+
+
+def rerun_is_equal(path, periods):
+    """The saved session, run again without a page, ends in the same state."""
+    session = msgspec.json.decode(path.read_bytes(), type=Session)
+    assert (session.periods, bool(session.state_hash)) == (periods, True)
+    command = [sys.executable, "-m", "motm_twin.cli", "replay", str(path), "--json", "-"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert session.state_hash in result.stdout
