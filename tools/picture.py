@@ -1,55 +1,68 @@
-"""Take the README's picture: the page in Chromium while the robot works and a Temi stands in its way.
+"""Take the pictures of README and docs, or the references that a test compares the page with.
 
-Usage: python tools/picture.py docs/page.png [--scene exp2] [--at 18]   (needs the dev extra and a Chromium)
+Usage: python tools/picture.py [NAME ...]            pictures of docs/ (all, or those named)
+       python tools/picture.py --references [NAME]   pictures of tests/ui/pictures
+Needs the dev extra and a Chromium. Look at every picture before you commit it.
 """
 
 import argparse
-import shutil
-import subprocess
+import io
 import sys
-import time
 from pathlib import Path
 
-from playwright.sync_api import sync_playwright
+from PIL import Image
 
-from motm_twin.bus.client import TwinClient
-from motm_twin.bus.health import page_answers
-from motm_twin.bus.session import free_port
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tests" / "ui"))
 
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+import picture_docs  # noqa: E402 - beside this file
+import states  # noqa: E402 - tests/ui
+from page import chromium, serving  # noqa: E402 - tests/ui
+
+LEVELS = 8  # grey levels that are one in a reference: half the bytes
 
 
 def main() -> int:
-    """Serve, wait for the moment, close the notices, take the picture."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("path", type=Path)
-    parser.add_argument("--scene", default="exp2")
-    parser.add_argument("--variant")
-    parser.add_argument("--at", type=float, default=18.0, help="simulated time of the picture [s]")
+    """Take what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--references", action="store_true", help="those that a test compares the page with")
     options = parser.parse_args()
-    page_port, zenoh_port = free_port(), free_port()
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", options.scene]
-    command += ["--port", str(page_port), "--zenoh-port", str(zenoh_port)]
-    server = subprocess.Popen(command + (["--variant", options.variant] if options.variant else []))
-    try:
-        with TwinClient(f"tcp/127.0.0.1:{zenoh_port}") as client, sync_playwright() as playwright:
-            while not page_answers(page_port):
-                time.sleep(0.1)
-            browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-            page = browser.new_page(viewport={"width": 1280, "height": 800})
-            page.goto(f"http://127.0.0.1:{page_port}/")
-            page.wait_for_selector("canvas")
-            while (tick := client.tick()) is None or tick.time < options.at:
-                time.sleep(0.02)
-            for button in page.query_selector_all(".mantine-Notification-closeButton"):
-                button.click()
-            page.wait_for_timeout(1500)
-            page.screenshot(path=str(options.path))
-            browser.close()
-    finally:
-        server.terminate()
-        server.wait(10.0)
+    table = states.STATES if options.references else picture_docs.PICTURES
+    folder = states.FOLDER if options.references else ROOT / "docs"
+    size = states.SIZE if options.references else picture_docs.SIZE
+    unknown = [name for name in options.names if name not in table]
+    if unknown:
+        parser.error(f"unknown picture {unknown[0]!r}: there are {', '.join(table)}")
+    with chromium() as browser:
+        for scene, names in by_scene(table, options.names).items():
+            with serving(*scene) as twin:
+                visitor = states.visitor(browser, twin, size)
+                for name in names:
+                    table[name].show(visitor)
+                    save(states.screenshot(visitor), folder / f"{name}.png", small=options.references)
+                visitor.page.close()
     return 0
+
+
+def by_scene(table: dict[str, states.State], wanted: list[str]) -> dict[tuple[str, ...], list[str]]:
+    """Names of pictures by what is served for them."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for name, state in table.items():
+        if not wanted or name in wanted:
+            found.setdefault(state.scene, []).append(name)
+    return found
+
+
+def save(picture: Image.Image, path: Path, *, small: bool) -> None:
+    """Write it with few bytes, and say how many."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    buffer = io.BytesIO()
+    if small:
+        picture = picture.point([level // LEVELS * LEVELS + LEVELS // 2 for level in range(256)] * 3)
+    picture.save(buffer, "PNG", optimize=True)
+    path.write_bytes(buffer.getvalue())
+    print(f"{path.relative_to(ROOT)}: {len(buffer.getvalue()) / 1000:.0f} kB")
 
 
 if __name__ == "__main__":

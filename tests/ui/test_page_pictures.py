@@ -1,0 +1,37 @@
+"""The page looks as it did when somebody last looked at it. To renew: python tools/picture.py --references"""
+
+import pytest
+import states
+from page import chromium, serving
+from PIL import Image
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("scene", sorted({state.scene for state in states.STATES.values()}))
+def test_the_page_looks_like_its_reference_pictures(scene, tmp_path):
+    names = [name for name, state in states.STATES.items() if state.scene == scene]
+    with serving(*scene) as twin, chromium() as browser:
+        visitor = states.visitor(browser, twin)
+        for name in names:
+            states.STATES[name].show(visitor)
+            picture = states.screenshot(visitor)
+            picture.save(tmp_path / f"{name}.png")
+            mean, share = states.difference(picture, Image.open(states.FOLDER / f"{name}.png").convert("RGB"))
+            assert mean < states.MEAN and share < states.SHARE, (
+                f"{tmp_path / name}.png differs from its reference: {mean:.1f} levels, {100 * share:.1f} % of the "
+                "pixels; if it is as wanted, renew it with tools/picture.py --references"
+            )
+
+
+def test_references_are_small_and_a_changed_picture_is_noticed():
+    for name in states.STATES:
+        path = states.FOLDER / f"{name}.png"
+        assert path.stat().st_size < 150_000
+        reference = Image.open(path).convert("RGB")
+        assert reference.size == states.SIZE
+        assert states.difference(reference, reference) == (0.0, 0.0)
+        darker = reference.copy()
+        darker.paste((90, 90, 90), (100, 100, 300, 250))
+        mean, share = states.difference(darker, reference)
+        assert mean > states.MEAN or share > states.SHARE
