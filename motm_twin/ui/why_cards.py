@@ -59,7 +59,7 @@ def task_card(tick: TickMessage) -> str:
     rows = [(f"task {number}", f"<b>{text(task.kind.replace('_', ' '))} {text(task.target)}</b>{tries}")]
     mode = text(words.MODES.get(placement.mode, placement.mode))
     if placement.mode == "ring":
-        mode += f", {placement.radius:.2f} m"
+        mode = f"ring of {placement.radius:.2f} m"
     if 0 <= placement.chosen < len(placement.poses):
         rows.append((f"place {placement.chosen + 1} of {len(placement.poses)}", mode))
         cost = f"{seconds(placement.cost[placement.chosen])}"

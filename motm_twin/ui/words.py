@@ -14,7 +14,6 @@ PLANS = {
     "idle": "standing",
 }
 MODES = {
-    "ring": "ring round the target",
     "reach": "closest in reach",
     "closest": "closest free place",
     "drive": "drive target",
