@@ -38,7 +38,7 @@ class LiveTwin:
         self._branches: Branches | None = None
         self._pending: list[Edit] = []
         self._preview: Preview | None = None
-        self._inspect = Inspect()
+        self._inspect, self._asked = Inspect(), False  # and whether it is new
         self._session: tuple[tuple[int, int, int], bytes] | None = None
 
     @property
@@ -104,19 +104,21 @@ class LiveTwin:
         self.tick = self.twin.advance()
         self._pending = []
         self.parameters, self.recorded = dict(self.twin.parameters), len(self.twin.edits)
+        self._asked = False
         self.message = self._explained(tick_message(self.tick, self.run, self._server_time()))
         return self.message, self.tick
 
     def inspect(self, command: Inspect) -> None:
         """Explain this from now on, and in what is shown next."""
+        self._asked = self._asked or command != self._inspect
         self._inspect = command
-        if self.message is not None:
-            self.message = self._explained(self.message)
 
     def shown(self) -> tuple[TickMessage, Tick] | None:
         """What a standing twin shows: its last period, with bodies where waiting edits will put them."""
         if self.message is None or self.tick is None:
             return None
+        if self._asked:
+            self._asked, self.message = False, self._explained(self.message)
         message = self._previewed(self.message) if self._pending else self.message
         return msgspec.structs.replace(message, server_time=self._server_time()), self.tick
 

@@ -36,6 +36,8 @@ from motm_twin.model.scene import Scene
 
 SETTLE_PERIODS = 40  # after the last task, so that the last cube lands and the robot comes to rest
 IDLE_WAIT = 0.1  # [s] between looks at the clock while time stands
+STANDING_INTERVAL = 0.05  # [s] at least between two pictures of a standing twin
+REQUESTS_PER_TURN = 32  # however many wait, time goes on
 
 Work = Callable[[], None]
 
@@ -67,6 +69,7 @@ class TwinLoop:
         self._steps = 0  # still to do
         self._settling = SETTLE_PERIODS
         self._play_on = playing  # once a run that was done has a task again
+        self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
         self._state, self._text, self._file_error = "loading", "starting", ""
 
     def request(self, envelope: Envelope, reply: Reply) -> None:
@@ -130,6 +133,7 @@ class TwinLoop:
         while not self._stop.is_set():
             self._take_requests(self._wait())
             self._look_after(time.monotonic())
+            self._guarded(self._show_standing)
             if self._wait() == 0.0:
                 self._guarded(self._advance)
 
@@ -146,14 +150,18 @@ class TwinLoop:
         """Seconds until there is something to compute."""
         if self._state == "playing":
             return self._pacer.wait(time.monotonic())
-        return 0.0 if self._state == "paused" and self._steps > 0 else IDLE_WAIT
+        if self._state == "paused" and self._steps > 0:
+            return 0.0
+        if self._outdated:
+            return min(IDLE_WAIT, max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()))
+        return IDLE_WAIT
 
     def _take_requests(self, wait: float) -> None:
         try:
             work = self._requests.get(timeout=wait) if wait > 0.0 else self._requests.get_nowait()
-            while True:
-                work()
-                work = self._requests.get_nowait()
+            work()
+            for _ in range(REQUESTS_PER_TURN - 1):
+                self._requests.get_nowait()()
         except queue.Empty:
             return
 
@@ -205,7 +213,7 @@ class TwinLoop:
             case Inspect():
                 self._require_twin()
                 self._live.inspect(command)
-                self._show_standing()
+                self._outdated = True
             case TakeWheel() | HandOver():
                 pass
             case _ if isinstance(command, EDITS):
@@ -233,7 +241,7 @@ class TwinLoop:
         if self._state == "done" and isinstance(edit, InsertTask):
             self._settling = SETTLE_PERIODS
             self._set_state("playing" if self._play_on else "paused", "")
-        self._show_standing()
+        self._outdated = True
 
     def _tell(self) -> None:
         self._sink.status()
@@ -247,7 +255,7 @@ class TwinLoop:
         except Refused as refusal:
             self._set_state(self._state, str(refusal))
         else:
-            self._show_standing()
+            self._outdated = True
 
     def _look_after(self, now: float) -> None:
         """What happens because time passes."""
@@ -257,9 +265,17 @@ class TwinLoop:
             self._guarded(self._load_again)
 
     def _show_standing(self) -> None:
-        shown = self._live.shown() if self._state != "playing" else None
-        if shown is not None:
-            self._sink.tick(*shown, last=True)
+        """Send what edits and inspections have changed while time stands: at once, but never in floods."""
+        now = time.monotonic()
+        if not self._outdated or now < self._stood_at + STANDING_INTERVAL:
+            return
+        self._stood_at = now
+        try:
+            shown = self._live.shown() if self._state != "playing" else None
+            if shown is not None:
+                self._sink.tick(*shown, last=True)
+        finally:
+            self._outdated = False
 
     def _set_state(self, state: str, text: str) -> None:
         if (state, text) == (self._state, self._text):
@@ -336,6 +352,7 @@ class TwinLoop:
     def _advance(self) -> None:
         self._steps = max(0, self._steps - 1)
         self._pacer.started(time.monotonic())
+        self._outdated = False
         message, tick = self._live.advance()
         self._sink.tick(message, tick, last=self._state != "playing" or tick.done)
         self._settling = self._settling - 1 if tick.done else SETTLE_PERIODS

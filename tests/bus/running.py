@@ -73,6 +73,7 @@ class Running:
         done = threading.Event()
         self.loop.session(lambda *_: done.set())
         assert done.wait(60.0)
+        until(lambda: not self.loop._outdated, "what was changed is not shown")
         return answers[0][0]
 
     def step(self, count=1):

@@ -1,3 +1,6 @@
+import contextlib
+import time
+
 import msgspec
 import pytest
 from fake_twin import FakeTwin
@@ -10,6 +13,7 @@ from motm_twin.bus.commands import (
     AddObstacle,
     Announce,
     Branch,
+    Envelope,
     FreezeBody,
     HandOver,
     InjectFault,
@@ -22,6 +26,7 @@ from motm_twin.bus.commands import (
     Pause,
     Play,
     PushRobot,
+    Refused,
     ReleaseBody,
     RemoveBody,
     RemoveTask,
@@ -33,7 +38,7 @@ from motm_twin.bus.commands import (
     TakeWheel,
 )
 from motm_twin.bus.live import MAX_ADDED
-from motm_twin.bus.loop import SETTLE_PERIODS
+from motm_twin.bus.loop import SETTLE_PERIODS, STANDING_INTERVAL
 from motm_twin.model.scene import DriveTo
 
 
@@ -193,6 +198,23 @@ def test_an_edit_that_fails_in_the_twin_is_refused_and_the_loop_goes_on(capsys):
         assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == "RuntimeError: post is broken"
         running.step()
     assert "post is broken" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("playing", [False, True])
+def test_a_flood_of_inspections_neither_floods_the_readers_nor_stops_the_periods(playing):
+    with Running(playing=playing) as running:
+        start, first, asked = time.monotonic(), len(running.sink.ticks), 0
+        index = running.last.index
+        while asked < 2000 or (playing and running.last.index < index + 5):
+            with contextlib.suppress(Refused):
+                command = Inspect(candidate=asked % 40)
+                envelope = Envelope(sender="eve", seq=asked, expires=time.time() + 60.0, command=command)
+                running.loop.request(envelope, lambda *_: None)
+            asked += 1
+        assert running.ask(Inspect(candidate=1)) == ""
+        sent, elapsed = len(running.sink.ticks) - first, time.monotonic() - start
+        assert sent <= elapsed / STANDING_INTERVAL + 8  # late periods are caught up with
+        assert all(tick.run == 1 for tick in running.sink.ticks)
 
 
 EXAMPLES = [
