@@ -153,17 +153,27 @@ def scene(action: Positional[Literal["list", "check", "schema"]], path: Position
     return cli_scene.check_scene(path)
 
 
-def bench(groups: Positional[list[str]] = ["all"], /, workers: int = 2, out: Path = Path("out/bench")) -> int:  # noqa: B006 - tyro copies it
-    """Measure: the groups of trials behind the numbers of the README, as tables and JSON.
+def bench(
+    groups: Positional[list[str]] = ["all"],  # noqa: B006 - tyro copies it
+    /,
+    workers: int = 2,
+    out: Path = Path("out/bench"),
+    seconds: float = 60.0,
+    minutes: float = 3.0,
+) -> int:
+    """Measure: the groups of trials behind the numbers of the README, or the served page, as tables and JSON.
 
     Args:
-        groups: Names of groups, or all.
+        groups: Names of groups, or all of them, or page (needs Chromium).
         workers: Processes.
         out: Folder of the JSON results.
+        seconds: Page only: time of each measurement of the control period.
+        minutes: Page only: time over which memory is watched.
     """
     from motm_twin.bench.__main__ import main as run_groups
 
-    return run_groups([*groups, "--workers", str(workers), "--out", str(out)])
+    page = ["--seconds", str(seconds), "--minutes", str(minutes)]
+    return run_groups([*groups, "--workers", str(workers), "--out", str(out), *page])
 
 
 def main() -> None:

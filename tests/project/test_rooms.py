@@ -95,9 +95,22 @@ def test_no_file_holds_two_ideas():
     assert not long
 
 
+def library(requirement):
+    return requirement.split("[")[0].split(">")[0].split("=")[0].strip().lower()
+
+
+def imports_at_start(path):
+    """Names of modules imported when the file itself is; imports inside functions are for who has the extra."""
+    nodes = ast.parse(path.read_text()).body
+    found = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    found |= {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+    return {name.split(".")[0] for name in found}
+
+
 def test_every_library_that_the_package_imports_is_declared():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    declared = {one.split("[")[0].split(">")[0].split("=")[0].strip().lower() for one in project["dependencies"]}
+    declared = {library(one) for one in project["dependencies"]}
+    extra = {library(one) for one in project["optional-dependencies"]["dev"]}
     of_module = packages_distributions()
     # pin brings these modules; its distributions are named otherwise
     provided_by = {"pinocchio": "pin", "coal": "pin", "eigenpy": "pin", "zenoh": "eclipse-zenoh"}
@@ -108,6 +121,6 @@ def test_every_library_that_the_package_imports_is_declared():
             if top in sys.stdlib_module_names or top == "motm_twin":
                 continue
             names = {provided_by[top]} if top in provided_by else {one.lower() for one in of_module.get(top, [top])}
-            if not names & declared:
+            if not names & (declared if top in imports_at_start(path) else declared | extra):
                 missing[top] = str(path.relative_to(ROOT))
     assert not missing
