@@ -154,12 +154,14 @@ def bodies(truth: Truth) -> dict[str, Any]:
 _NO_BODIES: dict[str, Any] = {"objects": [], "agents": [], "obstacles": []}
 
 
-def tick_message(tick: Tick, run: int, server_time: float) -> TickMessage:
+def tick_message(tick: Tick, run: int, server_time: float, *, began: float = 0.0, first: int = 0) -> TickMessage:
     """The message of one period."""
     truth = tick.truth
     return TickMessage(
         version=TICK_VERSION,
         run=run,
+        began=began,
+        first=first,
         server_time=server_time,
         index=tick.index,
         time=float(tick.time),

@@ -28,6 +28,7 @@ class LiveTwin:
     def __init__(self, make_twin: MakeTwin, server_time: Callable[[], float]) -> None:
         self._make_twin, self._server_time = make_twin, server_time
         self.run = 0
+        self._began, self._first = 0.0, 0  # server time [s] of the load or reset, first period of the run
         self.scene: Scene | None = None
         self.twin: TwinLike | None = None
         self.message: TickMessage | None = None  # of the last period
@@ -60,7 +61,7 @@ class LiveTwin:
         from motm_twin.record.branches import Branches  # imports the twin: slow, only once the server listens
 
         self.twin, self._branches = self._make_twin(scene), Branches()
-        self._begin()
+        self._begin(self._server_time(), 0)
 
     def reset(self) -> None:
         """Back to the start of the scene."""
@@ -68,7 +69,7 @@ class LiveTwin:
         assert self._branches is not None
         self.twin.reset()
         self._branches.clear()
-        self._begin()
+        self._begin(self._server_time(), 0)
 
     def require_branch(self, index: int) -> None:
         """Raise Refused when `branch` can not go back to the start of this period."""
@@ -81,7 +82,7 @@ class LiveTwin:
         assert self.twin is not None
         assert self._branches is not None
         self._branches.branch(_any(self.twin), index)
-        self._begin()
+        self._begin(self._began, index)
         return list(self.twin.edits)
 
     def post(self, edit: Edit) -> None:
@@ -105,7 +106,9 @@ class LiveTwin:
         self._pending = []
         self.parameters, self.recorded = dict(self.twin.parameters), len(self.twin.edits)
         self._asked = False
-        self.message = self._explained(tick_message(self.tick, self.run, self._server_time()))
+        now = self._server_time()
+        message = tick_message(self.tick, self.run, now, began=self._began, first=self._first)
+        self.message = self._explained(message)
         return self.message, self.tick
 
     def inspect(self, command: Inspect) -> None:
@@ -131,8 +134,8 @@ class LiveTwin:
             self._session = now, msgspec.json.encode(self.twin.session())
         return self._session[1]
 
-    def _begin(self) -> None:
-        self.run += 1
+    def _begin(self, began: float, first: int) -> None:
+        self.run, self._began, self._first = self.run + 1, began, first
         self._pending, self._inspect, self.message, self.tick = [], Inspect(), None, None
 
     def _added(self) -> int:

@@ -166,7 +166,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One control period without its map, which is sent apart."""
 
     version: str
-    run: int  # counts loads and resets of this server
+    run: int  # counts loads, resets and branches of this server
     server_time: float  # [s] when it was sent, on the server's clock
     index: int
     time: float  # [s] simulated
@@ -190,6 +190,8 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     removed: list[str] = []  # pieces and agents of the scene that are gone
     faults: list[str] = []  # injected faults that last, one phrase each
     inspected: InspectedMessage | None = None
+    began: float = 0.0  # [s] server time of the load or reset; a branch keeps it: its past is that of the run before
+    first: int = 0  # first period of this run: where it branched from the run before, else 0
     preview: bool  # True: paused; bodies stand where posted edits will put them in the next period
 
 

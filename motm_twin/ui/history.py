@@ -1,7 +1,8 @@
 """The last two minutes: every period as it was sent, so that the page can look back while the robot goes on.
 
 Payloads are kept compressed (about 3 kB each) and read again only when somebody looks at them; what the plots and the
-list of events need is read once, when a period arrives. A branch or a reset cuts off what will not come to pass.
+list of events need is read once, when a period arrives. A branch cuts off what will not come to pass and keeps the past
+that it shares; a reset or another scene (or server) begins anew.
 """
 
 import bisect
@@ -18,6 +19,7 @@ from motm_twin.bus.client import Grid
 from motm_twin.bus.messages import GRID_VERSION, TICK_VERSION, EventMessage, GridInfo, TickMessage
 from motm_twin.ui.samples import Part, Sample, sample
 
+PERIOD = 0.05  # [s]
 PERIODS = 2400  # 120 s
 MAX_BYTES = 32_000_000  # of compressed ticks; an ordinary two minutes need a quarter of it
 MAX_GRID_BYTES = 8_000_000
@@ -59,7 +61,8 @@ class History:
         self._entries: list[_Entry] = []
         self._rows = np.empty((2 * periods + 2, len(Sample._fields)))  # of the entries, from the first on
         self._first = 0
-        self._bytes, self._map_bytes, self._run = 0, 0, -1
+        self._bytes, self._map_bytes = 0, 0
+        self._run, self._began = -1, 0.0
         self._maps: list[_Map] = []
         self._shown: tuple[_Entry, TickMessage] | None = None
         self._shown_map: tuple[_Map, Grid] | None = None
@@ -67,15 +70,18 @@ class History:
     def add(self, payload: bytes) -> None:
         """Take a tick as it came. A lower or equal period takes the place of what is there from it on.
 
-        Raises ValueError when the tick is of another version.
+        A preview is left out: it is no period that was. Raises ValueError when the tick is of another version.
         """
         part = self._read_part(payload)
         if part.version != TICK_VERSION:
             raise ValueError(f"the history holds {TICK_VERSION!r}, not {part.version!r}")
+        if part.preview:
+            return
         packed = zlib.compress(payload, LEVEL)
         entry, row = _Entry(part.index, part.time, packed, tuple(part.events)), sample(part)
         with self._lock:
-            self._cut(part.run, part.index, part.time)
+            self._turn(part)
+            self._cut(part.index, part.time + 1e-9)
             self._append(entry, row)
             self._bytes += len(packed)
             self._shorten()
@@ -199,20 +205,31 @@ class History:
             return None
         return self._entries[max(0, bisect.bisect_right(self._entries, index, key=_index) - 1)]
 
-    def _cut(self, run: int, index: int, time: float) -> None:
-        """Forget what comes no more: another run, or periods from this one on."""
-        if run != self._run:
-            self._run = run
-            self._entries, self._bytes = [], 0
-            self._maps = [kept for kept in self._maps if kept.info.run == run]
-            self._map_bytes = sum(len(kept.cells) for kept in self._maps)
-        if self._entries and self._entries[-1].index >= index:
-            start = bisect.bisect_left(self._entries, index, key=_index)
-            self._bytes -= sum(len(entry.payload) for entry in self._entries[start:])
-            del self._entries[start:]
-            keep = bisect.bisect_right(self._maps, time + 1e-9, key=_stamp)
-            self._map_bytes -= sum(len(kept.cells) for kept in self._maps[keep:])
-            del self._maps[keep:]
+    def _turn(self, part: Part) -> None:
+        """Another run: a branch goes on from the past it shares with the last one, anything else has none."""
+        if (part.run, part.began) == (self._run, self._began):
+            return
+        newer = part.run > self._run
+        ahead = [kept for kept in self._maps if newer and kept.info.run == part.run]  # came before its tick
+        self._maps = [kept for kept in self._maps if kept.info.run < part.run]
+        if newer and part.began == self._began:
+            self._cut(part.first, part.time - (part.index - part.first) * PERIOD - 1e-9)
+        else:
+            self._entries, self._bytes, self._maps = [], 0, []
+        self._run, self._began = part.run, part.began
+        self._maps += ahead
+        self._map_bytes = sum(len(kept.cells) for kept in self._maps)
+
+    def _cut(self, index: int, time: float) -> None:
+        """Forget the periods from this one on, and the grids of later times [s]."""
+        if not self._entries or self._entries[-1].index < index:
+            return
+        start = bisect.bisect_left(self._entries, index, key=_index)
+        self._bytes -= sum(len(entry.payload) for entry in self._entries[start:])
+        del self._entries[start:]
+        keep = bisect.bisect_right(self._maps, time, key=_stamp)
+        self._map_bytes -= sum(len(kept.cells) for kept in self._maps[keep:])
+        del self._maps[keep:]
 
     def _shorten(self) -> None:
         gone = 0

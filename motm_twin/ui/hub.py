@@ -19,7 +19,7 @@ from motm_twin.bus.client import Grid, TwinClient
 from motm_twin.bus.commands import NAME_MAX, Answer, Command, HandOver, Inspect, TakeWheel
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.scene import Scene
-from motm_twin.ui.history import History
+from motm_twin.ui.history import PERIOD, History, Span
 from motm_twin.ui.playback import Playback
 from motm_twin.ui.what_if import WhatIf
 
@@ -98,6 +98,15 @@ class Hub:
         self.what_if.stop()
         self._stop.set()
         self._sender.join(1.0)
+
+    @property
+    def span(self) -> Span | None:
+        """What can be looked back at: what is kept here, as far as the twin can branch from it."""
+        span, status = None if self.history is None else self.history.span, self.client.status()
+        if span is None or status is None:
+            return span
+        first = min(max(span.first, status.oldest), span.last)
+        return span._replace(first=first, first_time=span.first_time + (first - span.first) * PERIOD)
 
     @property
     def visitors(self) -> list[Visitor]:

@@ -174,7 +174,7 @@ class ReplayTab:
         self._hub.playback.look(-value, self._span())
 
     def _span(self) -> "Span | None":
-        return None if self._hub.history is None else self._hub.history.span
+        return self._hub.span
 
     def _status(self) -> StatusMessage | None:
         return None if self._shown is None else self._shown.status

@@ -31,6 +31,9 @@ class Part(msgspec.Struct, frozen=True):
     arm: list[_Arm]
     events: list[EventMessage]
     stage_ms: dict[str, float]
+    preview: bool
+    began: float = 0.0
+    first: int = 0
 
 
 class Sample(NamedTuple):

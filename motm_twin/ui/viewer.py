@@ -82,7 +82,7 @@ class Viewer:
 
     def _looking_back(self) -> tuple[TickMessage, Grid | None] | None:
         """The period of the history that is looked at, with its grid; None when that is the newest."""
-        view, span = self._hub.view, self._history.span
+        view, span = self._hub.view, self._hub.span
         at = view.at
         if at is None:
             return None

@@ -31,8 +31,7 @@ class Visitors:
 
     def update(self, shown: Shown) -> None:
         """Bring every desk up to date; one that fails does not stop the others."""
-        history = self._hub.history
-        self._hub.playback.advance(None if history is None else history.span)
+        self._hub.playback.advance(self._hub.span)
         self._forget_other_scenes(shown)
         with self._lock:
             desks = list(self._desks.values())

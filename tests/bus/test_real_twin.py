@@ -152,6 +152,7 @@ def test_going_back_forgets_what_came_after_and_lets_go_of_what_was_held(running
     done(running, Branch(index=first))
     assert (running.last.robot, running.last.agents) == (before.robot, before.agents)
     assert running.loop.status().recorded == 0
+    assert (running.last.began, running.last.first) == (before.began, first)  # readers may keep what was before
     running.step(5)
     assert rerun(session(running)).ok
 
@@ -178,8 +179,10 @@ def test_a_candidate_and_the_unmodified_path_are_explained_until_a_new_run(runni
     done(running, Inspect(candidate=rejected))
     assert (running.last.inspected, running.last.plan.staa_path) == (None, [])
     done(running, Inspect(candidate=chosen))
+    began = running.last.began
     done(running, Reset())
     assert running.last.inspected is None
+    assert running.last.began > began
 
 
 def test_an_explanation_that_fails_does_not_stop_the_robot(capsys):

@@ -77,12 +77,30 @@ def test_a_branch_cuts_off_what_comes_no_more():
     assert history.span[:2] == (0, 11)
 
 
-def test_a_preview_takes_the_place_of_its_period():
+def test_a_preview_is_no_period_that_was():
     history = filled(5)
-    for _ in range(3):
-        history.add(payload(4, preview=True))
+    history.add(payload(4, preview=True))
     assert history.indices(10.0) == [0, 1, 2, 3, 4]
-    assert history.at(4).preview
+    assert not history.at(4).preview
+
+
+def test_a_branch_keeps_the_past_that_it_shares_and_a_reset_or_another_server_does_not():
+    history = filled(30)
+    for stamp, fill in ((0.0, 1), (0.3, 2), (1.2, 3)):
+        add_grid(history, stamp, fill)
+    add_grid(history, 0.5, 4, run=2)
+    history.add(payload(12, run=2, first=10))  # two of them were lost
+    assert history.indices(10.0) == [*range(10), 12]
+    assert [history.at(index).run for index in (9, 12)] == [1, 2]
+    assert [history.grid_at(index).cells[0, 0] for index in (0, 9, 12)] == [1, 2, 4]
+    history.add(payload(13, run=2, first=10))
+    assert history.span[:2] == (0, 13)
+    history.add(payload(3, run=3, began=7.0))  # a reset
+    assert history.indices(10.0) == [3]
+    history.add(payload(4, run=3, began=7.0))
+    history.add(payload(5, run=3, began=9.0))  # another server
+    assert history.indices(10.0) == [5]
+    assert history.grid_at(5) is None
 
 
 def test_another_run_begins_anew_and_stragglers_of_the_old_one_are_dropped():
@@ -132,17 +150,19 @@ def test_other_versions_and_broken_grids_are_refused():
 @settings(max_examples=60, deadline=None)
 @given(
     st.lists(
-        st.tuples(st.integers(0, 40), st.integers(1, 3), st.booleans(), st.integers(0, 3000)), min_size=1, max_size=120
+        st.tuples(st.integers(0, 40), st.integers(1, 3), st.booleans(), st.integers(0, 3000), st.integers(0, 40)),
+        min_size=1,
+        max_size=120,
     )
 )
 def test_whatever_comes_the_history_stays_in_order_and_bounded(arrivals):
     """Any order of runs, jumps back and sizes: indices rise, the newest is the last that came, bounds hold."""
     history = History(periods=16, max_bytes=20_000)
-    for index, run, grid, size in arrivals:
+    for index, run, grid, size, first in arrivals:
         if grid:
             add_grid(history, 0.05 * index, index, run=run)
         text = os.urandom(size // 2).hex()
-        history.add(payload(index, run=run, stop_reason=text))
+        history.add(payload(index, run=run, first=min(first, index), stop_reason=text))
         indices = history.indices(1e9)
         assert indices == sorted(set(indices))
         assert len(indices) <= 16
@@ -152,7 +172,7 @@ def test_whatever_comes_the_history_stays_in_order_and_bounded(arrivals):
         assert history._bytes == sum(len(entry.payload) for entry in history._entries)
         assert history._bytes <= 20_000 or len(indices) == 1
         assert history._map_bytes == sum(len(kept.cells) for kept in history._maps)
-        grids = [kept.stamp for kept in history._maps if kept.info.run == run]
+        grids = [kept.stamp for kept in history._maps]
         assert grids == sorted(grids)
 
 
