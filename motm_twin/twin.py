@@ -9,7 +9,7 @@ from motm_twin.control.loop import PERIOD, ControlLoop, Settings
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
-from motm_twin.control.task_list import TaskEdit, edited
+from motm_twin.control.task_list import TaskEdit, TaskList, edited
 from motm_twin.control.tick import Tick
 from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
@@ -19,10 +19,8 @@ from motm_twin.model.edits import (
     InsertTask,
     MoveBody,
     MoveObject,
-    MoveTask,
     ParameterValue,
     ReleaseBody,
-    RemoveTask,
     SetParameter,
     WorldEdit,
 )
@@ -34,6 +32,7 @@ from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import Cut, LoggedEdit, Session
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.rehearsal import Rehearsal
 
 POINTED_AT = 0.15  # [m] off its belief, an object that a person adds to the task list is shown to the robot
 
@@ -63,6 +62,7 @@ class Twin:
         self._arm = arm or ArmParameters()
         self._budget = budget or SearchBudget()
         self._clock = clock
+        self._queue: list[Edit] = []
         self.reset()
 
     def reset(self) -> None:
@@ -71,8 +71,8 @@ class Twin:
         self._told = Told(self.scene, self._start)
         self.edits: list[LoggedEdit] = []
         self.cuts: list[Cut] = []
-        self._queue: list[Edit] = []
         self._build()
+        self._forget_queue()
 
     @property
     def done(self) -> bool:
@@ -92,7 +92,8 @@ class Twin:
     def post(self, edit: Edit) -> None:
         """Queue an edit for the next period; raises ValueError when it is not possible, and then changes nothing."""
         if isinstance(edit, WorldEdit):
-            self.plant.check(edit, [earlier for earlier in self._queue if isinstance(earlier, WorldEdit)])
+            self._rehearsal = self._rehearsal or self.plant.rehearsal()
+            self._rehearsal.accept(edit)
         elif isinstance(edit, SetParameter):
             if edit.value is None:
                 parameter(edit.name)
@@ -106,7 +107,7 @@ class Twin:
 
     def advance(self, budget: SearchBudget | None = None) -> Tick:
         """Apply queued edits, run one period, return its Tick; ``budget`` repeats a search that the clock had cut."""
-        edits, self._queue = tuple(self._queue), []
+        edits = self._forget_queue()
         index = self.loop.index
         before = self.parameters
         for edit in edits:
@@ -166,7 +167,7 @@ class Twin:
         for name, part in self.parts().items():
             part.restore(state[name])
         self.edits, self.cuts = (list(entries) for entries in state["log"])
-        self._queue = []
+        self._forget_queue()
 
     def state_hash(self) -> str:
         """SHA-256 over the whole state: equal for equal runs."""
@@ -215,14 +216,18 @@ class Twin:
             self.loop.edit_tasks(edit)
             self.plant.expect_tasks(self.loop.sequence.tasks)
 
+    def _forget_queue(self) -> tuple[Edit, ...]:
+        """The queued edits, which are no longer queued; what was found out about them ahead goes with them."""
+        edits = tuple(self._queue)
+        self._queue = []
+        self._rehearsal: Rehearsal | None = None  # of queued world edits
+        self._listed: TaskList | None = None  # as the queued task edits leave it
+        return edits
+
     def _check_tasks(self, edit: TaskEdit) -> None:
         """Raise ValueError unless the list, as the queued edits leave it, takes this one."""
         loop = self.loop
-        tasks = loop.sequence.listed()
-        for earlier in self._queue:
-            if isinstance(earlier, InsertTask | RemoveTask | MoveTask):
-                tasks = edited(tasks, earlier, loop.known, engaged=loop.engaged)
-        edited(tasks, edit, loop.known, engaged=loop.engaged)
+        tasks = edited(self._listed or loop.sequence.listed(), edit, loop.known, engaged=loop.engaged)
         if isinstance(edit, InsertTask):
             moving = {earlier.name for earlier in self._queue if isinstance(earlier, MoveObject)}
             binned = {body.name: body.state for body in self.plant.truth().objects if body.state.startswith("binned:")}
@@ -230,6 +235,7 @@ class Twin:
                 if isinstance(task, Pick) and task.object in binned and task.object not in moving:
                     where = binned[task.object].removeprefix("binned:")
                     raise ValueError(f"{task.object} lies in {where}: the arm does not reach into bins, move it first")
+        self._listed = tasks
 
     def _point_at(self, names: list[str]) -> None:
         """A person who adds an object to the list shows where it is, should the robot believe it elsewhere."""

@@ -31,12 +31,13 @@ from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
 from motm_twin.sim.overlap import compile_gaps
 from motm_twin.sim.plant_state import PlantState
 from motm_twin.sim.referee import Referee, World
+from motm_twin.sim.rehearsal import Rehearsal
 from motm_twin.sim.scenery import Scenery, build_scenery
 from motm_twin.sim.slides import RobotObstruction
 from motm_twin.sim.solids import rectangle
 from motm_twin.sim.throws import slide_body
 from motm_twin.sim.truth import truth_of
-from motm_twin.sim.world_edits import EditError, check_edit
+from motm_twin.sim.world_edits import check_edit
 
 SUBSTEP = 0.01  # [s]
 _RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION = 0x11DA2, 0xCA3E2A, 0x10CA7E
@@ -137,18 +138,9 @@ class SimulatedPlant(Stateful[PlantState]):
         super().restore(state)
         self._show(self._effects.scenery(self._state, self._scenery), self._state.agents)
 
-    def check(self, edit: WorldEdit, pending: Sequence[WorldEdit] = ()) -> None:
-        """Raise ValueError when the world cannot take this edit (after others that still wait to be applied)."""
-        state, scenery = self._state, self._scenery
-        if pending:
-            state = state.rehearsal()
-        for earlier in pending:
-            try:
-                check_edit(self._furnishings, state, scenery, earlier)
-            except EditError:
-                continue  # it will be refused when its turn comes
-            _, scenery = self._effects.apply(state, scenery, earlier)
-        check_edit(self._furnishings, state, scenery, edit)
+    def rehearsal(self) -> Rehearsal:
+        """Try edits that are to be applied one after another; throw it away before `apply`, `step` or `restore`."""
+        return Rehearsal(self._effects, self._state, self._scenery)
 
     def apply(self, edit: WorldEdit) -> None:
         """Change the world as a person does; raises ValueError when it cannot be."""

@@ -22,6 +22,7 @@ from motm_twin.model.edits import (
     SendAgent,
 )
 from motm_twin.model.state import state_hash
+from motm_twin.sim.edit_effects import Effects
 from motm_twin.sim.plant import SimulatedPlant
 
 NAMES = ("table", "stand", "cabinet", "crate", "temi", "new1", "new2", "cube1", "cube2", "slab", "bin", "nobody", "")
@@ -90,15 +91,14 @@ def test_random_edits_are_refused_or_applied_and_a_snapshot_has_one_future(first
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-@given(sequence=st.lists(edits, min_size=1, max_size=6))
+@given(sequence=st.lists(edits, min_size=1, max_size=12))
 def test_checking_edits_ahead_says_what_applying_them_says_and_changes_nothing(sequence):
     plant = SimulatedPlant(room())
     before = state_hash(plant.snapshot())
-    said, waiting = [], []
+    said, rehearsal = [], plant.rehearsal()
     for edit in sequence:
         try:
-            plant.check(edit, waiting)
-            waiting.append(edit)
+            rehearsal.accept(edit)
             said.append("")
         except ValueError as refusal:
             said.append(str(refusal))
@@ -109,6 +109,17 @@ def test_checking_edits_ahead_says_what_applying_them_says_and_changes_nothing(s
             assert expected == ""
         except ValueError as refusal:
             assert str(refusal) == expected
+
+
+def test_a_thousand_moves_wait_and_each_is_tried_once(monkeypatch):
+    plant, tried = SimulatedPlant(room()), []
+    apply = Effects.apply
+    monkeypatch.setattr(Effects, "apply", lambda *given: tried.append(given[-1]) or apply(*given))
+    rehearsal = plant.rehearsal()
+    moves = [MoveBody(name="table", x=1.0 + 0.001 * k, y=2.0) for k in range(1000)]
+    for move in moves:
+        rehearsal.accept(move)
+    assert tried == moves[:-1]
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))

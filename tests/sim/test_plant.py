@@ -167,7 +167,7 @@ def test_a_held_agent_stays_where_it_is_put_and_drives_on_when_released():
 def test_an_edit_that_cannot_be_is_refused_with_the_reason_and_changes_nothing(edit, message):
     plant = SimulatedPlant(experiment(agents=temis(1)))
     before = state_hash(plant.snapshot())
-    for attempt in (plant.check, plant.apply):
+    for attempt in (plant.rehearsal().accept, plant.apply):
         with pytest.raises(ValueError, match=message):
             attempt(edit)
     assert state_hash(plant.snapshot()) == before
@@ -176,13 +176,15 @@ def test_an_edit_that_cannot_be_is_refused_with_the_reason_and_changes_nothing(e
 def test_edits_that_wait_are_taken_into_account_when_the_next_is_checked():
     plant = SimulatedPlant(scene(solids=(box("crate", (2.0, 0.0), (0.5, 0.5), 0.6, mapped=False),)))
     added = AddObstacle(name="new", x=1.0, y=2.0)
-    plant.check(added)
+    rehearsal = plant.rehearsal()
+    rehearsal.accept(added)
     with pytest.raises(ValueError, match="taken"):
-        plant.check(added, pending=(added,))
-    plant.check(MoveBody(name="new", x=1.0, y=1.0), pending=(added,))
+        rehearsal.accept(added)
+    rehearsal.accept(MoveBody(name="new", x=1.0, y=1.0))
     gone = RemoveBody(name="crate")
+    rehearsal.accept(gone)
     with pytest.raises(ValueError, match="loose"):
-        plant.check(gone, pending=(gone,))
+        rehearsal.accept(gone)
     plant.apply(gone)
     with pytest.raises(ValueError, match="loose"):
         plant.apply(MoveBody(name="crate", x=0.0, y=2.0))
