@@ -24,7 +24,7 @@ from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget
+from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
 
 PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
@@ -104,8 +104,11 @@ class ControlLoop(Stateful[LoopState]):
             plan = self.planner.drive(problem, placement, budget or self.settings.budget)
         blocked = placement.mode == "closest" and plan.status == "idle"
         in_reach = plan.time_to_range == 0.0
+        outside = (blocked or placement.chosen < 0) and self._outside(problem.target)
         events = list(
-            self.sequence.watch(observation.time, in_reach, observation.pose, blocked=blocked, why=self._state.waiting)
+            self.sequence.watch(
+                observation.time, in_reach, observation.pose, blocked=blocked, outside=outside, why=self._state.waiting
+            )
         )
         steps, arm_events, reason = self._arm_steps(observation, world, plan, stages)
         events += arm_events
@@ -164,6 +167,13 @@ class ControlLoop(Stateful[LoopState]):
             engaged=self._state.engaged,
             period=PERIOD,
         )
+
+    def _outside(self, target: Target | None) -> bool:
+        """The target is outside the map."""
+        if target is None:
+            return False
+        (x, y), (x_min, y_min, x_max, y_max) = target.position[:2], self.known.bounds
+        return not (x_min <= x <= x_max and y_min <= y <= y_max)
 
     def _arm_steps(
         self, observation: Observation, world: WorldMap, plan: BasePlan, stages: Stages

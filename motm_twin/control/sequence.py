@@ -11,6 +11,8 @@ from motm_twin.model.state import Stateful
 
 MAX_ATTEMPTS = 8  # grasps of one object before its task is given up
 STALL_LIMIT = 30.0  # [s] with the target in reach and no progress before the task is given up
+OUT_OF_REACH = 5.0  # [s] out of reach after which the time in reach counts anew; a base that swings keeps it running
+OUTSIDE_LIMIT = 10.0  # [s] as near as it gets before a target outside the map is given up
 DRIVE_LIMIT = 10.0  # [s] at the closest free place before a drive to a point that is not free is given up
 HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose
 
@@ -25,12 +27,14 @@ class SequenceState:
     attempts: list[int] = field(default_factory=list)
     held: str = ""  # object that the gripper believes it holds
     in_reach_since: float | None = None
+    out_of_reach_since: float | None = None
+    outside_since: float | None = None
     failures: list[str] = field(default_factory=list)
     waits: bool = False  # a person took the place of what is held off the list: nothing else is picked until it has one
 
 
 class TaskSequence(Stateful[SequenceState]):
-    """Works through the task list in order; a failed pick takes its place task with it."""
+    """Works through the task list in order; a failed pick takes its place task with it, also past drives."""
 
     def __init__(self, known: KnownWorld) -> None:
         self.known = known
@@ -128,26 +132,52 @@ class TaskSequence(Stateful[SequenceState]):
         return ()
 
     def watch(
-        self, time: float, in_reach: bool, pose: Array, *, blocked: bool = False, why: str = ""
+        self, time: float, in_reach: bool, pose: Array, *, blocked: bool = False, outside: bool = False, why: str = ""
     ) -> tuple[Event, ...]:
-        """Once per period: end drive_to tasks on arrival, and give up a task that makes no progress in reach.
+        """Once per period: end drive_to tasks on arrival; give up what cannot be done or makes no progress in reach.
 
-        ``blocked``: the base stands at the free place that is closest to a point it cannot get to; ``why``: the arm
-        waits.
+        ``blocked``: the base stands at the free place that is closest to a point it cannot get to; ``outside``: it gets
+        no nearer to a target outside the map; ``why``: the arm waits.
         """
         task, state = self.active, self._state
         if task is None:
             return ()
-        drives = isinstance(task, DriveTo)
+        if isinstance(task, Place) and not state.held:
+            return self._give_up(time, f"place in {task.bin}: nothing is held, there is nothing to place")
         if isinstance(task, DriveTo) and arrived(task, pose):
             return self._finish(time, "arrived", f"arrived at {name_of(task)}")
-        if not (blocked if drives else in_reach):
+        if not outside:
+            state.outside_since = None
+        elif state.outside_since is None:
+            state.outside_since = time
+        elif time - state.outside_since > OUTSIDE_LIMIT:
+            return self._give_up(time, f"{kind_of(task)} {name_of(task)}: outside the map for {OUTSIDE_LIMIT:.0f} s")
+        if isinstance(task, DriveTo):
+            return self._watch_drive(task, time, blocked=blocked)
+        return self._watch_reach(task, time, in_reach, why)
+
+    def _watch_drive(self, task: DriveTo, time: float, *, blocked: bool) -> tuple[Event, ...]:
+        state = self._state
+        if not blocked:
             state.in_reach_since = None
         elif state.in_reach_since is None:
             state.in_reach_since = time
-        elif drives and time - state.in_reach_since > DRIVE_LIMIT:
+        elif time - state.in_reach_since > DRIVE_LIMIT:
             return self._give_up(time, f"drive to {name_of(task)}: not free for {DRIVE_LIMIT:.0f} s")
-        elif not drives and time - state.in_reach_since > STALL_LIMIT:
+        return ()
+
+    def _watch_reach(self, task: Task, time: float, in_reach: bool, why: str) -> tuple[Event, ...]:
+        state = self._state
+        if not in_reach:
+            if state.out_of_reach_since is None:
+                state.out_of_reach_since = time
+            elif time - state.out_of_reach_since > OUT_OF_REACH:
+                state.in_reach_since = None
+            return ()
+        state.out_of_reach_since = None
+        if state.in_reach_since is None:
+            state.in_reach_since = time
+        elif time - state.in_reach_since > STALL_LIMIT:
             text = f"{kind_of(task)} {name_of(task)}: in reach for {STALL_LIMIT:.0f} s, not done"
             return self._give_up(time, f"{text}: {why}" if why else text)
         return ()
@@ -157,7 +187,7 @@ class TaskSequence(Stateful[SequenceState]):
 
     def _activate(self) -> None:
         state = self._state
-        state.in_reach_since = None
+        state.in_reach_since = state.out_of_reach_since = state.outside_since = None
         if state.index < len(state.status):
             state.status[state.index] = "active"
             state.attempts[state.index] = max(1, state.attempts[state.index])
@@ -171,12 +201,27 @@ class TaskSequence(Stateful[SequenceState]):
 
     def _give_up(self, time: float, text: str) -> tuple[Event, ...]:
         state = self._state
-        state.failures.append(text)
+        picks = isinstance(state.tasks[state.index], Pick)
         state.status[state.index] = "failed"
         state.index += 1
-        if isinstance(self.active, Place) and not state.held:
-            state.status[state.index] = "failed"
-            state.index += 1
+        if picks and not state.held:
+            self._fail_place()
+        return self._failed(time, text)
+
+    def _fail_place(self) -> None:
+        """Nothing will be placed: the next place task ends now; drives before it stay, and come after it."""
+        state = self._state
+        if not isinstance(self._next_job(), Place):
+            return
+        at = next(i for i in range(state.index, len(state.tasks)) if isinstance(state.tasks[i], Place))
+        state.tasks.insert(state.index, state.tasks.pop(at))
+        state.attempts.insert(state.index, state.attempts.pop(at))
+        del state.status[at]
+        state.status.insert(state.index, "failed")
+        state.index += 1
+
+    def _failed(self, time: float, text: str) -> tuple[Event, ...]:
+        self._state.failures.append(text)
         self._activate()
         return (Event(time=time, kind="failed", text=text),)
 
@@ -192,7 +237,8 @@ class TaskSequence(Stateful[SequenceState]):
         pick = picks[-1]
         state.attempts[pick] += 1
         if state.attempts[pick] >= MAX_ATTEMPTS:
-            return self._give_up(time, f"{lost}: lost {MAX_ATTEMPTS} times")
+            self._fail_place()
+            return self._failed(time, f"{lost}: lost {MAX_ATTEMPTS} times")
         for i in range(pick, state.index + 1):
             state.status[i] = "waiting"
         state.index = pick

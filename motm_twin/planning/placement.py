@@ -144,7 +144,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             goal_has_heading=candidates.mode in ("ring", "reach") or (
                 candidates.mode == "drive" and target.heading is not None
             ),
-            reason=self._why(candidates, chosen, current, onward, target),
+            reason=self._why(candidates, chosen, current, onward, target, here),
             next_goal=None if next_goals is None else frozen(next_goals[0]),
             next_goals=None if next_goals is None else frozen(next_goals),
         )  # fmt: skip
@@ -294,8 +294,13 @@ class NextTargetPlacement(Stateful[PlacementState]):
         order = np.argsort(cost, kind="stable")[: self._parameters.placement.next_goals]
         return next_poses[order]
 
-    def _why(self, candidates: Candidates, chosen: int, current: Array, onward: Array, target: Target) -> str:
+    def _why(
+        self, candidates: Candidates, chosen: int, current: Array, onward: Array, target: Target, here: Here
+    ) -> str:
+        outside = _outside(target, here)
         if chosen < 0:
+            if outside:
+                return f"{outside}: no pose from which it is served can be reached"
             return f"no pose from which {target.name} is served can be reached: obstacles close every way"
         cost = f"{current[chosen]:.1f} s to it and {onward[chosen]:.1f} s from it to the next target"
         if candidates.mode == "ring":
@@ -307,11 +312,10 @@ class NextTargetPlacement(Stateful[PlacementState]):
             return f"no free candidate within {p.radius_max:.2f} m of {target.name}: closest pose in reach, {cost}"
         away = math.hypot(*(candidates.pose[chosen, :2] - target.position[:2]))
         if target.kind == "drive":
-            return f"{target.name} is not free: driving to the closest free place, {away:.2f} m from it"
-        return (
-            f"no free candidate within {p.radius_max:.2f} m of {target.name}: driving to the closest free place, "
-            f"{away:.2f} m from it"
-        )
+            what = outside or f"{target.name} is not free"
+            return f"{what}: driving to the closest free place, {away:.2f} m from it"
+        what = outside or f"no free candidate within {p.radius_max:.2f} m of {target.name}"
+        return f"{what}: driving to the closest free place, {away:.2f} m from it"
 
     def _chosen_before(self, target: Target, pose: Array) -> Array:
         """1 for the candidate that was chosen in the last period, else 0; shape (m,)."""
@@ -343,6 +347,18 @@ def _joined(first: Candidates, second: Candidates) -> Candidates:
         np.concatenate((first.place_of, second.place_of + len(first.place))).astype(np.int32),
         first.rejected + second.rejected,
     )
+
+
+def _outside(target: Target, here: Here) -> str:
+    """That the target is outside the map, with coordinates; "" when it is inside."""
+    x_min, y_min = here.field.x, here.field.y
+    rows, columns = here.world.distance.shape
+    x_max, y_max = x_min + columns * here.world.resolution, y_min + rows * here.world.resolution
+    x, y = (float(value) for value in target.position[:2])
+    if x_min <= x <= x_max and y_min <= y <= y_max:
+        return ""
+    where = "" if target.kind == "drive" else f" at ({x:.2f}, {y:.2f})"  # the name of a drive is its point
+    return f"{target.name}{where} is outside the map, x {x_min:.2f} to {x_max:.2f} m, y {y_min:.2f} to {y_max:.2f} m"
 
 
 def _beyond_border(pose: Array, margin: float, here: Here) -> Array:

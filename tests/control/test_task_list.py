@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from motm_twin.control.sequence import DRIVE_LIMIT, TaskSequence
+from motm_twin.control.sequence import DRIVE_LIMIT, MAX_ATTEMPTS, TaskSequence
 from motm_twin.control.task_list import MOST_TASKS, titled
 from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask
 from motm_twin.model.known import KnownWorld
@@ -131,6 +131,24 @@ def test_removing_either_half_of_a_pair_removes_both():
         tasks = sequence()
         edit(tasks, RemoveTask(index=index))
         assert words(tasks) == [">pick a", "place in left"]
+
+
+@pytest.mark.parametrize("index", [0, 2])
+def test_removing_either_half_of_a_pair_removes_both_past_a_drive(index):
+    tasks = sequence()
+    edit(tasks, InsertTask(tasks=(CORNER,), index=1))
+    edit(tasks, RemoveTask(index=index))
+    assert words(tasks) == [">drive to (1.00, 1.00)", "pick b", "place in right"]
+
+
+def test_after_a_pick_that_was_given_up_before_a_drive_the_list_can_be_changed():
+    tasks = sequence()
+    edit(tasks, InsertTask(tasks=(CORNER,), index=1))
+    for _ in range(MAX_ATTEMPTS - 1):
+        tasks.apply("missed", 1.0)
+    edit(tasks, InsertTask(tasks=PAIR, index=2))
+    edit(tasks, RemoveTask(index=4))
+    assert words(tasks) == ["!pick a", "!place in left", ">pick c", "place in left", "pick b", "place in right"]
 
 
 def test_removing_the_active_task_goes_on_with_the_next():

@@ -216,3 +216,11 @@ def test_reach_can_be_set_for_another_arm() -> None:
     assert placement.mode == "reach"
     with pytest.raises(ValueError, match="ring radii"):
         PlacementParameters(radius_min=0.9)
+
+
+@pytest.mark.parametrize(("x", "words"), [(20.0, "can be reached"), (3.5, "closest free place")])
+def test_a_target_outside_the_map_is_said_to_be_outside_with_coordinates(x: float, words: str) -> None:
+    reason = place(world_of((), (-2, -2, 2, 2)), target("place", x, 0.0, "bin")).reason
+    assert f"bin at ({x:.2f}, 0.00) is outside the map, x -2.00 to 2.00 m" in reason
+    assert words in reason
+    assert "obstacles" not in reason
