@@ -12,11 +12,12 @@ _TEXT = "font-size:13px;line-height:1.4;padding:2px 12px 6px 12px"
 OWN = "(own)"
 
 
-def summary(values: TuningValues) -> str:
-    """How many parameters are changed, as HTML."""
+def summary(values: TuningValues, *, live: bool = True) -> str:
+    """How many parameters are changed, and on what they act, as HTML; ``live``: no earlier moment is shown."""
     count = len(values.changed())
     text = f"<b>{count}</b> of {len(PARAMETERS)} changed" if count else "All as shipped"
-    where = "for the comparison only" if values.apart else "acts at once"
+    where = "acts at once" if live else "looking back: acts on the running twin, not on what is shown"
+    where = "for the comparison only" if values.apart else where
     return f'<div style="{_TEXT}">{text} <span style="color:#6b7280">&middot; {where}</span></div>'
 
 
@@ -53,7 +54,7 @@ class TuneTab:
             for command in self._values.due():
                 self._hub.send(self._visitor, command)
             self._show(self._values.follow(shown.status.parameters))
-        self._summary.set(summary(self._values))
+        self._summary.set(summary(self._values, live=shown.live))
         changed = self._values.changed()
         self._preset.value = next((name for name, values in PRESETS.items() if _same(values, changed)), OWN)
         self._what_if.update(shown)

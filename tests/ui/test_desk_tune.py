@@ -98,5 +98,6 @@ def test_every_parameter_is_shown_with_the_papers_value(entry):
 
 def test_the_summary_counts_what_is_changed(values):
     assert "All as shipped" in summary(values)
+    assert "looking back" in summary(values, live=False)
     values.move("xi", 1.0)
     assert "<b>1</b> of" in summary(values)
