@@ -74,4 +74,4 @@ def test_every_shipped_scene_and_variant_can_be_chosen():
                 page.set("Load", True, "Button")
                 until(lambda run=run: client.tick().run > run, 60.0, f"{choice.name} / {variant} did not run")
                 assert (client.status().scene, client.status().variant) == (choice.name, variant)
-                assert client.status().state == "paused", client.status().text
+                until(lambda: client.status().state == "paused", 30.0, "it did not stay paused")
