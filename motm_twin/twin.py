@@ -30,6 +30,7 @@ from motm_twin.model.state import HasState, state_hash
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
+from motm_twin.record.plain import plain
 from motm_twin.record.session import Cut, LoggedEdit, Session
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.sim.rehearsal import Rehearsal
@@ -71,6 +72,7 @@ class Twin:
         self._told = Told(self.scene, self._start)
         self.edits: list[LoggedEdit] = []
         self.cuts: list[Cut] = []
+        self._broken: int | None = None  # period that has raised
         self._build()
         self._forget_queue()
 
@@ -91,6 +93,7 @@ class Twin:
 
     def post(self, edit: Edit) -> None:
         """Queue an edit for the next period; raises ValueError when it is not possible, and then changes nothing."""
+        edit = plain(edit)
         if isinstance(edit, WorldEdit):
             self._rehearsal = self._rehearsal or self.plant.rehearsal()
             self._rehearsal.accept(edit)
@@ -106,34 +109,51 @@ class Twin:
         self._queue.append(edit)
 
     def advance(self, budget: SearchBudget | None = None) -> Tick:
-        """Apply queued edits, run one period, return its Tick; ``budget`` repeats a search that the clock had cut."""
+        """Apply queued edits, run one period, return its Tick; ``budget`` repeats a search that the clock had cut.
+
+        A period that raises leaves the world between two periods: there is no way on but `reset` and `restore`.
+        """
+        if self._broken is not None:
+            raise RuntimeError(f"period {self._broken} has broken off: reset the twin, or restore a snapshot")
         edits = self._forget_queue()
-        index = self.loop.index
-        before = self.parameters
-        for edit in edits:
-            self.edits.append(LoggedEdit(index=index, edit=edit))
-            self._apply(edit)
-        if self.parameters != before:
-            self._retune()
-        tick = self.loop.period(edits, budget)
+        index, logged = self.loop.index, len(self.edits)
+        try:
+            tick = self._period(edits, budget)
+        except BaseException:
+            del self.edits[logged:]  # the log tells of whole periods only
+            self._broken = index
+            raise
         if tick.plan.cut_by_clock:
             self.cuts.append(Cut(index=index, expansions=tick.plan.expansions))
         elif budget is not None and budget.expansions < self._budget.expansions:
             self.cuts.append(Cut(index=index, expansions=budget.expansions))
         return tick
 
+    def _period(self, edits: tuple[Edit, ...], budget: SearchBudget | None) -> Tick:
+        index, before = self.loop.index, self.parameters
+        for edit in edits:
+            self.edits.append(LoggedEdit(index=index, edit=edit))
+            self._apply(edit)
+        if self.parameters != before:
+            self._retune()
+        return self.loop.period(edits, budget)
+
     def session(self, title: str = "") -> Session:
-        """The run so far, as what repeats it bit for bit; raises ValueError for a twin of given parameter objects."""
+        """The run so far, as what repeats it bit for bit; raises ValueError for a twin of given parameter objects.
+
+        After a period that broke off it is the run until then, without a state hash: that state is gone.
+        """
         if self._given:
             raise ValueError("a session keeps named parameters only: build the twin with parameters={...}")
+        whole = self._broken is None
         return Session(
-            title=title,
+            title=title if whole else f"{title} (until period {self._broken}, which broke off: no state hash)".lstrip(),
             scene=self.scene,
             parameters=dict(self._start),
             edits=tuple(self.edits),
             cuts=tuple(self.cuts),
-            periods=self.loop.index,
-            state_hash=self.state_hash(),
+            periods=self.loop.index if self._broken is None else self._broken,
+            state_hash=self.state_hash() if whole else "",
         )
 
     def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
@@ -154,19 +174,22 @@ class Twin:
     def snapshot(self) -> dict[str, Any]:
         """A copy of the whole state, random generators and the log of edits included; without queued edits."""
         state = {name: part.snapshot() for name, part in self.parts().items()}
-        return {**state, "log": (tuple(self.edits), tuple(self.cuts))}
+        # The lists only grow, so each with its length is enough, and snapshots of one run share them.
+        log = tuple((entries, len(entries)) for entries in (self.edits, self.cuts))
+        return {**state, "log": log, "broken": self._broken}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from a snapshot of the same scene; queued edits are forgotten."""
         known, parameters = self._told.map, self.parameters
         self._told.restore(state["told"])
-        if self._told.map != known:
+        if self._told.map != known or self._broken is not None:
             self._build()
         elif self.parameters != parameters:
             self._retune()
         for name, part in self.parts().items():
             part.restore(state[name])
-        self.edits, self.cuts = (list(entries) for entries in state["log"])
+        self.edits, self.cuts = (entries[:count] for entries, count in state["log"])  # new ones: others may share them
+        self._broken = state["broken"]
         self._forget_queue()
 
     def state_hash(self) -> str:

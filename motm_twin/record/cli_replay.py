@@ -15,7 +15,7 @@ OK, DIFFERENT = 0, 1
 
 
 def replay(file: str, *, update: bool = False, report: str | None = None) -> int:
-    """Rerun a session file; the exit code: 0 equal (or updated), 1 different.
+    """Rerun a session file; the exit code: 0 equal (or updated), 1 different or without a hash to compare with.
 
     ``update`` writes the new hash into the file; ``report``: file of the JSON report, '-' for standard output. Raises
     SessionError for a file that cannot be used.
@@ -67,6 +67,10 @@ def _print(session: Session, again: Rerun) -> None:
     )
     if again.ok:
         console.print(f"[green]equal[/green] bit for bit: state {again.state_hash[:12]}")
+        return
+    if not again.recorded_hash:
+        console.print("[yellow]not compared[/yellow]: ", end="")
+        console.print(f"{again.first_sign}; this run ends in state {again.state_hash[:12]}", markup=False)
         return
     console.print("[red]different[/red]: ", end="")
     console.print(explain(again), markup=False)

@@ -23,7 +23,7 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
 
     ok: bool  # the state is the recorded one, bit for bit
     state_hash: str  # now
-    recorded_hash: str
+    recorded_hash: str  # "": nothing to compare with
     periods: int
     time: float  # [s] simulated, at the end
     parts: dict[str, str]  # part of the twin: first digits of its own hash
@@ -106,7 +106,7 @@ class Tracker:
 
 def _first_sign(session: Session, track: Track, parts: dict[str, str]) -> str:
     if not session.state_hash:
-        return "the session has no state hash to compare with"
+        return "the session has no state hash to compare with (the period after its last one broke off, or it was cut)"
     if not session.track:
         return "the session was saved without a track, so where the runs part is not known"
     for second, (then, now) in enumerate(zip(session.track, track, strict=False), start=1):

@@ -59,7 +59,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     edits: tuple[LoggedEdit, ...] = ()
     cuts: tuple[Cut, ...] = ()
     periods: int = 0
-    state_hash: str = ""
+    state_hash: str = ""  # "" when that state was never seen whole: the next period broke off
     parts: dict[str, str] = {}  # part of the twin: first digits of its own hash, to tell which one differs
     track: tuple[tuple[float, float, float], ...] = ()  # true base pose after each second, to tell where a rerun parts
 
