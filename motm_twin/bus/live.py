@@ -10,9 +10,10 @@ from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import path_message, tick_message
 from motm_twin.bus.messages import InspectedMessage, TickMessage
 from motm_twin.bus.ports import MakeTwin, TwinLike
-from motm_twin.bus.preview import Preview
+from motm_twin.bus.preview import Preview, tasks_previewed
 from motm_twin.control.tick import Tick
-from motm_twin.model.edits import Edit, ParameterValue
+from motm_twin.control.tuning import parameter
+from motm_twin.model.edits import Edit, InsertTask, MoveTask, ParameterValue, RemoveTask, SetParameter
 from motm_twin.model.scene import Scene
 from motm_twin.record.session import LoggedEdit
 
@@ -95,6 +96,8 @@ class LiveTwin:
         except ValueError as error:
             raise Refused(str(error)) from error
         self._pending.append(edit)
+        if isinstance(edit, SetParameter):  # readers see what is set, also while time stands
+            self.parameters = _with(self.parameters, edit)
 
     def advance(self) -> tuple[TickMessage, Tick]:
         """Compute one period."""
@@ -148,7 +151,9 @@ class LiveTwin:
         if self._preview is None:
             self._preview = Preview(self.scene)
         twin = self.twin
-        return self._preview.show(message, lambda: twin.snapshot()["plant"], self._pending)
+        shown = self._preview.show(message, lambda: twin.snapshot()["plant"], self._pending)
+        edits = [edit for edit in self._pending if isinstance(edit, InsertTask | RemoveTask | MoveTask)]
+        return tasks_previewed(shown, _any(twin).loop, edits) if edits else shown
 
     def _explained(self, message: TickMessage) -> TickMessage:
         """The message with what `inspect` asked for. What can not be explained must not stop the robot."""
@@ -171,6 +176,14 @@ class LiveTwin:
             return None, staa_path
         path, next_path = (path_message(points) for points in paths)
         return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path
+
+
+def _with(parameters: dict[str, ParameterValue], edit: SetParameter) -> dict[str, ParameterValue]:
+    """The changed parameters after one more edit."""
+    others = {name: value for name, value in parameters.items() if name != edit.name}
+    if edit.value is None or edit.value == parameter(edit.name).default:
+        return others
+    return {**others, edit.name: edit.value}
 
 
 def _any(twin: TwinLike) -> Any:

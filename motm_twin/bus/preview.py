@@ -5,18 +5,21 @@ be: cubes ride on their table, fall into a bin or are taken out of the fingers. 
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from motm_twin.bus.encode import bodies
-from motm_twin.bus.messages import TickMessage
-from motm_twin.model.edits import Edit, WorldEdit
+from motm_twin.bus.messages import TaskMessage, TickMessage
+from motm_twin.model.edits import Edit, InsertTask, MoveTask, RemoveTask, WorldEdit
 from motm_twin.model.scene import Scene
+
+if TYPE_CHECKING:
+    from motm_twin.control.loop import ControlLoop
 
 
 class Preview:
-    """Applies edits to a copy of one state after another. Edits of what the robot wants or knows show nothing."""
+    """Applies edits to a copy of one state after another. Edits of what the robot knows show nothing."""
 
     def __init__(self, scene: Scene) -> None:
         from motm_twin.sim.plant import SimulatedPlant  # slow to import: only once the server listens
@@ -37,3 +40,19 @@ class Preview:
         truth = self._plant.truth()
         robot = msgspec.structs.replace(message.robot, true_pose=truth.pose.tolist())
         return msgspec.structs.replace(message, robot=robot, preview=True, **bodies(truth))
+
+
+def tasks_previewed(
+    message: TickMessage, loop: "ControlLoop", edits: Sequence[InsertTask | RemoveTask | MoveTask]
+) -> TickMessage:
+    """The message with the task list as these waiting edits leave it."""
+    from motm_twin.control.task_list import edited, kind_of, name_of  # as above
+
+    now = loop.sequence.listed()
+    for edit in edits:
+        now = edited(now, edit, loop.known, engaged=loop.engaged)
+    tasks = [
+        TaskMessage(kind=kind_of(task), target=name_of(task), status=status, attempts=attempts)
+        for task, status, attempts in zip(now.tasks, now.status, now.attempts, strict=True)
+    ]
+    return msgspec.structs.replace(message, tasks=tasks, task_index=now.index)

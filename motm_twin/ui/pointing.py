@@ -37,6 +37,8 @@ class Pointing:
             return
         ray = Ray.through(event.ray_origin, [o + d for o, d in zip(event.ray_origin, event.ray_direction, strict=True)])
         hit = self.surroundings.first(ray, tick, candidates=view.layers["Candidates"])
+        if hit is None or hit.kind != "floor":
+            view.sending = ""  # somebody has thought better of it
         if hit is None:
             view.selected = ""
         elif hit.kind == "candidate":

@@ -30,6 +30,7 @@ from motm_twin.bus.commands import (
 )
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.loop import SETTLE_PERIODS
+from motm_twin.control.tuning import parameter
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.record.replay import rerun
 from motm_twin.record.session import Session
@@ -220,3 +221,19 @@ def test_a_scene_can_be_loaded_while_somebody_drives(running):
     until(lambda: running.last.index > 3, "it does not play")
     runs = [tick.run for tick in running.sink.ticks]
     assert all(after >= before for before, after in itertools.pairwise(runs))
+
+
+def test_a_standing_twin_shows_the_tasks_and_parameters_that_wait_as_they_will_be(running):
+    before = running.last.tasks
+    done(running, InsertTask(tasks=(DriveTo(point=(0.5, 0.0)),), index=0))
+    done(running, RemoveTask(index=len(before) - 1))
+    done(running, SetParameter(name="next_weight", value=1.5))
+    shown = running.last
+    assert shown.preview
+    assert len(shown.tasks) == len(before) - 1
+    assert running.loop.status().parameters == {"next_weight": 1.5}
+    running.step()
+    assert [(t.kind, t.target) for t in running.last.tasks] == [(t.kind, t.target) for t in shown.tasks]
+    assert running.loop.status().parameters == {"next_weight": 1.5}
+    done(running, SetParameter(name="next_weight", value=parameter("next_weight").default))
+    assert running.loop.status().parameters == {}
