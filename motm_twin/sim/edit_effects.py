@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
@@ -21,7 +21,9 @@ from motm_twin.model.edits import (
     WorldEdit,
 )
 from motm_twin.model.geometry import Array, wrap_angle
+from motm_twin.model.scene import Agent
 from motm_twin.sim.agents import AgentState, start_agent
+from motm_twin.sim.blame import Shift
 from motm_twin.sim.bodies import added_agent, capped, placed
 from motm_twin.sim.faults import inject
 from motm_twin.sim.gripper import Gripper
@@ -42,7 +44,7 @@ Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of t
 class Effect:
     """What the referee must know of an edit."""
 
-    moved: tuple[str, ...] = ()  # names of solids, bins and agents that a person has really moved
+    moved: dict[str, Shift] = field(default_factory=dict)  # solids, bins and agents that a person has really moved
     disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing
     pushed: bool = False  # the robot was
 
@@ -60,8 +62,8 @@ class Effects:
         effect = Effect()
         match edit:
             case AddObstacle():
-                self._add(state, edit)
-                effect.moved = (edit.name,)
+                kind = self._add(state, edit)
+                effect.moved = {edit.name: Shift(None, (edit.x, edit.y, edit.heading), kind)}
             case MoveBody():
                 effect.moved = self._move(state, scenery, edit)
             case ReleaseBody():
@@ -73,7 +75,7 @@ class Effects:
             case SendAgent():
                 _send(agent_of(state, edit.name), edit)
             case RemoveBody():
-                self._remove(state, edit.name)
+                effect.moved = self._remove(state, edit.name)
             case MoveObject():
                 self._put(state, scenery, edit)
                 effect.disturbed = (edit.name,)
@@ -104,17 +106,19 @@ class Effects:
         return tuple(fallen)
 
     @staticmethod
-    def _add(state: PlantState, edit: AddObstacle) -> None:
+    def _add(state: PlantState, edit: AddObstacle) -> tuple[float | str, ...]:
+        """Shape and size of what is there now."""
         agent = added_agent(edit)
         if agent is None:
             state.layout = state.layout.with_obstacle(edit)
-            return
+            return (edit.shape, *edit.size)
         ranks = {item.rank for item in state.agents}
         rank = next(k for k in range(len(ranks) + 1) if k not in ranks)
         state.agents.append(start_agent(agent, rank, added=True))
+        return _kind(agent)
 
-    def _move(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[str, ...]:
-        """Names of the solids, bins or agent that are somewhere else now."""
+    def _move(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> dict[str, Shift]:
+        """The solids, bins or agent that are somewhere else now."""
         state.slides.pop(edit.name, None)
         agent = next((item for item in state.agents if item.agent.name == edit.name), None)
         if agent is not None:
@@ -126,7 +130,9 @@ class Effects:
             before, after = self._move_piece(state, scenery, edit)
         else:
             before, after = self._move_obstacle(state, scenery, edit)
-        return () if same_pose(tuple(before), tuple(after)) else self.furnishings.parts(edit.name)
+        here, there = _floats(before), _floats(after)
+        parts = () if same_pose(here, there) else self.furnishings.parts(edit.name)
+        return dict.fromkeys(parts, Shift(here, there))
 
     def _move_piece(self, state: PlantState, scenery: Scenery, edit: MoveBody) -> tuple[Array, Array]:
         before = self.furnishings.pose(state.layout, edit.name)
@@ -174,8 +180,17 @@ class Effects:
             self.loosened(state, edit.name)
         state.slides[edit.name] = capped(edit.velocity, FASTEST)
 
-    def _remove(self, state: PlantState, name: str) -> None:
+    def _remove(self, state: PlantState, name: str) -> dict[str, Shift]:
+        """The body that is gone, if it can come back."""
         layout = state.layout
+        gone = {
+            item.agent.name: Shift(_floats(item.pose), None, _kind(item.agent))
+            for item in state.agents
+            if item.agent.name == name
+        }
+        item = layout.obstacle(name)
+        if item is not None:
+            gone[name] = Shift((item.x, item.y, item.heading), None, (item.shape, *item.size))
         state.slides.pop(name, None)
         added = [item.agent.name for item in state.agents if item.added]
         added += [item.name for item in layout.obstacles if item.name not in layout.taken]
@@ -185,6 +200,7 @@ class Effects:
             obstacles=tuple(item for item in layout.obstacles if item.name != name),
             removed=layout.removed if name in added else (*layout.removed, name),
         )
+        return gone
 
     @staticmethod
     def _put(state: PlantState, scenery: Scenery, edit: MoveObject) -> None:
@@ -205,6 +221,15 @@ class Effects:
 def agent_of(state: PlantState, name: str) -> AgentState:
     """The agent of this name."""
     return next(item for item in state.agents if item.agent.name == name)
+
+
+def _kind(agent: Agent) -> tuple[float | str, ...]:
+    return ("agent", agent.radius, agent.height)
+
+
+def _floats(pose: Array) -> tuple[float, float, float]:
+    x, y, heading = (float(value) for value in pose)
+    return x, y, heading
 
 
 def _turned(before: float, heading: float | None) -> float:

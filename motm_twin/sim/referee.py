@@ -13,13 +13,25 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
-from motm_twin.model.scene import Pick, Place, Scene, Task
-from motm_twin.sim.blame import NEVER, Disturbance, latest, persons_doing, recent, still_persons_doing
+from motm_twin.model.scene import Pick, Place, PlanarPose, Scene, Task
+from motm_twin.sim.blame import (
+    NOT_BY_PUSH,
+    UNMOVED,
+    Base,
+    Motion,
+    Shift,
+    appeared,
+    remembered,
+    shifted,
+    still_persons_doing,
+)
+from motm_twin.sim.episodes import Episode, contact_of
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState
 from motm_twin.sim.plant_check import PlantCheck, PlantCheckState
 from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, update_gaps
 from motm_twin.sim.solids import Solids, rectangle
+from motm_twin.sim.without import Without
 
 TOUCH = 1e-5  # [m] of penetration that counts as contact
 ROBOT_MOVES = 0.02  # [m/s] towards the other, from which the robot caused a contact
@@ -29,19 +41,6 @@ SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it 
 DROP_HEIGHT = 0.01  # [m] of fall that makes a drop
 NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the own base, or always beside it
 _NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: which distance makes an exact measurement worth it
-
-
-@dataclass
-class Episode:
-    """A contact that goes on."""
-
-    began: float
-    last: float
-    depth: float
-    closing_speed: float
-    other_speed: float
-    robot_moved: bool
-    by_person: bool
 
 
 @dataclass
@@ -74,8 +73,8 @@ class RefereeState:
     agents_before: Array = field(default_factory=lambda: np.zeros((0, 4)))
     episodes: dict[tuple[str, str], Episode] = field(default_factory=dict)
     contacts: list[Contact] = field(default_factory=list)  # ended
-    edits: dict[str, Disturbance] = field(default_factory=dict)  # body: when a person last moved it
-    pushed: Disturbance = NEVER  # when a person last pushed the robot
+    edits: dict[str, Motion] = field(default_factory=dict)  # body: how persons moved it lately
+    pushed: Motion = UNMOVED  # how persons pushed the robot lately
     disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing: no place, no drop
     held: str = ""
     held_from_z: float = 0.0
@@ -112,6 +111,7 @@ class Referee:
         self._bodies: tuple[tuple[str, float, float], ...] | None = None
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._transform = coal.Transform3s()
+        self._without = Without()
         self._base_shape = self.robot.bodies.index("base")
         self._base_reach = math.hypot(0.5 * self._foot.length + abs(self._foot.offset_x), 0.5 * self._foot.width)
 
@@ -127,14 +127,18 @@ class Referee:
         """The task list is another one now: objects belong where it says."""
         state.right_bins = right_bins(tasks)
 
-    def edited(self, state: RefereeState, world: World, *, moved: Collection[str], disturbed: Collection[str]) -> None:
+    def edited(
+        self, state: RefereeState, world: World, *, moved: Mapping[str, Shift], disturbed: Collection[str]
+    ) -> None:
         """A person changed the world between two substeps: distances are measured anew, jumps are no fault.
 
-        Contacts with the bodies that were really ``moved`` are the person's for a while; what ``disturbed`` objects do
-        next is not the robot's doing.
+        Contacts that bodies make because they were ``moved`` are the person's for a while; what ``disturbed`` objects
+        do next is not the robot's doing.
         """
-        now = Disturbance(world.time, float(world.twist[0]))
-        state.edits = recent(state.edits, world.time) | dict.fromkeys(moved, now)
+        state.edits = remembered(state.edits, world.time)
+        for name, shift in moved.items():
+            known = state.edits.get(name, UNMOVED)
+            state.edits[name] = shifted(known, world.time, float(world.twist[0]), shift)
         state.disturbed = tuple(sorted({*state.disturbed, *disturbed}))
         state.gaps = np.zeros((0, 0))
         state.agents_before = world.agents
@@ -142,14 +146,16 @@ class Referee:
 
     def pushed(self, state: RefereeState, world: World) -> None:
         """A person pushed the robot, between two substeps."""
-        self.edited(state, world, moved=(), disturbed=())
-        state.pushed = Disturbance(world.time, float(world.twist[0]))
-        state.placed_before = self._place(world)
+        self.edited(state, world, moved={}, disturbed=())
+        placed = self._place(world)
+        before, after = (_planar(bodies[self._base_shape]) for bodies in (state.placed_before, placed))
+        state.pushed = shifted(state.pushed, world.time, float(world.twist[0]), Shift(before, after))
+        state.placed_before = placed
 
     def step(self, state: RefereeState, world: World) -> None:
         """Judge the substep that ended with this world."""
         for name in world.slides:
-            state.edits[name] = Disturbance(world.time, float(world.twist[0]))
+            state.edits[name] = appeared(world.time, float(world.twist[0]))
         self.check.step(state.check, world)
         self._objects(state, world)
         placed = self._place(world)
@@ -158,7 +164,7 @@ class Referee:
 
     def contacts(self, state: RefereeState) -> tuple[Contact, ...]:
         """All contacts so far, those that go on included, by time."""
-        going_on = [_contact(pair, episode) for pair, episode in state.episodes.items()]
+        going_on = [contact_of(pair, episode) for pair, episode in state.episodes.items()]
         return tuple(sorted([*state.contacts, *going_on], key=lambda contact: contact.time))
 
     def _place(self, world: World) -> Array:
@@ -317,21 +323,31 @@ class Referee:
         pair = (body, around.names[j])
         episode = state.episodes.get(pair)
         if episode is None:
-            by_person = self._by_person(state, world, body, pair[1])
+            by_person = self._by_person(state, world, around, i, j, closing)
             episode = Episode(world.time, world.time, 0.0, closing, other_speed, False, by_person)
             state.episodes[pair] = episode
         elif episode.by_person:  # for as long as the robot needs to stop; then it goes on into what stands still
-            episode.by_person = still_persons_doing(latest(state.edits, state.pushed, pair[1]), world.time)
+            motions = _motions(state, pair[1])
+            episode.by_person = any(still_persons_doing(motion, episode.began, world.time) for motion in motions)
         episode.last = world.time
         episode.depth = max(episode.depth, -distance)
         episode.robot_moved |= closing > ROBOT_MOVES and not episode.by_person
 
-    def _by_person(self, state: RefereeState, world: World, body: str, other: str) -> bool:
+    def _by_person(
+        self, state: RefereeState, world: World, around: Surroundings, i: int, j: int, closing: float
+    ) -> bool:
         """Whether a contact that begins now is a person's doing, or part of one that is and lasts."""
-        lasting = any(name == other and episode.by_person for (_, name), episode in state.episodes.items())
-        cause = latest(state.edits, state.pushed, other)
-        speed = float(world.twist[0]) if body == "base" else None
-        return lasting or persons_doing(cause, world.time, base_speed=speed, deceleration=self._deceleration)
+        other = around.names[j]
+        if any(name == other and episode.by_person for (_, name), episode in state.episodes.items()):
+            return True
+        return self._without.persons_doing(
+            _motions(state, other),
+            world.time,
+            Base(float(world.twist[0]) if i == self._base_shape else None, self._deceleration),
+            robot=(self.robot.shapes[i], self._transform),
+            other=(around.shapes[j], around.transforms[j]),
+            closing=closing,
+        )
 
     def _velocity(self, state: RefereeState, placed: Array, i: int, point: Array) -> Array:
         """Velocity [m/s] of a point fixed to shape i, over the last substep, shape (3,)."""
@@ -353,7 +369,7 @@ class Referee:
 
     def _end_episodes(self, state: RefereeState, now: float) -> None:
         for pair in [pair for pair, episode in state.episodes.items() if now - episode.last > EPISODE_END]:
-            state.contacts.append(_contact(pair, state.episodes.pop(pair)))
+            state.contacts.append(contact_of(pair, state.episodes.pop(pair)))
 
 
 def _body_centre(pose: Array, offset_x: float) -> tuple[float, float, float]:
@@ -361,17 +377,14 @@ def _body_centre(pose: Array, offset_x: float) -> tuple[float, float, float]:
     return x + offset_x * math.cos(heading), y + offset_x * math.sin(heading), heading
 
 
-def _contact(pair: tuple[str, str], episode: Episode) -> Contact:
-    return Contact(
-        time=episode.began,
-        body=pair[0],
-        other=pair[1],
-        depth=episode.depth,
-        closing_speed=episode.closing_speed,
-        other_speed=episode.other_speed,
-        caused_by_robot=episode.robot_moved,
-        duration=episode.last - episode.began,
-    )
+def _motions(state: RefereeState, other: str) -> tuple[Motion, Motion]:
+    """What persons did to a body, and to the robot as far as it concerns a contact with that body."""
+    return state.edits.get(other, UNMOVED), UNMOVED if other in NOT_BY_PUSH else state.pushed
+
+
+def _planar(transform: Array) -> PlanarPose:
+    x, y = transform[:2, 3].tolist()
+    return x, y, math.atan2(transform[1, 0], transform[0, 0])
 
 
 def right_bins(tasks: Sequence[Task]) -> dict[str, tuple[str, ...]]:

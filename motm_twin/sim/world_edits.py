@@ -22,7 +22,7 @@ from motm_twin.model.edits import (
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.sim.bodies import Outline, disc_outline
 from motm_twin.sim.faults import LONGEST, LONGEST_DELAY, SHORTEST
-from motm_twin.sim.layout import Furnishings
+from motm_twin.sim.layout import STILL, STILL_TURN, Furnishings
 from motm_twin.sim.objects import riders
 from motm_twin.sim.overlap import entered, gaps
 from motm_twin.sim.plant_state import PlantState
@@ -194,6 +194,11 @@ def _check_push(furnishings: Furnishings, state: PlantState, scenery: Scenery, e
         raise EditError(
             f"push of {math.hypot(edit.dx, edit.dy):.2f} m and {edit.turn:.2f} rad: "
             f"at most {FARTHEST_PUSH} m and {LARGEST_TURN} rad"
+        )
+    if math.hypot(edit.dx, edit.dy) < STILL and abs(edit.turn) < STILL_TURN:
+        raise EditError(
+            f"push of {1000.0 * math.hypot(edit.dx, edit.dy):g} mm and {edit.turn:g} rad moves nothing: "
+            f"a push needs at least {1000.0 * STILL:g} mm or {STILL_TURN:g} rad"
         )
     foot = furnishings.scene.robot.footprint
     world = Obstruction(scenery.solids, state.agents, height=foot.height)

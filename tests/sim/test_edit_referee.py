@@ -1,5 +1,7 @@
 """Who caused a contact: a person who moved something, or the robot."""
 
+import contextlib
+
 import msgspec
 import numpy as np
 import pytest
@@ -7,10 +9,11 @@ from edit_scenes import room
 from sim_hands import act
 from sim_scenes import box, scene
 
-from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, PushRobot, ReleaseBody
+from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, PushRobot, ReleaseBody, RemoveBody
 from motm_twin.model.scene import Agent
 from motm_twin.sim.blame import BRAKING, PERSON
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.world_edits import EditError
 
 
 def base_hits(plant):
@@ -78,6 +81,96 @@ def test_a_body_that_is_only_held_is_no_excuse_however_often_the_hand_says_so():
         plant.apply(MoveBody(name="it", x=0.9, y=0.0, heading=0.0))
         plant.step(0.05)
     assert [item.caused_by_robot for item in base_hits(plant)] == [True]
+
+
+BOX = AddObstacle(name="it", x=1.2, y=0.0, size=(0.3, 0.3, 0.6))
+
+
+def hits_while(*edits, speed=0.4, periods=60):
+    """Base contacts of a robot that drives at a box while every period brings the next of these edits, in turn."""
+    plant = SimulatedPlant(scene())
+    plant.apply(BOX)
+    plant.step(1.0)
+    plant.command(act((speed, 0.0)))
+    for k in range(periods):
+        for edit in edits[k % len(edits)]:
+            with contextlib.suppress(EditError):  # a push further into the box
+                plant.apply(edit)
+        plant.step(0.05)
+    return [item.caused_by_robot for item in base_hits(plant)]
+
+
+def at(x, heading=0.0):
+    return (MoveBody(name="it", x=x, y=0.0, heading=heading),)
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        (at(1.20011), at(1.2)),
+        (at(1.2), at(1.2, 0.002)),
+        (at(1.203), at(1.197), at(1.2)),
+        tuple(at(1.2 - 0.00011 * k) for k in range(60)),
+        ((PushRobot(dx=0.0, dy=0.0002),), (PushRobot(dx=0.0, dy=-0.0002),)),
+        ((PushRobot(dx=0.0, dy=0.0, turn=0.0011),), (PushRobot(dx=0.0, dy=0.0, turn=-0.0011),)),
+        ((RemoveBody(name="it"), BOX),),
+        ((RemoveBody(name="it"), BOX, *at(1.2002)),),
+    ],
+)
+def test_a_hand_that_trembles_or_puts_a_body_back_where_it_was_is_no_excuse(edits):
+    assert hits_while(*edits) == [True]
+
+
+def test_a_body_that_is_dragged_away_from_a_faster_robot_is_no_excuse():
+    assert hits_while(*(at(1.2 + 0.005 * k) for k in range(60))) == [True]
+
+
+def test_a_body_dragged_slowly_towards_a_slow_robot_is_the_persons_doing():
+    assert hits_while(*(at(1.2 - 0.6 * k / 300) for k in range(300)), speed=0.035, periods=250) == [False]
+
+
+def test_a_trembling_hand_does_not_prolong_the_excuse_of_a_contact():
+    plant = driving(0.2)
+    x = float(plant.truth().pose[0]) + 0.55
+    plant.apply(AddObstacle(name="it", x=x, y=0.0))
+    charged = []
+    for k in range(30):
+        plant.apply(MoveBody(name="it", x=x + 0.002 * (k % 2), y=0.0))
+        plant.step(0.05)
+        charged.append(any(item.caused_by_robot for item in base_hits(plant)))
+    assert not any(charged[: round(BRAKING / 0.05) - 1])
+    assert charged[-1]
+
+
+@pytest.mark.parametrize(
+    "back",
+    [
+        BOX,
+        AddObstacle(name="it", x=1.0, y=0.0, size=(0.3, 0.3, 0.6)),
+        AddObstacle(name="it", x=1.2, y=0.0, size=(0.8, 0.3, 0.6)),
+    ],
+)
+def test_a_body_that_comes_back_elsewhere_or_larger_or_after_a_while_onto_the_robot_is_the_persons_doing(back):
+    plant = SimulatedPlant(scene())
+    plant.apply(BOX)
+    plant.command(act((0.3, 0.0)))
+    plant.step(2.0)
+    plant.apply(RemoveBody(name="it"))
+    if back is BOX:
+        plant.step(PERSON + 1.0)
+    plant.apply(back)
+    stop(plant)
+    assert [item.caused_by_robot for item in base_hits(plant)] == [False]
+
+
+def test_a_push_that_moves_nothing_is_refused():
+    plant = SimulatedPlant(scene())
+    with pytest.raises(ValueError, match="a push needs at least"):
+        plant.apply(PushRobot(dx=0.0, dy=0.0, turn=0.0))
+
+
+def test_a_push_sideways_does_not_excuse_what_lay_ahead_anyway():
+    assert hits_while((PushRobot(dx=0.0, dy=0.01),), (PushRobot(dx=0.0, dy=-0.01),)) == [True]
 
 
 def test_a_body_held_against_the_robot_for_seconds_is_its_own_business_when_it_drives_on():
