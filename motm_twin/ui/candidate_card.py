@@ -39,9 +39,11 @@ def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
     pieces = []
     dearest = max((cost for cost in placement.cost if cost is not None), default=0.0)
     if here is not None and dearest > 0.0:
-        pieces.append(Piece(0.0, here / dearest, colours.css(colours.GLOBAL_PATH)))
+        pieces.append(Piece(0.0, here / dearest, colours.css(colours.INSPECTED)))
         if onward is not None:
-            pieces.append(Piece(here / dearest, (here + weight * onward) / dearest, colours.css(colours.NEXT_PATH)))
+            pieces.append(
+                Piece(here / dearest, (here + weight * onward) / dearest, colours.css(colours.INSPECTED_NEXT))
+            )
     return [pairs(rows), f'<div style="margin-top:4px">{bar(*pieces, height=7)}</div>']
 
 

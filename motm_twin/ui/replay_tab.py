@@ -23,6 +23,7 @@ SPAN = 120.0  # [s]
 SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
 PICTURE = (1200, 1920)  # [px] height, width
+RENDER_TIME = 60.0  # [s] for a browser to draw one picture
 _TEXT = "font-size:12px;line-height:1.45;color:#6b7280;padding:0 12px 6px 12px"
 _CODE = "background:#f3f4f6;border-radius:3px;padding:0 4px"
 
@@ -130,7 +131,9 @@ class ReplayTab:
     async def screenshot(self) -> None:
         """Download a picture of the scene from this visitor's camera."""
         height, width = PICTURE
-        picture = await asyncio.to_thread(self._visitor.client.get_render, height=height, width=width)
+        picture = await asyncio.to_thread(
+            self._visitor.client.get_render, height=height, width=width, timeout=RENDER_TIME
+        )
         buffer = io.BytesIO()
         await asyncio.to_thread(Image.fromarray(picture[..., :3]).save, buffer, "PNG")
         self._visitor.client.send_file_download(
