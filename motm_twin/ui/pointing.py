@@ -9,12 +9,13 @@ import asyncio
 import viser
 
 from motm_twin.bus.commands import Command
-from motm_twin.bus.messages import TaskMessage, TickMessage
+from motm_twin.bus.messages import TickMessage
 from motm_twin.model.edits import InsertTask, RemoveTask, SendAgent
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.ui.aim import Hit, Ray, Surroundings
 from motm_twin.ui.drag import Drag
 from motm_twin.ui.hub import Hub, Visitor
+from motm_twin.ui.task_list import waiting_job
 
 SELECTED = ("object", "bin", "body", "piece")
 
@@ -93,12 +94,3 @@ class Pointing:
             self._hub.tell(visitor, reason)
             return False
         return (await asyncio.to_thread(self._hub.command, visitor, command)).ok
-
-
-def waiting_job(tasks: list[TaskMessage], cube: str) -> tuple[int, str] | None:
-    """Index of a waiting pick of this cube, and the bin it is to be placed in; None when there is none."""
-    for index, task in enumerate(tasks):
-        if task.kind == "pick" and task.target == cube and task.status == "waiting":
-            place = next((later for later in tasks[index:] if later.kind == "place"), None)
-            return index, "" if place is None else place.target
-    return None

@@ -113,6 +113,15 @@ def label(job: Job) -> str:
     return f"{_SIGNS.get(job.status, _WAITING)[0]} {job.text}{again}"
 
 
+def waiting_job(tasks: list[TaskMessage], cube: str) -> tuple[int, str] | None:
+    """Index of a waiting pick of this cube, and the bin it is to be placed in; None when there is none."""
+    for index, task in enumerate(tasks):
+        if task.kind == "pick" and task.target == cube and task.status == "waiting":
+            place = next((later for later in tasks[index:] if later.kind == "place"), None)
+            return index, "" if place is None else place.target
+    return None
+
+
 class TaskBlock:
     """The list of tasks of one visitor's panel."""
 
@@ -122,6 +131,7 @@ class TaskBlock:
         self._listed: list[Job] = []
         self._open: list[Job] = []  # as the rows show them
         self._names: tuple = ()
+        self._tasks: list[TaskMessage] = []
         with gui.add_folder("Tasks") as self._folder:
             self._ended = Html(gui)
             self._rows_at = gui.add_folder(None)
@@ -139,6 +149,7 @@ class TaskBlock:
 
     def update(self, shown: Shown) -> None:
         """Show this."""
+        self._tasks = shown.newest.tasks if shown.newest is not None else []
         if shown.tick is not None:
             self._show(jobs(shown.tick.tasks))
         if shown.scene is not None:
@@ -176,5 +187,15 @@ class TaskBlock:
 
     def _insert(self) -> None:
         if self._cube.value and self._bin.value and self._hub.live(self._visitor):
-            tasks = (Pick(object=self._cube.value), Place(bin=self._bin.value))
-            self._hub.send(self._visitor, InsertTask(tasks=tasks))
+            self._deliver(self._cube.value, self._bin.value)
+
+    def _deliver(self, cube: str, box: str) -> None:
+        """At the end of the list; a cube that waits in it already goes to this bin instead."""
+        index, planned = None, waiting_job(self._tasks, cube)
+        if planned is not None:
+            index, before = planned
+            if before == box:
+                self._hub.tell(self._visitor, f"{cube} goes to {box} already", "Task")
+                return
+            self._hub.send(self._visitor, RemoveTask(index=index))
+        self._hub.send(self._visitor, InsertTask(tasks=(Pick(object=cube), Place(bin=box)), index=index))
