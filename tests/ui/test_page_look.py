@@ -49,6 +49,15 @@ def test_layers_candidates_looking_back_branching_and_saving_by_mouse(tmp_path):
         branched = until(lambda: client.tick().run > newest.run and client.tick(), 30.0, "no branch")
         assert branched.index == newest.index - BACK
         visitor.says("(live)")
+        visitor.says("kept: 0 to")  # the past that the branch shares
+        for key, words in (
+            ("j", f"period {branched.index - 1}"),
+            ("k", "(live)"),
+            ("j", "Looking back"),
+            ("l", "(live)"),
+        ):
+            page.keyboard.press(key)
+            visitor.says(words)
 
         with page.expect_download() as download:
             visitor.press("Save the session")
