@@ -15,6 +15,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.model.edits import Edit, InsertTask, MoveTask, ParameterValue, RemoveTask, SetParameter
 from motm_twin.model.scene import Scene
+from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import LoggedEdit
 
 if TYPE_CHECKING:
@@ -99,13 +100,13 @@ class LiveTwin:
         if isinstance(edit, SetParameter):  # readers see what is set, also while time stands
             self.parameters = _with(self.parameters, edit)
 
-    def advance(self) -> tuple[TickMessage, Tick]:
-        """Compute one period."""
+    def advance(self, *, by_the_clock: bool) -> tuple[TickMessage, Tick]:
+        """Compute one period. Only while time runs does the clock bound a search: single steps repeat bit for bit."""
         assert self.twin is not None
         assert self._branches is not None
         self._branches.note(_any(self.twin), self.twin.index)
         self.oldest = self._branches.oldest
-        self.tick = self.twin.advance()
+        self.tick = self.twin.advance(None if by_the_clock else SearchBudget())
         self._pending = []
         self.parameters, self.recorded = dict(self.twin.parameters), len(self.twin.edits)
         self._asked = False

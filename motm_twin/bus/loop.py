@@ -353,7 +353,7 @@ class TwinLoop:
         self._steps = max(0, self._steps - 1)
         self._pacer.started(time.monotonic())
         self._outdated = False
-        message, tick = self._live.advance()
+        message, tick = self._live.advance(by_the_clock=self._state == "playing")
         self._sink.tick(message, tick, last=self._state != "playing" or tick.done)
         self._settling = self._settling - 1 if tick.done else SETTLE_PERIODS
         if tick.done and self._settling <= 0:

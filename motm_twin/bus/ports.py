@@ -8,6 +8,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
+from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import LoggedEdit, Session
 
 
@@ -16,8 +17,8 @@ class TwinLike(Protocol):
 
     edits: list[LoggedEdit]  # everything that was done to this run
 
-    def advance(self) -> Tick:
-        """Compute one period."""
+    def advance(self, budget: SearchBudget | None = None) -> Tick:
+        """Compute one period, with another budget of the search than its own when one is given."""
         ...
 
     def post(self, edit: Edit) -> None:

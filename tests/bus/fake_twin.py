@@ -163,7 +163,7 @@ class FakeTwin:
     def staa_path(self):
         return np.zeros((0, 2))
 
-    def advance(self):
+    def advance(self, budget=None):
         if self.fail_at == self.index:
             raise RuntimeError("the fake twin was told to fail")
         edits, self.queue = tuple(self.queue), []

@@ -1,6 +1,7 @@
 """The loop with the real twin: edits of both kinds, going back, explanations, sessions."""
 
 import itertools
+import time
 
 import msgspec
 import pytest
@@ -32,6 +33,7 @@ from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.loop import SETTLE_PERIODS
 from motm_twin.control.tuning import parameter
 from motm_twin.model.scene import DriveTo, Pick, Place
+from motm_twin.planning.types import SearchBudget
 from motm_twin.record.replay import rerun
 from motm_twin.record.session import Session
 from motm_twin.twin import Twin
@@ -237,3 +239,17 @@ def test_a_standing_twin_shows_the_tasks_and_parameters_that_wait_as_they_will_b
     assert running.loop.status().parameters == {"next_weight": 1.5}
     done(running, SetParameter(name="next_weight", value=parameter("next_weight").default))
     assert running.loop.status().parameters == {}
+
+
+def test_single_steps_do_not_depend_on_how_fast_the_machine_is():
+    def hurried(scene):
+        return Twin(scene, budget=SearchBudget(seconds=1e-9), clock=time.perf_counter)
+
+    def cuts():
+        return running.twins[-1].cuts
+
+    with Running(hurried, library=FileLibrary("exp1"), first="exp1") as running:
+        running.step(15)
+        assert cuts() == []
+        done(running, Play())
+        until(cuts, "the clock cuts no search while time runs")

@@ -264,7 +264,7 @@ def _own_address():
 
 def test_closing_takes_less_than_two_seconds_even_in_a_long_period():
     class Slow(FakeTwin):
-        def advance(self):
+        def advance(self, budget=None):
             if self.index > 1:
                 time.sleep(8.0)
             return super().advance()
