@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motm_twin.model.geometry import Array, from_frame, to_frame
-from motm_twin.model.scene import Bin, SceneObject
+from motm_twin.model.scene import Bin, Pick, Place, SceneObject, Task
 from motm_twin.sim.kernels import polygon_distance
 from motm_twin.sim.solids import Solids
 
@@ -154,3 +154,16 @@ def carry(riding: Sequence[ObjectState], before: Array, after: Array) -> None:
     for item in riding:
         item.position = from_frame(after, to_frame(before, item.position))
         item.turn_to(item.yaw + float(after[2] - before[2]))
+
+
+def right_bins(tasks: Sequence[Task]) -> dict[str, tuple[str, ...]]:
+    """Bins in which each object belongs: the one of the first place task after each of its picks."""
+    right: dict[str, tuple[str, ...]] = {}
+    picked = ""
+    for task in tasks:
+        if isinstance(task, Pick):
+            picked = task.object
+        elif isinstance(task, Place) and picked:
+            right[picked] = (*right.get(picked, ()), task.bin)
+            picked = ""
+    return right

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
-from motm_twin.model.scene import Pick, Place, PlanarPose, Scene, Task
+from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.sim.blame import (
     NOT_BY_PUSH,
     UNMOVED,
@@ -27,7 +27,7 @@ from motm_twin.sim.blame import (
 )
 from motm_twin.sim.episodes import Episode, contact_of
 from motm_twin.sim.kernels import clearance
-from motm_twin.sim.objects import ObjectState
+from motm_twin.sim.objects import ObjectState, right_bins
 from motm_twin.sim.plant_check import PlantCheck, PlantCheckState
 from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, update_gaps
 from motm_twin.sim.solids import Solids, rectangle
@@ -385,16 +385,3 @@ def _motions(state: RefereeState, other: str) -> tuple[Motion, Motion]:
 def _planar(transform: Array) -> PlanarPose:
     x, y = transform[:2, 3].tolist()
     return x, y, math.atan2(transform[1, 0], transform[0, 0])
-
-
-def right_bins(tasks: Sequence[Task]) -> dict[str, tuple[str, ...]]:
-    """Bins in which each object belongs: the one of the first place task after each of its picks."""
-    right: dict[str, tuple[str, ...]] = {}
-    picked = ""
-    for task in tasks:
-        if isinstance(task, Pick):
-            picked = task.object
-        elif isinstance(task, Place) and picked:
-            right[picked] = (*right.get(picked, ()), task.bin)
-            picked = ""
-    return right
