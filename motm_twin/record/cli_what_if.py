@@ -49,6 +49,7 @@ def _print(was: Outcome, changed: Outcome, title: str) -> None:
     for column in table.columns[1:]:
         column.justify = "right"
     table.add_row(escape("time [s]"), *_numbers(was.time_s, changed.time_s, 2))
+    table.add_row(escape("forecast from [s]"), *(_since(end.forecast_from_s) for end in (was, changed)), "")
     table.add_row("picks", *_numbers(was.picks, changed.picks, 0))
     table.add_row("places", *_numbers(was.places, changed.places, 0))
     table.add_row("contacts caused", *_numbers(was.contacts, changed.contacts, 0))
@@ -58,8 +59,24 @@ def _print(was: Outcome, changed: Outcome, title: str) -> None:
     console.print(table)
     for end in (was, changed):
         _say(console, f"{end.run}: {end.reason}" if end.reason else "")
+    _say(console, _forecast(was, "the recording ends there"))
+    _say(console, _forecast(changed, "the change begins there"))
     for said in changed.skipped:
         _say(console, f"left out of the changed run: {said}")
+
+
+def _forecast(end: Outcome, why: str) -> str:
+    """What to think of a time that nobody has measured; "" when it is as recorded."""
+    if end.forecast_from_s is None:
+        return ""
+    return (
+        f"{end.run}: forecast from {end.forecast_from_s:g} s on ({why}): no clock cuts its searches, "
+        "so a live run may end at another time"
+    )
+
+
+def _since(seconds: float | None) -> str:
+    return "as recorded" if seconds is None else f"{seconds:.2f}"
 
 
 def _say(console: Console, text: Any) -> None:

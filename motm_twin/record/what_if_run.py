@@ -44,13 +44,17 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     success: bool
     reason: str  # why not, one sentence; "" after success
     skipped: tuple[str, ...] = ()  # recorded edits that the changed run could not take, and why
+    forecast_from_s: float | None = None  # [s] `time_s` is a forecast that begins here; None: it is as recorded
 
 
 def run_one(session: Session, *, changes: Changes, start: int) -> Iterator[Sample | Outcome]:
     """Samples at 10 Hz, then the Outcome. Without changes it is the run as it was. Raises SessionError.
 
     The run goes on after the recorded periods until its tasks are done, its time is over, or nothing is achieved for
-    30 s. Edits that the recorded run took and this one cannot are left out and named in the Outcome.
+    30 s. From there on, and in the changed run from the change on, it is a forecast: every search may use all its
+    expansions, where a clock may have cut those of a live run. What was done within the recorded periods is done at
+    the recorded time, exactly. Edits that the recorded run took and this one cannot are left out and named in the
+    Outcome.
     """
     side = _Side(session, changes, start)
     index = 0
@@ -135,9 +139,11 @@ class _Side:
             reason = "the referee counts fewer cubes in their bins than the robot believes to have placed"
         if not reason and caused:
             reason = f"{caused} contact(s) caused by the robot"
+        time = tick.time if self._done_time is None else self._done_time
         return Outcome(
             run=self.name,
-            time_s=round(tick.time if self._done_time is None else self._done_time, 3),
+            time_s=round(time, 3),
+            forecast_from_s=self._forecast_from(time),
             picks=truth.picks,
             places=truth.places,
             contacts=caused,
@@ -146,6 +152,11 @@ class _Side:
             reason=reason,
             skipped=tuple(self._skipped),
         )
+
+    def _forecast_from(self, time: float) -> float | None:
+        """Where the repetition of the recording ended [s], if that was before the period at ``time`` [s]."""
+        known = min(self._start, self._session.periods) if self._changes else self._session.periods
+        return round(known / PERIODS_PER_SECOND, 3) if round(time * PERIODS_PER_SECOND) >= known else None
 
 
 def _all_placed(tick: Tick) -> bool:

@@ -58,15 +58,20 @@ def disturbances():
     return DISTURBANCES
 
 
+@pytest.fixture(scope="session")
+def clocked():
+    """Makes the twin of a scene as the server has it: the clock ends some of its searches."""
+    return lambda scene: Twin(scene, budget=SearchBudget(seconds=0.004), clock=Clock())
+
+
 @pytest.fixture
-def clocked_twin():
-    """A twin as the server has it: the clock ends some of its searches."""
-    return Twin(load_scene("exp1", "trial2", 1), budget=SearchBudget(seconds=0.004), clock=Clock())
+def clocked_twin(clocked):
+    return clocked(load_scene("exp1", "trial2", 1))
 
 
 @pytest.fixture(scope="session")
-def recorded():
-    twin = Twin(load_scene("exp1", "trial2", 1), budget=SearchBudget(seconds=0.004), clock=Clock())
+def recorded(clocked):
+    twin = clocked(load_scene("exp1", "trial2", 1))
     hashes = []
     for index in range(PERIODS):
         hashes.append(twin.state_hash())

@@ -60,6 +60,30 @@ def test_the_run_as_it_was_goes_on_to_the_end_of_its_tasks(session):
     assert len(samples[0].q) == 7
 
 
+def test_a_run_that_was_recorded_to_its_end_ends_at_its_recorded_time(clocked):
+    twin = clocked(drive_scene())
+    ticks = [twin.advance()]
+    while not ticks[-1].done:
+        ticks.append(twin.advance())
+    assert twin.cuts
+    finished, at_once = ticks[-1], twin.session()
+    for _ in range(45):
+        ticks.append(twin.advance())
+    for session in (at_once, twin.session()):
+        samples, end = ends(session, {})
+        assert (end.time_s, end.forecast_from_s) == (round(finished.time, 3), None)
+        assert (end.success, end.path_length) == (True, round(finished.truth.path_length, 3))
+        assert samples[-1].time == end.time_s
+        assert samples[-1].pose == pytest.approx(finished.truth.pose, abs=1e-4)
+
+
+def test_what_was_not_recorded_is_called_a_forecast(session):
+    for periods in (20, 40):
+        part = replace(session, periods=periods)
+        assert ends(part, {})[1].forecast_from_s == periods / 20
+        assert ends(part, SLOW, start=10)[1].forecast_from_s == 0.5
+
+
 def test_the_changed_run_is_the_same_until_its_moment_and_another_from_then_on(session):
     was, _ = ends(session, {})
     changed, end = ends(session, SLOW, start=20)
