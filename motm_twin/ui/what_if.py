@@ -50,6 +50,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     success: bool = False
     reason: str = ""
     skipped: tuple[str, ...] = ()
+    forecast_from_s: float | None = None  # [s] from when on the time is a forecast; None: as recorded
 
 
 class _Line(msgspec.Struct, frozen=True, kw_only=True):

@@ -85,11 +85,12 @@ class TestResult:
 
     def test_it_says_how_much_faster(self):
         ended = {
-            run: Outcome(time_s=seconds, picks=6, places=6, contacts=0, success=True)
-            for run, seconds in zip(RUNS, (70.0, 64.5), strict=True)
+            run: Outcome(time_s=seconds, picks=6, places=6, contacts=0, success=True, forecast_from_s=begin)
+            for run, seconds, begin in zip(RUNS, (70.0, 64.5), (None, 12.3), strict=True)
         }
         text = result(State(phase="done", outcomes=ended))
         assert "5.5 s faster" in text and "70.0 s" in text and "64.5 s" in text
+        assert "forecast" in text and "from 12.3 s" in text
 
     def test_it_says_how_far_it_is(self):
         assert "at 12 s" in result(State(phase="running", reached={"changed": 12.0}))
