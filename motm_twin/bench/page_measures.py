@@ -19,6 +19,7 @@ READERS = 5
 DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], points, [s] between two of them
 ARRIVED = 0.05  # [m] short of the end of a drag still counts as there
 BODY = "measured"
+DRIVEN = "is driving"  # what a refusal says while somebody else has the wheel
 WHEEL = 15.0  # [s] to wait for the wheel
 
 
@@ -26,8 +27,7 @@ def act(client: TwinClient, command: Command) -> None:
     """Send a command and let go of the wheel, so that a page may take it. Raises RuntimeError when it is refused."""
     deadline = time.monotonic() + WHEEL
     while not (answer := client.command(command)).ok:
-        driver = (status := client.status()) is not None and status.driver
-        if driver in ("", client.sender) or time.monotonic() > deadline:
+        if DRIVEN not in answer.reason or time.monotonic() > deadline:
             raise RuntimeError(f"{command!r} was refused: {answer.reason}")
         time.sleep(0.1)  # a page has the wheel until it has been silent for a while
     client.command(HandOver())
