@@ -24,7 +24,7 @@ run: .venv/.ready-run ## set up, start the twin and its page (SCENE=exp1), print
 test: .venv/.ready-dev ## set up (Chromium too, where it can be installed) and run every test
 	@chromium=$$(tools/chromium.sh) || { \
 	  if [ "$${MOTM_REQUIRE_BROWSER:-0}" = 1 ]; then echo "MOTM_REQUIRE_BROWSER=1, but there is no Chromium"; exit 1; fi; }; \
-	$(PYTHON_ENV) MOTM_CHROMIUM="$$chromium" $(BIN)/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
+	$(PYTHON_ENV) MOTM_CHROMIUM="$$chromium" $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(TESTS) $(ARGS)
 
 check: .venv/.ready-dev ## formatting, lint and types; changes nothing
 	@$(BIN)/ruff format --check .
