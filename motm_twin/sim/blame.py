@@ -15,9 +15,7 @@ from motm_twin.model.scene import PlanarPose
 
 PERSON = 0.5  # [s] after a person moved a body (or the robot) within which a new contact with it can be their doing
 BRAKING = 1.2  # [s] after that motion for which such a contact stays the person's doing while it lasts: the robot stops
-REACTION = 0.2  # [s] until a robot that sees a body appear brakes at its limit: a scan, a period, the lag of its base
-SPEED_SLACK = 0.02  # [m/s]
-FORGOTTEN = 10.0  # [s] no base needs longer to stop
+FORGOTTEN = 2.0  # [s] after which a motion matters to nothing; more than the two above
 OWN_MOTION = 0.03  # [m] that a person's motion must part the two by to explain their contact; less when as far as
 JITTER = 0.01  # [m] the robot went itself in PERSON, but never less than this: a hand that holds something trembles
 TURN_REACH = 0.3  # [m] from its centre: how far a turn moves a body
@@ -34,11 +32,10 @@ class Shift(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Part of a drag: when it began and ended [s], how fast the base drove at its end [m/s], from where to where."""
+    """Part of a drag: when it began and ended [s], from where to where."""
 
     began: float
     time: float
-    base_speed: float
     before: PlanarPose
     after: PlanarPose
 
@@ -55,46 +52,38 @@ class Motion(NamedTuple):
     """What persons did lately to a body, or to the robot."""
 
     came: float = -math.inf  # [s] it came into the world or slid as thrown: no place before
-    came_speed: float = 0.0  # [m/s] of the base then
     steps: tuple[Step, ...] = ()
     anchor: PlanarPose | None = None  # where it was when it was last seen to move by more than jitter
     moved: float = -math.inf  # [s] then
     gone: Gone | None = None
 
 
-class Base(NamedTuple):
-    """The part of the robot that brakes."""
-
-    speed: float | None  # [m/s] now; None: another part of the robot is in contact
-    deceleration: float  # [m/s^2] at its limit
-
-
 UNMOVED = Motion()
 
 
-def appeared(time: float, base_speed: float) -> Motion:
+def appeared(time: float) -> Motion:
     """Of a body that came to where it is from nowhere near."""
-    return Motion(came=time, came_speed=base_speed, moved=time)
+    return Motion(came=time, moved=time)
 
 
-def shifted(motion: Motion, time: float, base_speed: float, shift: Shift) -> Motion:
-    """After an edit at a time [s]; base_speed [m/s]."""
+def shifted(motion: Motion, time: float, shift: Shift) -> Motion:
+    """After an edit at a time [s]."""
     before, after = shift.before, shift.after
     if after is None:
         return motion if before is None else motion._replace(gone=Gone(time, before, shift.kind))
     if before is None:
         gone = motion.gone
         if gone is None or time - gone.time > PERSON or gone.kind != shift.kind:
-            return appeared(time, base_speed)
+            return appeared(time)
         before = gone.pose  # put back before anybody could have made use of its absence
     steps = tuple(step for step in motion.steps if time - step.time <= FORGOTTEN)
     last = steps[-1] if steps else None
     follows = last is not None and last.after == before
     anchor = motion.anchor if follows and motion.anchor is not None else before
     if follows and last is not None and time - last.began < MERGED:
-        steps = (*steps[:-1], last._replace(time=time, base_speed=base_speed, after=after))
+        steps = (*steps[:-1], last._replace(time=time, after=after))
     else:
-        steps = (*steps, Step(time, time, base_speed, before, after))
+        steps = (*steps, Step(time, time, before, after))
     motion = motion._replace(steps=steps, anchor=anchor, gone=None)
     return motion if _way(anchor, after) < JITTER else motion._replace(anchor=after, moved=time)
 
@@ -114,22 +103,12 @@ def _last(motion: Motion) -> float:
     return max(motion.came, ended, -math.inf if motion.gone is None else motion.gone.time)
 
 
-def in_time(now: float, when: float, speed_then: float, base: Base) -> bool:
-    """Whether a contact that begins now may be the doing of a person who moved something at ``when`` [s].
-
-    It is within `PERSON` of it. Later it may for a base that has braked at its limit ever since: a body that is put
-    nearer than the base can stop cannot be avoided.
-    """
-    since = now - when
-    if since <= PERSON:
-        return True
-    if base.speed is None or since > FORGOTTEN:
-        return False
-    slowest = abs(speed_then) - base.deceleration * (since - REACTION)
-    return SPEED_SLACK < abs(base.speed) <= slowest + SPEED_SLACK
+def in_time(now: float, when: float) -> bool:
+    """Whether a contact that begins now may be the doing of a person who moved something at ``when`` [s]."""
+    return now - when <= PERSON
 
 
-def undone(motion: Motion, now: float, base: Base) -> Iterator[Array]:
+def undone(motion: Motion, now: float) -> Iterator[Array]:
     """Planar transforms, world frame, shape (3,), that take a body back to where it stood before it was moved.
 
     One for each step of its way that is recent enough (`in_time`), the newest first.
@@ -137,7 +116,7 @@ def undone(motion: Motion, now: float, base: Base) -> Iterator[Array]:
     back = np.zeros(3)
     for step in reversed(motion.steps):
         back = compose(compose(np.array(step.before), inverse(np.array(step.after))), back)
-        if in_time(now, step.time, step.base_speed, base):
+        if in_time(now, step.time):
             yield back
 
 

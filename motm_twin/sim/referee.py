@@ -17,7 +17,6 @@ from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.sim.blame import (
     NOT_BY_PUSH,
     UNMOVED,
-    Base,
     Motion,
     Shift,
     appeared,
@@ -105,7 +104,6 @@ class Referee:
         self.robot = RobotShapes(scene.robot)
         self.check = PlantCheck(scene.robot, dt)
         self._foot = scene.robot.footprint
-        self._deceleration = scene.robot.base.linear_acceleration
         self._tasks = scene.tasks
         self._surroundings: Surroundings | None = None
         self._bodies: tuple[tuple[str, float, float], ...] | None = None
@@ -138,7 +136,7 @@ class Referee:
         state.edits = remembered(state.edits, world.time)
         for name, shift in moved.items():
             known = state.edits.get(name, UNMOVED)
-            state.edits[name] = shifted(known, world.time, float(world.twist[0]), shift)
+            state.edits[name] = shifted(known, world.time, shift)
         state.disturbed = tuple(sorted({*state.disturbed, *disturbed}))
         state.gaps = np.zeros((0, 0))
         state.agents_before = world.agents
@@ -149,13 +147,13 @@ class Referee:
         self.edited(state, world, moved={}, disturbed=())
         placed = self._place(world)
         before, after = (_planar(bodies[self._base_shape]) for bodies in (state.placed_before, placed))
-        state.pushed = shifted(state.pushed, world.time, float(world.twist[0]), Shift(before, after))
+        state.pushed = shifted(state.pushed, world.time, Shift(before, after))
         state.placed_before = placed
 
     def step(self, state: RefereeState, world: World) -> None:
         """Judge the substep that ended with this world."""
         for name in world.slides:
-            state.edits[name] = appeared(world.time, float(world.twist[0]))
+            state.edits[name] = appeared(world.time)
         self.check.step(state.check, world)
         self._objects(state, world)
         placed = self._place(world)
@@ -343,7 +341,6 @@ class Referee:
         return self._without.persons_doing(
             _motions(state, other),
             world.time,
-            Base(float(world.twist[0]) if i == self._base_shape else None, self._deceleration),
             robot=(self.robot.shapes[i], self._transform),
             other=(around.shapes[j], around.transforms[j]),
             closing=closing,

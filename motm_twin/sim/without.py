@@ -6,7 +6,7 @@ import coal
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.sim.blame import Base, Motion, explains, in_time, undone
+from motm_twin.sim.blame import Motion, explains, in_time, undone
 
 Placed = tuple[coal.CollisionGeometry, coal.Transform3s]
 
@@ -19,17 +19,17 @@ class Without:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
     def persons_doing(
-        self, motions: tuple[Motion, Motion], now: float, base: Base, *, robot: Placed, other: Placed, closing: float
+        self, motions: tuple[Motion, Motion], now: float, *, robot: Placed, other: Placed, closing: float
     ) -> bool:
         """Whether a contact that begins now [s] is the doing of a person who moved the other body or the robot.
 
         ``motions``: of the other body, and of the robot; ``closing`` [m/s]: how fast the robot comes towards the other.
         """
         of_other, of_robot = motions
-        if any(in_time(now, motion.came, motion.came_speed, base) for motion in motions):
+        if any(in_time(now, motion.came) for motion in motions):
             return True
-        pairs = [(robot, (other[0], _moved(back, other[1]))) for back in undone(of_other, now, base)]
-        pairs += [((robot[0], _moved(back, robot[1])), other) for back in undone(of_robot, now, base)]
+        pairs = [(robot, (other[0], _moved(back, other[1]))) for back in undone(of_other, now)]
+        pairs += [((robot[0], _moved(back, robot[1])), other) for back in undone(of_robot, now)]
         return any(explains(self._gap(*pair), closing) for pair in pairs)
 
     def _gap(self, robot: Placed, other: Placed) -> float:

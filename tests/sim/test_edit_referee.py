@@ -51,19 +51,16 @@ def test_a_robot_that_does_not_stop_for_what_was_put_before_it_causes_the_contac
     assert [item.caused_by_robot for item in base_hits(plant)] == [True]
 
 
-@pytest.mark.parametrize(("gap", "reaction", "by_robot"), [(0.17, 0.1, False), (0.22, 0.45, True)])
-def test_a_body_put_nearer_than_the_base_can_stop_is_the_persons_doing_if_the_base_brakes_at_once(
-    gap, reaction, by_robot
-):
+def test_a_contact_that_begins_later_is_the_robots_although_it_could_not_have_stopped():
     plant = driving()
     front, half = 0.35, 0.25
-    plant.apply(AddObstacle(name="it", x=float(plant.truth().pose[0]) + front + half + gap, y=0.0))
+    plant.apply(AddObstacle(name="it", x=float(plant.truth().pose[0]) + front + half + 0.17, y=0.0))
     before = plant.time
-    plant.step(reaction)
+    plant.step(0.1)
     stop(plant)
     (hit,) = base_hits(plant)
     assert hit.time - before > PERSON
-    assert hit.caused_by_robot == by_robot
+    assert hit.caused_by_robot
 
 
 def test_what_was_put_down_before_is_the_robots_business():
