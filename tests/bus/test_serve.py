@@ -1,5 +1,6 @@
 """`motm-twin serve` as a user starts it: the real twin, a plain Zenoh subscriber, ports, signals, deaths."""
 
+import errno
 import itertools
 import json
 import os
@@ -18,7 +19,7 @@ from waiting import until
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, MoveBody, Pause, Speed
 from motm_twin.bus.running import all_running
-from motm_twin.bus.session import free_port
+from motm_twin.bus.session import free_port, require_free_port
 from motm_twin.record.replay import rerun
 from motm_twin.record.session import Session
 
@@ -87,7 +88,8 @@ def test_a_plain_zenoh_subscriber_sees_the_robot_drive_and_a_clean_end():
         assert not any(alive(pid) for pid in pids)
         assert not any(item.pid == process.pid for item in all_running())
         with socket.socket() as probe:
-            probe.bind(("127.0.0.1", port))
+            assert probe.connect_ex(("127.0.0.1", port)) == errno.ECONNREFUSED
+        require_free_port("127.0.0.1", port, "")  # what the next server asks; connections that ended do not count
 
 
 @pytest.mark.timeout(600)
