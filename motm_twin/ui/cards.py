@@ -16,6 +16,7 @@ _STATES = {
     "waiting": ("Waiting for the twin", "#b45309"),
     "lost": ("Connection lost", "#b91c1c"),
 }
+LOOKING_BACK = "#7c3aed"
 PHASES = {
     "stow": "Arm at rest",
     "transit": "Reaching out on the move",
@@ -39,14 +40,20 @@ HELP = """
 """
 
 
-def status_card(state: str, status: StatusMessage | None, note: str) -> str:
-    """State of the server, time, wanted and actual speed, and a sentence when there is something to say."""
+def status_card(state: str, status: StatusMessage | None, note: str, *, looked_at: float | None = None) -> str:
+    """State of the server, time, wanted and actual speed, and a sentence when there is something to say.
+
+    ``looked_at``: time [s] of the earlier period that is shown, which then stands in the place of the newest.
+    """
     name, colour = _STATES.get(state, (state, "#6b7280"))
+    if looked_at is not None:
+        name, colour = "Looking back", LOOKING_BACK
     chip = (
         f'<span style="background:{colour};color:white;border-radius:9px;padding:1px 9px;font-weight:600">'
         f"{html.escape(name)}</span>"
     )
-    rows = [f'<div style="display:flex;justify-content:space-between;align-items:center">{chip}{_clock(status)}</div>']
+    clock = _clock(status, looked_at)
+    rows = [f'<div style="display:flex;justify-content:space-between;align-items:center">{chip}{clock}</div>']
     if status is not None:
         rows.append(f'<div style="{_MUTED}margin-top:4px">{_where(status)}{_speed(state, status)}</div>')
     if note:
@@ -54,10 +61,12 @@ def status_card(state: str, status: StatusMessage | None, note: str) -> str:
     return f'<div style="{_BOX}">{"".join(rows)}</div>'
 
 
-def _clock(status: StatusMessage | None) -> str:
+def _clock(status: StatusMessage | None, looked_at: float | None) -> str:
     if status is None:
         return ""
-    return f'<span style="font-variant-numeric:tabular-nums;font-size:17px;font-weight:600">{status.time:.1f} s</span>'
+    time = f"{status.time:.1f} s" if looked_at is None else f"{looked_at:.2f} s"
+    colour = "" if looked_at is None else f"color:{LOOKING_BACK};"
+    return f'<span style="font-variant-numeric:tabular-nums;font-size:17px;font-weight:600;{colour}">{time}</span>'
 
 
 def _where(status: StatusMessage) -> str:

@@ -74,7 +74,8 @@ class Desk:
         note = shown.status.text if shown.status is not None else f"no twin server at {self._hub.client.endpoint} yet"
         if shown.state == "lost":
             note = "the twin server is silent; this page reconnects by itself"
-        self._status.set(cards.status_card(shown.state, shown.status, note))
+        looked_at = None if shown.live or shown.tick is None else shown.tick.time
+        self._status.set(cards.status_card(shown.state, shown.status, note, looked_at=looked_at))
         self._wheel.update(shown)
         driving = self._hub.drives(self.visitor)
         if driving != self._driving:

@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import math
 import re
 import time
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from motm_twin.ui.widgets import HOLD, Changing, Html, buttons
 if TYPE_CHECKING:
     from motm_twin.ui.history import Span
 
-SPAN = 120.0  # [s]
+SPAN_LEAST = 1.0  # [s] of the slider
 SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
 PICTURE = (1200, 1920)  # [px] height, width
@@ -51,6 +52,12 @@ def span_line(shown: Shown, span: "Span | None") -> str:
     )
 
 
+def slider_start(span: "Span | None") -> float:
+    """Where the slider of seconds before now begins [s]: at what is kept, in whole seconds so that it seldom moves."""
+    kept = 0.0 if span is None else span.last_time - span.first_time
+    return -max(SPAN_LEAST, float(math.ceil(kept - 1e-6)))
+
+
 def rerun_text(name: str) -> str:
     """How a saved session is used, as HTML; ``name`` is one of `file_name`."""
     return (
@@ -70,8 +77,7 @@ class ReplayTab:
         self._shown: Shown | None = None
         gui.add_html('<div class="motm-stacked"></div>')
         self._line = Html(gui)
-        marks = ((-120.0, "-120"), (-60.0, "-60"), (0.0, "now"))
-        self._slider = self._changing(gui.add_slider("Seconds before now", -SPAN, 0.0, PERIOD, 0.0, marks=marks))
+        self._slider = self._changing(gui.add_slider("Seconds before now", -SPAN_LEAST, 0.0, PERIOD, 0.0))
         self._slider.on_update(hub.driving(lambda event, _: self._look(float(event.target.value))))
         self._touched = -1e9
         self._play = self._row(gui, ("◀ 1", "Play", "1 ▶", "Live"), self._move, hint="keys J, K, L")
@@ -100,7 +106,10 @@ class ReplayTab:
         self._shown = shown
         self._line.set(span_line(shown, self._span()))
         if time.monotonic() - self._touched > HOLD:
-            self._slider.value = round(-min(SPAN, shown.behind) / PERIOD) * PERIOD
+            start = slider_start(self._span())
+            if self._slider.min != start:
+                self._slider.min = start
+            self._slider.value = round(max(start, -shown.behind) / PERIOD) * PERIOD
         self._play.options = ("◀ 1", "Pause" if self._hub.playback.playing else "Play", "1 ▶", "Live")
         self._branch.disabled = shown.live or not self._changing.on
 

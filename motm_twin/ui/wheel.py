@@ -6,6 +6,7 @@ import viser
 
 from motm_twin.bus.commands import NAME_MAX, HandOver, TakeWheel
 from motm_twin.bus.messages import StatusMessage
+from motm_twin.ui.cards import LOOKING_BACK
 from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
 from motm_twin.ui.widgets import Html
 
@@ -31,14 +32,14 @@ def asked_line(name: str) -> str:
 
 def back_line(shown: Shown) -> str:
     """The note that an earlier period is shown, as HTML; "" while the newest is."""
-    if shown.live:
+    if shown.live or shown.tick is None:
         return ""
-    text = f"Looking back <b>{shown.behind:.1f} s</b>; the twin runs on"
-    if shown.state != "playing":
-        text = f"Looking back <b>{shown.behind:.1f} s</b>"
+    live = "" if shown.newest is None else f"live: {shown.newest.time:.2f} s"
+    runs_on = ", runs on" if shown.state == "playing" else ""
     return (
-        f'<div style="{_ROW}padding-top:4px"><div style="border-left:3px solid #7c3aed;background:#7c3aed14;'
-        f'padding:4px 8px">{text}</div></div>'
+        f'<div style="{_ROW}padding-top:4px"><div style="border-left:3px solid {LOOKING_BACK};'
+        f'background:{LOOKING_BACK}14;padding:4px 8px;font-variant-numeric:tabular-nums">'
+        f"looking back &middot; <b>{shown.tick.time:.2f} s</b> ({live}{runs_on})</div></div>"
     )
 
 

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 
 from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, MoveTask, Pause, TakeWheel
 from motm_twin.bus.messages import StatusMessage, TaskMessage
+from motm_twin.ui.cards import status_card
 from motm_twin.ui.disturb import Thing
 from motm_twin.ui.disturb_tab import about, faults
 from motm_twin.ui.history import Span
 from motm_twin.ui.hub import Hub, View, clean_name
 from motm_twin.ui.playback import Playback
-from motm_twin.ui.replay_tab import file_name, rerun_text
+from motm_twin.ui.replay_tab import file_name, rerun_text, slider_start
 from motm_twin.ui.task_list import ended_lines, jobs, label, moved
 from motm_twin.ui.wheel import asked_line, driver_line
 from motm_twin.ui.widgets import Changing
@@ -279,3 +280,15 @@ def test_files_have_names_that_any_system_takes():
     assert file_name(status(variant=""), "png") == "exp2-0-12.3s.png"
     assert file_name(status(scene="../../etc/passwd", variant="a b\n"), "json") == "etc_passwd-a_b-0-12.3s.json"
     assert file_name(None, "html") == "twin.html"
+
+
+def test_the_slider_of_replay_spans_what_is_kept():
+    assert slider_start(None) == slider_start(Span(0, 0, 0.05, 0.05)) == -1.0
+    assert slider_start(Span(0, 683, 0.05, 34.20)) == -35.0
+    assert slider_start(Span(100, 2499, 5.05, 125.0)) == -120.0
+
+
+def test_the_headline_shows_the_time_that_is_looked_at():
+    assert "12.3 s" in status_card("playing", status(), "") and "Running" in status_card("playing", status(), "")
+    back = status_card("playing", status(), "", looked_at=4.25)
+    assert "4.25 s" in back and "Looking back" in back and "12.3 s" not in back and "Running" not in back
