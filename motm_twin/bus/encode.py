@@ -190,6 +190,7 @@ def tick_message(tick: Tick, run: int, server_time: float, *, began: float = 0.0
         done=bool(tick.done),
         success=bool(tick.success),
         preview=False,
+        edits=list(tick.edits),
     )
 
 

@@ -20,7 +20,12 @@ class Keys:
         self.grid = f"{root}/grid"  # raw bytes with an attachment, on change
         self.scene = f"{root}/scene"  # JSON, on change; answers queries
         self.status = f"{root}/status"  # JSON, on change and twice a second; answers queries
+        self.robot = f"{root}/robot"  # JSON at 50 Hz: base, joints, gripper, frames
+        self.scan = f"{root}/scan"  # JSON, every new sweep of the lidar
+        self.event = f"{root}/event"  # JSON, reliable and numbered; answers queries with its history
+        self.metrics = f"{root}/metrics"  # JSON, once a second
         self.session = f"{root}/session"  # JSON of the run so far; answers queries only
+        self.schemas = f"{root}/schema/**"  # JSON Schema of every message; answers queries only
         self.alive = f"{root}/alive"  # liveliness token
         self.commands = f"{root}/cmd/**"
         self._command = f"{root}/cmd"

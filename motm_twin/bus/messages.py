@@ -6,11 +6,15 @@ version; a change of meaning or a removal makes a new one.
 
 import msgspec
 
-from motm_twin.model.edits import ParameterValue
+from motm_twin.model.edits import Edit, ParameterValue
 
 TICK_VERSION = "motm.tick/1"
 STATUS_VERSION = "motm.status/1"
 GRID_VERSION = "motm.grid/1"
+ROBOT_VERSION = "motm.robot/1"
+SCAN_VERSION = "motm.scan/1"
+EVENT_VERSION = "motm.event/1"
+METRICS_VERSION = "motm.metrics/1"
 
 Vector = list[float]
 Vectors = list[list[float]]
@@ -193,6 +197,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     began: float = 0.0  # [s] server time of the load or reset; a branch keeps it: its past is that of the run before
     first: int = 0  # first period of this run: where it branched from the run before, else 0
     preview: bool  # True: paused; bodies stand where posted edits will put them in the next period
+    edits: list[Edit] = []  # applied at the start of this period
 
 
 class SceneChoice(msgspec.Struct, frozen=True, kw_only=True):
@@ -227,6 +232,9 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     oldest: int = 0  # first period that `branch` can go back to
     recorded: int = 0  # edits in the log of this run
     reference_tour: MaybeNumber = None  # [s] lower bound of this scene's task, see bench.reference_tour
+    plant: str = "simulated"  # simulated | zenoh (an external robot is commanded) | mirror (one is only shown)
+    plant_text: str = ""  # one sentence about the external robot; "" for a simulated one
+    recording: str = ""  # file that the server writes now; "" when it writes none
 
 
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -240,6 +248,84 @@ class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
     width: int
     height: int
     stamp: float
+
+
+class RobotStateMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The robot at one instant, 50 times a second of simulated time."""
+
+    version: str
+    run: int
+    server_time: float  # [s] when it was sent
+    time: float  # [s] simulated, or on the clock of the external robot
+    pose: Vector  # localised base pose x, y, heading, world
+    odometry: Vector  # dead-reckoned base pose x, y, heading
+    twist: Vector  # forward speed [m/s], yaw rate [rad/s]
+    joint_names: list[str]
+    q: Vector  # arm joints, 7
+    dq: Vector  # arm joint rates [rad/s], 7
+    gripper_width: float
+    gripper_moving: bool
+    frames: dict[str, Vector]  # world frame: x, y, z, then the quaternion w, x, y, z
+
+
+class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """One sweep of the lidar; beam i points at ``angle_min + i * angle_step`` in the base frame."""
+
+    version: str
+    run: int
+    server_time: float
+    stamp: float  # [s]
+    pose: Vector  # localised base pose at the stamp, world
+    origin: Vector  # sensor position in the base frame, shape (2,)
+    angle_min: float
+    angle_step: float
+    range_min: float
+    range_max: float
+    ranges: list[MaybeNumber]  # null: no return within range_max
+
+
+class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True):
+    """An event on its own key. Numbers rise by one without gaps for as long as the server lives."""
+
+    version: str
+    seq: int
+    run: int
+    server_time: float
+    index: int  # period
+    time: float  # [s] simulated
+    kind: str  # picked | placed | missed | lost | arrived | failed | contact | stop | go | done | edit | loaded | ...
+    text: str
+    body: str = ""  # contact: of the robot
+    other: str = ""  # contact: what it touched; else the object or bin
+    caused_by_robot: bool | None = None  # contact only
+
+
+class MetricsMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """How it goes, once a second."""
+
+    version: str
+    run: int
+    server_time: float
+    time: float  # [s] simulated
+    state: str
+    speed: float
+    actual_speed: float
+    period_ms: dict[str, float]  # p50, p99, max of the last 10 s of periods
+    stage_ms: dict[str, float]  # mean of the last second, by stage
+    overruns: int  # periods that took longer than 50 ms, this run
+    tasks_done: int
+    tasks_total: int
+    picks: int
+    places: int
+    drops: int
+    contacts: int
+    contacts_caused_by_robot: int
+    path_length: float
+    min_base_clearance: MaybeNumber
+    min_arm_clearance: MaybeNumber
+    min_ee_obstacle: MaybeNumber
+    reference_tour: MaybeNumber
+    memory_mb: float  # resident memory of the server process
 
 
 GRID_ENCODING = "u8: 255 occupied, else 254 * proximity; rows from y_min to y_max"

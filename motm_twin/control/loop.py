@@ -110,7 +110,7 @@ class ControlLoop(Stateful[LoopState]):
                 observation.time, in_reach, observation.pose, blocked=blocked, outside=outside, why=self._state.waiting
             )
         )
-        steps, arm_events, reason = self._arm_steps(observation, world, plan, stages)
+        steps, samples, arm_events, reason = self._arm_steps(observation, world, plan, stages)
         events += arm_events
         truth = self._truth()
         state = self._state
@@ -133,6 +133,7 @@ class ControlLoop(Stateful[LoopState]):
             truth=truth,
             done=self.sequence.done,
             success=self.sequence.done and not self.sequence.failures,
+            samples=samples,
         )
         state.index += 1
         return tick
@@ -177,14 +178,15 @@ class ControlLoop(Stateful[LoopState]):
 
     def _arm_steps(
         self, observation: Observation, world: WorldMap, plan: BasePlan, stages: Stages
-    ) -> tuple[list[ArmStep], list[Event], str]:
-        """The arm steps of this period; the plant moves on between them."""
+    ) -> tuple[list[ArmStep], tuple[Observation, ...], list[Event], str]:
+        """The arm steps of this period and what each saw; the plant moves on between them."""
         dt = PERIOD / self.settings.arm_steps
         T_odom_world = odometry_to_world(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
         obstacles = ArmObstacles(points=from_frame(T_odom_world, world.seen_points), static=world.seen_static)
         start = self.monitor.twist
         steps: list[ArmStep] = []
+        samples: list[Observation] = []
         events: list[Event] = []
         reason = ""
         for k in range(self.settings.arm_steps):
@@ -200,6 +202,7 @@ class ControlLoop(Stateful[LoopState]):
             with stages.measure("monitor"):
                 verdict = self.monitor.check(step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp)
             steps.append(step)
+            samples.append(observation)
             reason = verdict.reason or reason
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
@@ -214,7 +217,7 @@ class ControlLoop(Stateful[LoopState]):
                     self._state.dwell, self._state.engaged = None, False
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
-        return steps, events, reason
+        return steps, tuple(samples), events, reason
 
     def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
         """Believe a lost object on the furniture below the hand, or else back where it was picked."""

@@ -58,3 +58,4 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     truth: Truth | None  # simulated plants only
     done: bool
     success: bool
+    samples: tuple[Observation, ...] = ()  # what each arm step of this period saw, oldest first
