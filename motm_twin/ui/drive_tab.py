@@ -23,6 +23,7 @@ class DriveTab:
         self._playing = False
         self._choices: list[SceneChoice] = []
         self._loaded: tuple = ()
+        self._filled: tuple = ("", "", 0)  # scene, variant and seed as this program or a press of Load left them
         self._shown_speed = "1x"
         self._play = self._changing(gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="space"))
         self._play.on_click(hub.driving(lambda *_: self.toggle()))
@@ -47,7 +48,9 @@ class DriveTab:
             self._layers = {name: self._layer(gui, name) for name in LAYERS}
 
     def enable(self, driving: bool) -> None:
-        """Grey while somebody else drives."""
+        """Grey while somebody else drives; what was chosen but not loaded is forgotten then."""
+        if not driving:
+            self._filled, self._loaded = self._chosen(), ()
         self._changing.enable(driving)
         self._tasks.enable(driving)
 
@@ -67,8 +70,10 @@ class DriveTab:
         self._tasks.update(shown)
 
     def toggle(self) -> None:
-        """Play or pause."""
-        self._send(Pause() if self._playing else Play())
+        """Play or pause, as the twin is now: the panel may be a moment behind."""
+        status = self._hub.client.status()
+        playing = self._playing if status is None else status.state == "playing"
+        self._send(Pause() if playing else Play())
 
     def faster(self, steps: int) -> None:
         """Wish for a higher or lower speed."""
@@ -83,21 +88,30 @@ class DriveTab:
         return box
 
     def _show_status(self, status: StatusMessage) -> None:
+        choosing = self._chosen() != self._filled  # a person is, and news of an earlier load must not undo that
         if status.scenes != self._choices:
             self._choices = status.scenes
             self._scene.options = tuple(choice.name for choice in status.scenes) or ("",)
         loaded = (status.scene, status.variant, status.seed)
         if loaded != self._loaded and status.scene in self._scene.options:
             self._loaded = loaded
-            self._scene.value = status.scene
-            self._offer_variants()
-            if status.variant in self._variant.options:
-                self._variant.value = status.variant
-            self._seed.value = status.seed
+            if not choosing:
+                self._fill(status)
         speed = next((name for name, factor in SPEEDS.items() if factor == status.speed), None)
         if speed is not None and speed != self._shown_speed:
             self._shown_speed = speed
             self._speed.value = speed
+
+    def _fill(self, status: StatusMessage) -> None:
+        self._scene.value = status.scene
+        self._offer_variants()
+        if status.variant in self._variant.options:
+            self._variant.value = status.variant
+        self._seed.value = status.seed
+        self._filled = self._chosen()
+
+    def _chosen(self) -> tuple:
+        return self._scene.value, self._variant.value, self._seed.value
 
     def _send(self, command: Command) -> None:
         self._hub.send(self._visitor, command)
@@ -107,6 +121,7 @@ class DriveTab:
         self._variant.options = tuple(chosen.variants) if chosen and chosen.variants else ("",)
 
     def _load_scene(self) -> None:
+        self._filled = self._chosen()
         variant = self._variant.value or None
         self._send(Load(scene=self._scene.value, variant=variant, seed=int(self._seed.value)))
 

@@ -1,0 +1,58 @@
+"""A small script in the page, so that keys work wherever the focus is, except where somebody types.
+
+Viser listens for keys at the top of the document, but its tabs and handles keep Space and Enter to themselves, its
+checkboxes and closed lists count as fields, and Space also presses the button that was clicked last. The script takes
+plain keys before any widget does and hands them to the document; Enter, Tab and the arrows stay with the widgets.
+"""
+
+import functools
+import gzip
+
+from websockets.datastructures import Headers
+from websockets.http11 import Response
+
+SCRIPT = """<script>
+(() => {
+  const noText = /^(checkbox|radio|range|button|submit|reset|file|color)$/;
+  const closedList = (e) => e.getAttribute("aria-haspopup") === "listbox" && e.getAttribute("aria-expanded") !== "true";
+  const typing = (e) => e.isContentEditable || e.tagName === "TEXTAREA" || e.tagName === "SELECT" ||
+    (e.tagName === "INPUT" && !noText.test(e.type) && !closedList(e));
+  const take = (event) => {
+    const at = event.target;
+    if (!event.isTrusted || !(at instanceof Element) || typing(at) || event.ctrlKey || event.altKey || event.metaKey)
+      return;
+    if (event.type === "keydown" && event.key === "Enter" && at.type === "checkbox") at.click();
+    if (event.key.length !== 1 && event.key !== "Delete") return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (event.repeat && event.key === " ") return;
+    const { key, code, shiftKey, repeat } = event;
+    const again = { key, code, shiftKey, repeat, bubbles: true, cancelable: true };
+    document.body.dispatchEvent(new KeyboardEvent(event.type, again));
+  };
+  addEventListener("keydown", take, true);
+  addEventListener("keyup", take, true);
+})();
+</script>"""
+
+
+def with_keys(response: Response | None) -> Response | None:
+    """The answer to a request for the page with the script in it; any other answer as it is."""
+    if response is None or not response.headers.get("Content-Type", "").startswith("text/html"):
+        return response
+    zipped = response.headers.get("Content-Encoding") == "gzip"
+    body = _inserted(response.body or b"", zipped)
+    headers = Headers((name, value) for name, value in response.headers.raw_items() if name != "Content-Length")
+    headers["Content-Length"] = str(len(body))
+    return Response(response.status_code, response.reason_phrase, headers, body)
+
+
+@functools.lru_cache(maxsize=2)
+def _inserted(body: bytes, zipped: bool) -> bytes:
+    """The page with the script at the start of its head. Raises ValueError for a page without one."""
+    page = gzip.decompress(body) if zipped else body
+    before, head, after = page.partition(b"<head>")
+    if not head:
+        raise ValueError("Viser's page has no <head> for the script of the keys: this Viser is not the pinned one")
+    page = before + head + SCRIPT.encode() + after
+    return gzip.compress(page, mtime=0) if zipped else page
