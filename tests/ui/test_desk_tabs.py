@@ -200,6 +200,20 @@ def test_play_speed_and_scene(person):
     assert person.sent == [Load(scene="exp1", variant="trial1", seed=0)]
 
 
+def test_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
+    person.chooses("Scene", "exp1")
+    person.shows(variant="still")  # loaded before, heard of late
+    assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp1", "trial1")
+    person.presses("Load")
+    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0)]
+    person.shows(scene="exp2", variant="random", seed=3)  # somebody else was quicker
+    assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp2", "random")
+    assert person.widget("Seed").value == 3
+    person.chooses("Scene", "exp1")
+    person.shows(driver="somebody", driver_name="Bob")
+    assert person.widget("Scene").value == "exp2"  # who only looks sees what is loaded
+
+
 def test_tasks_are_added_moved_and_removed(person):
     cube, box = person.scene.objects[1].name, person.scene.bins[0].name
     person.chooses("Cube", cube)

@@ -72,6 +72,7 @@ def test_every_shipped_scene_and_variant_can_be_chosen():
                 assert page.wait(lambda page, v=variant: v in page.options("Variant"), 30.0)
                 page.set("Variant", variant, "Dropdown")
                 page.set("Load", True, "Button")
-                until(lambda run=run: client.tick().run > run, 60.0, f"{choice.name} / {variant} did not run")
+                ran = page.wait(lambda _, run=run: client.tick().run > run, 60.0)
+                assert ran, f"{choice.name} / {variant} did not run: {page.notes}"
                 assert (client.status().scene, client.status().variant) == (choice.name, variant)
                 until(lambda: client.status().state == "paused", 30.0, "it did not stay paused")
