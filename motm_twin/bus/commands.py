@@ -67,9 +67,16 @@ class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown
 
 
 class Branch(msgspec.Struct, frozen=True, kw_only=True, tag="branch", forbid_unknown_fields=True):
-    """Go back to the start of period ``index`` of this run and go on from there; what came after is forgotten."""
+    """Go back to the start of period ``index`` of this run and go on from there; what came after is set aside."""
 
     index: int
+
+
+class UndoBranch(msgspec.Struct, frozen=True, kw_only=True, tag="undo_branch", forbid_unknown_fields=True):
+    """Go on where the run ended that the last branch has set aside; the run of now is set aside in its place.
+
+    There is one such run at most; a load or a reset forgets it.
+    """
 
 
 class Inspect(msgspec.Struct, frozen=True, kw_only=True, tag="inspect", forbid_unknown_fields=True):
@@ -90,8 +97,8 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True, tag="hand_over", forbi
     name: str = ""  # shown name of the new driver
 
 
-SERVER_COMMANDS = (Play, Pause, Step, Reset, Speed, Load, Branch, Inspect, TakeWheel, HandOver)
-Command = Play | Pause | Step | Reset | Speed | Load | Branch | Inspect | TakeWheel | HandOver | Edit
+SERVER_COMMANDS = (Play, Pause, Step, Reset, Speed, Load, Branch, UndoBranch, Inspect, TakeWheel, HandOver)
+Command = Play | Pause | Step | Reset | Speed | Load | Branch | UndoBranch | Inspect | TakeWheel | HandOver | Edit
 COMMAND_NAMES = tuple(str(kind.__struct_config__.tag) for kind in (*SERVER_COMMANDS, *EDITS))
 
 
@@ -160,5 +167,6 @@ __all__ = [
     "Speed",
     "Step",
     "TakeWheel",
+    "UndoBranch",
     "command_name",
 ]

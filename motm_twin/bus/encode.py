@@ -154,7 +154,9 @@ def bodies(truth: Truth) -> dict[str, Any]:
 _NO_BODIES: dict[str, Any] = {"objects": [], "agents": [], "obstacles": []}
 
 
-def tick_message(tick: Tick, run: int, server_time: float, *, began: float = 0.0, first: int = 0) -> TickMessage:
+def tick_message(
+    tick: Tick, run: int, server_time: float, *, began: float = 0.0, first: int = 0, past: int = -1
+) -> TickMessage:
     """The message of one period."""
     truth = tick.truth
     return TickMessage(
@@ -162,6 +164,7 @@ def tick_message(tick: Tick, run: int, server_time: float, *, began: float = 0.0
         run=run,
         began=began,
         first=first,
+        past=past,
         server_time=server_time,
         index=tick.index,
         time=float(tick.time),

@@ -9,6 +9,7 @@ import msgspec
 from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import path_message, tick_message
 from motm_twin.bus.messages import InspectedMessage, TickMessage
+from motm_twin.bus.pacing import PERIOD
 from motm_twin.bus.ports import MakeTwin, TwinLike
 from motm_twin.bus.preview import Preview, tasks_previewed
 from motm_twin.control.tick import Tick
@@ -31,6 +32,7 @@ class LiveTwin:
         self._make_twin, self._server_time = make_twin, server_time
         self.run = 0
         self._began, self._first = 0.0, 0  # server time [s] of the load or reset, first period of the run
+        self._past, self._aside_run = -1, -1  # run that this one shares its past with, and run that is set aside
         self.scene: Scene | None = None
         self.twin: TwinLike | None = None
         self.message: TickMessage | None = None  # of the last period
@@ -38,6 +40,7 @@ class LiveTwin:
         self.parameters: dict[str, ParameterValue] = {}  # a copy: other threads read it
         self.recorded = 0
         self.oldest = 0  # first period that `branch` can go back to
+        self.aside: float | None = None  # [s] end of the run that `undo_branch` brings back
         self._branches: Branches | None = None
         self._pending: list[Edit] = []
         self._preview: Preview | None = None
@@ -57,6 +60,7 @@ class LiveTwin:
     def clear(self, scene: Scene) -> None:
         """Another scene, still without a twin."""
         self.scene, self.twin, self.message, self.tick, self._preview = scene, None, None, None, None
+        self.aside = None
 
     def build(self, scene: Scene) -> None:
         """Make the twin of a scene."""
@@ -84,7 +88,22 @@ class LiveTwin:
         assert self.twin is not None
         assert self._branches is not None
         self._branches.branch(_any(self.twin), index)
-        self._begin(self._began, index)
+        past, self._aside_run = self.run, self.run
+        self._begin(self._began, index, past)
+        return list(self.twin.edits)
+
+    def require_aside(self) -> None:
+        """Raise Refused when no run is set aside."""
+        if self.aside is None:
+            raise Refused("there is no branch to undo: none was made since the scene was loaded or reset")
+
+    def undo_branch(self) -> list[LoggedEdit]:
+        """On from the end of the run that is set aside, after `require_aside`; its edits, which hold from now on."""
+        assert self.twin is not None
+        assert self._branches is not None
+        self._branches.undo(_any(self.twin))
+        past, self._aside_run = self._aside_run, self.run
+        self._begin(self._began, self.twin.index, past)
         return list(self.twin.edits)
 
     def post(self, edit: Edit) -> None:
@@ -111,7 +130,7 @@ class LiveTwin:
         self.parameters, self.recorded = dict(self.twin.parameters), len(self.twin.edits)
         self._asked = False
         now = self._server_time()
-        message = tick_message(self.tick, self.run, now, began=self._began, first=self._first)
+        message = tick_message(self.tick, self.run, now, began=self._began, first=self._first, past=self._past)
         self.message = self._explained(message)
         return self.message, self.tick
 
@@ -138,8 +157,11 @@ class LiveTwin:
             self._session = now, msgspec.json.encode(self.twin.session())
         return self._session[1]
 
-    def _begin(self, began: float, first: int) -> None:
-        self.run, self._began, self._first = self.run + 1, began, first
+    def _begin(self, began: float, first: int, past: int = -1) -> None:
+        assert self._branches is not None
+        self.run, self._began, self._first, self._past = self.run + 1, began, first, past
+        aside = self._branches.aside
+        self.aside = None if aside is None else round(aside * PERIOD, 3)
         self._pending, self._inspect, self.message, self.tick = [], Inspect(), None, None
 
     def _added(self) -> int:

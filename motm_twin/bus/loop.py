@@ -25,6 +25,7 @@ from motm_twin.bus.commands import (
     Speed,
     Step,
     TakeWheel,
+    UndoBranch,
 )
 from motm_twin.bus.holds import Holds
 from motm_twin.bus.live import LiveTwin
@@ -33,6 +34,7 @@ from motm_twin.bus.pacing import PERIOD, Pacer
 from motm_twin.bus.ports import MakeTwin, Reply, SceneLibrary, SessionReply, Sink
 from motm_twin.bus.wheel import Wheel
 from motm_twin.model.scene import Scene
+from motm_twin.record.session import LoggedEdit
 
 SETTLE_PERIODS = 40  # after the last task, so that the last cube lands and the robot comes to rest
 IDLE_WAIT = 0.1  # [s] between looks at the clock while time stands
@@ -123,6 +125,7 @@ class TwinLoop:
             **self._wheel.shown(now),
             parameters=live.parameters,
             oldest=live.oldest,
+            aside=live.aside,
             recorded=live.recorded,
             reference_tour=self._tour,
         )
@@ -210,6 +213,8 @@ class TwinLoop:
                 return self._load(command, self._state in ("playing", "done") or self._live.twin is None)
             case Branch(index=index):
                 return self._branch(index)
+            case UndoBranch():
+                return self._undo_branch()
             case Inspect():
                 self._require_twin()
                 self._live.inspect(command)
@@ -330,12 +335,21 @@ class TwinLoop:
             raise Refused(f"no scene is running: {self._text}")
         self._live.require_branch(index)
         play = self._state in ("playing", "done")
-        return lambda: self._go_back(index, play)
+        text = f"going back to {index * PERIOD:.1f} s"
+        return lambda: self._go_on_from(lambda: self._live.branch(index), play, text)
 
-    def _go_back(self, index: int, play: bool) -> None:
-        self._set_state("loading", f"going back to {index * PERIOD:.1f} s")
+    def _undo_branch(self) -> Work:
+        if self._live.twin is None:
+            raise Refused(f"no scene is running: {self._text}")
+        self._live.require_aside()
+        play = self._state in ("playing", "done")
+        return lambda: self._go_on_from(self._live.undo_branch, play, f"back to {self._live.aside:.1f} s")
+
+    def _go_on_from(self, move: Callable[[], list[LoggedEdit]], play: bool, text: str) -> None:
+        """To another moment of another run; ``move`` gives its edits."""
+        self._set_state("loading", text)
         holds = Holds()
-        for entry in self._live.branch(index):
+        for entry in move():
             holds.note(entry.edit, 0.0)
         for release in holds.all():  # nobody holds it any more
             self._live.post(release)

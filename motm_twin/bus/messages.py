@@ -195,7 +195,8 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     faults: list[str] = []  # injected faults that last, one phrase each
     inspected: InspectedMessage | None = None
     began: float = 0.0  # [s] server time of the load or reset; a branch keeps it: its past is that of the run before
-    first: int = 0  # first period of this run: where it branched from the run before, else 0
+    first: int = 0  # first period of this run: where it branched from another, else 0
+    past: int = -1  # run whose periods before `first` this one shares; -1: the run before, if `began` is the same
     preview: bool  # True: paused; bodies stand where posted edits will put them in the next period
     edits: list[Edit] = []  # applied at the start of this period
 
@@ -230,6 +231,7 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     driver_left: float = 0.0  # [s] of silence after which the wheel is free
     parameters: dict[str, ParameterValue] = {}  # those that were changed, by name
     oldest: int = 0  # first period that `branch` can go back to
+    aside: MaybeNumber = None  # [s] end of the run that `undo_branch` brings back; null: there is none
     recorded: int = 0  # edits in the log of this run
     reference_tour: MaybeNumber = None  # [s] lower bound of this scene's task, see bench.reference_tour
     plant: str = "simulated"  # simulated | zenoh (an external robot is commanded) | mirror (one is only shown)

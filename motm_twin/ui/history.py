@@ -1,8 +1,8 @@
 """The last two minutes: every period as it was sent, so that the page can look back while the robot goes on.
 
 Payloads are kept compressed (about 3 kB each) and read again only when somebody looks at them; what the plots and the
-list of events need is read once, when a period arrives. A branch cuts off what will not come to pass and keeps the past
-that it shares; a reset or another scene (or server) begins anew.
+list of events need is read once, when a period arrives. A branch keeps the past that it shares and sets aside what will
+not come to pass, until the branch is undone; a reset or another scene (or server) begins anew.
 """
 
 import bisect
@@ -50,6 +50,18 @@ class _Map:
     cells: bytes
 
 
+@dataclass(frozen=True)
+class _Tail:
+    """The end of a run that is set aside: where the branch left it, and all from there on."""
+
+    run: int
+    index: int
+    time: float  # [s] of the last grid that both runs share
+    entries: list[_Entry]
+    rows: NDArray[np.float64]
+    maps: list[_Map]
+
+
 class History:
     """A ring of periods and of the grids that go with them. All methods may be called from any thread."""
 
@@ -64,6 +76,7 @@ class History:
         self._bytes, self._map_bytes = 0, 0
         self._run, self._began = -1, 0.0
         self._maps: list[_Map] = []
+        self._aside: _Tail | None = None
         self._shown: tuple[_Entry, TickMessage] | None = None
         self._shown_map: tuple[_Map, Grid] | None = None
 
@@ -157,7 +170,7 @@ class History:
 
     @property
     def size(self) -> int:
-        """Bytes that are kept."""
+        """Bytes that are kept, without a run that is set aside."""
         with self._lock:
             return self._bytes + self._map_bytes
 
@@ -192,7 +205,7 @@ class History:
         """How many periods there are up to one."""
         return len(self._entries) if index is None else bisect.bisect_right(self._entries, index, key=_index)
 
-    def _append(self, entry: _Entry, row: Sample) -> None:
+    def _append(self, entry: _Entry, row: Sample | NDArray[np.float64]) -> None:
         count = len(self._entries)
         if self._first + count == len(self._rows):
             self._rows[:count] = self._rows[self._first :]
@@ -206,19 +219,39 @@ class History:
         return self._entries[max(0, bisect.bisect_right(self._entries, index, key=_index) - 1)]
 
     def _turn(self, part: Part) -> None:
-        """Another run: a branch goes on from the past it shares with the last one, anything else has none."""
+        """Another run: a branch, or its undoing, goes on from the past it shares; anything else has none."""
         if (part.run, part.began) == (self._run, self._began):
             return
         newer = part.run > self._run
         ahead = [kept for kept in self._maps if newer and kept.info.run == part.run]  # came before its tick
         self._maps = [kept for kept in self._maps if kept.info.run < part.run]
-        if newer and part.began == self._began:
-            self._cut(part.first, part.time - (part.index - part.first) * PERIOD - 1e-9)
+        goes_on, aside = newer and 0 <= self._run and part.began == self._began, self._aside
+        if goes_on and aside is not None and part.past == aside.run:
+            self._aside = self._take_off(aside.index, aside.time)
+            self._put_back(aside)
+        elif goes_on and part.past in (-1, self._run):
+            self._aside = self._take_off(part.first, part.time - (part.index - part.first) * PERIOD - 1e-9)
         else:
-            self._entries, self._bytes, self._maps = [], 0, []
+            self._entries, self._bytes, self._maps, self._aside = [], 0, [], None
         self._run, self._began = part.run, part.began
         self._maps += ahead
         self._map_bytes = sum(len(kept.cells) for kept in self._maps)
+
+    def _take_off(self, index: int, time: float) -> _Tail:
+        """Cut, and give what was cut off."""
+        start = bisect.bisect_left(self._entries, index, key=_index)
+        rows = self._rows[self._first + start : self._first + len(self._entries)].copy()
+        later = self._maps[bisect.bisect_right(self._maps, time, key=_stamp) :]
+        tail = _Tail(self._run, index, time, self._entries[start:], rows, later)
+        self._cut(index, time)
+        return tail
+
+    def _put_back(self, tail: _Tail) -> None:
+        """Append what was cut off; what lies before it is the past that it had."""
+        for entry, row in zip(tail.entries, tail.rows, strict=True):
+            self._append(entry, row)
+            self._bytes += len(entry.payload)
+        self._maps += tail.maps
 
     def _cut(self, index: int, time: float) -> None:
         """Forget the periods from this one on, and the grids of later times [s]."""

@@ -34,6 +34,7 @@ class Part(msgspec.Struct, frozen=True):
     preview: bool
     began: float = 0.0
     first: int = 0
+    past: int = -1
 
 
 class Sample(NamedTuple):

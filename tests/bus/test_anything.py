@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from running import Running
 
 from motm_twin.bus import commands
-from motm_twin.bus.commands import Branch, Inspect, Refused, Reset
+from motm_twin.bus.commands import Branch, Inspect, Refused, Reset, UndoBranch
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.ranges import check_command
 from motm_twin.control.tuning import PARAMETERS
@@ -75,6 +75,7 @@ ANYTHING = st.one_of(
     st.builds(commands.Announce, name=NAMES),
     st.builds(Inspect, candidate=st.integers(-1, 80), staa_path=st.booleans()),
     st.builds(Branch, index=st.integers(0, 60)),
+    st.just(UndoBranch()),
 )
 
 

@@ -36,6 +36,7 @@ from motm_twin.bus.commands import (
     Speed,
     Step,
     TakeWheel,
+    UndoBranch,
 )
 from motm_twin.bus.live import MAX_ADDED
 from motm_twin.bus.loop import SETTLE_PERIODS, STANDING_INTERVAL
@@ -232,6 +233,7 @@ EXAMPLES = [
     Speed(factor=4.0),
     Load(scene="other"),
     Branch(index=0),
+    UndoBranch(),
     TakeWheel(),
     HandOver(to="bob"),
     AddObstacle(name="x", x=0.0, y=0.0),

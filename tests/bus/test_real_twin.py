@@ -28,6 +28,7 @@ from motm_twin.bus.commands import (
     Reset,
     SendAgent,
     SetParameter,
+    UndoBranch,
 )
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.loop import SETTLE_PERIODS
@@ -158,6 +159,25 @@ def test_going_back_forgets_what_came_after_and_lets_go_of_what_was_held(running
     assert (running.last.began, running.last.first) == (before.began, first)  # readers may keep what was before
     running.step(5)
     assert rerun(session(running)).ok
+
+
+def test_a_branch_is_undone_and_the_run_goes_on_where_it_ended(running):
+    assert "no branch to undo" in running.ask(UndoBranch())
+    done(running, AddObstacle(name="early", x=0.5, y=-0.8, size=(0.3, 0.3, 0.4)))
+    running.step(12)
+    end, run = running.last.index, running.last.run
+    done(running, Branch(index=5))
+    assert running.loop.status().aside == pytest.approx(0.05 * (end + 1))
+    running.step(3)
+    done(running, UndoBranch())
+    status, last = running.loop.status(), running.last
+    assert (status.state, last.index, last.first, last.run, last.past) == ("paused", end + 1, end + 1, run + 2, run)
+    assert status.aside == pytest.approx(0.05 * 9)
+    assert [body.name for body in last.obstacles] == ["early"]
+    assert rerun(session(running)).ok
+    done(running, Reset())
+    assert running.loop.status().aside is None
+    assert "no branch to undo" in running.ask(UndoBranch())
 
 
 def test_readers_are_told_what_the_loop_goes_back_to(running):

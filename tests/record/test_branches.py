@@ -114,3 +114,31 @@ def test_a_period_that_is_noted_too_late_is_refused(scene):
     twin.advance()
     with pytest.raises(ValueError, match="stands before period 1"):
         branches.note(twin, 0)
+
+
+def test_an_undone_branch_is_as_if_it_had_not_been_and_is_set_aside_in_its_place(scene):
+    twin, branches = Twin(scene), Branches(spacing=4)
+    with pytest.raises(ValueError, match="no run is set aside"):
+        branches.undo(twin)
+    run(twin, branches, 14, {9: [AddObstacle(name="crate", x=2.5, y=0.3)]})
+    end, oldest = twin.state_hash(), branches.oldest
+    branches.branch(twin, 6)
+    assert branches.aside == 14
+    run(twin, branches, 9, {7: [PushRobot(dx=0.02, dy=0.01)]})
+    other = twin.state_hash()
+    branches.undo(twin)
+    assert (twin.index, twin.state_hash(), branches.oldest, branches.aside) == (14, end, oldest, 9)
+    assert [entry.index for entry in twin.edits] == [9]
+    branches.branch(twin, 11)  # its snapshots are there again
+    branches.undo(twin)
+    assert twin.state_hash() == end
+    branches.branch(twin, 6)
+    run(twin, branches, 9, {7: [PushRobot(dx=0.02, dy=0.01)]})
+    assert twin.state_hash() == other
+    branches.undo(twin)
+    branches.undo(twin)
+    assert (twin.index, twin.state_hash()) == (9, other)
+    run(twin, branches, 12)
+    assert rerun(twin.session()).ok
+    branches.clear()
+    assert branches.aside is None

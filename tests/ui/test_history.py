@@ -84,6 +84,39 @@ def test_a_preview_is_no_period_that_was():
     assert not history.at(4).preview
 
 
+def test_an_undone_branch_brings_back_what_it_had_cut_off():
+    history = filled(60)
+    for stamp, fill in ((0.0, 1), (1.0, 2), (2.5, 3)):
+        add_grid(history, stamp, fill)
+    before, rows = history.size, history.samples(None, 60.0)
+    for index in range(30, 40):
+        history.add(payload(index, run=2, first=30, past=1))
+    add_grid(history, 1.8, 9, run=2)
+    assert history.span[:2] == (0, 39)
+    history.add(payload(60, run=3, first=60, past=1))
+    assert history.indices(60.0) == list(range(61))
+    assert [history.at(index).run for index in (29, 30, 59, 60)] == [1, 1, 1, 3]
+    assert [history.grid_at(index).cells[0, 0] for index in (10, 37, 59)] == [1, 2, 3]
+    np.testing.assert_array_equal(history.samples(59, 60.0), rows)
+    assert history.size > before
+    history.add(payload(40, run=4, first=40, past=2))  # and the other way round
+    assert history.indices(60.0) == list(range(41))
+    assert [history.at(index).run for index in (29, 30, 39, 40)] == [1, 2, 2, 4]
+    assert history.grid_at(40).cells[0, 0] == 9
+    history.add(payload(8, run=9, first=8, past=7))  # of a run that never was seen
+    assert history.indices(60.0) == [8]
+
+
+def test_a_run_that_fills_the_history_comes_back_after_a_branch_that_does_too():
+    history = filled(40, periods=20)
+    for index in range(25, 70):
+        history.add(payload(index, run=2, first=25, past=1))
+    assert history.span[:2] == (50, 69)
+    history.add(payload(40, run=3, first=40, past=1))
+    assert history.span[:2] == (25, 40)
+    assert history.samples(None, 60.0).shape[0] == 16
+
+
 def test_a_branch_keeps_the_past_that_it_shares_and_a_reset_or_another_server_does_not():
     history = filled(30)
     for stamp, fill in ((0.0, 1), (0.3, 2), (1.2, 3)):
