@@ -45,6 +45,7 @@ def add_commands(
         ("On by one period", "K", lambda: replay.step(1), True),
         ("Back to live", "L", hub.playback.live, True),
         ("Branch from here", None, replay.branch, True),
+        ("Undo the branch", None, replay.undo, True),
         ("Save the session", "S", replay.save, False),
         ("Screenshot", None, replay.screenshot, False),
         ("Ask for the wheel", None, lambda: hub.ask(visitor), False),

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import viser
 from PIL import Image
 
-from motm_twin.bus.commands import Branch
-from motm_twin.bus.messages import StatusMessage
+from motm_twin.bus.commands import Branch, UndoBranch
+from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.ui.export import export_html
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.playback import PERIOD
@@ -58,6 +58,25 @@ def slider_start(span: "Span | None") -> float:
     return -max(SPAN_LEAST, float(math.ceil(kept - 1e-6)))
 
 
+def branch_text(shown: Shown | None) -> str:
+    """What a branch from the shown moment would do, as HTML."""
+    if shown is None or shown.live or shown.tick is None or shown.newest is None:
+        return f'<div style="{_TEXT}">To branch, look back first: the twin can go on from any moment.</div>'
+    return (
+        f'<div style="{_TEXT};font-variant-numeric:tabular-nums">The run time goes back to <b>{shown.tick.time:.2f} s'
+        f"</b>, and the twin goes on from there. The {shown.behind:.2f} s after it are set aside; Undo brings them "
+        "back.</div>"
+    )
+
+
+def branched(newest: TickMessage) -> tuple[str, str]:
+    """What there is to tell of a branch, or of one that was undone, whose first periods have come: text and title."""
+    start = newest.first * PERIOD
+    if newest.past == newest.run - 1:
+        return f"the twin goes on from {start:.2f} s; Undo in the Replay tab brings back what came after", "Branched"
+    return f"the twin goes on from {start:.2f} s, as before the branch; Undo brings the branch back", "Branch undone"
+
+
 def rerun_text(name: str) -> str:
     """How a saved session is used, as HTML; ``name`` is one of `file_name`."""
     return (
@@ -82,9 +101,13 @@ class ReplayTab:
         self._touched = -1e9
         self._play = self._row(gui, ("◀ 1", "Play", "1 ▶", "Live"), self._move, hint="keys J, K, L")
         self._speed: viser.GuiDropdownHandle[str] = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x")
-        hint = "the twin goes back to the shown moment and on from there; what came after is forgotten"
+        hint = "the twin goes back to the shown moment and on from there; Undo brings back what came after"
         self._branch = self._changing(gui.add_button("Branch from here", icon=viser.Icon.GIT_BRANCH, hint=hint))
         self._branch.on_click(hub.driving(lambda *_: self.branch()))
+        self._consequence = Html(gui, branch_text(None))
+        self._undo = self._changing(gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, visible=False))
+        self._undo.on_click(hub.driving(lambda *_: self.undo()))
+        self._run: int | None = None
         gui.add_divider()
         self._save = gui.add_button("Save the session", icon=viser.Icon.DOWNLOAD, hint="S")
         self._save.on_click(hub.watching(lambda *_: self.save()))
@@ -112,6 +135,11 @@ class ReplayTab:
             self._slider.value = round(max(start, -shown.behind) / PERIOD) * PERIOD
         self._play.options = ("◀ 1", "Pause" if self._hub.playback.playing else "Play", "1 ▶", "Live")
         self._branch.disabled = shown.live or not self._changing.on
+        self._consequence.set(branch_text(shown))
+        aside = None if shown.status is None else shown.status.aside
+        self._undo.visible = aside is not None
+        self._undo.label = "Undo" if aside is None else f"Undo: on from {aside:.1f} s"
+        self._announce(shown.newest)
 
     def step(self, periods: int) -> None:
         """Look one period earlier or later."""
@@ -129,6 +157,23 @@ class ReplayTab:
             return
         self._hub.playback.live()
         self._hub.send(self._visitor, Branch(index=at))
+
+    def undo(self) -> None:
+        """Have the twin go on where the run ended that the last branch has set aside."""
+        status = self._status()
+        if status is None or status.aside is None:
+            self._hub.tell(self._visitor, "there is no branch to undo")
+            return
+        self._hub.playback.live()
+        self._hub.send(self._visitor, UndoBranch())
+
+    def _announce(self, newest: TickMessage | None) -> None:
+        """Tell this visitor once about a branch that has happened, whoever made it."""
+        if newest is None or newest.run == self._run:
+            return
+        if self._run is not None and newest.past >= 0:
+            self._hub.tell(self._visitor, *branched(newest), "blue")
+        self._run = newest.run
 
     async def save(self) -> None:
         """Download the run so far."""

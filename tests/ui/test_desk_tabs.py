@@ -26,6 +26,7 @@ from motm_twin.bus.commands import (
     SendAgent,
     SetParameter,
     Speed,
+    UndoBranch,
 )
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import SceneChoice, StatusMessage
@@ -281,6 +282,19 @@ def test_nothing_is_changed_while_looking_back(person):
     assert len(person.page.notes) == 3 and "looking back" in person.page.notes[0]
     person.presses("Branch from here")
     assert person.last == Branch(index=19) and person.hub.view.at is None
+
+
+def test_a_branch_says_what_it_does_and_is_undone(person):
+    assert not person.widget("Undo").visible
+    newest = msgspec.structs.replace(person.ticks[19], run=5, first=19, past=4)
+    person.shows(tick=newest, aside=1.5)
+    assert "goes on from 0.95 s" in person.page.notes[-1]
+    person.shows(tick=newest)
+    assert len(person.page.notes) == 1
+    person.presses("Undo: on from 1.5 s")
+    assert person.last == UndoBranch()
+    person.shows(tick=msgspec.structs.replace(newest, run=6, first=30, past=4), aside=1.0)
+    assert "as before the branch" in person.page.notes[-1]
 
 
 def test_the_session_is_downloaded(person):
