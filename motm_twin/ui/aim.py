@@ -99,7 +99,7 @@ class Surroundings:
         for owner, shape, low, high in self._prisms:
             found.append((_prism(ray, shape, low, high), "fixed" if owner is None else "piece", owner or ""))
         for body in (*tick.agents, *tick.obstacles):
-            found.append((_prism(ray, _body_outline(body), 0.0, body.size[2] or 1.0), "body", body.name))
+            found.append((_prism(ray, body_outline(body), 0.0, body.size[2] or 1.0), "body", body.name))
         x, y, _ = tick.robot.true_pose
         for radius, low, high in _ROBOT:
             found.append((_prism(ray, shapely.Point(x, y).buffer(radius, quad_segs=6), low, high), "robot", ""))
@@ -171,7 +171,8 @@ def _prism(ray: Ray, shape: shapely.Polygon, low: float, high: float) -> float:
     return min(best, float(along[met].min())) if met.any() else best
 
 
-def _body_outline(body: BodyMessage) -> shapely.Polygon:
+def body_outline(body: BodyMessage) -> shapely.Polygon:
+    """What a body covers of the floor [m]."""
     x, y = body.position[:2]
     if body.kind == "box":
         return rectangle((x, y, body.yaw), (body.size[0], body.size[1]))

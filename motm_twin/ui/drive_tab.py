@@ -64,7 +64,8 @@ class DriveTab:
         if shown.status is not None:
             self._show_status(shown.status)
         if shown.tick is not None:
-            self._progress.set(now_card(shown.tick) + count_line(shown.tick))
+            now = now_card(shown.tick, shown.scene, self._hub.told(shown.tick))
+            self._progress.set(now + count_line(shown.tick))
         for name, box in self._layers.items():
             box.value = shown.view.layers.get(name, True)
         self._tasks.update(shown)

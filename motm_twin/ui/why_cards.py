@@ -1,12 +1,14 @@
 """What the robot does and why: the sentence on top, the task in hand, the arm, the last events. Pure functions."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from motm_twin.bus.messages import ArmMessage, EventMessage, TickMessage
 from motm_twin.control.parameters import AvoidanceParameters
 from motm_twin.model.edits import ParameterValue
+from motm_twin.model.scene import Scene
 from motm_twin.ui import words
+from motm_twin.ui.avoided import avoided, limited_by
 from motm_twin.ui.markup import (
     AMBER,
     BLUE,
@@ -35,12 +37,14 @@ _EVENT_COLOURS = {
 }  # fmt: skip
 
 
-def now_card(tick: TickMessage) -> str:
-    """One big sentence, and what the robot waits for."""
+def now_card(tick: TickMessage, scene: Scene | None = None, told: Collection[str] = ()) -> str:
+    """One big sentence, and what the robot waits for; with the scene, also whom it keeps off."""
     speed, turn = tick.robot.twist
     colour = GREEN if tick.done and tick.success else "#111827"
-    rows = [f'<div class="big" style="color:{colour}">{text(words.doing(tick))}.</div>']
-    rows += [sentence(why, AMBER if held_up else MUTED) for why, held_up in words.waiting(tick)]
+    near = avoided(tick, scene, told)
+    rows = [f'<div class="big" style="color:{colour}">{text(words.doing(tick) + (near and f", {near}"))}.</div>']
+    limiter = limited_by(tick, scene, told)
+    rows += [sentence(why, AMBER if held_up else MUTED) for why, held_up in words.waiting(tick, limiter)]
     motion = f"base {speed:+.2f} m/s, {math.degrees(turn):+.0f}&deg;/s"
     reach = tick.plan.time_to_range
     if reach is not None and words.active_task(tick) is not None and not tick.done:

@@ -71,15 +71,18 @@ def stands(tick: TickMessage) -> bool:
     return abs(speed) < STANDS[0] and abs(turn) < STANDS[1]
 
 
-def waiting(tick: TickMessage) -> list[tuple[str, bool]]:
-    """What the robot waits for or is slowed by: sentences, and whether it is held up by it."""
+def waiting(tick: TickMessage, limiter: str = "") -> list[tuple[str, bool]]:
+    """What the robot waits for or is slowed by: sentences, and whether it is held up by it.
+
+    ``limiter``: name of what slows the gripper, where it has one.
+    """
     found: list[tuple[str, bool]] = []
     step, task = tick.arm[-1] if tick.arm else None, active_task(tick)
     if tick.stop_reason:
         found.append((_capital(tick.stop_reason), not tick.done))
-    slowed = slowed_by(tick.arm)
-    if slowed:
-        found.append((slowed, False))
+    near = slowed_by(tick.arm, limiter)
+    if near:
+        found.append((near, False))
     if step is not None and step.reason and step.reason not in tick.stop_reason:
         found.append((_capital(step.reason), False))
     if task is not None and task.attempts > 1:
@@ -88,17 +91,23 @@ def waiting(tick: TickMessage) -> list[tuple[str, bool]]:
     return found
 
 
-def slowed_by(steps: Sequence[ArmMessage]) -> str:
-    """Which obstacle slows the gripper in this period, and by how much; "" when none does."""
-    limited = [step for step in steps if step.limiter and any(row.startswith("lidar") for row in step.active)]
+def slowed(steps: Sequence[ArmMessage]) -> list[ArmMessage]:
+    """The steps of a period in which something that the lidar sees slows the gripper."""
+    return [step for step in steps if step.limiter and any(row.startswith("lidar") for row in step.active)]
+
+
+def slowed_by(steps: Sequence[ArmMessage], name: str = "") -> str:
+    """Which obstacle slows the gripper in this period, and by how much; "" when none does. ``name``: its name."""
+    limited = slowed(steps)
     if not limited:
         return ""
     step = limited[-1]
+    what = name.rstrip(",") or f"A {step.limiter}"
     allowed = step.allowed_approach
     if allowed is None or step.obstacle_distance is None:
-        return f"The gripper is slowed by a {step.limiter}"
+        return f"The gripper is slowed by {name.rstrip(',') or 'a ' + step.limiter}"
     how = f"may approach at {allowed:.2f} m/s" if allowed > 0.0 else f"backs off at {-allowed:.2f} m/s or more"
-    return f"A {step.limiter} {step.obstacle_distance:.2f} m away: the gripper {how}"
+    return f"{what} {step.obstacle_distance:.2f} m away: the gripper {how}"
 
 
 def _ended(tasks: Sequence[TaskMessage]) -> str:
