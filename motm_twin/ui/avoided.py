@@ -16,6 +16,7 @@ from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline, rectangle
+from motm_twin.ui import words
 from motm_twin.ui.aim import body_outline
 from motm_twin.ui.words import slowed, stands
 
@@ -55,6 +56,25 @@ def limited_by(tick: TickMessage, scene: Scene | None, told: Collection[str] = (
     found = [(thing.shape.distance(hand), thing.label) for thing in unmapped(tick, scene, told)]
     distance, label = min(found, default=(math.inf, ""))
     return label if abs(distance - seen) <= SAME else ""
+
+
+def strange(held_by: str, tick: TickMessage, scene: Scene | None, told: Collection[str] = ()) -> str:
+    """What the map does not know about that which holds the arm, as a remark; "" when it is as the map has it.
+
+    ``held_by`` is a phrase of `words.constraints`.
+    """
+    if scene is None:
+        return ""
+    if held_by == f"kept off {words.LIDAR}":
+        hand = gripper(tick, scene)
+        near = min(((thing.shape.distance(hand), thing.label) for thing in unmapped(tick, scene, told)), default=None)
+        return "" if near is None or near[0] > NEAR else f": {near[1].rstrip(',')}"
+    moved = {body.name for body in tick.furniture} | set(tick.removed)
+    for piece in pieces(scene).values():
+        parts = {piece.name, *piece.solids}
+        if piece.name in moved and piece.name not in told and held_by.removeprefix("kept off ") in parts:
+            return ", where the map still has it (the robot was not told that it moved)"
+    return ""
 
 
 def unmapped(tick: TickMessage, scene: Scene, told: Collection[str] = ()) -> Iterator[Thing]:

@@ -11,13 +11,12 @@ NEXT_WEIGHT = "next_weight"  # parameter: weight of the cost C_N
 
 
 def candidate_card(placement: PlacementMessage, index: int | None, next_weight: float = 1.05) -> str:
-    """Costs of one candidate, or why it is out; the legend when none is picked."""
+    """Costs of one candidate, or why it is out; of the chosen one, with the legend, when none is picked."""
     if index is None or not 0 <= index < len(placement.poses):
-        return _hint(placement)
+        return _chosen(placement, next_weight) + _hint(placement)
     x, y, heading_ = placement.poses[index]
-    chosen = ", <b>chosen</b>" if index == placement.chosen else ""
     rows = [
-        heading(f"Place {index + 1} of {len(placement.poses)}{chosen}"),
+        heading(_title(placement, index)),
         f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading_):.0f}&deg;</div>',
     ]
     if placement.rejected[index]:
@@ -27,14 +26,28 @@ def candidate_card(placement: PlacementMessage, index: int | None, next_weight: 
     return card(*rows)
 
 
+def _chosen(placement: PlacementMessage, weight: float) -> str:
+    index = placement.chosen
+    if not 0 <= index < len(placement.poses):
+        return ""
+    return card(heading(_title(placement, index)), *_costs(placement, index, weight))
+
+
+def _title(placement: PlacementMessage, index: int) -> str:
+    """Its number is no rank: candidates are numbered round the target."""
+    place = "" if placement.cost[index] is None else f", rank {rank(placement, index)}"
+    chosen = ", <b>chosen</b>" if index == placement.chosen else ""
+    return f"Candidate no. {index + 1} (of {len(placement.poses)}){place}{chosen}"
+
+
 def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
     here, onward, total = (cost[index] for cost in (placement.cost_current, placement.cost_next, placement.cost))
     viable = sum(cost is not None for cost in placement.cost)
     rows = [
-        ("time to it, C<sub>C</sub>", seconds(here)),
-        ("from it to the next, C<sub>N</sub>", seconds(onward)),
-        (f"C = C<sub>C</sub> + {weight:g} C<sub>N</sub>", f"<b>{seconds(total)}</b>"),
-        ("rank", f"{rank(placement, index)} of {viable}{_dearer(placement, index)}"),
+        ("current cost C<sub>C</sub>: to it", seconds(here)),
+        ("next cost C<sub>N</sub>: on to the next target", seconds(onward)),
+        (f"cost C = C<sub>C</sub> + {weight:g} C<sub>N</sub>", f"<b>{seconds(total)}</b>"),
+        ("rank by C among the free", f"{rank(placement, index)} of {viable}{_dearer(placement, index)}"),
     ]
     pieces = []
     dearest = max((cost for cost in placement.cost if cost is not None), default=0.0)
@@ -52,7 +65,7 @@ def _dearer(placement: PlacementMessage, index: int) -> str:
     best = placement.cost[chosen] if 0 <= chosen < len(placement.cost) else None
     if own is None or best is None or index == chosen:
         return ""
-    return f", {own - best:+.1f} s against the chosen"
+    return f"<br>{own - best:+.1f} s against the chosen"
 
 
 def rank(placement: PlacementMessage, index: int) -> int:

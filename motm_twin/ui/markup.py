@@ -18,6 +18,8 @@ STYLE = """<style>
 .mm .bar>i{position:absolute;top:0;bottom:0}
 .mm table{width:100%;border-collapse:collapse}
 .mm td{padding:1px 0;vertical-align:top}.mm td+td{text-align:right;padding-left:8px;white-space:nowrap}
+.mm .ex{border-bottom:1px dotted #9ca3af;cursor:help}
+.mm .big{min-height:43px}
 .mm hr{border:0;border-top:1px solid #e5e7eb;margin:5px 0}
 </style>"""
 
@@ -43,6 +45,11 @@ def sentence(value: str, colour: str) -> str:
         f'<div style="margin-top:5px;border-left:3px solid {colour};padding:2px 8px;background:{colour}14">'
         f"{text(value)}</div>"
     )
+
+
+def explained(name: str, words: str) -> str:
+    """A name, HTML, with plain words that are shown when the pointer rests on it."""
+    return f'<span class="ex" title="{text(words)}">{name}</span>'
 
 
 def chip(value: str, colour: str) -> str:

@@ -7,7 +7,7 @@ from motm_twin.ui.markup import GREEN, RED, card, heading, metres, table, text
 
 def score_card(tick: TickMessage, status: StatusMessage | None) -> str:
     """The referee's count up to the shown period, and the published times of this task."""
-    rows: list[tuple[str, ...]] = [("time", f"<b>{tick.time:.1f} s</b>")]
+    rows: list[tuple[str, ...]] = [("time", f"<b>{tick.time:.2f} s</b>")]
     score = tick.score
     if score is not None:
         rows += _count(tick, score)

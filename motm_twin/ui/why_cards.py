@@ -8,7 +8,7 @@ from motm_twin.control.parameters import AvoidanceParameters
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import Scene
 from motm_twin.ui import words
-from motm_twin.ui.avoided import avoided, limited_by
+from motm_twin.ui.avoided import avoided, limited_by, strange
 from motm_twin.ui.markup import (
     AMBER,
     BLUE,
@@ -19,6 +19,7 @@ from motm_twin.ui.markup import (
     bar,
     card,
     chip,
+    explained,
     heading,
     mark,
     metres,
@@ -32,6 +33,15 @@ READY_MANIPULABILITY = 0.0838  # of the Panda's ready pose
 BEST_MANIPULABILITY = 0.127  # largest of 20,000 random poses
 RULER = 1.0  # [m] length of the bar of distances
 EVENTS = 8
+_LOCAL = (
+    "What the base drives in the next seconds: reaches the goal, or only part of the way when the search must stop."
+)
+_T_H = "Time that the local plan needs from here to its goal."
+_K = "How much driving near obstacles costs: 1 on the way, less shortly before the goal, so that it may come close."
+_NODES = "Short motions that the search for the local plan tried in this period (nodes expanded)."
+_SLACK = "By how much the hand's velocity may miss the wanted one, because limits come first: straight and turning."
+_MANIPULABILITY = "How freely the hand can move in every direction; 0: stretched out or locked. The mark: ready pose."
+_REFERENCE = "How far the fingers are from where the program of the arm wants them now."
 _EVENT_COLOURS = {
     "picked": GREEN, "placed": GREEN, "arrived": GREEN, "missed": AMBER, "lost": AMBER, "failed": RED, "contact": RED,
 }  # fmt: skip
@@ -64,22 +74,27 @@ def task_card(tick: TickMessage) -> str:
     mode = text(words.MODES.get(placement.mode, placement.mode))
     if placement.mode == "ring":
         mode = f"ring of {placement.radius:.2f} m"
-    if 0 <= placement.chosen < len(placement.poses):
-        rows.append((f"place {placement.chosen + 1} of {len(placement.poses)}", mode))
-        cost = f"{seconds(placement.cost[placement.chosen])}"
-        rows.append(("its cost C", cost))
-    else:
-        rows.append(("place", mode))
-    rows.append(("t<sub>h</sub>, scale k of the penalty", f"{seconds(plan.t_h)}, {plan.k:.2f}"))
+    chosen = 0 <= placement.chosen < len(placement.poses)
+    rows.append((f"stands at candidate no. {placement.chosen + 1}" if chosen else "stands at", mode))
     colour = {"goal": GREEN, "aborted": BLUE, "braking": RED}.get(plan.status, MUTED)
     cut = ", cut by the clock" if plan.cut_by_clock else ""
-    rows.append(("local plan", chip(words.PLANS.get(plan.status, plan.status), colour)))
-    rows.append(("nodes expanded", f"{plan.expansions}{cut}"))
+    rows.append((explained("local plan", _LOCAL), chip(words.PLANS.get(plan.status, plan.status), colour)))
+    rows.append((explained("time to the goal, t<sub>h</sub>", _T_H), seconds(plan.t_h)))
+    rows.append((explained("penalty of nearness, k", _K), f"{plan.k:.2f}"))
+    rows.append((explained("motions tried (nodes)", _NODES), f"{plan.expansions}{cut}"))
     return card(heading("Task in hand"), pairs(rows))
 
 
-def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue]) -> str:
-    """The arm's program: solved or not, what held it, how well it can move, what it keeps off."""
+def arm_card(
+    tick: TickMessage,
+    parameters: Mapping[str, ParameterValue],
+    scene: Scene | None = None,
+    told: Collection[str] = (),
+) -> str:
+    """The arm's program: solved or not, what held it, how well it can move, what it keeps off.
+
+    With the scene also names, and what of it the map does not have, see `avoided.avoided`.
+    """
     if not tick.arm:
         return ""
     step = tick.arm[-1]
@@ -89,10 +104,12 @@ def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue]) -> str
     parts = [title]
     if not solved:
         parts.append(sentence(step.qp_status, RED))
-    parts.append(_distance(tick.arm, parameters))
+    parts.append(_distance(tick.arm, parameters, limited_by(tick, scene, told)))
     parts.append(_manipulability(step))
-    parts.append(pairs([("hand off its reference", _millimetres(step.error)), *_slack(step.slack)]))
-    held = words.constraints(tick.arm, tick.robot.q)
+    parts.append(
+        pairs([(explained("hand off its reference", _REFERENCE), _millimetres(step.error)), *_slack(step.slack)])
+    )
+    held = [(what, f"{by}{strange(by, tick, scene, told)}") for what, by in words.constraints(tick.arm, tick.robot.q)]
     lines = "".join(f"<div>{text(what)} <span class='mu'>{text(by)}</span></div>" for what, by in held)
     parts.append("<hr>" + (lines or '<div class="mu">no limit is active: the hand moves as it wants</div>'))
     return card(*parts)
@@ -105,7 +122,7 @@ def bands(parameters: Mapping[str, ParameterValue]) -> tuple[float, float, float
     return d_s, d_i, xi
 
 
-def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterValue]) -> str:
+def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterValue], name: str) -> str:
     """How far the gripper is from what the lidar sees, on a ruler with the red and the orange region."""
     step = steps[-1]
     d_s, d_i, _ = bands(parameters)
@@ -115,11 +132,12 @@ def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterVal
         pieces.append(mark(distance / RULER))
     rows = [("gripper to obstacle", f"<b>{metres(distance)}</b>")]
     ruler = (
-        f"{bar(*pieces)}<div class='mu' style='font-size:11px'>d<sub>s</sub> {d_s:g} m, d<sub>i</sub> {d_i:g} m</div>"
+        f"{bar(*pieces)}<div class='mu' style='font-size:11px'>red: comes no nearer, d<sub>s</sub> {d_s:g} m &middot; "
+        f"orange: slower and slower, d<sub>i</sub> {d_i:g} m</div>"
     )
     limits = []
     if step.limiter:
-        what = text(step.limiter)
+        what = text(name.rstrip(",") or step.limiter)
         if step.allowed_approach is not None:
             allowed = max(step.allowed_approach, 0.0)
             what += f", at most {allowed:.2f} m/s nearer"
@@ -136,7 +154,7 @@ def _manipulability(step: ArmMessage) -> str:
     share = 100.0 * value / READY_MANIPULABILITY
     return (
         '<div style="margin-top:4px">'
-        + pairs([("manipulability", f"{value:.3f}, {share:.0f} % of the ready pose")])
+        + pairs([(explained("manipulability", _MANIPULABILITY), f"{value:.3f}, {share:.0f} % of the ready pose")])
         + bar(*pieces, height=6)
         + "</div>"
     )
@@ -147,7 +165,9 @@ def _slack(slack: Sequence[float | None]) -> list[tuple[str, str]]:
     if len(known) != 6:
         return []
     linear, angular = math.hypot(*known[:3]), math.hypot(*known[3:])
-    return [("slack", f"{1e3 * linear:.1f} mm/s, {math.degrees(angular):.1f}&deg;/s")]
+    return [
+        (explained("velocity missed (slack)", _SLACK), f"{1e3 * linear:.1f} mm/s, {math.degrees(angular):.1f}&deg;/s")
+    ]
 
 
 def _millimetres(value: float | None) -> str:
@@ -166,7 +186,7 @@ def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:
     for time, kind, what in entries[:EVENTS]:
         colour = _EVENT_COLOURS.get(kind, MUTED)
         rows.append(
-            f'<div style="display:flex;gap:8px"><span class="mu" style="min-width:48px;text-align:right">{time:.1f} s'
+            f'<div style="display:flex;gap:8px"><span class="mu" style="min-width:56px;text-align:right">{time:.2f} s'
             f'</span><span style="color:{colour}">&#9679;</span><span>{text(what)}</span></div>'
         )
     return card(heading("What happened"), "".join(rows) or '<div class="mu">nothing yet</div>')

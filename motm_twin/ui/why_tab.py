@@ -44,7 +44,7 @@ class WhyTab:
             self._task.set(task_card(tick))
             weight = float(parameters.get(NEXT_WEIGHT, 1.05))
             self._candidate.set(candidate_card(tick.placement, view.picked, weight))
-            self._arm.set(arm_card(tick, parameters))
+            self._arm.set(arm_card(tick, parameters, shown.scene, self._hub.told(tick)))
         history = self._hub.history
         if history is None:
             return

@@ -19,6 +19,7 @@ MODES = {
     "drive": "drive target",
     "none": "no target",
 }
+LIDAR = "what the lidar sees"
 STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 _ORDINAL = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 _NEAR_END = 0.25  # [rad] from a joint's end where its damper begins
@@ -145,7 +146,7 @@ def _constraint(name: str, step: ArmMessage, q: Sequence[float]) -> tuple[str, s
         return "gripper", "kept off a standing obstacle" if name == "lidar static" else "kept off a moving obstacle"
     body = _BODY.match(name)
     if body is not None:
-        other = {"lidar": "what the lidar sees", "own base": "the own base", "own column": "the own column"}
+        other = {"lidar": LIDAR, "own base": "the own base", "own column": "the own column"}
         return body[1], f"kept off {other.get(body[2], body[2])}"
     joint = _JOINT.match(name)
     if joint is not None:

@@ -83,7 +83,7 @@ def candidates(visitor):
     count, chosen = len(placement.poses), placement.chosen
     visitor.tab("Why")
     visitor.click((*placement.poses[chosen][:2], CANDIDATE_HEIGHT))
-    visitor.says(re.compile(f"^Place {chosen + 1} of {count}, chosen$"))
+    visitor.says(re.compile(rf"^Candidate no\. {chosen + 1} \(of {count}\), rank \d+, chosen$"))
     visitor.says(f"{placement.cost[chosen]:.1f} s")
     inspected = until(lambda: visitor.twin.client.tick().inspected, 30.0, "its paths are not computed")
     assert inspected.candidate == chosen
