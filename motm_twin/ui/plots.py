@@ -14,28 +14,36 @@ from numpy.typing import NDArray
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.profile import BaseLimits
-from motm_twin.ui.markup import text
 from motm_twin.ui.samples import Sample
 from motm_twin.ui.timing_card import BUDGET
 from motm_twin.ui.why_cards import bands
 
 WINDOW = 60.0  # [s]
+TICKS = (60, 45, 30, 15, 0)  # [s] before the shown period
 BUCKET = 0.25  # [s] of which the curve keeps least and largest; fixed in time, so that a curve only shifts
 WIDTH, HEIGHT = 480, 80  # units of the drawing; it is stretched to the panel
+APART = 15.0  # units between two labels of an axis at least; the later one of the list is left out
+LETTERS = 11.0  # units that the name of a region needs
 _FAR = 1.5  # [m] top of the plot of distances
 _MOST_SLACK = 500.0  # [mm/s, deg/s] and of slack: on the way nothing must be met exactly, so it may be much
 _MOST_TIME = 100.0  # [ms] and of the period
+_LIMIT, _ZERO = "#dc2626", "#d1d5db"
 JOINTS = ("#2563eb", "#0891b2", "#0d9488", "#65a30d", "#d97706", "#db2777", "#7c3aed")
 
 STYLE = """<style>
-.mp{font-size:11px;line-height:1.3;padding:2px 10px 4px;font-variant-numeric:tabular-nums;color:#6b7280}
+.mp{font-size:11px;line-height:1.3;padding:1px 12px 4px 10px;font-variant-numeric:tabular-nums;color:#6b7280}
 .mp b{color:#111827;font-weight:600;font-size:12px}
 .mp .t{display:flex;justify-content:space-between;align-items:baseline;white-space:nowrap}
-.mp .f{position:relative;height:78px;margin-left:30px;border-left:1px solid #d1d5db;border-bottom:1px solid #d1d5db}
+.mp .n{color:#111827}
+.mp .f{position:relative;height:74px;margin:4px 0 2px 32px;border:solid #9ca3af;border-width:0 0 1px 1px}
 .mp svg{position:absolute;inset:0;width:100%;height:100%}
 .mp path{fill:none;vector-effect:non-scaling-stroke;stroke-linejoin:round}
-.mp .y{position:absolute;right:calc(100% + 4px);transform:translateY(-50%)}
-.mp .x{display:flex;justify-content:space-between;margin-left:30px}
+.mp .y{position:absolute;right:calc(100% + 4px);transform:translateY(-50%);font-size:10px}
+.mp .r{position:absolute;left:4px;transform:translateY(-50%);font-size:10px;line-height:1;color:#9a3412}
+.mp .c{position:absolute;left:3px;font-size:10px;line-height:1;color:#374151;background:#fff;padding:1px 2px}
+.mp .x{position:relative;height:13px;margin-left:32px;font-size:10px}
+.mp .x span{position:absolute;transform:translateX(-50%);white-space:nowrap}
+.mp .k{display:inline-block;width:14px;border-top:1.5px solid;vertical-align:middle;margin-right:3px}
 </style>"""
 
 
@@ -53,13 +61,14 @@ class Plot:
     """Curves with what they are compared with."""
 
     title: str  # HTML
-    now: str  # the newest values with units, HTML
+    unit: str  # HTML
+    now: str  # the newest values, HTML
     low: float
     high: float
     curves: tuple[Curve, ...]
-    regions: tuple[tuple[float, float, str], ...] = ()  # from, to, colour
+    regions: tuple[tuple[float, float, str, str], ...] = ()  # from, to, colour, name
     limits: tuple[tuple[float, str], ...] = ()  # value, colour
-    labels: tuple[tuple[float, str], ...] = field(default=())  # value, text at the axis
+    labels: tuple[tuple[float, str], ...] = field(default=())  # value, text at the axis; the important ones first
 
 
 def plots_html(samples: NDArray[np.float64], base: BaseLimits, parameters: Mapping[str, ParameterValue]) -> str:
@@ -74,7 +83,7 @@ def plots_html(samples: NDArray[np.float64], base: BaseLimits, parameters: Mappi
         period_plot(samples),
     ]
     time = samples[:, 0]
-    return STYLE + "".join(draw(plot, time) for plot in drawn) + _time_axis(float(time[-1]))
+    return STYLE + _key() + "".join(draw(plot, time) for plot in drawn) + _time_axis(float(time[-1]))
 
 
 def _column(samples: NDArray[np.float64], name: str) -> NDArray[np.float64]:
@@ -87,12 +96,16 @@ def distance_plot(samples: NDArray[np.float64], parameters: Mapping[str, Paramet
     distance = _column(samples, "distance")
     return Plot(
         title="Gripper to obstacle",
-        now=_number(distance[-1], ".2f", " m", "none near"),
+        unit="m",
+        now=number(distance[-1], ".2f", none="none seen near"),
         low=0.0,
         high=_FAR,
         curves=(Curve(values=distance, colour="#111827"),),
-        regions=((0.0, d_s, "#fecaca"), (d_s, d_i, "#ffedd5")),
-        labels=((d_s, f"{d_s:g}"), (d_i, f"{d_i:g}"), (1.0, "1")),
+        regions=(
+            (0.0, d_s, "#fecaca", "&lt; d<sub>s</sub> too near"),
+            (d_s, d_i, "#ffedd5", "&lt; d<sub>i</sub> slows down"),
+        ),
+        labels=((d_s, f"{d_s:g}"), (d_i, f"{d_i:g}"), (_FAR, f"{_FAR:g}"), (1.0, "1"), (0.0, "0")),
     )
 
 
@@ -100,42 +113,45 @@ def base_plots(samples: NDArray[np.float64], base: BaseLimits) -> tuple[Plot, Pl
     """Forward speed and yaw rate of the base with their limits."""
     speed, turn = _column(samples, "speed"), np.degrees(_column(samples, "yaw_rate"))
     fastest, back, spin = base.forward_speed, -base.reverse_speed, math.degrees(base.yaw_rate)
-    limit = "#dc2626"
     return (
         Plot(
             title="Base speed",
-            now=_number(speed[-1], "+.2f", " m/s"),
+            unit="m/s",
+            now=number(speed[-1], "+.2f"),
             low=1.25 * back,
             high=1.15 * fastest,
             curves=(Curve(values=speed, colour="#2563eb", extremes=False),),
-            limits=((0.0, "#d1d5db"), (fastest, limit), (back, limit)),
-            labels=((fastest, f"{fastest:g}"), (0.0, "0"), (back, f"{back:g}")),
+            limits=((0.0, _ZERO), (fastest, _LIMIT), (back, _LIMIT)),
+            labels=((fastest, number(fastest, "g")), (0.0, "0"), (back, number(back, "g"))),
         ),
         Plot(
             title="Yaw rate",
-            now=_number(turn[-1], "+.0f", " &deg;/s"),
+            unit="&deg;/s",
+            now=number(turn[-1], "+.0f"),
             low=-1.15 * spin,
             high=1.15 * spin,
             curves=(Curve(values=turn, colour="#2563eb", extremes=False),),
-            limits=((0.0, "#d1d5db"), (spin, limit), (-spin, limit)),
-            labels=((spin, f"{spin:.0f}"), (0.0, "0"), (-spin, f"{-spin:.0f}")),
+            limits=((0.0, _ZERO), (spin, _LIMIT), (-spin, _LIMIT)),
+            labels=((spin, number(spin, ".0f")), (0.0, "0"), (-spin, number(-spin, ".0f"))),
         ),
     )
 
 
 def joint_plot(samples: NDArray[np.float64]) -> Plot:
     """Rates of the seven joints as shares of their limits."""
-    rates = np.stack([_column(samples, f"dq{k}") for k in range(1, 8)], axis=1) / DQ_MAX
+    rates = 100.0 * np.stack([_column(samples, f"dq{k}") for k in range(1, 8)], axis=1) / DQ_MAX
     fastest = int(np.nanargmax(np.abs(rates[-1]))) if np.isfinite(rates[-1]).any() else 0
     names = " ".join(f'<span style="color:{colour}">{k}</span>' for k, colour in enumerate(JOINTS, 1))
+    now = number(rates[-1, fastest], "+.0f")
     return Plot(
         title=f"Joint rates {names}",
-        now=_number(100.0 * rates[-1, fastest], "+.0f", f" % joint {fastest + 1}"),
-        low=-1.15,
-        high=1.15,
+        unit="% of limit",
+        now=f"joint {fastest + 1}: {now}" if now not in ("", "0") else now,
+        low=-115.0,
+        high=115.0,
         curves=tuple(Curve(values=rates[:, k], colour=JOINTS[k], extremes=False) for k in range(7)),
-        limits=((0.0, "#d1d5db"), (1.0, "#dc2626"), (-1.0, "#dc2626")),
-        labels=((1.0, "max"), (0.0, "0"), (-1.0, "&minus;max")),
+        limits=((0.0, _ZERO), (100.0, _LIMIT), (-100.0, _LIMIT)),
+        labels=((100.0, "100"), (0.0, "0"), (-100.0, number(-100.0, ".0f"))),
     )
 
 
@@ -143,13 +159,15 @@ def slack_plot(samples: NDArray[np.float64]) -> Plot:
     """Slack of the hand's velocity: what it can not do of what it should."""
     linear, angular = 1e3 * _column(samples, "linear_slack"), np.degrees(_column(samples, "angular_slack"))
     high = min(_round_up(np.nanmax(np.concatenate([linear, angular, [20.0]]))), _MOST_SLACK)
+    parts = (number(linear[-1], ".0f"), number(angular[-1], ".0f"))
     return Plot(
-        title='Slack <span style="color:#2563eb">linear</span> <span style="color:#d97706">angular</span>',
-        now=_number(linear[-1], ".0f", " mm/s, ") + _number(angular[-1], ".0f", " &deg;/s"),
+        title='Slack <span style="color:#2563eb">linear</span>, <span style="color:#d97706">angular</span>',
+        unit="mm/s, &deg;/s",
+        now=", ".join(filter(None, parts)),
         low=0.0,
         high=high,
         curves=(Curve(values=angular, colour="#d97706"), Curve(values=linear, colour="#2563eb")),
-        labels=((0.0, "0"), (high, f"{high:g}")),
+        labels=((0.0, "0"), (high, f"{high:g}"), (high / 2, f"{high / 2:g}")),
     )
 
 
@@ -158,19 +176,25 @@ def period_plot(samples: NDArray[np.float64]) -> Plot:
     period = _column(samples, "period")
     high = min(max(1.2 * BUDGET, _round_up(np.nanmax(np.append(period, 0.0)))), _MOST_TIME)
     return Plot(
-        title="Period time",
-        now=_number(period[-1], ".1f", " ms"),
+        title="Computing time of a period",
+        unit="ms",
+        now=number(period[-1], ".1f"),
         low=0.0,
         high=high,
         curves=(Curve(values=period, colour="#0d9488"),),
-        limits=((BUDGET, "#dc2626"),),
-        labels=((0.0, "0"), (BUDGET, f"{BUDGET:.0f}")),
+        limits=((BUDGET, _LIMIT),),
+        labels=((0.0, "0"), (BUDGET, f"{BUDGET:.0f}"), (high, f"{high:g}")),
     )
 
 
-def _number(value: float, form: str, unit: str, none: str = "") -> str:
-    """A number with its unit, or what is said when there is none."""
-    return f"{value:{form}}{unit}" if math.isfinite(value) else none
+def number(value: float, form: str, *, none: str = "") -> str:
+    """A number as HTML with a true minus sign and no sign before zero, or what is said when there is none."""
+    if not math.isfinite(value):
+        return none
+    text = f"{value:{form}}"
+    if float(text) == 0.0:
+        text = text.lstrip("+-")
+    return text.replace("-", "&minus;")
 
 
 def _round_up(value: float) -> float:
@@ -184,7 +208,10 @@ def draw(plot: Plot, time: NDArray[np.float64]) -> str:
     parts = [
         f'<rect x="0" width="{WIDTH}" y="{_y(plot, high):.0f}" height="{_y(plot, low) - _y(plot, high):.0f}" '
         f'fill="{colour}"/>'
-        for low, high, colour in plot.regions
+        for low, high, colour, _ in plot.regions
+    ]
+    parts += [
+        f'<path d="M{_x(ago):.0f} 0v{HEIGHT}" stroke="#e5e7eb" stroke-width="1"/>' for ago in TICKS if 0 < ago < WINDOW
     ]
     parts += [
         f'<path d="M0 {_y(plot, value):.0f}h{WIDTH}" stroke="{colour}" stroke-width="1" stroke-dasharray="4 3"/>'
@@ -193,14 +220,42 @@ def draw(plot: Plot, time: NDArray[np.float64]) -> str:
     for curve in plot.curves:
         path = path_of(time, curve, plot.low, plot.high)
         parts.append(f'<path d="{path}" stroke="{curve.colour}" stroke-width="1.3"/>')
-    labels = "".join(
-        f'<span class="y" style="top:{100.0 * _y(plot, value) / HEIGHT:.0f}%">{label}</span>'
-        for value, label in plot.labels
-    )
     return (
-        f'<div class="mp"><div class="t"><b>{plot.title}</b><span>{plot.now}</span></div><div class="f">'
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none">{"".join(parts)}</svg>{labels}</div></div>'
+        f'<div class="mp"><div class="t"><span><b>{plot.title}</b> [{plot.unit}]</span>'
+        f'<span class="n">{plot.now}</span></div><div class="f">'
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none">{"".join(parts)}</svg>'
+        f"{_region_names(plot)}{_labels(plot)}{_cut_off(plot)}</div></div>"
     )
+
+
+def _labels(plot: Plot) -> str:
+    """Numbers at the axis; one that would touch an earlier one is left out."""
+    placed: dict[float, str] = {}
+    for value, label in plot.labels:
+        y = _y(plot, value)
+        if all(abs(y - other) >= APART for other in placed):
+            placed[y] = label
+    return "".join(
+        f'<span class="y" style="top:{100.0 * y / HEIGHT:.0f}%">{label}</span>' for y, label in placed.items()
+    )
+
+
+def _region_names(plot: Plot) -> str:
+    """The name of each region inside it, where it is high enough for letters."""
+    return "".join(
+        f'<span class="r" style="top:{50.0 * (_y(plot, low) + _y(plot, high)) / HEIGHT:.0f}%">{name}</span>'
+        for low, high, _, name in plot.regions
+        if _y(plot, low) - _y(plot, high) >= LETTERS
+    )
+
+
+def _cut_off(plot: Plot) -> str:
+    """What says that curves go on beyond the frame, and how far."""
+    values = np.concatenate([curve.values[np.isfinite(curve.values)] for curve in plot.curves])
+    least, most = (float(values.min()), float(values.max())) if len(values) else (plot.low, plot.high)
+    up = f'<span class="c" style="top:1px">&#9650; up to {_size(most)}</span>' if most > plot.high else ""
+    down = f'<span class="c" style="bottom:1px">&#9660; down to {_size(least)}</span>' if least < plot.low else ""
+    return up + down
 
 
 def path_of(time: NDArray[np.float64], curve: Curve, low: float, high: float) -> str:
@@ -235,8 +290,24 @@ def _y(plot: Plot, value: float) -> float:
     return HEIGHT * (1.0 - (value - plot.low) / (plot.high - plot.low))
 
 
+def _size(value: float) -> str:
+    return number(value, ".0f" if abs(value) >= 100.0 else ".3g")
+
+
+def _x(ago: float) -> float:
+    return WIDTH * (1.0 - ago / WINDOW)
+
+
+def _key() -> str:
+    """What the dashed red line is, once for all plots."""
+    return f'<div class="mp"><span class="k" style="border-top-style:dashed;color:{_LIMIT}"></span>limit</div>'
+
+
 def _time_axis(end: float) -> str:
     marks = "".join(
-        f"<span>{text(label)}</span>" for label in (f"-{WINDOW:.0f} s", f"-{WINDOW / 2:.0f} s", f"{end:.1f} s")
+        f'<span style="left:{100.0 * _x(ago) / WIDTH:.0f}%">{"&minus;" if ago else ""}{ago}</span>' for ago in TICKS
     )
-    return f'<div class="mp"><div class="x">{marks}</div></div>'
+    return (
+        f'<div class="mp"><div class="x">{marks}</div>'
+        f'<div style="text-align:center;margin-left:32px">time [s]; 0 is {end:.2f} s of the run</div></div>'
+    )

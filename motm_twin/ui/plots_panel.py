@@ -1,5 +1,7 @@
 """The plots in a panel of their own at the left, one per visitor, opened by a button or the key G."""
 
+import threading
+
 import viser
 
 from motm_twin.bus.messages import TickMessage
@@ -18,6 +20,7 @@ class PlotsPanel:
         self._gui, self._hub = gui, hub
         self._panel: viser.PanelHandle | None = None
         self._piece: Html | None = None
+        self._lock = threading.Lock()  # the panel is opened and closed in another thread than it is drawn in
         self._count = 0
         self._drawn: TickMessage | None = None
         self._button = gui.add_button("Plots", icon=viser.Icon.CHART_LINE, hint="curves of the last minute; key G")
@@ -40,13 +43,17 @@ class PlotsPanel:
         self._drawn = tick
         samples = history.samples(None if shown.live else tick.index, WINDOW)
         parameters = {} if shown.status is None else shown.status.parameters
-        piece.set(plots_html(samples, shown.scene.robot.base, parameters))
+        page = plots_html(samples, shown.scene.robot.base, parameters)
+        with self._lock:
+            if self._piece is piece:  # not closed meanwhile
+                piece.set(page)
 
     def _toggle(self, _event: object, _visitor: Visitor) -> None:
         panel = self._panel
         if panel is not None:
-            self._panel = self._piece = None
-            panel.remove()
+            with self._lock:
+                self._panel = self._piece = None
+                panel.remove()
         else:
             panel = self._gui.add_panel()
             with panel.add_tab("Plots", viser.Icon.CHART_LINE):

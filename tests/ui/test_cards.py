@@ -18,7 +18,7 @@ from motm_twin.model.profile import BaseLimits
 from motm_twin.ui import words
 from motm_twin.ui.candidate_card import candidate_card, legend
 from motm_twin.ui.cards import PHASES
-from motm_twin.ui.plots import Curve, path_of, plots_html
+from motm_twin.ui.plots import Curve, number, path_of, plots_html
 from motm_twin.ui.samples import Part, Sample, sample
 from motm_twin.ui.score_card import score_card
 from motm_twin.ui.timing_card import timing_card
@@ -206,6 +206,23 @@ def test_plots_take_everything_a_run_may_bring():
         assert page.count("<svg") == 6
         assert "nan" not in page
     assert len(plots_html(rows(2400), BaseLimits(), {})) < 60_000
+
+
+def test_plots_say_how_far_a_curve_goes_beyond_the_frame_and_name_regions_once():
+    near = plots_html(rows(9, distance=0.4, linear_slack=0.01, angular_slack=0.0, period=10.0), BaseLimits(), {})
+    assert "up to" not in near
+    far = plots_html(rows(9, distance=4.8, linear_slack=1.4404, period=10.0), BaseLimits(), {})
+    assert "up to 4.8<" in far and "up to 1440<" in far and far.count("up to") == 2
+    assert far.count("slows down") == far.count("too near") == far.count(">limit<") == 1
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "shown"),
+    [(-0.001, "+.2f", "0.00"), (0.0, "+.0f", "0"), (-0.4, ".0f", "0"), (-92.0, "+.0f", "&minus;92"),
+     (0.46, "+.2f", "+0.46"), (math.nan, ".1f", "")],
+)  # fmt: skip
+def test_zero_has_no_sign_and_minus_is_a_true_one(value, form, shown):
+    assert number(value, form) == shown
 
 
 def test_names_from_outside_are_escaped_on_every_card(tick):
