@@ -38,7 +38,8 @@ class _Eye:
     mode: str = "Overview"
     sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
     target: View | None = None  # of a fixed view
-    aspect: float = 0.0
+    aspect: float = 0.0  # that the target is for
+    seen: float = 0.0  # aspect of the picture at the last update
     page_width: int = 0  # [px] when it came
     ease_from: View | None = None
     ease_start: float = 0.0
@@ -103,8 +104,11 @@ class Cameras:
 
     def _view(self, eye: _Eye, client: viser.ClientHandle, now: float, dt: float) -> View | None:
         """The pose to send, or None when there is nothing new."""
+        before, eye.seen = eye.seen, _aspect(eye, client)
         if eye.mode in RIDES:
             goal = self._ride(eye, client, now, dt)
+        elif eye.mode == "Free":
+            goal = _widened(client, before, eye.seen)
         else:
             goal = self._fixed(eye, client)
         if goal is None or eye.ease_from is None:
@@ -119,12 +123,9 @@ class Cameras:
         return start[0] + (goal[0] - start[0]) * smooth, start[1] + (goal[1] - start[1]) * smooth
 
     def _fixed(self, eye: _Eye, client: viser.ClientHandle) -> View | None:
-        if self._scene is None or eye.mode == "Free":
+        if self._scene is None:
             return None
-        width, height = client.camera.image_width, client.camera.image_height
-        if width == eye.page_width and width > NARROW:
-            width -= PANEL
-        aspect = width / max(height, 1)
+        aspect = eye.seen
         if eye.ease_from is None and eye.target is not None and abs(aspect - eye.aspect) < 1e-3:
             return None
         eye.aspect = aspect
@@ -184,6 +185,22 @@ class Cameras:
     async def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
             self._eyes.pop(client.client_id, None)
+
+
+def _aspect(eye: _Eye, client: viser.ClientHandle) -> float:
+    """Width / height of the picture beside the panel."""
+    width, height = client.camera.image_width, client.camera.image_height
+    if width == eye.page_width and width > NARROW:
+        width -= PANEL
+    return width / max(height, 1)
+
+
+def _widened(client: viser.ClientHandle, before: float, now: float) -> View | None:
+    """A free camera that keeps what lies left and right in the picture when panels make that narrower, or wider."""
+    if before <= 0.0 or now <= 0.0 or abs(now - before) < 1e-3:
+        return None
+    look_at = np.asarray(client.camera.look_at)
+    return look_at + (np.asarray(client.camera.position) - look_at) * before / now, look_at
 
 
 def _ease(eye: _Eye, client: viser.ClientHandle) -> None:
