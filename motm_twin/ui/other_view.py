@@ -1,5 +1,6 @@
 """Robots of a comparison: the same session under other parameters, drawn as tinted glass beside the real one."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,12 +11,32 @@ from motm_twin.model.kinematics import LINKS, Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.ui import colours
 from motm_twin.ui.rotation import matrices_wxyz
-from motm_twin.ui.what_if import Other
+from motm_twin.ui.what_if import RUNS, Other
 
 ROOT = "/others"
 MOST = 2
 _AWAY = -100.0  # [m]
 _LABEL_HEIGHT = 1.15  # [m]
+_LABEL_STEP = 0.3  # [m] that the second label stands higher
+_SAME, _NEAR = 0.15, 1.1  # [m] between two robots that stand at one place, and whose labels would touch
+COLOUR_NAMES = ("orange", "violet")  # of `colours.OTHERS`
+Label = tuple[str, tuple[float, float, float]]  # text, place [m]
+
+
+def labels(robots: Sequence[Other]) -> list[Label]:
+    """What is written where above these robots: one label for two that are near each other, so that none touch."""
+    if len(robots) == MOST:
+        a, b = robots
+        apart = math.dist(a.pose[:2], b.pose[:2])
+        middle = (0.5 * (a.pose[0] + b.pose[0]), 0.5 * (a.pose[1] + b.pose[1]), _LABEL_HEIGHT)
+        if apart < _SAME and (a.label, b.label) == RUNS:
+            return [(f"both runs: {RUNS[0]} = {RUNS[1]}", middle)]
+        if apart < _NEAR:
+            names = (f"{robot.label} ({name})" for robot, name in zip(robots, COLOUR_NAMES, strict=True))
+            return [("  |  ".join(names), middle)]
+    return [
+        (robot.label, (robot.pose[0], robot.pose[1], _LABEL_HEIGHT + i * _LABEL_STEP)) for i, robot in enumerate(robots)
+    ]
 
 
 class OtherView:
@@ -50,16 +71,19 @@ class OtherView:
         for i, robot in enumerate(robots):
             T = self._kinematics.link_transforms(np.array(robot.pose), np.array(robot.q), robot.gripper)
             positions[:, i], turns[:, i] = T[:, :3, 3], matrices_wxyz(T[:, :3, :3])
-            label = self._labels[i]
-            label.position = (robot.pose[0], robot.pose[1], _LABEL_HEIGHT)
-            if label.text != robot.label:
-                label.text = robot.label
         for handle, place, turn in zip(self._links, positions, turns, strict=True):
             handle.batched_positions, handle.batched_wxyzs = place, turn
-        for i, label in enumerate(self._labels):
-            if label.visible != (i < len(robots)):
-                label.visible = i < len(robots)
+        self._write(labels(robots))
         self._shown = bool(robots)
+
+    def _write(self, found: Sequence[Label]) -> None:
+        for i, label in enumerate(self._labels):
+            if i < len(found):
+                text, label.position = found[i]
+                if label.text != text:
+                    label.text = text
+            if label.visible != (i < len(found)):
+                label.visible = i < len(found)
 
     def _add_link(self, link: str) -> viser.BatchedMeshHandle:
         vertices, faces = ghost_mesh(link)

@@ -52,6 +52,11 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     skipped: tuple[str, ...] = ()
     forecast_from_s: float | None = None  # [s] from when on the time is a forecast; None: as recorded
 
+    @property
+    def clock(self) -> str:
+        """The time, with a word when it is a forecast."""
+        return f"{self.time_s:.1f} s" + ("" if self.forecast_from_s is None else " (forecast)")
+
 
 class _Line(msgspec.Struct, frozen=True, kw_only=True):
     run: str = ""
@@ -127,7 +132,7 @@ class Runs:
             if samples:
                 before, after = samples[max(0, number - 1)], samples[min(number, len(samples) - 1)]
                 outcome = self.outcomes.get(run)
-                label = run if outcome is None or time < outcome.time_s else f"{run}: {outcome.time_s:.1f} s"
+                label = run if outcome is None or time < outcome.time_s else f"{run}: {outcome.clock}"
                 found.append(_between(label, before, after, time))
         return found
 

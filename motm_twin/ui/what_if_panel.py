@@ -16,6 +16,7 @@ WATCH = "Watch both runs"
 NOW, SHOWN, START = "from now", "from the shown moment", "from the start"
 _TEXT = "font-size:12px;line-height:1.45;padding:2px 12px 6px 12px"
 _MUTED = "color:#6b7280"
+_FORECAST = "color:#b45309;font-size:11px;line-height:1"
 _COLOURS: dict[str, str] = dict(zip(RUNS, map(colours.css, colours.OTHERS), strict=True))  # as in the scene
 
 
@@ -42,7 +43,8 @@ def result(state: State) -> str:
 def _time(state: State, run: str) -> str:
     outcome = state.outcomes.get(run)
     if outcome is not None:
-        return f"<b>{outcome.time_s:.1f} s</b>"
+        forecast = "" if outcome.forecast_from_s is None else f'<div style="{_FORECAST}">forecast</div>'
+        return f'<b style="font-size:16px">{outcome.time_s:.1f} s</b>{forecast}'
     return f"at {state.reached[run]:.0f} s …" if run in state.reached else "…"
 
 
@@ -65,7 +67,9 @@ def _verdict(state: State, before: Outcome | None, after: Outcome | None) -> str
     words = []
     if before.success and after.success:
         gain = after.time_s - before.time_s
-        words.append("as fast" if abs(gain) < 0.05 else f"{abs(gain):.1f} s {'slower' if gain > 0 else 'faster'}")
+        guess = "" if before.forecast_from_s is after.forecast_from_s is None else " (forecast)"
+        word = "as fast" if abs(gain) < 0.05 else f"{abs(gain):.1f} s {'slower' if gain > 0 else 'faster'}"
+        words.append(f"changed: {word}{guess}")
     for run, outcome in zip(RUNS, (before, after), strict=True):
         if not outcome.success:
             words.append(f"{run}: {html.escape(outcome.reason)}")

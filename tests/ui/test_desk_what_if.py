@@ -11,7 +11,8 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.record.changes import parse_changes
 from motm_twin.record.session import encode_session
 from motm_twin.twin import Twin
-from motm_twin.ui.what_if import RUNS, Outcome, Runs, State, WhatIf, arguments
+from motm_twin.ui.other_view import labels
+from motm_twin.ui.what_if import RUNS, Other, Outcome, Runs, State, WhatIf, arguments
 from motm_twin.ui.what_if_panel import result
 
 HOSTILE = "<script>alert(1)</script>"
@@ -77,6 +78,27 @@ def test_values_go_to_the_program_and_come_back_the_same():
     assert parse_changes(options[4::2]) == values
 
 
+class TestLabels:
+    def test_two_robots_at_one_place_have_one_label(self):
+        robots = [Other(run, (1.0, 2.0, 0.0), (0.0,) * 7, 0.08) for run in RUNS]
+        (only,) = labels(robots)
+        assert only[0] == "both runs: as it was = changed" and only[1][:2] == (1.0, 2.0)
+
+    def test_near_ones_share_a_label_that_tells_them_by_colour_and_far_ones_have_their_own(self):
+        for apart, count in ((0.5, 1), (3.0, 2)):
+            robots = [Other(run, (apart * i, 0.0, 0.0), (0.0,) * 7, 0.08) for i, run in enumerate(RUNS)]
+            found = labels(robots)
+            assert len(found) == count
+            assert all(run in " ".join(text for text, _ in found) for run in RUNS)
+        assert labels(robots[:1])[0][0] == RUNS[0] and labels([]) == []
+
+    def test_a_time_that_is_a_forecast_says_so(self):
+        runs = Runs()
+        runs.add(sample("changed", 1.0))
+        runs.add(outcome("changed", 1.0).replace(b'"skipped"', b'"forecast_from_s": 0.5, "skipped"'))
+        assert runs.at(1.0)[0].label == "changed: 1.0 s (forecast)"
+
+
 class TestResult:
     def test_texts_are_escaped(self):
         assert HOSTILE not in result(State(phase="failed", text=HOSTILE))
@@ -90,7 +112,8 @@ class TestResult:
         }
         text = result(State(phase="done", outcomes=ended))
         assert "5.5 s faster" in text and "70.0 s" in text and "64.5 s" in text
-        assert "forecast" in text and "from 12.3 s" in text
+        assert text.count(">forecast</div>") == 1 and "from 12.3 s" in text
+        assert "5.5 s faster (forecast)" in text
 
     def test_it_says_how_far_it_is(self):
         assert "at 12 s" in result(State(phase="running", reached={"changed": 12.0}))
