@@ -1,0 +1,1 @@
+"""Who may connect from other machines: certificates, passwords and rights."""

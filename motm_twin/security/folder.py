@@ -1,0 +1,244 @@
+"""A folder with everything that a twin and those who connect to it from other machines need, one file for each.
+
+The files of clients hold their certificates and secrets inside: they are handed over whole, by a safe way.
+"""
+
+import base64
+import json
+import os
+import re
+import secrets
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import yaml
+
+from motm_twin.bus.config import SHIPPED
+from motm_twin.security.authority import Authority, Identity
+from motm_twin.security.rights import ROLES, access_control, identity
+
+PEOPLE_VERSION = "motm.security/1"
+LOCAL_USER = "here"
+DAYS = 365
+NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
+HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
+_SECRET, _PUBLIC = 0o600, 0o644
+
+
+class SecurityError(ValueError):
+    """What was asked for can not be; the message says why."""
+
+
+class People(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """Who is known, and where the twin is found: `people.json` of the folder."""
+
+    version: str = PEOPLE_VERSION
+    hosts: list[str]  # names and addresses of the server; the first one is written into the files of clients
+    port: int
+    passwords: bool = False  # user and password within TLS, instead of certificates on both sides
+    names: dict[str, list[str]] = {}  # by role
+
+    def check(self) -> None:
+        """Raise SecurityError for what can not be used."""
+        if self.version != PEOPLE_VERSION:
+            raise SecurityError(f"people.json has version {self.version!r}: this program reads {PEOPLE_VERSION!r}")
+        if not self.hosts or not all(HOST.fullmatch(host) for host in self.hosts):
+            raise SecurityError("name at least one host: the DNS name or address under which clients find the server")
+        if not 1 <= self.port <= 65535:
+            raise SecurityError(f"port {self.port}: use 1 to 65535")
+        for role, names in self.names.items():
+            if role not in ROLES:
+                raise SecurityError(f"unknown role {role!r}: there are {', '.join(ROLES)}")
+            for name in names:
+                if not NAME.fullmatch(name):
+                    raise SecurityError(f"{role} {name[:60]!r}: use 1 to 40 letters, digits, '_' or '-'")
+
+
+class Folder:
+    """The files of one server and its clients."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def server(self) -> Path:
+        """Zenoh configuration of the twin server."""
+        return self.path / "server.json5"
+
+    @property
+    def here(self) -> Path:
+        """Zenoh configuration of the twin's own processes on the machine of the server."""
+        return self.path / "here.json5"
+
+    def of(self, role: str, name: str) -> Path:
+        """Zenoh configuration of a client."""
+        return self.path / f"{identity(role, name)}.json5"
+
+    def people(self) -> People | None:
+        """Who is known; None in a new folder. Raises SecurityError."""
+        file = self.path / "people.json"
+        if not file.exists():
+            return None
+        try:
+            people = msgspec.json.decode(file.read_bytes(), type=People)
+        except (msgspec.DecodeError, UnicodeDecodeError, OSError) as error:
+            raise SecurityError(f"{file}: {error}") from error
+        people.check()
+        return people
+
+    def create(self, people: People, *, days: int = DAYS) -> list[Path]:
+        """A new authority, server and clients; the files for clients. Raises SecurityError."""
+        people.check()
+        if self.path.exists() and any(self.path.iterdir()):
+            raise SecurityError(
+                f"{self.path} is not empty: choose a new folder, or change who is known with add, remove"
+            )
+        self.path.mkdir(parents=True, exist_ok=True, mode=0o700)
+        authority = Authority.create("motm_twin authority")
+        self._write("ca.crt", authority.certificate, _PUBLIC)
+        self._write("ca.key", authority.key, _SECRET)
+        server = authority.issue("server", days=days, hosts=people.hosts)
+        self._write("server.crt", server.certificate, _PUBLIC)
+        self._write("server.key", server.key, _SECRET)
+        made = [self._client(people, role, name, days) for role, names in people.names.items() for name in names]
+        if people.passwords:
+            self._password(LOCAL_USER)
+        self._server(people)
+        return made
+
+    def add(self, role: str, name: str, *, days: int = DAYS) -> Path:
+        """Let one more connect; the file for it. Takes effect when the server starts again. Raises SecurityError."""
+        people = self._known()
+        people.names.setdefault(role, [])
+        if name in people.names[role]:
+            raise SecurityError(f"{role} {name!r} is known already: remove it first to give it new secrets")
+        people.names[role].append(name)
+        people.check()
+        made = self._client(people, role, name, days)
+        self._server(people)
+        return made
+
+    def remove(self, role: str, name: str) -> None:
+        """Take all rights from one, from the next start of the server on. Raises SecurityError."""
+        people = self._known()
+        if name not in people.names.get(role, []):
+            known = ", ".join(f"{role} {name}" for role, names in people.names.items() for name in names)
+            raise SecurityError(f"there is no {role} {name[:60]!r}; there are: {known or 'none'}")
+        people.names[role].remove(name)
+        self.of(role, name).unlink(missing_ok=True)
+        users = self._users()
+        if users.pop(identity(role, name), None) is not None:
+            self._write_users(users)
+        self._server(people)
+
+    def _known(self) -> People:
+        people = self.people()
+        if people is None:
+            raise SecurityError(f"{self.path} has no people.json: make the folder first")
+        return people
+
+    def _server(self, people: People) -> None:
+        """Write what depends on who is known."""
+        mutual = not people.passwords
+        tls: dict[str, Any] = {
+            "listen_certificate_base64": _base64((self.path / "server.crt").read_bytes()),
+            "listen_private_key_base64": _base64((self.path / "server.key").read_bytes()),
+            "enable_mtls": mutual,
+        }
+        if mutual:
+            tls["root_ca_certificate_base64"] = _base64((self.path / "ca.crt").read_bytes())
+        by = "cert_common_names" if mutual else "usernames"
+        settings: dict[str, Any] = {
+            "listen": {"endpoints": [f"tls/0.0.0.0:{people.port}"]},
+            "tls": tls,
+            "access_control": access_control(people.names, by=by, local=None if mutual else LOCAL_USER),
+        }
+        here: dict[str, Any] = {}
+        if people.passwords:
+            password = self._users()[LOCAL_USER]
+            settings["usrpwd"] = {"dictionary_file": str((self.path / "users.txt").resolve())}
+            here = {"usrpwd": {"user": LOCAL_USER, "password": password}}
+        self._write("server.json5", _settings(**settings), _SECRET)
+        self._write("here.json5", _settings(**here), _SECRET)
+        self._write("people.json", msgspec.json.format(msgspec.json.encode(people)) + b"\n", _PUBLIC)
+
+    def _client(self, people: People, role: str, name: str, days: int) -> Path:
+        tls: dict[str, Any] = {
+            "root_ca_certificate_base64": _base64((self.path / "ca.crt").read_bytes()),
+            "verify_name_on_connect": True,
+        }
+        settings: dict[str, Any] = {"connect": {"endpoints": [f"tls/{_address(people.hosts[0])}:{people.port}"]}}
+        if people.passwords:
+            user = identity(role, name)
+            settings["usrpwd"] = {"user": user, "password": self._password(user)}
+        else:
+            own = self._authority().issue(identity(role, name), days=days)
+            tls |= {"enable_mtls": True, **_own(own)}
+        self._write(self.of(role, name).name, _settings(tls=tls, **settings), _SECRET)
+        return self.of(role, name)
+
+    def _authority(self) -> Authority:
+        try:
+            return Authority.load(self.path / "ca.crt", self.path / "ca.key")
+        except (OSError, ValueError) as error:
+            raise SecurityError(f"the authority of {self.path} can not be used: {error}") from error
+
+    def _users(self) -> dict[str, str]:
+        file = self.path / "users.txt"
+        lines = file.read_text(encoding="utf-8").split() if file.exists() else []
+        return dict(line.split(":", 1) for line in lines)
+
+    def _write_users(self, users: dict[str, str]) -> None:
+        self._write("users.txt", "".join(f"{user}:{word}\n" for user, word in users.items()).encode(), _SECRET)
+
+    def _password(self, user: str) -> str:
+        """A new password of 192 bits for a user."""
+        word = secrets.token_urlsafe(24)
+        self._write_users({**self._users(), user: word})
+        return word
+
+    def _write(self, name: str, data: bytes, mode: int) -> None:
+        """The new file or the old one, never half of it, and never readable by others on the way."""
+        target, temporary = self.path / name, self.path / f".{name}.new"
+        temporary.unlink(missing_ok=True)
+        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+            file.write(data)
+        temporary.replace(target)
+
+
+def _settings(
+    *,
+    listen: dict | None = None,
+    connect: dict | None = None,
+    tls: dict | None = None,
+    usrpwd: dict | None = None,
+    access_control: dict | None = None,
+) -> bytes:
+    """A whole configuration: the shipped one, and what is asked for on top."""
+    config = _shipped()
+    config |= {key: value for key, value in (("listen", listen), ("connect", connect)) if value is not None}
+    if tls is not None:
+        config["transport"]["link"]["tls"] = tls
+    if usrpwd is not None:
+        config["transport"]["auth"] = {"usrpwd": usrpwd}
+    if access_control is not None:
+        config["access_control"] = access_control
+    return (json.dumps(config, indent=2) + "\n").encode()
+
+
+def _shipped() -> dict[str, Any]:
+    """The shipped file, as a mapping: without its comments, its JSON5 is YAML as well."""
+    return yaml.safe_load(re.sub(r"//.*", "", SHIPPED.read_text(encoding="utf-8")))
+
+
+def _own(who: Identity) -> dict[str, str]:
+    return {"connect_certificate_base64": _base64(who.certificate), "connect_private_key_base64": _base64(who.key)}
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()
+
+
+def _address(host: str) -> str:
+    return f"[{host}]" if ":" in host else host

@@ -1,0 +1,63 @@
+"""Who may do what over Zenoh, as its access control: everything that is not allowed here is denied.
+
+Rules name messages as they pass the server: ``ingress`` comes from the client, ``egress`` goes to it.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+STATE = ("tick", "grid", "scene", "status", "robot", "scan", "event", "metrics", "session", "schema/**", "alive")
+READABLE = tuple(f"motm/*/{key}" for key in STATE)
+COMMANDS = ("motm/*/cmd/**",)
+ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
+TOLD = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
+EVERYTHING = [*ASKING, *TOLD]
+ROLES = ("viewer", "driver", "robot")
+
+Named = dict[str, Sequence[str]]  # names by role; a robot has the name of the twin that it belongs to
+
+
+def identity(role: str, name: str) -> str:
+    """The common name, or user name, that somebody connects with."""
+    return f"{role}-{name}"
+
+
+def access_control(people: Named, *, by: str, local: str | None = None) -> dict[str, Any]:
+    """The setting ``access_control`` for these people.
+
+    ``by``: "cert_common_names" or "usernames", how they are known; ``local``: user name of the processes of the twin
+    itself, which may do everything over the loopback interface; None: whoever connects there may.
+    """
+    rules = [
+        _rule("everything", ["ingress", "egress"], EVERYTHING, ["**"]),
+        _rule("ask", ["ingress"], ASKING, READABLE),
+        _rule("be told", ["egress"], TOLD, READABLE),
+        _rule("command", ["ingress"], ["query"], COMMANDS),
+        _rule("be answered", ["egress"], ["reply", "declare_queryable"], COMMANDS),
+    ]
+    here: dict[str, Any] = {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"]}
+    subjects = [here if local is None else {**here, "usernames": [local]}]
+    policies = [{"subjects": ["here"], "rules": ["everything"]}]
+    for role, granted in (
+        ("viewer", ["ask", "be told"]),
+        ("driver", ["ask", "be told", "command", "be answered"]),
+    ):
+        if people.get(role):
+            subjects.append({"id": role, by: [identity(role, name) for name in people[role]]})
+            policies.append({"subjects": [role], "rules": granted})
+    for twin in people.get("robot", ()):
+        known = identity("robot", twin)
+        rules.append(_rule(known, ["ingress", "egress"], EVERYTHING, [f"motm/{twin}/plant/**"]))
+        subjects.append({"id": known, by: [known]})
+        policies.append({"subjects": [known], "rules": [known]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _rule(name: str, flows: list[str], messages: list[str], keys: Sequence[str]) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": list(keys)}
