@@ -94,7 +94,7 @@ def unmapped(tick: TickMessage, scene: Scene, told: Collection[str] = ()) -> Ite
     for piece in strange:
         shape = shapely.union_all([outline(solids[name].shape) for name in piece.solids])
         where = "which is not in the map" if not piece.mapped else "which is not where the map has it"
-        yield Thing(f"{piece.name}, {where},", shape.convex_hull)
+        yield Thing(f"{piece.name}, {where},", shapely.Polygon(shape.convex_hull.boundary.coords))
 
 
 def gripper(tick: TickMessage, scene: Scene) -> shapely.Point:

@@ -64,7 +64,7 @@ def status_card(state: str, status: StatusMessage | None, note: str, *, looked_a
 def _clock(status: StatusMessage | None, looked_at: float | None) -> str:
     if status is None:
         return ""
-    time = f"{status.time:.1f} s" if looked_at is None else f"{looked_at:.2f} s"
+    time = f"{status.time if looked_at is None else looked_at:.2f} s"
     colour = "" if looked_at is None else f"color:{LOOKING_BACK};"
     return f'<span style="font-variant-numeric:tabular-nums;font-size:17px;font-weight:600;{colour}">{time}</span>'
 

@@ -10,6 +10,7 @@ from motm_twin.bus.messages import BodyMessage, TickMessage
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene import Scene
 from motm_twin.ui.free_place import free_place
+from motm_twin.ui.sight import Sight
 
 SIZES = {
     "temi": (0.5, 0.5, 1.0),
@@ -22,10 +23,10 @@ PUSH = 0.1  # [m]
 AHEAD = 0.75  # [m] from the base to where a cube is put
 PUSHES: dict[str, tuple[float, float, float]] = {  # forward, to the left [m], turn [rad]
     "◀ Left": (0.0, PUSH, 0.0),
-    "Right ▶": (0.0, -PUSH, 0.0),
     "▼ Back": (-PUSH, 0.0, 0.0),
-    "⟲ 15°": (0.0, 0.0, TURN),
-    "⟳ 15°": (0.0, 0.0, -TURN),
+    "Right ▶": (0.0, -PUSH, 0.0),
+    "Turn left": (0.0, 0.0, TURN),
+    "Turn right": (0.0, 0.0, -TURN),
 }
 
 
@@ -54,15 +55,26 @@ def things(scene: Scene, tick: TickMessage) -> dict[str, Thing]:
     return {thing.name: thing for thing in found}
 
 
-def new_body(kind: str, scene: Scene, tick: TickMessage, grid: Grid | None) -> AddObstacle:
-    """A new body on free floor near the robot, with a name of its own."""
+def new_body(
+    kind: str, scene: Scene, tick: TickMessage, grid: Grid | None, sight: Sight | None = None
+) -> tuple[AddObstacle, str]:
+    """A new body on free floor before the robot, where ``sight`` sees it, with a name of its own; and where that is."""
     bodies = (*tick.agents, *tick.obstacles)
-    x, y, heading = free_place(tick.robot.true_pose, grid, [body.position[:2] for body in bodies])
+    size = SIZES[kind]
+    place = free_place(
+        tick.robot.true_pose,
+        grid,
+        [body.position[:2] for body in bodies],
+        way=[tick.robot.true_pose[:2], *tick.plan.global_path[1:]],
+        look_at=None if sight is None else sight.middle(),
+        sees=lambda point: sight is None or sight.sees(point, size[2]),
+    )
     taken = {body.name for body in bodies} | {solid.name for solid in scene.solids} | set(pieces(scene))
     taken |= {item.name for item in scene.objects} | {box.name for box in scene.bins}
     taken |= {agent.name for agent in scene.agents} | set(tick.removed)
     name = next(n for i in range(1, 10_000) if (n := f"{kind} {i}") not in taken)
-    return AddObstacle(name=name, shape=kind, x=x, y=y, heading=heading, size=SIZES[kind])
+    body = AddObstacle(name=name, shape=kind, x=place.x, y=place.y, heading=place.heading, size=size)
+    return body, place.where
 
 
 def turned(thing: Thing, scene: Scene, tick: TickMessage, angle: float) -> MoveBody | None:

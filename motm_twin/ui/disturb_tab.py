@@ -6,13 +6,15 @@ import viser
 
 from motm_twin.bus.commands import Announce, Command, InjectFault, RemoveBody
 from motm_twin.ui import disturb, markup
+from motm_twin.ui.aim import Surroundings
 from motm_twin.ui.disturb import Thing
 from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.sight import Sight
 from motm_twin.ui.widgets import Changing, Html, buttons
 
 NEW = {"Temi": "temi", "Person": "person", "Box": "box", "Cylinder": "cylinder"}
 NOTHING = "(nothing)"
-LEFT, RIGHT, DELETE = "⟲ 15°", "⟳ 15°", "Delete"
+LEFT, RIGHT, DELETE = "Turn it left", "Turn it right", "Delete"
 FREEZE, GO_ON, SEND, STAY = "Freeze", "Go on", "Send to…", "Do not send"
 FAULTS = {
     "Lidar off 1 s": InjectFault(fault="lidar_off", seconds=1.0),
@@ -29,10 +31,11 @@ _HOW = {
 _TEXT = "font-size:12px;line-height:1.4;color:#6b7280;padding:0 12px 6px 12px"
 
 
-def about(thing: Thing | None, sending: str) -> str:
+def about(thing: Thing | None, sending: str, placing: str = "") -> str:
     """What can be done with the selected thing, as HTML."""
-    if sending:
-        text = f"Click the floor where <b>{html.escape(sending)}</b> should go."
+    if sending or placing:
+        what = "go" if sending else "stand, or drag it"
+        text = f"Click the floor where <b>{html.escape(sending or placing)}</b> should {what}."
         return f'<div style="{_TEXT};color:#1d4ed8">{text}</div>'
     return f'<div style="{_TEXT}">{_HOW["" if thing is None else thing.kind]}</div>'
 
@@ -57,7 +60,7 @@ class DisturbTab:
         self._changing = Changing()
         self._names: tuple[str, ...] = ()
         self._selected = ""
-        gui.add_html(markup.card(markup.heading("Add, then drag it")))
+        gui.add_html(markup.card(markup.heading("Add before the robot")))
         self._row(gui, tuple(NEW), lambda what: self.add(NEW[what]), hint="keys T, P, B, C")
         gui.add_html(markup.card(markup.heading("With the selected thing")))
         self._choice: viser.GuiDropdownHandle[str] = self._changing(
@@ -69,8 +72,10 @@ class DisturbTab:
         self._piece = self._row(gui, ("Tell the robot",), lambda _: self._announce(), hint="its map follows")
         self._cube = self._row(gui, ("In front of the robot", "Back to its place"), self._with_cube)
         self._turn = self._row(gui, (LEFT, RIGHT, DELETE), self._turn_or_delete)
-        gui.add_html(markup.card(markup.heading("Push the robot 10 cm")))
-        self._row(gui, tuple(disturb.PUSHES), self._push, hint="its pose jumps; its wheels notice nothing")
+        gui.add_html(markup.card(markup.heading("Push the robot by 10 cm, or turn it by 15°")))
+        for turns in (False, True):
+            ways = tuple(way for way, (_, _, turn) in disturb.PUSHES.items() if bool(turn) == turns)
+            self._row(gui, ways, self._push, hint="its pose jumps; its wheels notice nothing")
         self._grip = self._row(gui, ("Take the cube from the gripper",), lambda _: self._take_cube())
         gui.add_html(markup.card(markup.heading("Sensors fail for a while")))
         self._row(gui, tuple(FAULTS), lambda what: self._send(FAULTS[what]))
@@ -97,7 +102,8 @@ class DisturbTab:
             self._selected = selected
             self._choice.value = selected or NOTHING
         thing = listed.get(selected)
-        self._about.set(about(thing, shown.view.sending))
+        placing = shown.view.placing if shown.view.placing == selected else ""
+        self._about.set(about(thing, shown.view.sending, placing))
         kind = "" if thing is None else thing.kind
         self._agent.visible = kind == "agent"
         self._piece.visible, self._cube.visible = kind == "piece", kind == "object"
@@ -109,13 +115,20 @@ class DisturbTab:
         self._faults.set(faults(shown.newest.faults))
 
     def add(self, kind: str) -> None:
-        """Put a new body on the floor near the robot, and select it."""
+        """Put a new body on the floor before the robot, select it, and say where it is; a click moves it elsewhere."""
         shown = self._live()
         if shown is None:
             return
-        body = disturb.new_body(kind, shown.scene, shown.newest, self._hub.client.grid())  # type: ignore[arg-type]
+        assert shown.scene is not None and shown.newest is not None
+        surroundings = Surroundings(shown.scene)
+        surroundings.update(shown.newest)
+        sight = Sight(self._visitor.client.camera, surroundings, shown.newest)
+        body, where = disturb.new_body(kind, shown.scene, shown.newest, self._hub.client.grid(), sight)
         self._send(body)
-        self._hub.view.selected = body.name
+        view = self._hub.view
+        view.selected, view.placing, view.sending = body.name, body.name, ""
+        note = f"{body.name} stands {where}. Drag it, or click the floor where it should stand."
+        self._hub.tell(self._visitor, note, "Added", "green")
 
     def clear(self) -> None:
         """Undo what was added and moved."""
@@ -158,7 +171,7 @@ class DisturbTab:
 
     def _select(self, name: str) -> None:
         self._hub.view.selected = "" if name == NOTHING else name
-        self._hub.view.sending = ""
+        self._hub.view.sending = self._hub.view.placing = ""
 
     def _with_agent(self, what: str) -> None:
         thing = self._thing()
@@ -168,6 +181,7 @@ class DisturbTab:
             self._send(disturb.freeze(thing))
         else:
             self._hub.view.sending = "" if self._hub.view.sending == thing.name else thing.name
+            self._hub.view.placing = ""
 
     def _announce(self) -> None:
         if self._thing() is not None:

@@ -55,6 +55,7 @@ class View:
     staa_path: bool = False  # path of unmodified STAA*
     selected: str = ""  # body, cube or piece of furniture that the next action is about
     sending: str = ""  # agent that goes where the floor is clicked next
+    placing: str = ""  # body that was just added: it is put where the floor is clicked next
     at: int | None = None  # period that is shown; None: the newest
 
 
@@ -130,7 +131,7 @@ class Hub:
         visitor.gone = True
         self._asking.pop(visitor.sender, None)
         if self.is_driver(visitor):
-            self.view.at, self.view.sending = None, ""
+            self.view.at, self.view.sending, self.view.placing = None, "", ""
             self.send(visitor, HandOver())
         return visitor
 
@@ -255,10 +256,14 @@ class Hub:
 
     def _as_driver(self, act: Callable[[Any, Visitor], object], event: Any, visitor: Visitor) -> object:
         result = act(event, visitor)
+        self.keep_wheel(visitor)
+        return result
+
+    def keep_wheel(self, visitor: Visitor) -> None:
+        """Take a wheel that is free for somebody who does something, or keep it through what changes only the page."""
         quiet = time.monotonic() - visitor.sent > KEEP_WHEEL
         if quiet and self.client.alive and not visitor.gone:
             self.send(visitor, TakeWheel())
-        return result
 
     def _send_queued(self) -> None:
         while not self._stop.is_set():

@@ -41,7 +41,7 @@ def with_keys(response: Response | None) -> Response | None:
     if response is None or not response.headers.get("Content-Type", "").startswith("text/html"):
         return response
     zipped = response.headers.get("Content-Encoding") == "gzip"
-    body = _inserted(response.body or b"", zipped)
+    body = _inserted(bytes(response.body or b""), zipped)
     headers = Headers((name, value) for name, value in response.headers.raw_items() if name != "Content-Length")
     headers["Content-Length"] = str(len(body))
     return Response(response.status_code, response.reason_phrase, headers, body)

@@ -1,7 +1,8 @@
 """What a click in the scene means.
 
 Candidate: its costs and paths. Body, furniture, bin, cube: it is selected; a bin after a cube: the cube is to be
-delivered there. Floor: what is selected is let go, else the robot drives there now (or the agent that is being sent).
+delivered there. Floor: a body that was just added is put there, an agent is sent there, what is selected is let go, or
+else the robot drives there now. Any click takes a wheel that is free.
 """
 
 import asyncio
@@ -10,7 +11,7 @@ import viser
 
 from motm_twin.bus.commands import Command
 from motm_twin.bus.messages import TickMessage
-from motm_twin.model.edits import InsertTask, RemoveTask, SendAgent
+from motm_twin.model.edits import InsertTask, MoveBody, RemoveTask, SendAgent
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.ui.aim import Hit, Ray, Surroundings
 from motm_twin.ui.drag import Drag
@@ -36,10 +37,11 @@ class Pointing:
         if not hub.drives(visitor):
             hub.tell(visitor, self._drag.refusal(visitor), "Only looking")
             return
+        hub.keep_wheel(visitor)
         ray = Ray.through(event.ray_origin, [o + d for o, d in zip(event.ray_origin, event.ray_direction, strict=True)])
         hit = self.surroundings.first(ray, tick, candidates=view.layers["Candidates"])
         if hit is None or hit.kind != "floor":
-            view.sending = ""  # somebody has thought better of it
+            view.sending = view.placing = ""  # somebody has thought better of it
         if hit is None:
             view.selected = ""
         elif hit.kind == "candidate":
@@ -81,8 +83,11 @@ class Pointing:
         if view.sending:
             if await self._order(visitor, SendAgent(name=view.sending, x=x, y=y)):
                 view.sending = ""
+        elif view.placing and view.placing == view.selected:
+            view.placing = ""
+            await self._order(visitor, MoveBody(name=view.selected, x=x, y=y, held=False))
         elif view.selected:
-            view.selected = ""
+            view.selected = view.placing = ""
         elif tick is not None:
             index = min(tick.task_index, len(tick.tasks))
             if await self._order(visitor, InsertTask(tasks=(DriveTo(point=(x, y)),), index=index)) and tick.preview:

@@ -10,7 +10,7 @@ from motm_twin.ui.cards import LOOKING_BACK
 from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
 from motm_twin.ui.widgets import Html
 
-_ROW = "font-size:13px;line-height:1.4;padding:0 12px 6px 12px;"
+_ROW = "font-size:13px;line-height:1.4;padding:0 12px 10px 12px;"
 
 
 def driver_line(status: StatusMessage | None, sender: str) -> str:

@@ -68,7 +68,9 @@ def buttons(gui: viser.GuiApi, options: Sequence[str], act: Callable, *, label: 
 
 
 # Viser puts a column for labels before every row: rows of buttons without a label take its place, tasks have a wide
-# one, sliders stand below their label, and five tabs have room side by side. All widgets work without these rules too.
+# one, sliders stand below their label (which no hint covers) with their marks within the panel, folders have a whole
+# row that says what a click does, and five tabs have room side by side, left of the bar that scrolls the panel.
+# All widgets work without these rules too.
 STYLE = """<style>
 .mantine-Flex-root:has(> div > p > label:empty) > div:first-child {display: none}
 div:has(> div > .motm-wide) > div > .mantine-Flex-root:has(> div > p > label) > div:first-child,
@@ -79,8 +81,25 @@ div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label):not(:ha
 div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label) > div:first-child {width: 100% !important}
 div:has(> div > .motm-stacked) .mantine-Flex-root:has(input[type=checkbox]) > div:first-child {width: 86% !important}
 div:has(> div > .motm-stacked) label {color: #374151; letter-spacing: -0.3px}
-[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) {flex-wrap: nowrap !important; justify-content: space-between}
-[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] {padding: 0 0.45em !important; flex: 1 1 auto;
- justify-content: center}
-[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] > * {margin-right: 0.25em !important}
+.mantine-Slider-root {margin-left: 12px !important; margin-right: 4px !important}
+div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label) > div:last-child >
+ div:has(.mantine-Slider-root) {padding-top: 22px; margin-top: -22px}
+.mantine-Paper-root:has(> .mantine-Paper-root > svg.tabler-icon-chevron-down) {padding-bottom: 0 !important}
+.mantine-Paper-root:has(> .mantine-Paper-root > svg[class*=tabler-icon-chevron]) {margin: 5px 10px !important}
+.mantine-Paper-root:has(> svg[class*=tabler-icon-chevron]) {
+ position: static; transform: none; display: flex; align-items: center; padding: 3px 10px; font-weight: 600;
+ background: #eef2f7; cursor: pointer; border-radius: 3px}
+.mantine-Paper-root:has(> svg[class*=tabler-icon-chevron]):hover {background: #dbe6f3}
+.mantine-Paper-root > svg[class*=tabler-icon-chevron] {
+ order: 2; margin-left: 5px; width: 1.1em; height: 1.1em; top: 0; opacity: 0.9; color: #256396}
+.mantine-Paper-root:has(> svg.tabler-icon-chevron-down)::after {content: "open"; margin-left: auto; font-weight: 400;
+ color: #256396}
+.mantine-Paper-root:has(> svg.tabler-icon-chevron-up)::after {content: "close"; margin-left: auto; font-weight: 400;
+ color: #256396}
+.mantine-Paper-root:has(> .mantine-Paper-root > svg.tabler-icon-chevron-down) > :nth-child(3) {display: none}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) {flex-wrap: nowrap !important; justify-content: space-between;
+ padding: 0 10px 0 2px !important}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] {padding: 0 0.3em !important; flex: 1 1 auto;
+ justify-content: center; letter-spacing: -0.3px}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] > * {margin-right: 0.2em !important}
 </style>"""

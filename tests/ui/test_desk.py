@@ -289,6 +289,6 @@ def test_the_slider_of_replay_spans_what_is_kept():
 
 
 def test_the_headline_shows_the_time_that_is_looked_at():
-    assert "12.3 s" in status_card("playing", status(), "") and "Running" in status_card("playing", status(), "")
+    assert "12.34 s" in status_card("playing", status(), "") and "Running" in status_card("playing", status(), "")
     back = status_card("playing", status(), "", looked_at=4.25)
-    assert "4.25 s" in back and "Looking back" in back and "12.3 s" not in back and "Running" not in back
+    assert "4.25 s" in back and "Looking back" in back and "12.34 s" not in back and "Running" not in back

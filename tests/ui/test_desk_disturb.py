@@ -45,8 +45,8 @@ def test_everything_in_the_scene_can_be_selected(scene, tick):
 
 @pytest.mark.parametrize("kind", disturb.SIZES)
 def test_new_bodies_have_names_of_their_own_and_are_taken_by_the_server(scene, tick, kind):
-    first = disturb.new_body(kind, scene, tick, None)
-    second = disturb.new_body(kind, scene, with_(tick, obstacles=[body(first.name, kind)]), None)
+    first, _ = disturb.new_body(kind, scene, tick, None)
+    second, _ = disturb.new_body(kind, scene, with_(tick, obstacles=[body(first.name, kind)]), None)
     assert first.name != second.name and first.shape == kind
     check_command(first)
 
@@ -108,6 +108,6 @@ def test_clearing_takes_away_what_was_added_and_puts_furniture_back(scene, tick)
 def test_an_added_body_is_an_edit_the_twin_takes(scene):
     twin = Twin(scene)
     tick = tick_message(twin.advance(), run=1, server_time=0.0)
-    added = disturb.new_body("box", scene, tick, None)
+    added, _ = disturb.new_body("box", scene, tick, None)
     twin.post(added)
     assert any(isinstance(edit, AddObstacle) for edit in twin.advance().edits)

@@ -66,6 +66,9 @@ class Page:
 
     def __init__(self, gui):
         self.client_id, self.gui, self.notes, self.files = 0, gui, [], []
+        self.camera = SimpleNamespace(
+            position=(-1.0, -4.0, 6.0), look_at=(3.0, 1.0, 0.0), fov=0.8, image_width=900, image_height=800
+        )
 
     def add_notification(self, title, text, **_):
         self.notes.append(text)

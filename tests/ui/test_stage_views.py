@@ -164,7 +164,7 @@ def test_a_new_obstacle_comes_to_free_floor_away_from_others():
     grid = Grid(info=info, cells=cells)
     taken = []
     for _ in range(4):
-        x, y, _ = free_place([0.0, 0.0, math.pi], grid, taken)
+        x, y, _, _ = free_place([0.0, 0.0, math.pi], grid, taken)
         assert x < 0.62
         assert all(math.dist((x, y), other) > 0.7 for other in taken)
         assert is_free(grid, (x, y))
