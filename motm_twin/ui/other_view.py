@@ -29,8 +29,9 @@ def labels(robots: Sequence[Other]) -> list[Label]:
         a, b = robots
         apart = math.dist(a.pose[:2], b.pose[:2])
         middle = (0.5 * (a.pose[0] + b.pose[0]), 0.5 * (a.pose[1] + b.pose[1]), _LABEL_HEIGHT)
-        if apart < _SAME and (a.label, b.label) == RUNS:
-            return [(f"both runs: {RUNS[0]} = {RUNS[1]}", middle)]
+        later = a.label.removeprefix(RUNS[0])
+        if apart < _SAME and (a.label, b.label) == (RUNS[0] + later, RUNS[1] + later):
+            return [(f"both runs{later}", middle)]
         if apart < _NEAR:
             names = (f"{robot.label} ({name})" for robot, name in zip(robots, COLOUR_NAMES, strict=True))
             return [("  |  ".join(names), middle)]

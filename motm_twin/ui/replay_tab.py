@@ -29,11 +29,15 @@ _TEXT = "font-size:12px;line-height:1.45;color:#6b7280;padding:0 12px 6px 12px"
 _CODE = "background:#f3f4f6;border-radius:3px;padding:0 4px"
 
 
-def file_name(status: StatusMessage | None, ending: str) -> str:
-    """A name for a file to be downloaded: scene, variant, seed and time, in letters that any system takes."""
+def file_name(status: StatusMessage | None, ending: str, *, looked_at: float | None = None) -> str:
+    """A name for a file to be downloaded: scene, variant, seed and time, in letters that any system takes.
+
+    ``looked_at``: time [s] of the earlier period that is shown, and not the newest.
+    """
     if status is None:
         return f"twin.{ending}"
-    parts = (status.scene, status.variant, str(status.seed), f"{status.time:.1f}s")
+    time = f"{status.time:.1f}s" if looked_at is None else f"{looked_at:.2f}s"
+    parts = (status.scene, status.variant, str(status.seed), time)
     return "-".join(filter(None, (_plain(part) for part in parts))) + f".{ending}"
 
 
@@ -188,10 +192,11 @@ class ReplayTab:
         picture = await asyncio.to_thread(
             self._visitor.client.get_render, height=height, width=width, timeout=RENDER_TIME
         )
-        buffer = io.BytesIO()
+        shown, buffer = self._shown, io.BytesIO()
+        looked_at = None if shown is None or shown.live or shown.tick is None else shown.tick.time
         await asyncio.to_thread(Image.fromarray(picture[..., :3]).save, buffer, "PNG")
         self._visitor.client.send_file_download(
-            file_name(self._status(), "png"), buffer.getvalue(), save_immediately=True
+            file_name(self._status(), "png", looked_at=looked_at), buffer.getvalue(), save_immediately=True
         )
 
     async def _export(self, seconds: float) -> None:

@@ -14,7 +14,7 @@ import time as clock
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
@@ -26,6 +26,7 @@ PERIOD = 0.05  # [s]
 ERROR_LINES = 12  # of the standard error of the process that are kept
 WATCH_SPEED = 3.0  # times real time
 WATCH_END = 3.0  # [s] the ends are shown before both follow the twin again
+BEHIND = 0.3  # [s] from which on robots that are not yet computed up to what is shown say where they are
 MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
 Values = Mapping[str, ParameterValue]
 
@@ -181,7 +182,10 @@ class WhatIf:
             if self._state.phase in ("idle", "failed"):
                 return []
             watched = self._watched()
-            return self._runs.at(min(self._runs.common(), time if watched is None else watched))
+            known = self._runs.common()
+            found = self._runs.at(min(known, time if watched is None else watched))
+            late = watched is None and self._state.busy and time - known > BEHIND
+            return [replace(other, label=f"{other.label} at {known:.0f} s") for other in found] if late else found
 
     def watch(self) -> None:
         """Show both runs alone, from where they part to their ends, faster than they were."""

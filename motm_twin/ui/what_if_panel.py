@@ -66,7 +66,7 @@ def _verdict(state: State, before: Outcome | None, after: Outcome | None) -> str
         return f'<div style="{_MUTED}">{words}</div>'
     words = []
     if before.success and after.success:
-        gain = after.time_s - before.time_s
+        gain = round(after.time_s, 1) - round(before.time_s, 1)  # of what is shown above
         guess = "" if before.forecast_from_s is after.forecast_from_s is None else " (forecast)"
         word = "as fast" if abs(gain) < 0.05 else f"{abs(gain):.1f} s {'slower' if gain > 0 else 'faster'}"
         words.append(f"changed: {word}{guess}")

@@ -282,6 +282,10 @@ def test_files_have_names_that_any_system_takes():
     assert file_name(None, "html") == "twin.html"
 
 
+def test_a_picture_of_an_earlier_moment_has_its_time_in_its_name():
+    assert file_name(status(), "png", looked_at=4.25) == "exp2-random-0-4.25s.png"
+
+
 def test_the_slider_of_replay_spans_what_is_kept():
     assert slider_start(None) == slider_start(Span(0, 0, 0.05, 0.05)) == -1.0
     assert slider_start(Span(0, 683, 0.05, 34.20)) == -35.0

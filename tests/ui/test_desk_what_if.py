@@ -82,7 +82,9 @@ class TestLabels:
     def test_two_robots_at_one_place_have_one_label(self):
         robots = [Other(run, (1.0, 2.0, 0.0), (0.0,) * 7, 0.08) for run in RUNS]
         (only,) = labels(robots)
-        assert only[0] == "both runs: as it was = changed" and only[1][:2] == (1.0, 2.0)
+        assert only[0] == "both runs" and only[1][:2] == (1.0, 2.0)
+        behind = [Other(f"{run} at 3 s", (1.0, 2.0, 0.0), (0.0,) * 7, 0.08) for run in RUNS]
+        assert labels(behind)[0][0] == "both runs at 3 s"
 
     def test_near_ones_share_a_label_that_tells_them_by_colour_and_far_ones_have_their_own(self):
         for apart, count in ((0.5, 1), (3.0, 2)):
@@ -132,6 +134,7 @@ class TestProcess:
         until(lambda: len(what_if.state.reached) == len(RUNS) or what_if.state.phase == "failed")
         assert what_if.state.phase == "running", what_if.state.text
         assert [other.label for other in what_if.others(0.0)] == list(RUNS)
+        assert all(" at " in other.label for other in what_if.others(9e3))  # not computed that far
         process = what_if._process
         what_if.stop()
         assert process.poll() is not None
