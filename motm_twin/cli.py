@@ -11,6 +11,7 @@ from tyro.conf import Positional
 
 from motm_twin.model.scene_error import SceneError
 from motm_twin.record.session import SessionError
+from motm_twin.security.cli_security import security
 
 BAD_INPUT = 2
 
@@ -180,7 +181,15 @@ def main() -> None:
     """Entry point of `motm-twin`."""
     try:
         code = tyro.extras.subcommand_cli_from_dict(
-            {"serve": serve, "run": run, "replay": replay, "what-if": what_if, "scene": scene, "bench": bench},
+            {
+                "serve": serve,
+                "run": run,
+                "replay": replay,
+                "what-if": what_if,
+                "scene": scene,
+                "bench": bench,
+                "security": security,
+            },
             prog="motm-twin",
             description="Reactive manipulation on the move, as a digital twin.",
         )

@@ -7,12 +7,15 @@ address only, finds nobody by itself, and takes messages of a bounded size.
 import errno
 import json
 import socket
+import threading
+import time
 
 import zenoh
 
+from motm_twin.bus.config import session_config
+
 LOOPBACK = "127.0.0.1"
-MAX_MESSAGE_BYTES = 16 * 1024 * 1024
-SEND_BATCHES = 16  # of 64 kB, Zenoh's largest: a reader that stalls for some seconds still gets every tick
+ATTEMPT = 0.5  # [s] that one attempt to connect takes at most; a stop is noticed between two
 
 
 class PortTaken(OSError):
@@ -40,31 +43,33 @@ def free_port(host: str = LOOPBACK) -> int:
         return int(probe.getsockname()[1])
 
 
-def _config(listen: list[str], connect: list[str]) -> zenoh.Config:
-    config = zenoh.Config()
-    settings: dict[str, object] = {
-        "mode": "peer",
-        "listen/endpoints": listen,
-        "connect/endpoints": connect,
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "adminspace/enabled": False,
-        "timestamping/enabled": True,
-        "transport/shared_memory/enabled": False,
-        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
-        "transport/link/tx/queue/size/data": SEND_BATCHES,
-    }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
 def open_server(port: int, host: str = LOOPBACK) -> zenoh.Session:
     """A session that listens on one TCP port and connects to nobody. Raises PortTaken."""
     require_free_port(host, port, "choose another one with --zenoh-port (0 takes any free one)")
-    return zenoh.open(_config([f"tcp/{host}:{port}"], []))
+    return zenoh.open(session_config(listen=[f"tcp/{host}:{port}"], connect=[]))
 
 
 def open_client(endpoint: str) -> zenoh.Session:
     """A session that connects to ``endpoint`` ("tcp/127.0.0.1:7447"), now or as soon as somebody is there."""
-    return zenoh.open(_config([], [endpoint]))
+    return zenoh.open(session_config(listen=[], connect=[endpoint]))
+
+
+def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Event | None = None) -> zenoh.Session:
+    """A session whose data, queryables and tokens other members see as well: the server passes them on.
+
+    Waits until somebody answers at ``endpoint``, for ``wait`` [s] at most (None: for ever), or until ``stop`` is set;
+    then raises TimeoutError. Later it finds a server that was started again by itself, with all that it has declared.
+    """
+    deadline = None if wait is None else time.monotonic() + wait
+    config = session_config(listen=[], connect=[endpoint], mode="client")
+    config.insert_json5("connect/timeout_ms", json.dumps(round(ATTEMPT * 1000)))
+    stop = stop or threading.Event()
+    while True:
+        began = time.monotonic()
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            now = time.monotonic()
+            if stop.is_set() or (deadline is not None and now >= deadline):
+                raise TimeoutError(f"nobody answers at {endpoint}: is the server running there?") from error
+        stop.wait(max(0.0, began + ATTEMPT - now))

@@ -1,0 +1,203 @@
+"""Who gets in, and who may do what: real sessions over TLS, with the files that `motm-twin security` makes."""
+
+import json
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from motm_twin.bus import config
+from motm_twin.bus.session import free_port, open_member, open_server
+from motm_twin.security.folder import Folder, People
+
+NAMES = {"viewer": ["ann"], "driver": ["bob"], "robot": ["mine"]}
+
+
+class Place:
+    """A server with its folder, and what arrives there."""
+
+    def __init__(self, path: Path, *, passwords: bool) -> None:
+        self.port, self.passwords = free_port(), passwords
+        self.folder = Folder(path)
+        self.folder.create(People(hosts=["127.0.0.1"], port=self.port, passwords=passwords, names=NAMES))
+        self.commands: list[str] = []
+        self.arrived: list[str] = []
+
+    @contextmanager
+    def serving(self, monkeypatch):
+        monkeypatch.setenv(config.VARIABLE, str(self.folder.server))
+        session = open_server(free_port())
+        declared = [
+            session.declare_queryable("motm/mine/cmd/**", self._command),
+            session.declare_queryable("motm/mine/status", lambda query: query.reply(query.key_expr, b"status")),
+            session.declare_queryable("private/**", lambda query: query.reply(query.key_expr, b"private")),
+            session.declare_subscriber("**", lambda sample: self.arrived.append(str(sample.key_expr))),
+        ]
+        self.publisher = session.declare_publisher("motm/mine/tick")
+        self.orders = session.declare_publisher("motm/mine/plant/command")
+        self.private = session.declare_publisher("private/thing")
+        try:
+            yield self
+        finally:
+            for item in (*declared, self.publisher, self.orders, self.private):
+                item.undeclare()
+            session.close()
+
+    def _command(self, query):
+        self.commands.append(str(query.key_expr))
+        query.reply(query.key_expr, b"done")
+
+    @contextmanager
+    def visitor(self, monkeypatch, file: Path):
+        monkeypatch.setenv(config.VARIABLE, str(file))
+        with open_member(config.configured_endpoint() or "", wait=3.0) as session:
+            yield session
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["mutual", "passwords"])
+def place(request, tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        found = Place(tmp_path_factory.mktemp("security") / "here", passwords=request.param)
+        with found.serving(patch):
+            yield found
+
+
+def heard(place, session, key, publisher):
+    """Whether a subscriber to the key hears what the server sends, within the time that others need to."""
+    got = []
+    subscriber = session.declare_subscriber(key, lambda sample: got.append(sample.payload.to_bytes()))
+    until = time.monotonic() + 2.0
+    while not got and time.monotonic() < until:
+        publisher.put(b"news")
+        time.sleep(0.02)
+    subscriber.undeclare()
+    return bool(got)
+
+
+def answers(session, key):
+    return [reply.ok.payload.to_bytes() for reply in session.get(key, timeout=0.5) if reply.ok is not None]
+
+
+def arrives(place, session, key, marker="motm/mine/plant/state"):
+    """Whether the server receives what is put on a key."""
+    place.arrived.clear()
+    until = time.monotonic() + 0.5
+    while key not in place.arrived and time.monotonic() < until:
+        session.put(key, b"from outside")
+        time.sleep(0.02)
+    return key in place.arrived
+
+
+def test_a_viewer_reads_and_can_do_nothing_else(place, monkeypatch):
+    with place.visitor(monkeypatch, place.folder.of("viewer", "ann")) as session:
+        assert heard(place, session, "motm/mine/tick", place.publisher)
+        assert answers(session, "motm/mine/status") == [b"status"]
+        place.commands.clear()
+        assert answers(session, "motm/mine/cmd/play") == []
+        assert place.commands == []
+        assert answers(session, "private/thing") == []
+        assert not heard(place, session, "private/thing", place.private)
+        assert not heard(place, session, "motm/mine/plant/command", place.orders)
+        for key in ("motm/mine/tick", "motm/mine/plant/state", "motm/mine/plant/command", "motm/mine/cmd/play"):
+            assert not arrives(place, session, key)
+
+
+def test_a_driver_commands_too(place, monkeypatch):
+    with place.visitor(monkeypatch, place.folder.of("driver", "bob")) as session:
+        assert heard(place, session, "motm/mine/tick", place.publisher)
+        assert answers(session, "motm/mine/cmd/play") == [b"done"]
+        assert not arrives(place, session, "motm/mine/tick")
+        assert not arrives(place, session, "motm/mine/plant/state")
+
+
+def test_a_robot_speaks_for_its_twin_only(place, monkeypatch):
+    with place.visitor(monkeypatch, place.folder.of("robot", "mine")) as session:
+        assert arrives(place, session, "motm/mine/plant/state")
+        assert heard(place, session, "motm/mine/plant/command", place.orders)
+        assert not arrives(place, session, "motm/other/plant/state")
+        assert not arrives(place, session, "motm/mine/tick")
+        assert answers(session, "motm/mine/cmd/play") == []
+        assert not heard(place, session, "motm/mine/tick", place.publisher)
+
+
+def changed(file: Path, target: Path, change) -> Path:
+    settings = json.loads(file.read_text())
+    change(settings)
+    target.write_text(json.dumps(settings))
+    return target
+
+
+def refused(place, monkeypatch, file):
+    monkeypatch.setenv(config.VARIABLE, str(file))
+    try:
+        session = open_member(config.configured_endpoint() or "", wait=0.0)
+    except TimeoutError:
+        return True
+    session.close()
+    return False
+
+
+def test_the_certificates_or_passwords_of_others_do_not_open(place, monkeypatch, tmp_path):
+    other = Folder(tmp_path / "other")
+    other.create(People(hosts=["127.0.0.1"], port=place.port, passwords=place.passwords, names=NAMES))
+    assert refused(place, monkeypatch, other.of("driver", "bob"))  # the same names, another authority
+    mine = place.folder.of("driver", "bob")
+    assert not refused(place, monkeypatch, mine)
+    if place.passwords:
+        wrong = changed(mine, tmp_path / "a.json5", lambda s: s["transport"]["auth"]["usrpwd"].update(password="guess"))
+        unknown = changed(
+            mine, tmp_path / "b.json5", lambda s: s["transport"]["auth"]["usrpwd"].update(user="driver-eve")
+        )
+        nobody = changed(mine, tmp_path / "c.json5", lambda s: s["transport"].pop("auth"))
+        assert all(refused(place, monkeypatch, file) for file in (wrong, unknown, nobody))
+    else:
+
+        def forget(settings):
+            tls = settings["transport"]["link"]["tls"]
+            del tls["connect_certificate_base64"], tls["connect_private_key_base64"]
+            tls["enable_mtls"] = False
+
+        assert refused(place, monkeypatch, changed(mine, tmp_path / "d.json5", forget))
+
+
+def test_a_server_with_the_wrong_certificate_is_not_believed(place, monkeypatch, tmp_path):
+    rogue = Place(tmp_path / "rogue", passwords=place.passwords)
+    with rogue.serving(monkeypatch):
+        at = f"tls/127.0.0.1:{rogue.port}"
+        mine = place.folder.of("driver", "bob")
+        led_astray = changed(mine, tmp_path / "e.json5", lambda s: s["connect"].update(endpoints=[at]))
+        assert refused(rogue, monkeypatch, led_astray)
+
+
+def test_plain_tcp_does_not_get_in_where_tls_listens(place, monkeypatch, tmp_path):
+    plain = tmp_path / "plain.json5"
+    plain.write_text(json.dumps({"connect": {"endpoints": [f"tcp/127.0.0.1:{place.port}"]}}))
+    assert refused(place, monkeypatch, plain)
+
+
+def test_who_was_removed_connects_in_vain(tmp_path, monkeypatch):
+    found = Place(tmp_path / "x", passwords=False)
+    file = tmp_path / "kept.json5"
+    file.write_bytes(found.folder.of("driver", "bob").read_bytes())
+    found.folder.remove("driver", "bob")
+    with found.serving(monkeypatch), found.visitor(monkeypatch, file) as session:
+        assert answers(session, "motm/mine/cmd/play") == []
+        assert not heard(found, session, "motm/mine/tick", found.publisher)
+        assert found.commands == []
+
+
+def test_the_shipped_configuration_is_closed():
+    shipped = zenoh.Config.from_file(str(config.SHIPPED))
+
+    def value(key):
+        return json.loads(shipped.get_json(key))
+
+    assert value("listen/endpoints") == []
+    assert value("connect/endpoints") == []
+    assert value("scouting/multicast/enabled") is False
+    assert value("scouting/gossip/enabled") is False
+    assert value("adminspace/enabled") is False
+    assert value("transport/shared_memory/enabled") is False
+    assert value("transport/link/rx/max_message_size") == 16 * 1024 * 1024
