@@ -33,18 +33,19 @@ _DRAWN = 4  # digits after the point of what is only drawn: 0.1 mm
 _EXACT = 9
 
 
-def _numbers(values: object, digits: int = _DRAWN) -> list:
+def numbers(values: object, digits: int = _DRAWN) -> list:
+    """An array as nested lists of rounded numbers."""
     return np.round(np.asarray(values, dtype=float), digits).tolist()
 
 
 def _robot(observation: Observation, truth: Truth | None) -> RobotMessage:
-    pose = _numbers(observation.pose, _EXACT)
+    pose = numbers(observation.pose, _EXACT)
     return RobotMessage(
         pose=pose,
-        true_pose=pose if truth is None else _numbers(truth.pose, _EXACT),
-        twist=_numbers(observation.twist, _EXACT),
-        q=_numbers(observation.q, _EXACT),
-        dq=_numbers(observation.dq, _EXACT),
+        true_pose=pose if truth is None else numbers(truth.pose, _EXACT),
+        twist=numbers(observation.twist, _EXACT),
+        q=numbers(observation.q, _EXACT),
+        dq=numbers(observation.dq, _EXACT),
         gripper_width=float(observation.gripper_width),
     )
 
@@ -54,10 +55,10 @@ def body_message(body: BodyTruth) -> BodyMessage:
     return BodyMessage(
         name=body.name,
         kind=body.kind,
-        position=_numbers(body.position),
+        position=numbers(body.position),
         yaw=float(body.yaw),
         state=body.state,
-        size=_numbers(body.size),
+        size=numbers(body.size),
     )
 
 
@@ -65,16 +66,16 @@ def _placement(placement: Placement) -> PlacementMessage:
     return PlacementMessage(
         mode=placement.mode,
         radius=float(placement.radius),
-        poses=_numbers(placement.poses),
-        cost_current=_numbers(placement.cost_current),
-        cost_next=_numbers(placement.cost_next),
-        cost=_numbers(placement.cost),
+        poses=numbers(placement.poses),
+        cost_current=numbers(placement.cost_current),
+        cost_next=numbers(placement.cost_next),
+        cost=numbers(placement.cost),
         rejected=list(placement.rejected),
         chosen=int(placement.chosen),
-        goal=_numbers(placement.goal),
+        goal=numbers(placement.goal),
         goal_has_heading=bool(placement.goal_has_heading),
         reason=placement.reason,
-        next_goal=None if placement.next_goal is None else _numbers(placement.next_goal),
+        next_goal=None if placement.next_goal is None else numbers(placement.next_goal),
     )
 
 
@@ -82,13 +83,13 @@ def _plan(plan: BasePlan) -> PlanMessage:
     return PlanMessage(
         status=plan.status,
         reason=plan.reason,
-        acceleration=_numbers(plan.acceleration),
-        global_path=_numbers(plan.global_path),
-        next_path=_numbers(plan.next_path),
-        intermediate_goal=_numbers(plan.intermediate_goal),
-        local_poses=_numbers(plan.local_poses),
-        local_times=_numbers(plan.local_times),
-        bezier=_numbers(plan.bezier),
+        acceleration=numbers(plan.acceleration),
+        global_path=numbers(plan.global_path),
+        next_path=numbers(plan.next_path),
+        intermediate_goal=numbers(plan.intermediate_goal),
+        local_poses=numbers(plan.local_poses),
+        local_times=numbers(plan.local_times),
+        bezier=numbers(plan.bezier),
         expansions=int(plan.expansions),
         cut_by_clock=bool(plan.cut_by_clock),
         t_h=float(plan.t_h),
@@ -101,13 +102,13 @@ def _arm(step: ArmStep) -> ArmMessage:
     return ArmMessage(
         time=float(step.time),
         phase=step.phase,
-        base_twist=_numbers(step.actuation.twist),
-        joint_velocity=_numbers(step.actuation.joint_velocity),
+        base_twist=numbers(step.actuation.twist),
+        joint_velocity=numbers(step.actuation.joint_velocity),
         gripper=step.actuation.gripper,
-        reference=_numbers(step.reference),
+        reference=numbers(step.reference),
         error=float(step.error),
         tilt=float(step.tilt),
-        slack=_numbers(step.slack, _EXACT),
+        slack=numbers(step.slack, _EXACT),
         manipulability=float(step.manipulability),
         active=list(step.active),
         limiter=step.limiter,
@@ -136,7 +137,7 @@ def _score(truth: Truth) -> ScoreMessage:
 
 def path_message(points: Array) -> list[list[float]]:
     """A polyline, shape (n, 2)."""
-    return _numbers(points)
+    return numbers(points)
 
 
 def bodies(truth: Truth) -> dict[str, Any]:
@@ -175,7 +176,7 @@ def tick_message(
         beliefs=[
             BeliefMessage(
                 name=belief.name,
-                position=_numbers(belief.position),
+                position=numbers(belief.position),
                 yaw=float(belief.yaw),
                 position_sd=float(belief.position_sd),
                 seen=bool(belief.seen),

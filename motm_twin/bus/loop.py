@@ -73,6 +73,7 @@ class TwinLoop:
         self._play_on = playing  # once a run that was done has a task again
         self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
         self._state, self._text, self._file_error = "loading", "starting", ""
+        self.took = 0.0  # [s] of wall time that the last period needed
 
     def request(self, envelope: Envelope, reply: Reply) -> None:
         """Hand a checked command over; ``reply`` is called once, from the loop's thread. Raises Refused when full.
@@ -367,7 +368,9 @@ class TwinLoop:
         self._steps = max(0, self._steps - 1)
         self._pacer.started(time.monotonic())
         self._outdated = False
+        began = time.perf_counter()
         message, tick = self._live.advance(by_the_clock=self._state == "playing")
+        self.took = time.perf_counter() - began
         self._sink.tick(message, tick, last=self._state != "playing" or tick.done)
         self._settling = self._settling - 1 if tick.done else SETTLE_PERIODS
         if tick.done and self._settling <= 0:

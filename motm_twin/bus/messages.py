@@ -14,6 +14,7 @@ GRID_VERSION = "motm.grid/1"
 ROBOT_VERSION = "motm.robot/1"
 SCAN_VERSION = "motm.scan/1"
 EVENT_VERSION = "motm.event/1"
+EVENTS_VERSION = "motm.events/1"
 METRICS_VERSION = "motm.metrics/1"
 
 Vector = list[float]
@@ -290,16 +291,27 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True):
     """An event on its own key. Numbers rise by one without gaps for as long as the server lives."""
 
     version: str
-    seq: int
+    seq: int  # from 1
+    numbered_since: float = 0.0  # [s] server time of the start of the server; another one: the numbers began again
     run: int
     server_time: float
     index: int  # period
     time: float  # [s] simulated
-    kind: str  # picked | placed | missed | lost | arrived | failed | contact | stop | go | done | edit | loaded | ...
+    kind: str  # picked placed missed lost arrived failed contact stop go edit loaded reset branch done error
     text: str
     body: str = ""  # contact: of the robot
     other: str = ""  # contact: what it touched; else the object or bin
     caused_by_robot: bool | None = None  # contact only
+
+
+class EventsMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Answer to a query ``event?from=SEQ``: the events from that number on, as far as they are kept."""
+
+    version: str
+    numbered_since: float  # [s] as in each event
+    oldest: int  # number of the oldest event that is kept
+    newest: int  # number of the newest; 0 before the first
+    events: list[NumberedEvent]  # oldest first
 
 
 class MetricsMessage(msgspec.Struct, frozen=True, kw_only=True):

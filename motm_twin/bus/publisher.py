@@ -1,85 +1,152 @@
-"""Puts the loop's results on Zenoh, and answers queries for the last of each."""
+"""Puts the loop's results on Zenoh, and answers queries for the last of each.
 
-import threading
+The loop only hands them over: encoding and sending happen in threads of this. State goes through one thread, in order
+and without waiting for slow readers; events through another, which may wait for a reader (then that reader is cut off).
+"""
+
 import time
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 import numpy as np
 import zenoh
 
 from motm_twin.bus.encode import grid_bytes, grid_info
+from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.keys import Keys
+from motm_twin.bus.latest import LatestValues
 from motm_twin.bus.messages import StatusMessage, TickMessage
+from motm_twin.bus.metrics import Metrics
+from motm_twin.bus.outbox import Outbox
+from motm_twin.bus.robot_frames import RobotEncoder
+from motm_twin.bus.robot_stream import RobotStream
 from motm_twin.control.tick import Tick
+from motm_twin.model.plant import Observation
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.perception.world_map import WorldMap
 
 GRID_INTERVAL = 0.25  # [s] the grid is sent on change, at most four times a second
 GRID_REFRESH = 2.0  # [s] unchanged, it is sent again this often, for subscribers that came late
+STATE_WAITING = 400  # messages: at full speed more than a second of them
+EVENTS_WAITING = 1000
 
 
 class Publisher:
-    """A Sink that publishes. Slow readers never hold it up: what they can not take for seconds is dropped for them."""
+    """A Sink that publishes, and holds nobody up. What a slow reader can not take for seconds is dropped for it."""
 
-    def __init__(self, session: zenoh.Session, keys: Keys, status: Callable[[], StatusMessage]) -> None:
-        self._status, self._encode = status, msgspec.json.Encoder().encode
-        self._lock = threading.Lock()
-        self._last: dict[str, tuple[bytes, bytes | None]] = {}  # key: payload, attachment
-        self._declared: list[zenoh.Publisher | zenoh.Queryable] = []
-        self._publishers = {}
-        for key in (keys.tick, keys.grid, keys.scene, keys.status):
-            drop = zenoh.CongestionControl.BLOCK if key == keys.scene else zenoh.CongestionControl.DROP
-            encoding = zenoh.Encoding.ZENOH_BYTES if key == keys.grid else zenoh.Encoding.APPLICATION_JSON
-            # Not express: ticks that have to wait for a slow reader then share the batches of the send queue.
-            publisher = session.declare_publisher(key, encoding=encoding, congestion_control=drop)
-            self._publishers[key] = publisher
-            queryable = session.declare_queryable(key, self._answer)
-            self._declared += [publisher, queryable]
-        self._keys = keys
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        *,
+        status: Callable[[], StatusMessage],
+        now: Callable[[], float],
+        took: Callable[[], float] = lambda: 0.0,
+    ) -> None:
+        """``status`` gives the state of the server, ``now`` its clock [s], ``took`` the time of the last period [s]."""
+        self._keys, self._status, self._now, self._took = keys, status, now, took
+        self._encode = msgspec.json.Encoder().encode
+        self._values = LatestValues(session, keys)
+        self._log = EventLog(now, self._emit)
+        self._watch, self._metrics = EventWatch(self._log), Metrics()
+        self._values.answer(keys.status, lambda _: self._encode(status()))
+        self._values.answer(keys.metrics, lambda _: self._encode(self._metrics.message(status())))
+        self._values.answer(keys.event, self._event_answer)
+        self._state, self._events = Outbox("state", STATE_WAITING), Outbox("events", EVENTS_WAITING)
+        self._robot = RobotStream(self._send_robot, lambda: status().speed)
+        self._profile: RobotProfile | None = None
+        self._encoder: tuple[RobotProfile, RobotEncoder] | None = None
+        self._scan = (-1, -1.0)  # run and stamp of the last one sent
         self._sent_map: WorldMap | None = None
         self._sent_run = -1
         self._sent_at = 0.0
 
+    @property
+    def event_log(self) -> EventLog:
+        """What was told so far."""
+        return self._log
+
     def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
-        """Send a period, and the grid when it changed (and the last one is old enough) or was not sent for long."""
-        self._put(self._keys.tick, self._encode(message))
+        """Hand over a period."""
+        self._state.post(partial(self._send_tick, message, tick, last, self._took()))
+        if not message.preview:
+            self._robot.follow(tick, message.run)
+
+    def scene(self, scene: Scene) -> None:
+        """Hand over the resolved scene."""
+        self._state.post(partial(self._send_scene, scene))
+
+    def status(self) -> None:
+        """Hand over the state of the server, as it is now."""
+        self._state.post(partial(self._send_status, self._status()))
+
+    def metrics(self) -> None:
+        """Hand over the metrics."""
+        self._state.post(lambda: self._values.put(self._keys.metrics, self._encode(self._metrics_now())))
+
+    def close(self) -> None:
+        """Send what waits, as far as that is possible at once, and withdraw everything."""
+        self._robot.close()
+        self._state.close()
+        self._events.close()
+        self._values.close()
+
+    def _send_tick(self, message: TickMessage, tick: Tick, last: bool, took: float) -> None:
+        self._values.put(self._keys.tick, self._encode(message))
+        if self._profile is not None and (self._encoder is None or self._encoder[0] != self._profile):
+            self._encoder = self._profile, RobotEncoder(self._profile)  # now: what it imports is there since the load
+        self._send_scan(tick, message.run)
         new_run, age = message.run != self._sent_run, time.monotonic() - self._sent_at
         due = age >= GRID_REFRESH or ((last or new_run or age >= GRID_INTERVAL) and self._changed(tick.map, new_run))
         if due:
             self._sent_map, self._sent_run, self._sent_at = tick.map, message.run, time.monotonic()
-            self._put(self._keys.grid, grid_bytes(tick.map), self._encode(grid_info(tick.map, message.run)))
+            self._values.put(self._keys.grid, grid_bytes(tick.map), self._encode(grid_info(tick.map, message.run)))
+        if not message.preview:
+            self._metrics.note(message, took)
+            self._watch.tick(message)
 
-    def scene(self, scene: Scene) -> None:
-        """Send the resolved scene."""
-        self._put(self._keys.scene, self._encode(scene))
+    def _send_scene(self, scene: Scene) -> None:
+        self._profile = scene.robot
+        self._values.put(self._keys.scene, self._encode(scene))
+        self._watch.scene(" ".join(part for part in (scene.name, scene.variant) if part) + f", seed {scene.seed}")
 
-    def status(self) -> None:
-        """Send the state of the server."""
-        self._put(self._keys.status, self._encode(self._status()))
+    def _send_status(self, status: StatusMessage) -> None:
+        self._values.put(self._keys.status, self._encode(status))
+        self._watch.status(status)
 
-    def close(self) -> None:
-        """Withdraw everything."""
-        for declared in self._declared:
-            declared.undeclare()
+    def _send_scan(self, tick: Tick, run: int) -> None:
+        """The sweeps that this period saw first."""
+        for sample in (tick.observation, *tick.samples):
+            scan = sample.scan
+            if scan is None or self._encoder is None or (run == self._scan[0] and scan.stamp <= self._scan[1]):
+                continue
+            self._scan = run, scan.stamp
+            self._values.put(self._keys.scan, self._encode(self._encoder[1].scan(scan, run, self._now())))
+
+    def _send_robot(self, sample: Observation, run: int) -> None:
+        if (encoder := self._encoder) is not None:
+            self._values.put(self._keys.robot, self._encode(encoder[1].state(sample, run, self._now())))
+
+    def _emit(self, event: msgspec.Struct) -> None:
+        self._events.post(lambda: self._values.put(self._keys.event, self._encode(event)))
+
+    def _event_answer(self, parameters: zenoh.Parameters) -> bytes | None:
+        """``?from=SEQ``: all that are kept from this number on; without it, the last one."""
+        wanted = parameters.get("from")
+        if wanted is None:
+            newest = self._log.newest()
+            return None if newest is None else self._encode(newest)
+        if not (wanted.isdecimal() and len(wanted) < 20):
+            raise ValueError(f"from={wanted[:40]!r}: give the number of an event, 0 for all that are kept")
+        return self._encode(self._log.since(int(wanted)))
+
+    def _metrics_now(self) -> msgspec.Struct:
+        return self._metrics.message(self._status())
 
     def _changed(self, world: WorldMap, new_run: bool) -> bool:
         sent = self._sent_map
         if sent is None or new_run:
             return True
         return not (np.array_equal(sent.occupied, world.occupied) and np.array_equal(sent.proximity, world.proximity))
-
-    def _put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
-        with self._lock:
-            self._last[key] = (payload, attachment)
-        self._publishers[key].put(payload, attachment=attachment)
-
-    def _answer(self, query: zenoh.Query) -> None:
-        with query:
-            if self._keys.status == str(query.key_expr):
-                query.reply(query.key_expr, self._encode(self._status()))
-                return
-            with self._lock:
-                found = self._last.get(str(query.key_expr))
-            if found is not None:
-                query.reply(query.key_expr, found[0], attachment=found[1])

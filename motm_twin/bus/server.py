@@ -21,6 +21,7 @@ from motm_twin.bus.session import LOOPBACK, free_port, open_server
 from motm_twin.model.scene import Scene
 
 HEARTBEAT = 0.5  # [s] between two status messages
+METRICS_EVERY = 2  # status messages
 LAST_WAIT = 1.0  # [s] for the current period to end when the server stops
 
 
@@ -67,7 +68,9 @@ class TwinServer:
             reference_tour=reference_tour,
         )
         self._library = library
-        self._publisher = Publisher(self._session, self.keys, self.loop.status)
+        self._publisher = Publisher(
+            self._session, self.keys, status=self.loop.status, now=clock, took=lambda: self.loop.took
+        )
         self.tick, self.scene, self.status = self._publisher.tick, self._publisher.scene, self._publisher.status
         self._queryables = [
             self._session.declare_queryable(self.keys.commands, self._on_command),
@@ -115,8 +118,12 @@ class TwinServer:
         self.close()
 
     def _heartbeat(self) -> None:
+        beats = 0
         while not self._stop.wait(HEARTBEAT):
+            beats += 1
             self._publisher.status()
+            if beats % METRICS_EVERY == 0:
+                self._publisher.metrics()
             if self._library.changed():
                 self.loop.reload()
 

@@ -1,0 +1,174 @@
+"""What is worth telling, as numbered events: found by comparing each period and status with the one before."""
+
+import re
+import threading
+from collections import deque
+from collections.abc import Callable
+
+from motm_twin.bus.messages import (
+    EVENT_VERSION,
+    EVENTS_VERSION,
+    ContactMessage,
+    EventsMessage,
+    NumberedEvent,
+    StatusMessage,
+    TickMessage,
+)
+from motm_twin.bus.pacing import PERIOD
+from motm_twin.model.edits import Edit, MoveBody
+
+HISTORY = 1000  # events that can be asked for
+SAME_DRAG = 1.0  # [s] of simulated time within which further moves of a held body are not told again
+_DIGITS = re.compile(r"\d+(\.\d+)?")
+
+Emit = Callable[[NumberedEvent], None]
+
+
+class EventLog:
+    """Numbers events and keeps the last `HISTORY` of them; readable from any thread."""
+
+    def __init__(self, now: Callable[[], float], emit: Emit) -> None:
+        """``now`` is the server's clock [s]; ``emit`` sends an event to whoever listens."""
+        self._now, self._emit = now, emit
+        self._since = now()
+        self._lock = threading.Lock()
+        self._kept: deque[NumberedEvent] = deque(maxlen=HISTORY)
+        self._seq = 0
+
+    def add(self, *, run: int, index: int, time: float, kind: str, text: str, **about: object) -> None:
+        """Number an event and send it."""
+        with self._lock:
+            self._seq += 1
+            event = NumberedEvent(
+                version=EVENT_VERSION,
+                seq=self._seq,
+                numbered_since=self._since,
+                run=run,
+                server_time=self._now(),
+                index=index,
+                time=time,
+                kind=kind,
+                text=text,
+                **about,  # pyright: ignore[reportArgumentType] - body, other, caused_by_robot
+            )
+            self._kept.append(event)
+            self._emit(event)
+
+    def newest(self) -> NumberedEvent | None:
+        """The last one; None before the first."""
+        with self._lock:
+            return self._kept[-1] if self._kept else None
+
+    def since(self, seq: int) -> EventsMessage:
+        """All that are kept from number ``seq`` on."""
+        with self._lock:
+            events = [event for event in self._kept if event.seq >= seq]
+            oldest, newest = self._seq - len(self._kept) + 1, self._seq
+        return EventsMessage(
+            version=EVENTS_VERSION, numbered_since=self._since, oldest=oldest, newest=newest, events=events
+        )
+
+
+class EventWatch:
+    """Finds what happened between one message and the next. Called by one thread at a time."""
+
+    def __init__(self, log: EventLog) -> None:
+        self._log = log
+        self._run, self._index, self._began = -1, -1, -1.0
+        self._loaded: str | None = None  # scene that was loaded and has not run yet
+        self._state = ""
+        self._stopped = ""  # reason, without its numbers
+        self._contacts: set[tuple[float, str, str]] = set()
+        self._dragged: dict[str, float] = {}  # body: [s] of the last move while held
+
+    def scene(self, name: str) -> None:
+        """A scene is about to run."""
+        self._loaded = name
+
+    def status(self, status: StatusMessage) -> None:
+        """The run ended, or broke."""
+        before, self._state = self._state, status.state
+        if status.state != before and status.state in ("done", "error"):
+            self._log.add(run=status.run, index=self._index, time=status.time, kind=status.state, text=status.text)
+
+    def tick(self, message: TickMessage) -> None:
+        """A period; pictures of a standing twin tell nothing new."""
+        if message.run == self._run and message.index <= self._index:
+            return
+        if message.run != self._run:
+            self._new_run(message)
+        self._run, self._index, self._began = message.run, message.index, message.began
+        for edit in message.edits:
+            self._edit(message, edit)
+        for event in message.events:
+            self._add(message, event.kind, event.text, time=event.time, other=_named(event.text, message))
+        for contact in () if message.score is None else message.score.contacts:
+            self._contact(message, contact)
+        self._stop(message)
+
+    def _new_run(self, message: TickMessage) -> None:
+        scene = self._loaded
+        if scene is not None:
+            self._add(message, "loaded", f"loaded {scene}")
+        elif message.began == self._began:
+            self._add(message, "branch", f"goes on from {message.first * PERIOD:.2f} s")
+        else:
+            self._add(message, "reset", "back to the start")
+        self._loaded, self._stopped, self._dragged = None, "", {}
+        past = [] if message.score is None else message.score.contacts
+        self._contacts = {_key(contact) for contact in past if contact.time < message.first * PERIOD}
+
+    def _contact(self, message: TickMessage, contact: ContactMessage) -> None:
+        if _key(contact) in self._contacts:
+            return
+        self._contacts.add(_key(contact))
+        whose = "caused by the robot" if contact.caused_by_robot else "not caused by the robot"
+        self._add(
+            message,
+            "contact",
+            f"{contact.body} touched {contact.other}, {whose}",
+            time=contact.time,
+            body=contact.body,
+            other=contact.other,
+            caused_by_robot=contact.caused_by_robot,
+        )
+
+    def _stop(self, message: TickMessage) -> None:
+        reason = _DIGITS.sub("#", message.stop_reason)  # a distance that changes is no other reason
+        if reason == self._stopped:
+            return
+        self._stopped = reason
+        if reason:
+            self._add(message, "stop", message.stop_reason)
+        else:
+            self._add(message, "go", "goes on")
+
+    def _edit(self, message: TickMessage, edit: Edit) -> None:
+        name = str(getattr(edit, "name", ""))
+        if isinstance(edit, MoveBody):
+            last, self._dragged[name] = self._dragged.get(name), message.time
+            if edit.held and last is not None and message.time - last <= SAME_DRAG:
+                return
+        else:
+            self._dragged.pop(name, None)
+        kind = str(edit.__struct_config__.tag)
+        self._add(message, "edit", f"{kind} {name}".rstrip(), other=name)
+
+    def _add(self, message: TickMessage, kind: str, text: str, *, time: float | None = None, **about: object) -> None:
+        at = message.time if time is None else time
+        self._log.add(run=message.run, index=message.index, time=round(at, 6), kind=kind, text=text, **about)
+
+
+def _key(contact: ContactMessage) -> tuple[float, str, str]:
+    return contact.time, contact.body, contact.other
+
+
+def _named(text: str, message: TickMessage) -> str:
+    """The first object, or else target, that a text names."""
+    names = [belief.name for belief in message.beliefs] + [task.target for task in message.tasks]
+    found = [(match.start(), -len(name), name) for name in names if name and (match := _word(name).search(text))]
+    return min(found)[2] if found else ""
+
+
+def _word(name: str) -> re.Pattern[str]:
+    return re.compile(rf"(?<!\w){re.escape(name)}(?!\w)")

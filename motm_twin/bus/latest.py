@@ -1,0 +1,72 @@
+"""The published keys of a twin: each remembers its last value, and answers queries with it."""
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+
+import zenoh
+
+from motm_twin.bus.keys import Keys
+
+MakeAnswer = Callable[[zenoh.Parameters], bytes | None]  # None: there is nothing yet. ValueError: why not
+
+
+class LatestValues:
+    """Publishes, and answers late joiners with the last value of each key."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
+        self._lock = threading.Lock()
+        self._last: dict[str, tuple[bytes, bytes | None]] = {}  # key: payload, attachment
+        self._answers: dict[str, MakeAnswer] = {}
+        self._declared: list[zenoh.Publisher | zenoh.Queryable] = []
+        self._publishers = {}
+        for key in (keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event):
+            # Not express: ticks that have to wait for a slow reader then share the batches of the send queue.
+            publisher = session.declare_publisher(
+                key,
+                encoding=zenoh.Encoding.ZENOH_BYTES if key == keys.grid else zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=_block_or_drop(key in (keys.scene, keys.event)),
+                # Events have a send queue of their own, which the ticks of a slow reader do not fill.
+                priority=zenoh.Priority.INTERACTIVE_LOW if key == keys.event else zenoh.Priority.DATA,
+                reliability=zenoh.Reliability.RELIABLE,
+            )
+            self._publishers[key] = publisher
+            queryable = session.declare_queryable(key, partial(self._answer, key))
+            self._declared += [publisher, queryable]
+
+    def put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
+        """Send a value of a key and keep it."""
+        with self._lock:
+            self._last[key] = (payload, attachment)
+        self._publishers[key].put(payload, attachment=attachment)
+
+    def answer(self, key: str, make: MakeAnswer) -> None:
+        """Answer queries of this key with what ``make`` says instead of the last value."""
+        self._answers[key] = make
+
+    def close(self) -> None:
+        """Withdraw everything."""
+        for declared in self._declared:
+            declared.undeclare()
+
+    def _answer(self, key: str, query: zenoh.Query) -> None:
+        with suppress(zenoh.ZError), query:  # the asker may be gone
+            try:
+                found = self._found(key, query.parameters)
+            except ValueError as error:
+                query.reply_err(str(error))
+                return
+            if found is not None:
+                query.reply(key, found[0], attachment=found[1])
+
+    def _found(self, key: str, parameters: zenoh.Parameters) -> tuple[bytes, bytes | None] | None:
+        if (make := self._answers.get(key)) is not None:
+            payload = make(parameters)
+            return None if payload is None else (payload, None)
+        with self._lock:
+            return self._last.get(key)
+
+
+def _block_or_drop(block: bool) -> zenoh.CongestionControl:
+    return zenoh.CongestionControl.BLOCK if block else zenoh.CongestionControl.DROP

@@ -1,0 +1,46 @@
+"""A thread that does what others hand it, in order, so that they need not wait for encoding or for slow readers."""
+
+import queue
+import threading
+import traceback
+from collections.abc import Callable
+
+Work = Callable[[], None]
+
+DRAIN = 1.0  # [s] for what still waits when it closes
+
+
+class Outbox:
+    """Does work in its own thread. What comes while ``size`` pieces wait is dropped and counted: nobody waits."""
+
+    def __init__(self, name: str, size: int) -> None:
+        self.dropped = 0
+        self._queue: queue.Queue[Work | None] = queue.Queue(maxsize=size + 1)
+        self._size, self._closed = size, False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def post(self, work: Work) -> None:
+        """Have this done after what was posted before; never waits."""
+        if self._closed or self._queue.qsize() >= self._size:
+            self.dropped += 1
+            return
+        self._queue.put_nowait(work)
+
+    def close(self) -> bool:
+        """Finish what waits, for `DRAIN` at most; False when something still blocks. Closing twice is fine."""
+        if not self._closed:
+            self._closed = True
+            try:
+                self._queue.put(None, timeout=DRAIN)
+            except queue.Full:
+                return False
+        self._thread.join(DRAIN)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while (work := self._queue.get()) is not None:
+            try:
+                work()
+            except Exception:
+                traceback.print_exc()  # what can not be sent must not end what comes after it

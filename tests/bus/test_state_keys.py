@@ -1,0 +1,198 @@
+"""What programs read: the robot at 50 Hz, sweeps, events that nobody loses, metrics; each with its last value."""
+
+import itertools
+import json
+import time
+
+import msgspec
+import pytest
+import zenoh
+from waiting import until
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import (
+    AddObstacle,
+    Branch,
+    Load,
+    MoveBody,
+    Pause,
+    Play,
+    PushRobot,
+    Reset,
+    SetParameter,
+    Speed,
+    Step,
+)
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.messages import EventsMessage, MetricsMessage, NumberedEvent, RobotStateMessage, ScanMessage
+from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import open_client
+from motm_twin.twin import Twin
+
+
+@pytest.fixture(scope="module")
+def server():
+    with TwinServer(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False) as running:
+        until(lambda: running.loop.status().state == "paused", "the twin never started", 240.0)
+        yield running
+
+
+@pytest.fixture
+def client(server):
+    with TwinClient(server.endpoint, sender="tester") as connected:
+        until(lambda: connected.tick() and connected.status(), "nothing was received")
+        yield connected
+        done(connected, Pause())
+
+
+@pytest.fixture
+def session(server):
+    with open_client(server.endpoint) as plain:
+        yield plain
+
+
+def done(client, *commands):
+    for command in commands:
+        answer = client.command(command)
+        assert answer.ok, answer.reason
+
+
+def get(session, key):
+    """Payload of the only reply."""
+    (reply,) = session.get(key, timeout=5.0)
+    if reply.err is not None:
+        raise ValueError(reply.err.payload.to_string())
+    return reply.ok.payload.to_bytes()
+
+
+def events(session, server, since=0):
+    return msgspec.json.decode(get(session, f"{server.keys.event}?from={since}"), type=EventsMessage)
+
+
+def kinds(session, server, since):
+    return [event.kind for event in events(session, server, since).events]
+
+
+def newest(session, server):
+    return events(session, server).newest
+
+
+def test_every_key_answers_a_late_joiner_with_its_last_value(server, client, session):
+    done(client, Step(count=2))
+    keys = server.keys
+    until(lambda: json.loads(get(session, keys.tick))["index"] >= 2, "no steps")
+    for key in (keys.tick, keys.scene, keys.status, keys.robot, keys.scan, keys.metrics, keys.event):
+        until(lambda key=key: list(session.get(key)), f"{key} does not answer")
+        assert isinstance(json.loads(get(session, key)), dict), key
+    (grid,) = session.get(keys.grid)
+    info = json.loads(grid.ok.attachment.to_bytes())
+    assert len(grid.ok.payload) == info["width"] * info["height"]
+    assert {str(reply.ok.key_expr) for reply in session.get("motm/*/tick")} == {keys.tick}
+
+
+def test_the_robot_comes_at_50_hz_of_simulated_time_spread_over_wall_time(server, client, session):
+    messages, at = [], []
+
+    def on_robot(sample):
+        at.append(time.monotonic())
+        messages.append(msgspec.json.decode(sample.payload.to_bytes(), type=RobotStateMessage))
+
+    subscriber = session.declare_subscriber(server.keys.robot, zenoh.handlers.Callback(on_robot, indirect=False))
+    done(client, Play())
+    until(lambda: len(messages) > 60, "the robot does not come")
+    done(client, Pause())
+    subscriber.undeclare()
+    times = [message.time for message in messages[3:]]
+    assert {round(after - before, 6) for before, after in itertools.pairwise(times)} == {0.02}
+    gaps = sorted(after - before for before, after in itertools.pairwise(at[3:]))
+    assert gaps[len(gaps) // 4] > 0.005, "they come in bursts"
+
+
+def test_the_frames_fit_the_pose_and_the_joints(server, client, session):
+    robot = msgspec.json.decode(get(session, server.keys.robot), type=RobotStateMessage)
+    for name, frame in robot.frames.items():
+        assert sum(value**2 for value in frame[3:]) == pytest.approx(1.0, abs=1e-4), name
+    assert {"base_link", "panda_link0", "panda_hand", "panda_tcp", "camera", "lidar"} <= set(robot.frames)
+    assert robot.frames["base_link"][:2] == pytest.approx(robot.pose[:2], abs=1e-4)
+    hand, tcp = robot.frames["panda_hand"], robot.frames["panda_tcp"]
+    assert sum((a - b) ** 2 for a, b in zip(hand[:3], tcp[:3], strict=True)) ** 0.5 == pytest.approx(0.1034, abs=1e-3)
+    assert len(robot.q) == len(robot.dq) == len(robot.joint_names) == 7
+
+
+def test_each_sweep_is_sent_once(server, client, session):
+    scans = []
+
+    def on_scan(sample):
+        scans.append(msgspec.json.decode(sample.payload.to_bytes(), type=ScanMessage))
+
+    subscriber = session.declare_subscriber(server.keys.scan, on_scan)
+    done(client, Step(count=10))
+    until(lambda: len(scans) >= 9, "no sweeps")
+    subscriber.undeclare()
+    stamps = [scan.stamp for scan in scans]
+    assert stamps == sorted(set(stamps))
+    assert len(scans[0].ranges) == 721
+    assert any(distance is not None for distance in scans[0].ranges)
+
+
+def test_events_tell_of_edits_runs_and_stops_and_their_numbers_have_no_gaps(server, client, session):
+    heard = []
+    subscriber = session.declare_subscriber(
+        server.keys.event, lambda s: heard.append(msgspec.json.decode(s.payload.to_bytes(), type=NumberedEvent))
+    )
+    done(client, Reset())
+    until(lambda: newest(session, server) and client.tick().index == 0, "no reset")
+    before = newest(session, server)
+    done(client, AddObstacle(name="crate", x=0.5, y=-0.8), SetParameter(name="xi", value=0.7), Step(count=3))
+    until(lambda: kinds(session, server, before + 1).count("edit") >= 2, "no events of edits")
+    edit = events(session, server, before + 1).events[0]
+    assert (edit.text, edit.other, edit.index) == ("add_obstacle crate", "crate", 1)
+    done(client, Branch(index=2))
+    until(lambda: "branch" in kinds(session, server, before), "no event of the branch")
+    done(client, Load(scene="exp1"))
+    until(lambda: "loaded" in kinds(session, server, before), "no event of the load", 60.0)
+    last = newest(session, server)
+    until(lambda: heard and heard[-1].seq >= last, "events were not sent")
+    subscriber.undeclare()
+    numbers = [event.seq for event in heard]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    kept = events(session, server)
+    assert [event.seq for event in kept.events] == list(range(kept.oldest, kept.newest + 1))
+    assert kept.oldest == 1
+    assert "reset" in [event.kind for event in kept.events]
+
+
+def test_a_body_that_is_dragged_is_one_event(server, client, session):
+    done(client, Reset(), AddObstacle(name="cart", x=0.5, y=-0.8), Step())
+    before = newest(session, server)
+    for i in range(6):
+        done(client, MoveBody(name="cart", x=0.5 + 0.02 * i, y=-0.8), Step())
+    done(client, MoveBody(name="cart", x=0.7, y=-0.8, held=False), Step())
+    until(lambda: kinds(session, server, before + 1).count("edit") == 2, "a drag is told again and again")
+
+
+def test_a_stop_begins_and_ends_with_events(server, client, session):
+    done(client, Reset())
+    before = newest(session, server)
+    done(client, Speed(factor=8.0), Play())
+    until(lambda: "go" in kinds(session, server, before + 1) or client.tick().index > 60, "time stands", 60.0)
+    done(client, Pause(), PushRobot(dx=0.01, dy=0.0), Speed(factor=1.0))
+    reasons = [event for event in events(session, server, before + 1).events if event.kind in ("stop", "go")]
+    for one, other in itertools.pairwise(reasons):
+        assert (one.kind, other.kind) != ("go", "go")
+    assert all(event.text for event in reasons)
+
+
+def test_a_selector_that_is_none_is_refused_with_a_reason(server, client, session):
+    with pytest.raises(ValueError, match="give the number of an event"):
+        get(session, f"{server.keys.event}?from=yesterday")
+    assert events(session, server, 10**9).events == []
+
+
+def test_metrics_tell_of_periods_tasks_and_memory(server, client, session):
+    done(client, Play())
+    until(lambda: client.tick().index > 5, "time stands")
+    metrics = msgspec.json.decode(get(session, server.keys.metrics), type=MetricsMessage)
+    assert 0.0 < metrics.period_ms["p50"] <= metrics.period_ms["p99"] <= metrics.period_ms["max"]
+    assert metrics.tasks_total == 12
+    assert metrics.memory_mb > 10.0
