@@ -61,6 +61,7 @@ def serve(
     token: str | None = None,
     zenoh_port: int = 7447,
     twin: str = "frankie",
+    secure: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None,
 ) -> int:
     """Serve the twin in the browser, and its state on Zenoh.
 
@@ -74,6 +75,7 @@ def serve(
         token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN).
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         twin: Name of the twin in the Zenoh keys.
+        secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
     """
     from motm_twin.cli_serve import serve as serve_twin
 
@@ -87,6 +89,7 @@ def serve(
         token=token,
         zenoh_port=zenoh_port,
         twin=twin,
+        secure=secure,
     )
 
 

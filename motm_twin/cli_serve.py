@@ -12,13 +12,16 @@ from pathlib import Path
 from rich.console import Console
 
 from motm_twin.bus.children import Child, end_all
+from motm_twin.bus.config import VARIABLE
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.running import Running, note
 from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.model.scene_file import load_scene
+from motm_twin.security.folder import Folder
 from motm_twin.ui.guard import check_token
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
+SERVER = "twin server"
 WATCH = 0.1  # [s] between looks at the children
 
 
@@ -33,6 +36,7 @@ def serve(
     token: str | None = None,
     zenoh_port: int = DEFAULT_PORT,
     twin: str = DEFAULT_TWIN,
+    secure: str | None = None,
 ) -> int:
     """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError for a scene that can not be used.
 
@@ -44,6 +48,7 @@ def serve(
     try:
         Keys(twin)
         check_token(host, token)
+        folder = None if secure is None else Folder(Path(secure)).ready()
         if not headless:
             require_free_port(host, port, "choose another one with --port (0 takes any free one)")
         require_free_port(
@@ -52,11 +57,11 @@ def serve(
     except (PortTaken, ValueError) as error:
         console.print(f"motm-twin serve: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
-    supervisor = _Supervisor(console, twin, zenoh_port or free_port())
+    supervisor = _Supervisor(console, twin, zenoh_port or free_port(), folder)
     server = ["--port", str(supervisor.zenoh_port), "--twin", twin]
     server += [] if variant is None else ["--variant", variant]
     server += [] if seed is None else ["--seed", str(seed)]
-    supervisor.add("twin server", "motm_twin.bus.server_process", [scene, *server])
+    supervisor.add(SERVER, "motm_twin.bus.server_process", [scene, *server])
     if not headless:
         page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
         supervisor.add("page", "motm_twin.ui.viewer_process", page, token)
@@ -66,8 +71,8 @@ def serve(
 class _Supervisor:
     """Starts the processes, tells what happens, starts again what died, ends everything."""
 
-    def __init__(self, console: Console, twin: str, zenoh_port: int) -> None:
-        self._console, self._twin = console, twin
+    def __init__(self, console: Console, twin: str, zenoh_port: int, folder: Folder | None) -> None:
+        self._console, self._twin, self._folder = console, twin, folder
         self.zenoh_port = zenoh_port
         self.endpoint = f"tcp/{LOOPBACK}:{zenoh_port}"
         self._children: list[Child] = []
@@ -84,6 +89,8 @@ class _Supervisor:
             env.setdefault(threads, "1")
         if token is not None:
             env["MOTM_TOKEN"] = token
+        if self._folder is not None:
+            env[VARIABLE] = str(self._folder.server if name == SERVER else self._folder.here)
         self._children.append(Child(name, module, arguments, lambda *event: self._events.put(event), env))
 
     def run(self) -> int:

@@ -87,6 +87,14 @@ class Folder:
         people.check()
         return people
 
+    def ready(self) -> "Folder":
+        """This folder, when a server can use it. Raises SecurityError."""
+        self._known()
+        missing = [file.name for file in (self.server, self.here) if not file.is_file()]
+        if missing:
+            raise SecurityError(f"{self.path} lacks {', '.join(missing)}: make the folder anew")
+        return self
+
     def create(self, people: People, *, days: int = DAYS) -> list[Path]:
         """A new authority, server and clients; the files for clients. Raises SecurityError."""
         people.check()
@@ -135,7 +143,7 @@ class Folder:
     def _known(self) -> People:
         people = self.people()
         if people is None:
-            raise SecurityError(f"{self.path} has no people.json: make the folder first")
+            raise SecurityError(f"{self.path} has no people.json: make it with motm-twin security make")
         return people
 
     def _server(self, people: People) -> None:
