@@ -72,6 +72,8 @@ class Desk:
     def update(self, shown: Shown) -> None:
         """Show this."""
         note = shown.status.text if shown.status is not None else f"no twin server at {self._hub.client.endpoint} yet"
+        if shown.state == "done" and shown.newest is not None and shown.newest.success:
+            note = ""  # the headline of the tab says so
         if shown.state == "lost":
             note = "the twin server is silent; this page reconnects by itself"
         looked_at = None if shown.live or shown.tick is None else shown.tick.time

@@ -6,6 +6,7 @@ from motm_twin.bus.commands import Command, Load, Pause, Play, Reset, Speed, Ste
 from motm_twin.bus.messages import SceneChoice, StatusMessage, TickMessage
 from motm_twin.ui.camera import PRESETS
 from motm_twin.ui.hub import LAYERS, Hub, Shown, Visitor
+from motm_twin.ui.score_card import result_card
 from motm_twin.ui.stage import Stage
 from motm_twin.ui.task_list import TaskBlock
 from motm_twin.ui.why_cards import now_card
@@ -65,7 +66,7 @@ class DriveTab:
             self._show_status(shown.status)
         if shown.tick is not None:
             now = now_card(shown.tick, shown.scene, self._hub.told(shown.tick))
-            self._progress.set(now + count_line(shown.tick))
+            self._progress.set(now + count_line(shown.tick) + result_card(shown.tick, shown.status))
         for name, box in self._layers.items():
             box.value = shown.view.layers.get(name, True)
         self._tasks.update(shown)

@@ -19,7 +19,7 @@ STYLE = """<style>
 .mm table{width:100%;border-collapse:collapse}
 .mm td{padding:1px 0;vertical-align:top}.mm td+td{text-align:right;padding-left:8px;white-space:nowrap}
 .mm .ex{border-bottom:1px dotted #9ca3af;cursor:help}
-.mm .big{min-height:43px}
+.mm .two{min-height:43px}
 .mm hr{border:0;border-top:1px solid #e5e7eb;margin:5px 0}
 </style>"""
 

@@ -15,6 +15,17 @@ def score_card(tick: TickMessage, status: StatusMessage | None) -> str:
     return card(heading("Score"), table(rows), _published(tick, status))
 
 
+def result_card(tick: TickMessage, status: StatusMessage | None) -> str:
+    """What a finished run has come to, in short; "" before its end."""
+    if not tick.done:
+        return ""
+    rows: list[tuple[str, ...]] = [("time of this run", f"<b>{tick.time:.2f} s</b>")]
+    if tick.score is not None:
+        rows.append(("distance driven", f"{tick.score.path_length:.1f} m"))
+        rows.append(("least clearance, base", metres(tick.score.min_base_clearance)))
+    return card(heading("Result"), table(rows + _tour(tick, status)), _published(tick, status))
+
+
 def _count(tick: TickMessage, score: ScoreMessage) -> list[tuple[str, ...]]:
     picks = sum(task.kind == "pick" for task in tick.tasks)
     places = sum(task.kind == "place" for task in tick.tasks)

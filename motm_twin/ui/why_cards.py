@@ -52,9 +52,17 @@ def now_card(tick: TickMessage, scene: Scene | None = None, told: Collection[str
     speed, turn = tick.robot.twist
     colour = GREEN if tick.done and tick.success else "#111827"
     near = avoided(tick, scene, told)
-    rows = [f'<div class="big" style="color:{colour}">{text(words.doing(tick) + (near and f", {near}"))}.</div>']
+    says, lines = words.doing(tick) + (near and f", {near}"), "" if tick.done else " two"
+    rows = [f'<div class="big{lines}" style="color:{colour}">{text(says)}.</div>']
     limiter = limited_by(tick, scene, told)
-    rows += [sentence(why, AMBER if held_up else MUTED) for why, held_up in words.waiting(tick, limiter)]
+    said = words.doing(tick).lower() if tick.done else ""
+    rows += [
+        sentence(why, AMBER if held_up else MUTED)
+        for why, held_up in words.waiting(tick, limiter)
+        if why.lower() != said
+    ]
+    if tick.done and words.stands(tick):
+        return card(*rows)
     motion = f"base {speed:+.2f} m/s, {math.degrees(turn):+.0f}&deg;/s"
     reach = tick.plan.time_to_range
     if reach is not None and words.active_task(tick) is not None and not tick.done:

@@ -253,3 +253,17 @@ def test_names_from_outside_are_escaped_on_every_card(tick):
         assert "&lt;img" in page
     assert "<img" not in legend(placement)
     assert "<img" not in score_card(hostile, None)
+
+
+def test_a_finished_run_stands_beside_the_published_times_and_says_its_end_once(tick):
+    from motm_twin.ui.score_card import result_card
+
+    ended = [replace(task, status="done") for task in tick.tasks]
+    done = replace(
+        tick, time=76.2, tasks=ended, task_index=len(ended), done=True, success=True,
+        stop_reason="all 8 tasks are done",
+        robot=replace(tick.robot, twist=[0.0, 0.0]),
+    )  # fmt: skip
+    assert now_card(done).lower().count("all 8 tasks are done") == 1
+    assert result_card(tick, None) == ""
+    assert "76.20 s" in result_card(done, None) and "no published time" in result_card(done, None)
