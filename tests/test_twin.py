@@ -3,6 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
+from twin_steps import advance, caused
 
 from motm_twin.model.edits import AddObstacle, Announce, InjectFault, MoveBody, ReleaseBody, RemoveBody, SetParameter
 from motm_twin.model.scene_file import load_scene
@@ -11,12 +12,6 @@ from motm_twin.record.replay import rerun
 from motm_twin.record.session import decode_session, encode_session
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
-
-
-def advance(twin, periods):
-    for _ in range(periods):
-        tick = twin.advance()
-    return tick
 
 
 def test_the_first_published_trial_is_completed_without_contact():
@@ -106,7 +101,7 @@ def test_an_obstacle_dropped_before_the_robot_is_driven_around():
     advance(twin, 60)
     twin.post(AddObstacle(name="crate", x=2.3, y=0.2, size=(0.5, 0.5, 0.6)))
     tick = advance(twin, 500)
-    assert not [contact for contact in tick.truth.contacts if contact.caused_by_robot]
+    assert not caused(tick)
     assert tick.truth.picks >= 1
 
 

@@ -3,6 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
+from twin_steps import SCENE, advance, advance_until, caused
 
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.model.edits import (
@@ -19,41 +20,15 @@ from motm_twin.model.geometry import from_frame
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import SearchBudget
+from motm_twin.record.replay import player, rerun
 from motm_twin.twin import Twin
 
-SCENE = load_scene("exp1", "trial1", 0)
 FAR_DRIVE = DriveTo(point=(0.0, -1.0))
-
-
-def advance(twin, periods):
-    for _ in range(periods):
-        tick = twin.advance()
-    return tick
-
-
-def advance_until(twin, test, limit=600):
-    for _ in range(limit):
-        tick = twin.advance()
-        if test(tick):
-            return tick
-    pytest.fail(f"not within {limit} periods; last reason: {tick.stop_reason!r}")
 
 
 def occupied(world, x, y):
     column, row = ((np.array([x, y]) - world.origin) / world.resolution).astype(int)
     return bool(world.occupied[row, column])
-
-
-def rerun(session):
-    """What record.replay does, in short."""
-    twin = Twin(session.scene, parameters=session.parameters)
-    cuts = {cut.index: cut.expansions for cut in session.cuts}
-    for index in range(session.periods):
-        for entry in session.edits:
-            if entry.index == index:
-                twin.post(entry.edit)
-        twin.advance(SearchBudget(expansions=cuts[index]) if index in cuts else None)
-    return twin
 
 
 def test_a_parameter_changes_the_parts_and_nothing_else_of_the_state():
@@ -213,7 +188,7 @@ def test_a_session_of_all_kinds_of_edits_repeats_the_run_bit_for_bit():
     assert session.periods == 130
     assert [entry.index for entry in session.edits] == [10, 10, 20, 40, 40, 60, 60, 90]
     decoded = msgspec.json.decode(msgspec.json.encode(session), type=type(session))
-    assert rerun(decoded).state_hash() == session.state_hash
+    assert rerun(decoded).ok
 
 
 def test_searches_cut_by_the_clock_are_in_the_session():
@@ -222,9 +197,9 @@ def test_searches_cut_by_the_clock_are_in_the_session():
     advance(twin, 60)
     session = twin.session()
     assert session.cuts
-    again = rerun(session)
-    assert again.state_hash() == session.state_hash
-    assert again.session().cuts == session.cuts
+    again = [twin for twin, _ in player(session)][-1].session()
+    assert again.state_hash == session.state_hash
+    assert again.cuts == session.cuts
 
 
 def test_a_twin_of_given_parameter_objects_has_no_session():
@@ -271,7 +246,7 @@ def test_an_announced_table_takes_its_cubes_its_place_on_the_map_and_the_believe
     assert not occupied(tick.map, 3.2, 1.45), "where it stood is free at once"
     assert occupied(tick.map, 4.5, 2.3)
     tick = advance_until(twin, lambda tick: tick.truth.places == 1, 900)
-    assert not [contact for contact in tick.truth.contacts if contact.caused_by_robot]
+    assert not caused(tick)
 
 
 def test_an_announced_bin_is_served_where_it_stands_now():
@@ -281,7 +256,7 @@ def test_an_announced_bin_is_served_where_it_stands_now():
     twin.advance()
     twin.post(Announce(name="drop1_round_table"))
     tick = advance_until(twin, lambda tick: tick.truth.places == 1, 900)
-    assert not [contact for contact in tick.truth.contacts if contact.caused_by_robot]
+    assert not caused(tick)
 
 
 def test_announcing_furniture_that_was_not_moved_changes_nothing():

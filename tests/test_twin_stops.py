@@ -6,6 +6,7 @@ import re
 import msgspec
 import numpy as np
 import pytest
+from twin_steps import BIN, CUBE, SCENE, SHORT, advance, advance_until, caused, in_phase, says
 
 from motm_twin.model.edits import (
     AddObstacle,
@@ -17,38 +18,7 @@ from motm_twin.model.edits import (
     RemoveTask,
 )
 from motm_twin.model.scene import Box, DriveTo, Place, Solid
-from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
-
-SCENE = load_scene("exp1", "trial1", 0)
-SHORT = msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:2])
-CUBE, BIN = SCENE.tasks[0].object, SCENE.tasks[1].bin
-
-
-def advance(twin, periods):
-    for _ in range(periods):
-        tick = twin.advance()
-    return tick
-
-
-def advance_until(twin, test, limit=600):
-    for _ in range(limit):
-        tick = twin.advance()
-        if test(tick):
-            return tick
-    pytest.fail(f"not within {limit} periods; last reason: {tick.stop_reason!r}")
-
-
-def says(words):
-    return lambda tick: re.search(words, tick.stop_reason) is not None
-
-
-def caused(tick):
-    return [contact for contact in tick.truth.contacts if contact.caused_by_robot]
-
-
-def in_phase(*phases):
-    return lambda tick: tick.arm[-1].phase in phases
 
 
 def test_without_lidar_the_robot_slows_then_stops_then_goes_on():

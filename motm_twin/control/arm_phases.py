@@ -299,6 +299,12 @@ def engaged(state: ManipulatorState) -> bool:
     return state.phase in ("final", "closing", "retry", "release") or (state.phase == "lift" and not state.reported)
 
 
+def fingers_at_work(state: ManipulatorState) -> bool:
+    """Closing, lifting until that is reported, or letting go: what the hand holds is about to be another thing."""
+    lifting = state.phase == "lift" and not state.reported
+    return state.phase == "closing" or lifting or state.released is not None
+
+
 def dwell(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
     """Time [s] in reach that the job still needs."""
     p, gripper = rules.parameters, rules.profile.gripper

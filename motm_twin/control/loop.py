@@ -105,9 +105,10 @@ class ControlLoop(Stateful[LoopState]):
         blocked = placement.mode == "closest" and plan.status == "idle"
         in_reach = plan.time_to_range == 0.0
         outside = (blocked or placement.chosen < 0) and self._outside(problem.target)
+        busy, why = self.manipulator.busy, self._state.waiting
         events = list(
             self.sequence.watch(
-                observation.time, in_reach, observation.pose, blocked=blocked, outside=outside, why=self._state.waiting
+                observation.time, in_reach, observation.pose, blocked=blocked, outside=outside, busy=busy, why=why
             )
         )
         steps, samples, arm_events, reason = self._arm_steps(observation, world, plan, stages)

@@ -7,7 +7,7 @@ import numpy as np
 
 from motm_twin.control.arm_avoidance import LidarLimits, lidar_limits, nearest_distance, no_limits
 from motm_twin.control.arm_motion import Motion, hand_motion
-from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged
+from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged, fingers_at_work
 from motm_twin.control.arm_reference import planar_joints, polar, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View, look
 from motm_twin.control.furniture_rows import SEEN, FurnitureRows, IntArray
@@ -82,6 +82,11 @@ class Manipulator(Stateful[ManipulatorState]):
     def holding(self) -> bool:
         """Does the gripper believe that it holds an object?"""
         return self._state.holding
+
+    @property
+    def busy(self) -> bool:
+        """Are the fingers closing on an object, lifting it, or letting go of it?"""
+        return fingers_at_work(self._state)
 
     def step(self, inputs: ArmInputs) -> ArmStep:
         """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""

@@ -1,6 +1,6 @@
 """Why the robot stands, in one sentence with names and numbers."""
 
-from motm_twin.control.sequence import MAX_ATTEMPTS, TaskSequence
+from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.task_list import name_of
 from motm_twin.control.types import ArmStep
 from motm_twin.model.plant import Observation
@@ -30,7 +30,7 @@ def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation:
     if sequence.done:
         return _ended(sequence)
     if task is None:
-        return f"{sequence.held} is in the gripper and no task says where it goes: put a place task first"
+        return _homeless(sequence)
     if plan.reason:
         return plan.reason
     if arm_s_turn:
@@ -42,14 +42,21 @@ def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation:
 
 def _ended(sequence: TaskSequence) -> str:
     count, failures = len(sequence.tasks), sequence.failures
+    held = f"; {sequence.held} is still in the gripper" if sequence.held else ""
     if not failures:
-        return f"all {count} tasks are done"
-    return f"all {count} tasks have ended, {len(failures)} given up: {'; '.join(failures)}"
+        return f"all {count} tasks are done{held}"
+    return f"all {count} tasks have ended, {len(failures)} given up: {'; '.join(failures)}{held}"
+
+
+def _homeless(sequence: TaskSequence) -> str:
+    """What is held has no place task."""
+    tried = f"it did not get into {' and '.join(sequence.refused)}; " if sequence.refused else ""
+    return f"{sequence.held} is in the gripper and no task says where it goes: {tried}put a place task first"
 
 
 def _waiting(sequence: TaskSequence, name: str, step: ArmStep) -> str:
     """The target is in reach: what the arm is at."""
-    tries = f" (try {sequence.attempts} of {MAX_ATTEMPTS})" if sequence.attempts > 1 else ""
+    tries = f" (try {sequence.attempts} of {sequence.most_attempts})" if sequence.attempts > 1 else ""
     if step.qp_status != "solved":
         return _about(name, step.reason) + tries
     if step.limiter and any("lidar" in row for row in step.active):

@@ -1,8 +1,14 @@
-"""The task sequence: which task is active, which target feeds the placement next, and what a failure leads to."""
+"""The task sequence: which task is active, which target feeds the placement next, and what a failure leads to.
 
+What is held goes into a bin before anything else is picked. The paper has no rule for a bin that does not take it; here
+the place is tried again, then the nearest other bin takes what is held, and the task stays failed. When every bin has
+refused, or a person has taken the place task off the list, the robot keeps what it holds and waits for a place task.
+"""
+
+import math
 from dataclasses import dataclass, field
 
-from motm_twin.control.task_list import TaskEdit, TaskList, edited, homeless, kind_of, name_of
+from motm_twin.control.task_list import TaskEdit, TaskList, edited, kind_of, name_of
 from motm_twin.control.tick import Event, TaskState
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.known import KnownWorld
@@ -10,6 +16,7 @@ from motm_twin.model.scene import DriveTo, Pick, Place, Task
 from motm_twin.model.state import Stateful
 
 MAX_ATTEMPTS = 8  # grasps of one object before its task is given up
+PLACE_ATTEMPTS = 3  # times `STALL_LIMIT` at a bin before what is held goes to another: whoever is in the way may leave
 STALL_LIMIT = 30.0  # [s] with the target in reach and no progress before the task is given up
 OUT_OF_REACH = 5.0  # [s] out of reach after which the time in reach counts anew; a base that swings keeps it running
 OUTSIDE_LIMIT = 10.0  # [s] as near as it gets before a target outside the map is given up
@@ -30,7 +37,7 @@ class SequenceState:
     out_of_reach_since: float | None = None
     outside_since: float | None = None
     failures: list[str] = field(default_factory=list)
-    waits: bool = False  # a person took the place of what is held off the list: nothing else is picked until it has one
+    refused: tuple[str, ...] = ()  # bins whose place task was given up with what is held now
 
 
 class TaskSequence(Stateful[SequenceState]):
@@ -68,6 +75,16 @@ class TaskSequence(Stateful[SequenceState]):
         return 0 if self.done else self._state.attempts[self._state.index]
 
     @property
+    def most_attempts(self) -> int:
+        """Tries that the active task gets."""
+        return PLACE_ATTEMPTS if isinstance(self.active, Place) else MAX_ATTEMPTS
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Bins that were given up for what is held."""
+        return self._state.refused
+
+    @property
     def failures(self) -> tuple[str, ...]:
         """One sentence for each task that was given up."""
         return tuple(self._state.failures)
@@ -76,7 +93,7 @@ class TaskSequence(Stateful[SequenceState]):
     def active(self) -> Task | None:
         """The task being worked on; None also while what is held has to be placed before the next pick."""
         task = self._task(self._state.index)
-        return None if self._state.waits and self._state.held and isinstance(task, Pick) else task
+        return None if self._state.held and isinstance(task, Pick) else task
 
     @property
     def following(self) -> Task | None:
@@ -101,7 +118,6 @@ class TaskSequence(Stateful[SequenceState]):
         state, before = self._state, self._task(self._state.index)
         after = edited(self.listed(), edit, known, engaged=engaged)
         state.tasks, state.status, state.attempts = list(after.tasks), list(after.status), list(after.attempts)
-        state.waits = homeless(after.tasks, after.index, after.held)
         if self._task(state.index) is before:
             return False
         state.status[state.index :] = ["waiting"] * (len(state.tasks) - state.index)
@@ -121,7 +137,7 @@ class TaskSequence(Stateful[SequenceState]):
             return self._finish(time, "picked", f"picked {task.object}")
         if outcome == "placed" and isinstance(task, Place):
             text = f"placed {state.held} in {task.bin}"
-            state.held = ""
+            state.held, state.refused = "", ()
             return self._finish(time, "placed", text)
         if outcome == "missed" and isinstance(task, Pick):
             state.attempts[state.index] += 1
@@ -132,15 +148,17 @@ class TaskSequence(Stateful[SequenceState]):
         return ()
 
     def watch(
-        self, time: float, in_reach: bool, pose: Array, *, blocked: bool = False, outside: bool = False, why: str = ""
-    ) -> tuple[Event, ...]:
+        self, time: float, in_reach: bool, pose: Array, *,
+        blocked: bool = False, outside: bool = False, busy: bool = False, why: str = "",
+    ) -> tuple[Event, ...]:  # fmt: skip
         """Once per period: end drive_to tasks on arrival; give up what cannot be done or makes no progress in reach.
 
         ``blocked``: the base stands at the free place that is closest to a point it cannot get to; ``outside``: it gets
-        no nearer to a target outside the map; ``why``: the arm waits.
+        no nearer to a target outside the map; ``busy``: the fingers close, lift or let go now, and will have done in a
+        moment, so nothing is given up; ``why``: the arm waits.
         """
         task, state = self.active, self._state
-        if task is None:
+        if task is None or busy:
             return ()
         if isinstance(task, Place) and not state.held:
             return self._give_up(time, f"place in {task.bin}: nothing is held, there is nothing to place")
@@ -151,10 +169,11 @@ class TaskSequence(Stateful[SequenceState]):
         elif state.outside_since is None:
             state.outside_since = time
         elif time - state.outside_since > OUTSIDE_LIMIT:
-            return self._give_up(time, f"{kind_of(task)} {name_of(task)}: outside the map for {OUTSIDE_LIMIT:.0f} s")
+            text = f"{kind_of(task)} {name_of(task)}: outside the map for {OUTSIDE_LIMIT:.0f} s"
+            return self._give_up(time, text + self._elsewhere(pose))
         if isinstance(task, DriveTo):
             return self._watch_drive(task, time, blocked=blocked)
-        return self._watch_reach(task, time, in_reach, why)
+        return self._watch_reach(task, time, pose, in_reach, why)
 
     def _watch_drive(self, task: DriveTo, time: float, *, blocked: bool) -> tuple[Event, ...]:
         state = self._state
@@ -166,7 +185,7 @@ class TaskSequence(Stateful[SequenceState]):
             return self._give_up(time, f"drive to {name_of(task)}: not free for {DRIVE_LIMIT:.0f} s")
         return ()
 
-    def _watch_reach(self, task: Task, time: float, in_reach: bool, why: str) -> tuple[Event, ...]:
+    def _watch_reach(self, task: Task, time: float, pose: Array, in_reach: bool, why: str) -> tuple[Event, ...]:
         state = self._state
         if not in_reach:
             if state.out_of_reach_since is None:
@@ -179,8 +198,33 @@ class TaskSequence(Stateful[SequenceState]):
             state.in_reach_since = time
         elif time - state.in_reach_since > STALL_LIMIT:
             text = f"{kind_of(task)} {name_of(task)}: in reach for {STALL_LIMIT:.0f} s, not done"
-            return self._give_up(time, f"{text}: {why}" if why else text)
+            text = f"{text}: {why}" if why else text
+            if isinstance(task, Place) and state.attempts[state.index] < PLACE_ATTEMPTS:
+                state.attempts[state.index] += 1
+                state.in_reach_since = time
+                return (Event(time=time, kind="missed", text=f"{text}; trying again"),)
+            return self._give_up(time, text + self._elsewhere(pose))
         return ()
+
+    def _elsewhere(self, pose: Array) -> str:
+        """The active task is about to be given up: list where what is held goes instead, and say so."""
+        state = self._state
+        task = state.tasks[state.index]
+        if not isinstance(task, Place) or not state.held:
+            return ""
+        state.refused = (*state.refused, task.bin)
+        if isinstance(self._next_job(state.index + 1), Place):
+            return ""
+        others = [place for place in self.known.bins if place.name not in state.refused]
+        if not others:
+            return f"; {state.held} stays in the gripper: there is no other bin"
+        x, y = float(pose[0]), float(pose[1])
+        other = min(others, key=lambda place: (math.hypot(place.centre[0] - x, place.centre[1] - y), place.name))
+        at = state.index + 1
+        state.tasks.insert(at, Place(bin=other.name))
+        state.status.insert(at, "waiting")
+        state.attempts.insert(at, 0)
+        return f"; {state.held} goes to {other.name} instead"
 
     def _task(self, index: int) -> Task | None:
         return self._state.tasks[index] if index < len(self._state.tasks) else None
@@ -211,7 +255,7 @@ class TaskSequence(Stateful[SequenceState]):
     def _fail_place(self) -> None:
         """Nothing will be placed: the next place task ends now; drives before it stay, and come after it."""
         state = self._state
-        if not isinstance(self._next_job(), Place):
+        if not isinstance(self._next_job(state.index), Place):
             return
         at = next(i for i in range(state.index, len(state.tasks)) if isinstance(state.tasks[i], Place))
         state.tasks.insert(state.index, state.tasks.pop(at))
@@ -228,27 +272,35 @@ class TaskSequence(Stateful[SequenceState]):
     def _lost(self, time: float) -> tuple[Event, ...]:
         """The held object is gone: go back to picking it, as often as grasps are allowed."""
         state = self._state
-        lost, state.held = state.held, ""
+        lost, state.held, state.refused = state.held, "", ()
         picks = [
             i for i, task in enumerate(state.tasks[: state.index]) if isinstance(task, Pick) and task.object == lost
         ]
-        if not picks or not isinstance(self._next_job(), Place):
+        if not picks or not isinstance(self._next_job(state.index), Place):
             return (Event(time=time, kind="lost", text=f"lost {lost}"),) if lost else ()
         pick = picks[-1]
         state.attempts[pick] += 1
         if state.attempts[pick] >= MAX_ATTEMPTS:
             self._fail_place()
             return self._failed(time, f"{lost}: lost {MAX_ATTEMPTS} times")
-        for i in range(pick, state.index + 1):
-            state.status[i] = "waiting"
-        state.index = pick
-        self._activate()
+        self._go_back(pick)
         return (Event(time=time, kind="lost", text=f"lost {lost}, going back for it"),)
 
-    def _next_job(self) -> Task | None:
-        """The first task still to be done that is not a drive."""
+    def _go_back(self, pick: int) -> None:
+        """Do what was done since a pick again; what was given up since then is not, and is listed before it."""
         state = self._state
-        return next((task for task in state.tasks[state.index :] if not isinstance(task, DriveTo)), None)
+        since = range(pick, state.index + 1)
+        failed = [i for i in since if state.status[i] == "failed"]
+        order = [*failed, *(i for i in since if i not in failed)]
+        state.tasks[pick : state.index + 1] = [state.tasks[i] for i in order]
+        state.attempts[pick : state.index + 1] = [state.attempts[i] for i in order]
+        state.status[pick : state.index + 1] = ["failed"] * len(failed) + ["waiting"] * (len(order) - len(failed))
+        state.index = pick + len(failed)
+        self._activate()
+
+    def _next_job(self, start: int) -> Task | None:
+        """The first task from an index on that is not a drive."""
+        return next((task for task in self._state.tasks[start:] if not isinstance(task, DriveTo)), None)
 
 
 def arrived(task: DriveTo, pose: Array) -> bool:

@@ -163,6 +163,10 @@ def _check_order(now: TaskList) -> None:
         if isinstance(task, Pick):
             if carried:
                 raise ValueError(f"'{titled(task)}' would come while {carried} is held: put it after the place task")
+            if task.object == now.held:
+                raise ValueError(
+                    f"{task.object} is in the gripper already: put it into another bin instead of picking it"
+                )
             if task.object in picked:
                 raise ValueError(f"{task.object} is picked by another task of the list already: remove that one first")
             carried = open_pick = task.object

@@ -1,11 +1,20 @@
 """The task sequence."""
 
+import msgspec
 import numpy as np
 
-from motm_twin.control.sequence import MAX_ATTEMPTS, OUT_OF_REACH, OUTSIDE_LIMIT, STALL_LIMIT, TaskSequence
+from motm_twin.control.sequence import (
+    MAX_ATTEMPTS,
+    OUT_OF_REACH,
+    OUTSIDE_LIMIT,
+    PLACE_ATTEMPTS,
+    STALL_LIMIT,
+    TaskSequence,
+)
+from motm_twin.model.edits import InsertTask
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import DriveTo, Pick, Place
+from motm_twin.model.scene import Bin, DriveTo, Pick, Place
 
 TASKS = (
     Pick(object="a"),
@@ -148,3 +157,72 @@ def test_a_pose_is_only_reached_with_its_heading():
         tasks.apply(outcome, 1.0)
     tasks.watch(2.0, False, np.array([1.0, 0.0, 1.5]))
     assert not tasks.done
+
+
+def two_bins() -> TaskSequence:
+    """A sequence that holds "a", with two bins."""
+    bins = tuple(
+        Bin(name=name, centre=(x, 0.0), side=0.3, floor_z=0.5, rim_z=0.6, wall=0.01)
+        for name, x in (("bin1", 1.0), ("bin2", 2.0))
+    )
+    tasks = TaskSequence(msgspec.structs.replace(sequence().known, bins=bins))
+    tasks.apply("picked", 1.0)
+    return tasks
+
+
+def stall(tasks: TaskSequence, tries: int) -> str:
+    """Let the active task make no progress so many times; text of the last event."""
+    text = ""
+    while tries:
+        stalled = tasks.watch(1000.0 * tries, True, ELSEWHERE) or tasks.watch(1000.0 * tries + 31.0, True, ELSEWHERE)
+        text, tries = stalled[0].text, tries - 1
+        tasks._state.in_reach_since = None
+    return text
+
+
+def test_a_place_is_tried_again_before_what_is_held_goes_to_the_nearest_other_bin():
+    tasks = two_bins()
+    assert stall(tasks, PLACE_ATTEMPTS - 1).endswith("trying again")
+    assert tasks.active == TASKS[1]
+    assert stall(tasks, 1).endswith("a goes to bin2 instead")
+    assert tasks.active == Place(bin="bin2")
+    assert tasks.report()[1].status == "failed"
+    tasks.apply("placed", 2.0)
+    assert (tasks.active, tasks.refused) == (TASKS[2], ())
+
+
+def test_what_no_bin_takes_is_kept_and_nothing_else_is_picked():
+    tasks = two_bins()
+    stall(tasks, PLACE_ATTEMPTS)
+    assert stall(tasks, PLACE_ATTEMPTS).endswith("a stays in the gripper: there is no other bin")
+    assert tasks.tasks[tasks.index] == TASKS[2]
+    assert tasks.active is None
+    assert tasks.refused == ("bin1", "bin2")
+    assert not tasks.watch(9000.0, True, ELSEWHERE)
+    tasks.edit(InsertTask(tasks=(Place(bin="bin1"),), index=tasks.index), tasks.known, engaged=False)
+    assert tasks.active == Place(bin="bin1")
+
+
+def test_a_bin_outside_the_map_is_not_tried_again():
+    tasks = two_bins()
+    tasks.watch(0.0, False, ELSEWHERE, outside=True)
+    (event,) = tasks.watch(OUTSIDE_LIMIT + 0.1, False, ELSEWHERE, outside=True)
+    assert event.text.endswith("a goes to bin2 instead")
+
+
+def test_what_is_lost_on_its_way_to_the_other_bin_goes_there_after_all():
+    tasks = two_bins()
+    stall(tasks, PLACE_ATTEMPTS)
+    tasks.apply("lost", 2.0)
+    assert [task.status for task in tasks.report()[:3]] == ["failed", "active", "waiting"]
+    assert tasks.active == TASKS[0]
+    tasks.apply("picked", 3.0)
+    assert tasks.active == Place(bin="bin2")
+    assert len(tasks.failures) == 1
+
+
+def test_nothing_is_given_up_while_the_fingers_are_at_work():
+    tasks = sequence()
+    tasks.watch(0.0, True, ELSEWHERE)
+    assert not tasks.watch(STALL_LIMIT + 1.0, True, ELSEWHERE, busy=True)
+    assert tasks.watch(STALL_LIMIT + 1.0, True, ELSEWHERE)

@@ -1,0 +1,89 @@
+"""What the gripper holds goes into a bin before anything else is picked."""
+
+import msgspec
+import pytest
+from twin_steps import BIN, CUBE, SCENE, advance, advance_until, caused, in_phase
+
+from motm_twin.control import sequence
+from motm_twin.model.edits import InsertTask, MoveObject, PushRobot
+from motm_twin.model.scene import Pick, Place
+from motm_twin.twin import Twin
+
+OTHER, SECOND = SCENE.tasks[3].bin, SCENE.tasks[2].object
+
+
+@pytest.fixture
+def narrow(monkeypatch):
+    """A twin whose first bin is narrower than the cube, so that it is never let go there; it soon loses patience."""
+    monkeypatch.setattr(sequence, "STALL_LIMIT", 2.0)
+    bins = tuple(msgspec.structs.replace(item, side=0.05) if item.name == BIN else item for item in SCENE.bins)
+    return Twin(msgspec.structs.replace(SCENE, bins=bins, tasks=SCENE.tasks[:4]))
+
+
+def states(tick):
+    return {body.name: body.state for body in tick.truth.objects}
+
+
+def test_a_cube_that_its_bin_does_not_take_goes_to_the_other_bin_before_the_next_pick(narrow):
+    """The next pick stalled ("an object is held already") until it was given up, and its bin got the wrong cube."""
+    tick = advance_until(narrow, lambda tick: any(event.kind == "missed" for event in tick.events))
+    assert "trying again" in tick.events[0].text
+    assert (tick.tasks[tick.task_index].target, tick.tasks[tick.task_index].attempts) == (BIN, 2)
+    tick = advance_until(narrow, lambda tick: any(event.kind == "failed" for event in tick.events))
+    assert tick.events[0].text.endswith(f"{CUBE} goes to {OTHER} instead")
+    reasons = set()
+    while not tick.done:
+        tick = narrow.advance()
+        reasons.add(tick.stop_reason)
+        assert tick.time < 90.0, tick.stop_reason
+    assert not any("held already" in reason for reason in reasons)
+    tick = advance(narrow, 40)
+    assert states(tick)[CUBE] == states(tick)[SECOND] == f"binned:{OTHER}"
+    assert [task.status for task in tick.tasks] == ["done", "failed", "done", "done", "done"]
+    assert not tick.success
+    assert tick.truth.places == 1, "the referee goes by the list of the person"
+    assert not caused(tick)
+
+
+@pytest.mark.parametrize("disturbance", [MoveObject(name=CUBE, x=3.4, y=1.47), PushRobot(dx=-0.1, dy=0.1, turn=0.2)])
+def test_a_disturbance_on_the_way_to_the_other_bin_does_not_change_where_the_cube_goes(narrow, disturbance):
+    advance_until(narrow, lambda tick: any(event.kind == "failed" for event in tick.events))
+    advance(narrow, 20)
+    narrow.post(disturbance)
+    advance_until(narrow, lambda tick: tick.tasks[2].target == OTHER and tick.tasks[2].status == "done", 1200)
+    tick = advance(narrow, 40)
+    assert states(tick)[CUBE] == f"binned:{OTHER}"
+    assert [task.status for task in tick.tasks[:3]].count("failed") == 1
+
+
+@pytest.mark.parametrize("phase", ["closing", "lift"])
+def test_a_pick_whose_time_is_up_is_finished_when_the_fingers_have_the_cube(monkeypatch, phase):
+    """The pick was given up, and the next one took the cube in the fingers for its own."""
+    twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:4]))
+    advance_until(twin, in_phase(phase))
+    monkeypatch.setattr(sequence, "STALL_LIMIT", 0.0)
+    twin.advance()
+    monkeypatch.undo()
+    tick = advance_until(twin, lambda tick: any(event.kind == "picked" for event in tick.events), 60)
+    assert tick.events[0].text == f"picked {CUBE}"
+    assert states(tick)[CUBE] == "held"
+    assert not twin.loop.sequence.failures
+
+
+def test_a_place_whose_time_is_up_is_finished_when_the_fingers_let_go(monkeypatch):
+    twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:4]))
+    advance_until(twin, lambda tick: tick.arm[-1].phase == "release" and tick.arm[-1].actuation.gripper == "open")
+    monkeypatch.setattr(sequence, "STALL_LIMIT", 0.0)
+    monkeypatch.setattr(sequence, "PLACE_ATTEMPTS", 1)
+    twin.advance()
+    monkeypatch.undo()
+    tick = advance_until(twin, lambda tick: tick.truth.places == 1, 40)
+    assert [task.status for task in tick.tasks[:2]] == ["done", "done"]
+
+
+def test_what_is_held_cannot_be_put_into_the_list_to_be_picked_again():
+    """It lay in its bin when its turn came, and the arm reached in after it."""
+    twin = Twin(SCENE)
+    advance_until(twin, lambda tick: tick.tasks[0].status == "done")
+    with pytest.raises(ValueError, match=f"{CUBE} is in the gripper already"):
+        twin.post(InsertTask(tasks=(Pick(object=CUBE), Place(bin=OTHER))))
