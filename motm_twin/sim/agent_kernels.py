@@ -20,6 +20,7 @@ _BETTER = 0.002  # [m] of distance gained that counts as moving away, per 0.02 m
 _NEAR = 0.4  # [m] from a tight start within which a way round must first lead away
 _AWAY = 0.3  # [m] of distance gained per m that counts as leading away
 _SQUEEZE = 0.02  # [m] that a motion past something within the margin may come nearer to it, and must keep
+_TOWARDS = 0.5  # [m of distance lost per m] from which a motion within the margin leads towards something, not past it
 _LEFT = 1.3  # cost of a way on the left of the straight one
 _SAME = 1e-6  # [m] of distance lost that counts as none
 
@@ -81,8 +82,8 @@ def free_ahead(
 ) -> float:
     """Distance [m] that a disc of radius ``body`` can drive straight on with a margin, at most ``reach``.
 
-    Something within the margin already does not stop a motion that comes hardly nearer to it; something within the body
-    (or where it is expected to be) only lets a motion pass that clearly leads away.
+    Something within the margin already does not stop a motion past it, which comes hardly nearer; something within the
+    body (or where it is expected to be) only lets a motion pass that clearly leads away.
     """
     free = reach
     for i in range(first.shape[0] - 1 + discs.shape[0]):
@@ -115,6 +116,8 @@ def _free_of(
         if ahead < body and ahead < gap + _BETTER * (step / 0.02):
             return travelled
         if ahead < least and ahead < gap - _SAME:
+            return travelled
+        if ahead < radius - _SAME and ahead < gap - _TOWARDS * step:  # else head-on it comes nearer look by look
             return travelled
         travelled += step
         gap = ahead
