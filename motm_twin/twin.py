@@ -1,5 +1,6 @@
 """The twin: one scene, the simulated plant under the control loop, and everything needed to copy and rerun it."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,7 @@ from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
 from motm_twin.model.edits import (
     Announce,
+    Drive,
     Edit,
     InsertTask,
     MoveBody,
@@ -104,6 +106,8 @@ class Twin:
                 check(edit.name, edit.value)
         elif isinstance(edit, Announce):
             check_announce(self.scene, edit.name)
+        elif isinstance(edit, Drive):
+            self._check_twist(edit)
         else:
             self._check_tasks(edit)
         self._queue.append(edit)
@@ -233,6 +237,8 @@ class Twin:
             self._told.set_parameter(edit.name, value, default)
         elif isinstance(edit, Announce):
             self._announce(edit.name)
+        elif isinstance(edit, Drive):
+            self.loop.by_hand.take(edit)
         else:
             if isinstance(edit, InsertTask):
                 self._point_at([task.object for task in edit.tasks if isinstance(task, Pick)])
@@ -246,6 +252,12 @@ class Twin:
         self._rehearsal: Rehearsal | None = None  # of queued world edits
         self._listed: TaskList | None = None  # as the queued task edits leave it
         return edits
+
+    def _check_twist(self, edit: Drive) -> None:
+        """Raise ValueError for a twist that is none; an older one that still waits no longer counts."""
+        if not (math.isfinite(edit.v) and math.isfinite(edit.w)):
+            raise ValueError(f"a twist of {edit.v:g} m/s and {edit.w:g} rad/s: it has to be finite")
+        self._queue = [queued for queued in self._queue if not isinstance(queued, Drive)]
 
     def _check_tasks(self, edit: TaskEdit) -> None:
         """Raise ValueError unless the list, as the queued edits leave it, takes this one."""

@@ -12,6 +12,7 @@ from motm_twin.bus.commands import (
     EDITS,
     Branch,
     Command,
+    Drive,
     Edit,
     Envelope,
     HandOver,
@@ -244,7 +245,7 @@ class TwinLoop:
         self._require_twin()
         self._live.post(edit)
         self._wheel.note(edit, time.monotonic())
-        if self._state == "done" and isinstance(edit, InsertTask):
+        if self._state == "done" and isinstance(edit, InsertTask | Drive):
             self._settling = SETTLE_PERIODS
             self._set_state("playing" if self._play_on else "paused", "")
         self._outdated = True

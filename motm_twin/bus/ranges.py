@@ -12,6 +12,7 @@ from motm_twin.bus.commands import (
     AddObstacle,
     Branch,
     Command,
+    Drive,
     HandOver,
     InjectFault,
     InsertTask,
@@ -41,6 +42,7 @@ MAX_COORDINATE = 1000.0  # [m], [rad]
 SIZE_RANGE = (0.02, 5.0)  # [m]
 SHAPES = ("box", "cylinder", "temi", "person")
 MAX_THROW = 10.0  # [m/s]
+MAX_DRIVE, MAX_TURN = 10.0, 20.0  # [m/s], [rad/s]; the base takes what it can
 MAX_PUSH = 5.0  # [m]
 MAX_FAULT = 60.0  # [s]
 MAX_DELAY = 5.0  # [s]
@@ -80,6 +82,9 @@ def check_command(command: Command) -> None:
             _number("turn of a push [rad]", turn, -math.pi, math.pi)
         case InjectFault():
             _fault(command)
+        case Drive(v=v, w=w):
+            _number("speed by hand [m/s]", v, -MAX_DRIVE, MAX_DRIVE)
+            _number("turn by hand [rad/s]", w, -MAX_TURN, MAX_TURN)
         case InsertTask():
             _tasks(command)
         case RemoveTask(index=index):

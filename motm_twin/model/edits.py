@@ -121,10 +121,17 @@ class Announce(msgspec.Struct, frozen=True, kw_only=True, tag="announce", forbid
     name: str
 
 
+class Drive(msgspec.Struct, frozen=True, kw_only=True, tag="drive", forbid_unknown_fields=True):
+    """Drive the base by hand, for 0.3 s, within its limits and those of the monitor; the arm folds away meanwhile."""
+
+    v: float  # [m/s] forward
+    w: float = 0.0  # [rad/s] to the left
+
+
 WorldEdit = (
     AddObstacle | MoveBody | ReleaseBody | FreezeBody | SendAgent | RemoveBody | MoveObject | PushRobot | InjectFault
 )
-ControlEdit = InsertTask | RemoveTask | MoveTask | SetParameter | Announce
+ControlEdit = InsertTask | RemoveTask | MoveTask | SetParameter | Announce | Drive
 Edit = WorldEdit | ControlEdit
 
 WORLD_EDITS = WorldEdit.__args__

@@ -1,0 +1,95 @@
+"""Driving by hand: a twist that a person or program gives replaces the plan of the base for a moment.
+
+It keeps to the limits of the base, and to speeds from which the base can stop clear of all that the map shows. The
+monitor has the last word as ever, but it is made for plans that avoid things: it would not stop one who pushes on.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from motm_twin.model.edits import Drive
+from motm_twin.model.geometry import Array, drive
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import Stateful
+from motm_twin.planning.braking import stopping_clearance
+from motm_twin.planning.collision import body_of, clearance, field_of
+from motm_twin.planning.types import BasePlan, BaseProblem, empty_path
+
+MARGIN = 0.05  # [m] kept from everything, as plans do
+SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)  # of the twist, tried in this order
+HOLD = 0.3  # [s] that one twist lasts; then the robot goes on with its tasks
+STATUS = "by hand"  # of the plan in the Tick
+
+
+@dataclass
+class ByHandState:
+    """The twist that was given last."""
+
+    v: float = 0.0  # [m/s]
+    w: float = 0.0  # [rad/s]
+    left: int = 0  # periods
+
+
+class ByHand(Stateful[ByHandState]):
+    """Remembers the twist that was given, as long as it counts."""
+
+    def __init__(self, profile: RobotProfile, period: float) -> None:
+        """``period`` [s] of control."""
+        self._limits, self._hold, self._body = profile.base, round(HOLD / period), body_of(profile.footprint)
+        self._state = ByHandState()
+
+    def take(self, edit: Drive) -> None:
+        """A twist, for the period that begins now and those after it until `HOLD` has passed."""
+        self._state = ByHandState(v=edit.v, w=edit.w, left=self._hold)
+
+    def plan(self, problem: BaseProblem) -> BasePlan | None:
+        """The plan of this period while somebody drives; None when nobody does."""
+        state = self._state
+        if state.left <= 0:
+            return None
+        state.left -= 1
+        b = self._limits
+        wanted = np.array(
+            [min(max(state.v, -b.reverse_speed), b.forward_speed), min(max(state.w, -b.yaw_rate), b.yaw_rate)]
+        )
+        share, room = self._free_share(problem, wanted)
+        held = "" if share == 1.0 else f"; {'slowed' if share else 'held'}: {max(room, 0.0):.2f} m to what is seen"
+        return BasePlan(
+            acceleration=self._towards(problem, share * wanted),
+            status=STATUS,
+            reason=f"driven by hand: {wanted[0]:.2f} m/s, {wanted[1]:.2f} rad/s{held}",
+            global_path=empty_path(),
+            next_path=empty_path(),
+            intermediate_goal=np.full(3, math.nan),
+            local_poses=np.zeros((0, 5)),
+            local_times=np.zeros(0),
+            bezier=empty_path(),
+            expansions=0,
+            cut_by_clock=False,
+            t_h=math.inf,
+            k=1.0,
+            time_to_range=math.inf,
+        )
+
+    def _towards(self, problem: BaseProblem, twist: Array) -> Array:
+        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
+        return np.clip((twist - problem.twist) / problem.period, -most, most)
+
+    def _free_share(self, problem: BaseProblem, wanted: Array) -> tuple[float, float]:
+        """The largest share of a twist after which the base can still stop clear of all it sees; clearance now [m].
+
+        Nearer than `MARGIN` to something, it may do whatever brings it no nearer.
+        """
+        field, b, dt = field_of(problem.world), self._limits, problem.period
+        x, y, heading = problem.pose
+        room = float(clearance(x, y, heading, 1.0, field, self._body))
+        for share in SHARES:
+            v, w = problem.twist + self._towards(problem, share * wanted) * dt
+            x, y, heading = drive(problem.pose, 0.5 * (v + problem.twist[0]), 0.5 * (w + problem.twist[1]), dt)
+            a_max, b_max = b.linear_acceleration, b.yaw_acceleration
+            left = stopping_clearance(x, y, heading, v, w, a_max, b_max, MARGIN, field, self._body)
+            if left >= min(MARGIN, room):
+                return share, room
+        return 0.0, room
