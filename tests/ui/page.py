@@ -60,10 +60,10 @@ def chromium():
 
 
 @contextmanager
-def visiting(twin):
+def visiting(twin, view=VIEW):
     """A browser with the page of a served twin open; yields its visitor, who has read how to drive."""
     with chromium() as browser:
-        yield Visitor.enter(browser, twin)
+        yield Visitor.enter(browser, twin, view)
 
 
 class Visitor:
@@ -141,6 +141,16 @@ class Visitor:
         """Choose from a list of the panel."""
         self.page.get_by_label(label, exact=True).locator("visible=true").first.click(timeout=SHOWN * 1000)
         self.page.get_by_role("option", name=option, exact=True).click(timeout=SHOWN * 1000)
+
+    def offered(self, label):
+        """What a list of the panel offers; looked at and closed again."""
+        self.page.get_by_label(label, exact=True).locator("visible=true").first.click(timeout=SHOWN * 1000)
+        options = self.page.get_by_role("option").locator("visible=true")
+        options.first.wait_for(timeout=SHOWN * 1000)
+        found = options.all_inner_texts()
+        self.page.keyboard.press("Escape")
+        options.first.wait_for(state="hidden", timeout=SHOWN * 1000)
+        return found
 
     def write(self, label, text):
         """Type into a field of the panel; Viser's labels of text fields point nowhere."""

@@ -1,0 +1,37 @@
+"""The page in Chromium: every shipped scene, and the variants of three, are chosen by mouse and run."""
+
+import pytest
+from page import serving, until, visiting
+
+from motm_twin.bus.library import FileLibrary
+
+ALL_VARIANTS = ("exp1", "exp2", "playground")
+PERIODS = 3  # that a scene must run
+LITTLE = {"width": 720, "height": 440}  # the lists are the point here, and drawing takes time
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+def test_every_shipped_scene_is_chosen_by_mouse_and_runs():
+    with serving("exp1") as twin, visiting(twin, LITTLE) as visitor:
+        client, page = twin.client, visitor.page
+        visitor.unfold("Scene")
+        choices = sorted(FileLibrary("exp1").choices(), key=lambda choice: choice.name == "exp1")  # that one runs
+        scenes = visitor.offered("Scene")
+        assert scenes == [choice.name for choice in FileLibrary("exp1").choices()]
+        assert set(ALL_VARIANTS) < set(scenes)
+        for choice in choices:
+            visitor.choose("Scene", choice.name)
+            until(lambda c=choice: visitor.offered("Variant") == c.variants, 30.0, f"other variants for {choice.name}")
+            for variant in choice.variants if choice.name in ALL_VARIANTS else choice.variants[-1:]:
+                run = client.tick().run
+                visitor.choose("Variant", variant)
+                visitor.press("Load")
+                loaded = f"{choice.name} / {variant}"
+                until(lambda run=run: client.tick().run > run and client.tick().index > PERIODS, 60.0, f"no {loaded}")
+                assert (client.status().scene, client.status().variant) == (choice.name, variant)
+                visitor.says(loaded)
+            visitor.state("Running")
+            assert visitor.picture().std() > 10.0  # something is drawn
+        assert page.get_by_text("This did not work").count() == 0
+        assert visitor.errors == []
