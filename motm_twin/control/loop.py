@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from motm_twin.control import by_hand
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.reasons import standing
@@ -73,6 +74,7 @@ class ControlLoop(Stateful[LoopState]):
         self.planner = planner
         self.manipulator = manipulator
         self.monitor = Monitor(known.robot)
+        self.by_hand = by_hand.ByHand(known.robot, PERIOD)
         self._truth = truth
         self._clock = clock
         self._state = LoopState()
@@ -87,6 +89,7 @@ class ControlLoop(Stateful[LoopState]):
             "planner": self.planner,
             "manipulator": self.manipulator,
             "monitor": self.monitor,
+            "by_hand": self.by_hand,
         }
 
     def period(self, edits: tuple[Edit, ...] = (), budget: SearchBudget | None = None) -> Tick:
@@ -101,7 +104,7 @@ class ControlLoop(Stateful[LoopState]):
             problem = self._problem(observation, world)
             placement = self.planner.place(problem)
         with stages.measure("plan"):
-            plan = self.planner.drive(problem, placement, budget or self.settings.budget)
+            plan = self.by_hand.plan(problem) or self.planner.drive(problem, placement, budget or self.settings.budget)
         blocked = placement.mode == "closest" and plan.status == "idle"
         in_reach = plan.time_to_range == 0.0
         outside = (blocked or placement.chosen < 0) and self._outside(problem.target)
@@ -127,7 +130,7 @@ class ControlLoop(Stateful[LoopState]):
             placement=placement,
             plan=plan,
             arm=tuple(steps),
-            stop_reason=reason or self.mapper.refusal or standing(self.sequence, plan, steps[-1], observation),
+            stop_reason=reason or self.mapper.refusal or self._why(plan, steps[-1], observation),
             events=tuple(events),
             edits=edits,
             stage_ms=stages.milliseconds(),
@@ -169,6 +172,10 @@ class ControlLoop(Stateful[LoopState]):
             engaged=self._state.engaged,
             period=PERIOD,
         )
+
+    def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
+        """Why the base stands, or is not driven by its plan; "" when it is."""
+        return plan.reason if plan.status == by_hand.STATUS else standing(self.sequence, plan, step, observation)
 
     def _outside(self, target: Target | None) -> bool:
         """The target is outside the map."""
@@ -233,7 +240,9 @@ class ControlLoop(Stateful[LoopState]):
         obstacles: ArmObstacles, base_twist: Array, passed: float,
     ) -> ArmInputs:  # fmt: skip
         """What an arm step reads that begins ``passed`` [s] after the plan was made."""
-        goal = self.targets.arm_goal(self.sequence.active, self.sequence.held, observation, T_odom_world)
+        elsewhere = plan.status == by_hand.STATUS and not self._state.engaged
+        task = None if elsewhere else self.sequence.active  # a base driven by hand: the arm folds away
+        goal = self.targets.arm_goal(task, self.sequence.held, observation, T_odom_world)
         return ArmInputs(
             observation=observation,
             dt=PERIOD / self.settings.arm_steps,
