@@ -27,7 +27,7 @@ def until(condition, seconds: float = 20.0) -> bool:
 
 
 def test_a_member_gives_up_with_a_sentence_when_nobody_answers(port: int) -> None:
-    with pytest.raises(TimeoutError, match="nobody answers at tcp/127.0.0.1"):
+    with pytest.raises(TimeoutError, match="nobody answers at tcp"):
         open_member(f"tcp/{LOOPBACK}:{port}", wait=0.0)
 
 
