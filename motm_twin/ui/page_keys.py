@@ -1,8 +1,11 @@
-"""A small script in the page, so that keys work wherever the focus is, except where somebody types.
+"""A small script in the page: keys work wherever the focus is, except where somebody types, and a tap is a click.
 
 Viser listens for keys at the top of the document, but its tabs and handles keep Space and Enter to themselves, its
 checkboxes and closed lists count as fields, and Space also presses the button that was clicked last. The script takes
 plain keys before any widget does and hands them to the document; Enter, Tab and the arrows stay with the widgets.
+
+A finger belongs to the canvas from its first touch on (browsers capture it), which Viser takes for a gesture that is
+under way: no tap would be a click. So the script lets go of it.
 """
 
 import functools
@@ -32,6 +35,11 @@ SCRIPT = """<script>
   };
   addEventListener("keydown", take, true);
   addEventListener("keyup", take, true);
+  addEventListener("pointerdown", (event) => {
+    const at = event.target;
+    if (event.pointerType === "mouse" || !(at instanceof HTMLCanvasElement)) return;
+    if (at.hasPointerCapture(event.pointerId)) at.releasePointerCapture(event.pointerId);
+  }, true);
 })();
 </script>"""
 
