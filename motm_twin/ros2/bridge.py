@@ -1,0 +1,165 @@
+"""The bridge: reads what the twin publishes, says it in ROS 2, and hands on what ROS 2 programs want of the robot."""
+
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import zenoh
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.keys import Keys
+from motm_twin.bus.messages import (
+    GRID_VERSION,
+    ROBOT_VERSION,
+    SCAN_VERSION,
+    TICK_VERSION,
+    GridInfo,
+    RobotStateMessage,
+    ScanMessage,
+    TickMessage,
+)
+from motm_twin.model.scene import Scene
+from motm_twin.ros2 import convert, topics
+from motm_twin.ros2.forms import Form
+from motm_twin.ros2.markers import Markers
+from motm_twin.ros2.outlets import Outlets
+from motm_twin.ros2.robot_model import RobotModel
+from motm_twin.ros2.wishes import Wishes
+
+WAITING = 100  # messages of the twin that may wait; a bridge that can not keep up skips the oldest
+LOOK = 0.1  # [s] between looks at the scene when nothing comes
+MARKERS_EVERY = 2  # periods
+
+Report = Callable[[str], None]
+
+
+class Bridge:
+    """One twin in one ROS 2 graph. Nothing here is in the way of the control loop."""
+
+    def __init__(
+        self, twin: zenoh.Session, ros: zenoh.Session, client: TwinClient, form: Form, meshes: str, report: Report
+    ) -> None:
+        """``twin`` and ``ros`` may be one session; ``report`` is told what was refused, one sentence each."""
+        self.sent: Counter[str] = Counter()  # messages by topic
+        self.unreadable: Counter[str] = Counter()  # messages that were none, by key or topic
+        self._client, self._meshes, self._report = client, meshes, report
+        self._scene: Scene | None = None
+        self._model: RobotModel | None = None
+        self._markers = Markers()
+        self._waiting: deque[tuple[Callable[..., None], str, tuple[bytes, ...]]] = deque(maxlen=WAITING)
+        self._come, self._closed = threading.Event(), False
+        self._wishes = Wishes(client, self._refuse)
+        self._outlets = Outlets(ros, form, self._accept)
+        keys = Keys(client.keys.twin)
+        self._subscribers = [
+            twin.declare_subscriber(keys.robot, self._direct(self._robot)),
+            twin.declare_subscriber(keys.scan, self._direct(self._scan)),
+        ]
+        self._leave = [
+            client.on_tick(lambda payload: self._put(self._tick, keys.tick, payload)),
+            client.on_grid(lambda cells, info: self._put(self._grid, keys.grid, cells, info)),
+        ]
+        self._thread = threading.Thread(target=self._run, name="to ROS 2", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Withdraw everything; the sessions and the client stay open."""
+        self._closed = True
+        self._come.set()
+        self._thread.join()
+        self._wishes.close()
+        for leave in self._leave:
+            leave()
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+        self._outlets.close()
+
+    def _direct(self, handle: Callable[..., None]) -> zenoh.handlers.Callback:
+        def take(sample: zenoh.Sample) -> None:
+            self._put(handle, str(sample.key_expr), sample.payload.to_bytes())
+
+        return zenoh.handlers.Callback(take, indirect=False)
+
+    def _put(self, handle: Callable[..., None], key: str, *payloads: bytes) -> None:
+        self._waiting.append((handle, key, payloads))
+        self._come.set()
+
+    def _run(self) -> None:
+        while not self._closed:
+            self._come.wait(LOOK)
+            self._come.clear()
+            self._follow_scene()
+            while self._waiting and not self._closed:
+                handle, key, payloads = self._waiting.popleft()
+                try:
+                    handle(*payloads)
+                except (ValueError, zenoh.ZError) as error:  # msgspec's and CDR's errors are ValueErrors
+                    self.unreadable[key] += 1
+                    self._report(f"{key}: {error}")
+
+    def _publish(self, topic: topics.Topic, message: dict[str, Any]) -> None:
+        self._outlets.put(topic, message)
+        self.sent[topic.name] += 1
+
+    def _follow_scene(self) -> None:
+        """Describe the robot anew when another scene, and perhaps another robot, was loaded."""
+        scene = self._client.scene()
+        if scene is None or scene is self._scene:
+            return
+        before, self._scene = self._scene, scene
+        self._markers.show(scene)
+        if before is not None and before.robot == scene.robot:
+            return
+        self._model = RobotModel(scene.robot, self._meshes)
+        self._publish(topics.ROBOT_DESCRIPTION, {"data": self._model.urdf})
+        self._publish(topics.TF_STATIC, convert.tf_message(self._model.static(), 0.0))
+
+    def _robot(self, payload: bytes) -> None:
+        robot = _ROBOT.decode(payload)
+        _require(robot.version, ROBOT_VERSION)
+        self._publish(topics.CLOCK, convert.clock(robot.time))
+        self._publish(topics.JOINT_STATES, convert.joint_states(robot))
+        self._publish(topics.ODOM, convert.odometry(robot))
+        if self._model is not None:
+            self._publish(topics.TF, convert.transforms(robot, self._model))
+
+    def _scan(self, payload: bytes) -> None:
+        scan = _SCAN.decode(payload)
+        _require(scan.version, SCAN_VERSION)
+        if self._scene is not None:
+            self._publish(topics.SCAN, convert.laser_scan(scan, self._scene.robot.lidar.rate))
+
+    def _grid(self, cells: bytes, attachment: bytes) -> None:
+        info = _GRID.decode(attachment)
+        _require(info.version, GRID_VERSION)
+        self._publish(topics.MAP, convert.occupancy_grid(info, cells))
+
+    def _tick(self, payload: bytes) -> None:
+        tick = _TICK.decode(payload)
+        _require(tick.version, TICK_VERSION)
+        self._publish(topics.PLAN, convert.plan_path(tick.plan.global_path, tick.time))
+        self._publish(topics.LOCAL_PLAN, convert.local_path(tick.plan, tick.time))
+        if tick.index % MARKERS_EVERY == 0 or tick.preview:
+            self._publish(topics.MARKERS, self._markers.array(tick))
+
+    def _accept(self, topic: topics.Topic, payload: bytes) -> None:
+        """In Zenoh's thread."""
+        self._wishes.put(topic, payload)
+
+    def _refuse(self, topic: topics.Topic, text: str, *, unreadable: bool) -> None:
+        if unreadable:
+            self.unreadable[topic.name] += 1
+        self._report(f"{topic.name}: {text}")
+
+
+def _require(version: str, known: str) -> None:
+    if version != known:
+        raise ValueError(f"the twin sends {version!r}, this bridge reads {known!r}: update the older of the two")
+
+
+_ROBOT = msgspec.json.Decoder(RobotStateMessage)
+_SCAN = msgspec.json.Decoder(ScanMessage)
+_GRID = msgspec.json.Decoder(GridInfo)
+_TICK = msgspec.json.Decoder(TickMessage)

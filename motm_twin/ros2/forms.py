@@ -1,0 +1,123 @@
+"""The two forms in which ROS 2 travels on Zenoh: that of zenoh-bridge-ros2dds, and that of rmw_zenoh.
+
+Formats: rmw_zenoh `docs/design.md` and `liveliness_utils.cpp`; zenoh-plugin-ros2dds `liveliness_mgt.rs`.
+"""
+
+import hashlib
+import re
+import struct
+from typing import Protocol
+
+from motm_twin.ros2.definitions import dds_name
+from motm_twin.ros2.topics import Topic
+from motm_twin.ros2.type_hash import UNSUPPORTED, type_hash
+
+BRIDGE, RMW = "bridge", "rmw"
+FORMS = (BRIDGE, RMW)
+DISTROS = ("humble", "jazzy")
+PUBLISHER, SUBSCRIBER = "MP", "MS"
+MAX_DOMAIN = 232  # ROS_DOMAIN_ID
+_RMW_DEPTH = 42  # the default of rmw_zenoh, which it leaves out
+_PREFIX = re.compile(r"/([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?)?\Z")
+
+
+class Form(Protocol):
+    """Keys, liveliness tokens and attachments of one form."""
+
+    def key(self, topic: Topic) -> str:
+        """Key of a topic's data."""
+        ...
+
+    def own_tokens(self) -> list[str]:
+        """Tokens that say that this program is there."""
+        ...
+
+    def token(self, topic: Topic, kind: str, number: int) -> str:
+        """Token of one publisher or subscriber, the ``number``-th of this program."""
+        ...
+
+    def attachment(self, token: str, sequence: int, nanoseconds: int) -> bytes | None:
+        """What goes with the ``sequence``-th message of the publisher with this token, sent at a Unix time [ns]."""
+        ...
+
+
+def check_prefix(prefix: str) -> str:
+    """The namespace without a slash at its end; raises ValueError for one that ROS 2 does not allow."""
+    if not _PREFIX.match(prefix):
+        raise ValueError(
+            f"prefix {prefix!r}: write /, or names of letters, digits and '_' such as /robot1 or /lab/robot1"
+        )
+    return prefix.rstrip("/")
+
+
+class BridgeForm:
+    """What a program sends that wants to be heard through zenoh-bridge-ros2dds: the topic is the key."""
+
+    def __init__(self, zid: str, *, prefix: str = "/", distro: str = "jazzy") -> None:
+        """``zid``: of the Zenoh session."""
+        self._zid, self._prefix, self._hashes = zid, check_prefix(prefix), _has_hashes(distro)
+
+    def key(self, topic: Topic) -> str:
+        """The topic without its first slash."""
+        return f"{self._prefix}/{topic.name}".lstrip("/")
+
+    def own_tokens(self) -> list[str]:
+        """Looks like another bridge."""
+        return [f"@/{self._zid}/@ros2_lv"]
+
+    def token(self, topic: Topic, kind: str, number: int) -> str:
+        """Bridges make a route from it, so that the topic is listed before somebody subscribes."""
+        key, message = self.key(topic).replace("/", "§"), topic.message.replace("/", "§")
+        qos = f":1:{int(topic.latched)}:0,{topic.depth}"  # no key; reliable; durability; keep last
+        user_data = f":typehash={type_hash(topic.message)};" if self._hashes else ""
+        return f"@/{self._zid}/@ros2_lv/{kind}/{key}/{message}/{qos}{user_data}"
+
+    def attachment(self, token: str, sequence: int, nanoseconds: int) -> None:
+        """There is none."""
+
+
+class RmwForm:
+    """What a ROS 2 node with RMW_IMPLEMENTATION=rmw_zenoh_cpp sends."""
+
+    def __init__(self, zid: str, *, node: str, domain: int = 0, prefix: str = "/", distro: str = "jazzy") -> None:
+        """``zid``: of the Zenoh session; ``node``: name in the ROS graph."""
+        if not 0 <= domain <= MAX_DOMAIN:
+            raise ValueError(f"domain {domain}: ROS_DOMAIN_ID is 0 to {MAX_DOMAIN}")
+        self._prefix, self._hashes, self._domain = check_prefix(prefix), _has_hashes(distro), domain
+        space = _mangled(self._prefix)
+        self._graph, self._node = f"@ros2_lv/{domain}/{zid}/0", f"%/{space}/{node}"
+
+    def key(self, topic: Topic) -> str:
+        """Domain, topic, type and hash of the type."""
+        name = f"{self._prefix}/{topic.name}".strip("/")
+        return f"{self._domain}/{name}/{dds_name(topic.message)}/{self._hash(topic)}"
+
+    def own_tokens(self) -> list[str]:
+        """The node."""
+        return [f"{self._graph}/0/NN/{self._node}"]
+
+    def token(self, topic: Topic, kind: str, number: int) -> str:
+        """One endpoint in the ROS graph."""
+        name = _mangled(f"{self._prefix}/{topic.name}")
+        depth = "" if topic.depth == _RMW_DEPTH else topic.depth
+        qos = f":{1 if topic.latched else ''}:,{depth}:,:,:,,"  # what is empty is the default: reliable, keep last
+        endpoint = f"{self._graph}/{number + 1}/{kind}/{self._node}"
+        return f"{endpoint}/{name}/{dds_name(topic.message)}/{self._hash(topic)}/{qos}"
+
+    def attachment(self, token: str, sequence: int, nanoseconds: int) -> bytes:
+        """Sequence number, time and the publisher's id, without which rmw_zenoh drops a message."""
+        gid = hashlib.sha256(token.encode()).digest()[:16]  # any 16 bytes of its own: nobody computes them again
+        return struct.pack("<qqB", sequence, nanoseconds, len(gid)) + gid
+
+    def _hash(self, topic: Topic) -> str:
+        return type_hash(topic.message) if self._hashes else UNSUPPORTED
+
+
+def _has_hashes(distro: str) -> bool:
+    if distro not in DISTROS:
+        raise ValueError(f"distro {distro!r}: choose one of {', '.join(DISTROS)}")
+    return distro != "humble"
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%") or "%"

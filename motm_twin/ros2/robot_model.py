@@ -1,0 +1,183 @@
+"""The robot as ROS 2 programs want it: a URDF with frames for the sensors, and its transforms from joint values."""
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+from motm_twin.model.assets import collision_hull
+from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.profile import RobotProfile
+
+BASE, MOUNT, HAND = "base_link", "panda_link0", "panda_hand"
+LIDAR, CAMERA = "lidar", "camera"
+FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
+FILES, PRIMITIVES = "file", "primitives"
+_PACKAGE = "package://web_assets/"
+_COLOUR = "0.85 0.86 0.88 1"
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # x, y, z, w
+IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Transform:
+    """Where a child frame is in its parent [m]."""
+
+    parent: str
+    child: str
+    translation: Vector
+    rotation: Quaternion
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    kind: str  # fixed | revolute | prismatic
+    axis: Vector
+    origin: Transform
+
+
+class RobotModel:
+    """URDF and transforms of one robot profile."""
+
+    def __init__(self, profile: RobotProfile, meshes: str = FILES) -> None:
+        """``meshes``: "file" (URIs of the shipped files), "primitives" (boxes), or the address they are served at."""
+        robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file
+        _place_mount(robot, profile)
+        _add_frame(robot, LIDAR, BASE, (profile.lidar.x, profile.lidar.y, profile.lidar.z))
+        _add_frame(robot, CAMERA, HAND, (0.0, 0.0, 0.0))
+        _set_geometry(robot, meshes)
+        self.urdf = ET.tostring(robot, encoding="unicode")
+        self._joints = [_joint(element) for element in robot.findall("joint")]
+
+    def static(self) -> list[Transform]:
+        """The transforms that never change."""
+        return [joint.origin for joint in self._joints if joint.kind == "fixed"]
+
+    def moving(self, values: dict[str, float]) -> list[Transform]:
+        """The transforms of all other joints at their ``values`` [rad, m] by name of the joint."""
+        return [_moved(joint, values[joint.name]) for joint in self._joints if joint.kind != "fixed"]
+
+
+def turned(yaw: float) -> Quaternion:
+    """The quaternion of a turn about z [rad]."""
+    return (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """First ``b``, then ``a``."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def rotated(q: Quaternion, v: Vector) -> Vector:
+    """A vector turned by a quaternion."""
+    x, y, z, _ = product(product(q, (*v, 0.0)), (-q[0], -q[1], -q[2], q[3]))
+    return (x, y, z)
+
+
+def _moved(joint: _Joint, value: float) -> Transform:
+    origin = joint.origin
+    if joint.kind == "prismatic":
+        step = rotated(origin.rotation, (joint.axis[0] * value, joint.axis[1] * value, joint.axis[2] * value))
+        place = (
+            origin.translation[0] + step[0],
+            origin.translation[1] + step[1],
+            origin.translation[2] + step[2],
+        )
+        return Transform(origin.parent, origin.child, place, origin.rotation)
+    s = math.sin(0.5 * value)
+    turn = (joint.axis[0] * s, joint.axis[1] * s, joint.axis[2] * s, math.cos(0.5 * value))
+    return Transform(origin.parent, origin.child, origin.translation, product(origin.rotation, turn))
+
+
+def _joint(element: ET.Element) -> _Joint:
+    origin, axis = element.find("origin"), element.find("axis")
+    parent, child = element.find("parent"), element.find("child")
+    if parent is None or child is None:
+        raise ValueError(f"joint {element.get('name')} of frankie.urdf has no parent or no child: restore the file")
+    xyz, rpy = ((0.0, 0.0, 0.0),) * 2 if origin is None else (_numbers(origin, "xyz"), _numbers(origin, "rpy"))
+    return _Joint(
+        name=element.get("name", ""),
+        kind=element.get("type", ""),
+        axis=(0.0, 0.0, 1.0) if axis is None else _numbers(axis, "xyz"),
+        origin=Transform(parent.get("link", ""), child.get("link", ""), xyz, _from_rpy(rpy)),
+    )
+
+
+def _numbers(element: ET.Element, name: str) -> Vector:
+    x, y, z = (float(text) for text in element.get(name, "0 0 0").split())
+    return (x, y, z)
+
+
+def _from_rpy(rpy: Vector) -> Quaternion:
+    """Fixed axes: roll, then pitch, then yaw."""
+    roll, pitch, yaw = (0.5 * angle for angle in rpy)
+    about_x = (math.sin(roll), 0.0, 0.0, math.cos(roll))
+    about_y = (0.0, math.sin(pitch), 0.0, math.cos(pitch))
+    about_z = (0.0, 0.0, math.sin(yaw), math.cos(yaw))
+    return product(about_z, product(about_y, about_x))
+
+
+def _place_mount(robot: ET.Element, profile: RobotProfile) -> None:
+    origin = robot.find("joint[@name='arm_mount']/origin")
+    if origin is None:
+        raise ValueError("frankie.urdf has no joint arm_mount with an origin: restore the file")
+    arm = profile.arm
+    origin.set("xyz", f"{arm.mount_x!r} {arm.mount_y!r} {arm.mount_z!r}")
+    body, height = profile.footprint, profile.footprint.height
+    for collision in robot.findall("link[@name='base_link']/collision"):
+        collision.clear()
+        _add_box(collision, (body.offset_x, 0.0, 0.5 * height), (body.length, body.width, height))
+
+
+def _add_frame(robot: ET.Element, name: str, parent: str, place: Vector) -> None:
+    ET.SubElement(robot, "link", name=name)
+    joint = ET.SubElement(robot, "joint", name=f"{name}_joint", type="fixed")
+    ET.SubElement(joint, "origin", xyz=" ".join(repr(value) for value in place))
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=name)
+
+
+def _set_geometry(robot: ET.Element, meshes: str) -> None:
+    """Meshes by an address that a viewer can open, or boxes in their place."""
+    if meshes == PRIMITIVES:
+        for link in robot.findall("link"):
+            _box_link(link)
+        return
+    root = web_assets_dir().resolve().as_uri() if meshes == FILES else meshes.rstrip("/")
+    for mesh in robot.iter("mesh"):
+        mesh.set("filename", f"{root}/{mesh.get('filename', '').removeprefix(_PACKAGE)}")
+
+
+def _box_link(link: ET.Element) -> None:
+    """The boxes of a link's collision geometry, and the box round its hull, also as what is drawn."""
+    for visual in link.findall("visual"):
+        link.remove(visual)
+    for collision in link.findall("collision"):
+        if collision.find("geometry/mesh") is not None:
+            vertices = collision_hull(link.get("name", ""))[0]
+            low, high = vertices.min(axis=0), vertices.max(axis=0)
+            collision.clear()
+            _add_box(collision, _triple(0.5 * (low + high)), _triple(high - low))
+        visual = ET.SubElement(link, "visual")
+        visual.extend(list(collision))
+        material = ET.SubElement(visual, "material", name="light")
+        ET.SubElement(material, "color", rgba=_COLOUR)
+
+
+def _triple(values: object) -> Vector:
+    x, y, z = (round(float(value), 4) for value in values)  # type: ignore[attr-defined]
+    return (x, y, z)
+
+
+def _add_box(parent: ET.Element, centre: Vector, size: Vector) -> None:
+    ET.SubElement(parent, "origin", xyz=" ".join(repr(value) for value in centre))
+    geometry = ET.SubElement(parent, "geometry")
+    ET.SubElement(geometry, "box", size=" ".join(repr(value) for value in size))
