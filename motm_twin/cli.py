@@ -62,6 +62,7 @@ def serve(
     zenoh_port: int = 7447,
     twin: str = "frankie",
     secure: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None,
+    ros2: Literal["bridge", "rmw"] | None = None,
 ) -> int:
     """Serve the twin in the browser, and its state on Zenoh.
 
@@ -76,6 +77,7 @@ def serve(
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         twin: Name of the twin in the Zenoh keys.
         secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
+        ros2: Publish ROS 2 topics too, for zenoh-bridge-ros2dds (bridge) or rmw_zenoh (rmw).
     """
     from motm_twin.cli_serve import serve as serve_twin
 
@@ -90,6 +92,7 @@ def serve(
         zenoh_port=zenoh_port,
         twin=twin,
         secure=secure,
+        ros2=ros2,
     )
 
 

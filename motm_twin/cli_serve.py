@@ -37,6 +37,7 @@ def serve(
     zenoh_port: int = DEFAULT_PORT,
     twin: str = DEFAULT_TWIN,
     secure: str | None = None,
+    ros2: str | None = None,
 ) -> int:
     """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError for a scene that can not be used.
 
@@ -65,6 +66,9 @@ def serve(
     if not headless:
         page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
         supervisor.add("page", "motm_twin.ui.viewer_process", page, token)
+    if ros2 is not None:
+        bridge = ["--endpoint", supervisor.endpoint, "--twin", twin, "--form", ros2]
+        supervisor.add("ROS 2 bridge", "motm_twin.ros2.bridge_process", bridge)
     return supervisor.run()
 
 
@@ -137,6 +141,8 @@ class _Supervisor:
             case "page":
                 self._remember(event["port"])
                 self._say(f"{after}  Page:  [bold]{event['url']}[/bold]")
+            case "ros2":
+                self._console.print(f"{after}  ROS 2: {event['text']}", markup=False)
             case "refused":
                 self._console.print(f"motm-twin serve: {event['text']}", style="red", markup=False)
             case "state":

@@ -39,7 +39,7 @@ def main() -> None:
     form = make_form(options, str(ros.info.zid()))
     bridge = Bridge(twin, ros, client, form, options.meshes, say)
     where = options.ros_endpoint or options.endpoint
-    report("ros2", text=f"ROS 2 topics in the form of {_FORM_NAMES[options.form]} at {where}")
+    report("ros2", text=f"topics in the form of {_FORM_NAMES[options.form]} at {where}")
     stop.wait()
     bridge.close()
     client.close()
