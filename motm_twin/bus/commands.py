@@ -8,6 +8,8 @@ A command is a query on ``motm/<twin>/cmd/<type>`` whose payload is an `Envelope
 this is Unix time). The answer is an `Answer` as JSON.
 """
 
+from typing import Literal
+
 import msgspec
 
 from motm_twin.model.edits import (
@@ -30,6 +32,8 @@ from motm_twin.model.edits import (
     SetParameter,
 )
 
+COMMAND_VERSION = "motm.command/1"
+ANSWER_VERSION = "motm.answer/1"
 MAX_COMMAND_BYTES = 64 * 1024
 NAME_MAX = 40  # characters of a person's name
 SPEED_MIN, SPEED_MAX = 0.125, 8.0
@@ -67,6 +71,33 @@ class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown
     seed: int | None = None
 
 
+class Seed(msgspec.Struct, frozen=True, kw_only=True, tag="seed", forbid_unknown_fields=True):
+    """The loaded scene and variant again, with another seed."""
+
+    seed: int
+
+
+class DriveToPoint(msgspec.Struct, frozen=True, kw_only=True, tag="drive_to", forbid_unknown_fields=True):
+    """Drive the base to a point now, then go on with the tasks: a `drive_to` task before the active one."""
+
+    x: float  # [m], world
+    y: float
+    heading: float | None = None  # [rad]; None: any
+
+
+class Save(msgspec.Struct, frozen=True, kw_only=True, tag="save", forbid_unknown_fields=True):
+    """Write the session so far into the data folder of the server; the answer has the path. Nothing is overwritten."""
+
+    name: str  # of the file, without a folder; ".json" is added when it is missing
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True, tag="record", forbid_unknown_fields=True):
+    """Start or stop an MCAP recording in the data folder of the server; the answer has the path."""
+
+    action: Literal["start", "stop"]
+    name: str = ""  # start only: of the file, without a folder; "": made from scene and time; ".mcap" is added
+
+
 class Branch(msgspec.Struct, frozen=True, kw_only=True, tag="branch", forbid_unknown_fields=True):
     """Go back to the start of period ``index`` of this run and go on from there; what came after is set aside."""
 
@@ -98,8 +129,25 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True, tag="hand_over", forbi
     name: str = ""  # shown name of the new driver
 
 
-SERVER_COMMANDS = (Play, Pause, Step, Reset, Speed, Load, Branch, UndoBranch, Inspect, TakeWheel, HandOver)
-Command = Play | Pause | Step | Reset | Speed | Load | Branch | UndoBranch | Inspect | TakeWheel | HandOver | Edit
+ServerCommand = (
+    Play
+    | Pause
+    | Step
+    | Reset
+    | Speed
+    | Load
+    | Seed
+    | DriveToPoint
+    | Save
+    | Record
+    | Branch
+    | UndoBranch
+    | Inspect
+    | TakeWheel
+    | HandOver
+)
+Command = ServerCommand | Edit
+SERVER_COMMANDS = ServerCommand.__args__
 COMMAND_NAMES = tuple(str(kind.__struct_config__.tag) for kind in (*SERVER_COMMANDS, *EDITS))
 
 
@@ -116,10 +164,13 @@ class Envelope(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
     """What became of a command. A refused one had no effect."""
 
+    version: str = ANSWER_VERSION
     ok: bool
     reason: str = ""  # why it was refused
     server_time: float = 0.0
     index: int = -1  # last period before the command takes effect
+    text: str = ""  # more about what was done
+    path: str = ""  # of the file on the server, for save and record
 
 
 class Refused(Exception):
@@ -132,7 +183,9 @@ def command_name(command: Command) -> str:
 
 
 __all__ = [
+    "ANSWER_VERSION",
     "COMMAND_NAMES",
+    "COMMAND_VERSION",
     "EDITS",
     "MAX_COMMAND_BYTES",
     "NAME_MAX",
@@ -145,6 +198,7 @@ __all__ = [
     "Branch",
     "Command",
     "Drive",
+    "DriveToPoint",
     "Edit",
     "Envelope",
     "FreezeBody",
@@ -159,12 +213,16 @@ __all__ = [
     "Pause",
     "Play",
     "PushRobot",
+    "Record",
     "Refused",
     "ReleaseBody",
     "RemoveBody",
     "RemoveTask",
     "Reset",
+    "Save",
+    "Seed",
     "SendAgent",
+    "ServerCommand",
     "SetParameter",
     "Speed",
     "Step",

@@ -57,6 +57,11 @@ class LiveTwin:
         """Simulated time [s]."""
         return self.message.time if self.message is not None else 0.0
 
+    @property
+    def task_index(self) -> int:
+        """Index of the active task; the number of tasks when all have ended."""
+        return 0 if self.message is None else min(self.message.task_index, len(self.message.tasks))
+
     def clear(self, scene: Scene) -> None:
         """Another scene, still without a twin."""
         self.scene, self.twin, self.message, self.tick, self._preview = scene, None, None, None, None

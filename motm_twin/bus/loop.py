@@ -3,7 +3,6 @@
 import queue
 import threading
 import time
-import traceback
 from collections.abc import Callable
 
 import msgspec
@@ -13,6 +12,7 @@ from motm_twin.bus.commands import (
     Branch,
     Command,
     Drive,
+    DriveToPoint,
     Edit,
     Envelope,
     HandOver,
@@ -21,20 +21,26 @@ from motm_twin.bus.commands import (
     Load,
     Pause,
     Play,
+    Record,
     Refused,
     Reset,
+    Save,
+    Seed,
     Speed,
     Step,
     TakeWheel,
     UndoBranch,
 )
 from motm_twin.bus.holds import Holds
+from motm_twin.bus.keeping import Keeper
 from motm_twin.bus.live import LiveTwin
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import PERIOD, Pacer
 from motm_twin.bus.ports import MakeTwin, Reply, SceneLibrary, SessionReply, Sink
+from motm_twin.bus.said import said
+from motm_twin.bus.source import SceneSource
 from motm_twin.bus.wheel import Wheel
-from motm_twin.model.scene import Scene
+from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.record.session import LoggedEdit
 
 SETTLE_PERIODS = 40  # after the last task, so that the last cube lands and the robot comes to rest
@@ -59,21 +65,21 @@ class TwinLoop:
         playing: bool = True,
         server_time: Callable[[], float] = time.time,
         reference_tour: Callable[[Scene], float] | None = None,
+        keeper: Keeper | None = None,
     ) -> None:
-        self._twin_name, self._library, self._sink = twin_name, library, sink
+        self._twin_name, self._sink, self._keeper = twin_name, sink, keeper
         self._play_at_start, self._server_time, self._reference_tour = playing, server_time, reference_tour
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
         self._stop, self._reload = threading.Event(), threading.Event()
         self._pacer, self._live = Pacer(), LiveTwin(make_twin, server_time)
         self._wheel = Wheel(self._post, self._tell)
-        self._choices = library.choices()
-        self._loaded = first  # what `reload` loads again
+        self._source = SceneSource(library, first)
         self._tour: float | None = None
         self._steps = 0  # still to do
         self._settling = SETTLE_PERIODS
         self._play_on = playing  # once a run that was done has a task again
         self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
-        self._state, self._text, self._file_error = "loading", "starting", ""
+        self._state, self._text = "loading", "starting"
         self.took = 0.0  # [s] of wall time that the last period needed
 
     def request(self, envelope: Envelope, reply: Reply) -> None:
@@ -91,7 +97,7 @@ class TwinLoop:
             try:
                 payload = self._live.session()
             except Exception as error:
-                reply(b"", f"{_said(error)} ({self._text or self._state})")
+                reply(b"", f"{said(error)} ({self._text or self._state})")
             else:
                 reply(payload, "")
 
@@ -107,7 +113,7 @@ class TwinLoop:
 
     def status(self) -> StatusMessage:
         """The state of the server, from any thread."""
-        now, live, scene = time.monotonic(), self._live, self._live.scene
+        now, live, scene, source = time.monotonic(), self._live, self._live.scene, self._source
         playing, busy = self._state == "playing", self._state in ("loading", "error")
         return StatusMessage(
             version=STATUS_VERSION,
@@ -115,21 +121,22 @@ class TwinLoop:
             run=live.run,
             server_time=self._server_time(),
             state=self._state,
-            text=self._text if busy else (self._file_error or self._text),
-            scene=scene.name if scene else self._loaded.scene,
-            variant=scene.variant if scene else (self._loaded.variant or ""),
-            seed=scene.seed if scene else (self._loaded.seed or 0),
+            text=self._text if busy else (source.error or self._text),
+            scene=scene.name if scene else source.loaded.scene,
+            variant=scene.variant if scene else (source.loaded.variant or ""),
+            seed=scene.seed if scene else (source.loaded.seed or 0),
             time=live.time,
             speed=self._pacer.speed,
             actual_speed=round(self._pacer.actual_speed(now), 2) if playing else 0.0,
             capped=playing and self._pacer.capped(now),
-            scenes=self._choices,
+            scenes=source.choices,
             **self._wheel.shown(now),
             parameters=live.parameters,
             oldest=live.oldest,
             aside=live.aside,
             recorded=live.recorded,
             reference_tour=self._tour,
+            recording="" if self._keeper is None else self._keeper.recording,
         )
 
     def run(self) -> None:
@@ -143,7 +150,7 @@ class TwinLoop:
                 self._guarded(self._advance)
 
     def _load_first(self) -> None:
-        self._load(self._loaded, self._play_at_start)()
+        self._load(self._source.loaded, self._play_at_start)()
 
     def _put(self, work: Work) -> None:
         try:
@@ -176,9 +183,13 @@ class TwinLoop:
             if late >= 0.0:  # it waited for something long, such as a load
                 raise Refused(f"stale: expired {late:.3f} s ago")
             self._wheel.require(envelope, arrived)
+            if isinstance(command, Save | Record):
+                self._keep(command, index, reply)
+                self._wheel.turn(envelope, arrived)
+                return
             work = self._apply(command)
         except Exception as error:
-            reply(_said(error), index)
+            reply(said(error), index)
             return
         self._wheel.turn(envelope, arrived)
         reply("", index)
@@ -203,8 +214,7 @@ class TwinLoop:
                 self._steps += count
                 self._set_state("paused", "")
             case Reset():
-                if self._live.twin is None:
-                    raise Refused(f"no scene is running: {self._text}")
+                self._require_scene()
                 play = self._state in ("playing", "done")
                 return lambda: self._restart(play)
             case Speed(factor=factor):
@@ -213,6 +223,12 @@ class TwinLoop:
                 self._sink.status()
             case Load():
                 return self._load(command, self._state in ("playing", "done") or self._live.twin is None)
+            case Seed(seed=seed):
+                self._require_twin()
+                return self._apply(msgspec.structs.replace(self._source.loaded, seed=seed))
+            case DriveToPoint(x=x, y=y, heading=heading):
+                self._require_twin()
+                self._edit(InsertTask(tasks=(DriveTo(point=(x, y), heading=heading),), index=self._live.task_index))
             case Branch(index=index):
                 return self._branch(index)
             case UndoBranch():
@@ -221,15 +237,18 @@ class TwinLoop:
                 self._require_twin()
                 self._live.inspect(command)
                 self._outdated = True
-            case TakeWheel() | HandOver():
+            case TakeWheel() | HandOver() | Save() | Record():
                 pass
             case _ if isinstance(command, EDITS):
                 self._edit(command)
         return None
 
-    def _require_twin(self) -> None:
+    def _require_scene(self) -> None:
         if self._live.twin is None:
             raise Refused(f"no scene is running: {self._text}")
+
+    def _require_twin(self) -> None:
+        self._require_scene()
         if self._state == "error":
             raise Refused(f"the twin stopped with an error: {self._text}; reset or load a scene")
 
@@ -249,6 +268,13 @@ class TwinLoop:
             self._settling = SETTLE_PERIODS
             self._set_state("playing" if self._play_on else "paused", "")
         self._outdated = True
+
+    def _keep(self, command: Save | Record, index: int, reply: Reply) -> None:
+        """Write a file in another thread, which answers. Raises Refused."""
+        if self._keeper is None:
+            raise Refused("this server has no data folder")
+        self._require_scene()
+        self._keeper.write(command, self._live, lambda problem, path: reply(problem, index, path))
 
     def _tell(self) -> None:
         self._sink.status()
@@ -294,24 +320,13 @@ class TwinLoop:
 
     def _load(self, command: Load, play: bool) -> Work:
         """Resolve the scene; what is given back makes its twin and begins. Raises Refused."""
-        scene = self._resolved(command)
-        self._loaded, self._file_error = msgspec.structs.replace(command, variant=scene.variant or None), ""
+        scene = self._source.load(command)
         return lambda: self._build(scene, play, "")
-
-    def _resolved(self, command: Load) -> Scene:
-        try:
-            return self._library.load(command.scene, command.variant, command.seed)
-        except ValueError as error:
-            raise Refused(str(error)) from error
 
     def _load_again(self) -> None:
         """The file of the scene has changed. As long as it is wrong, the old scene goes on."""
-        before, scene = self._file_error, None
-        try:
-            scene, self._file_error = self._resolved(self._loaded), ""
-        except Refused as refusal:
-            self._file_error = f"the scene file has an error, the old scene goes on: {refusal}"
-        if self._file_error != before:
+        before, scene = self._source.error, self._source.again()
+        if self._source.error != before:
             self._sink.status()
         if scene is not None and scene != self._live.scene:  # not for a comment, or an error that was put right
             play = self._state in ("playing", "done") or self._live.twin is None
@@ -320,7 +335,6 @@ class TwinLoop:
     def _build(self, scene: Scene, play: bool, text: str) -> None:
         self._set_state("loading", f"loading {scene.name} {scene.variant}".rstrip())
         self._live.clear(scene)
-        self._choices = self._library.choices()
         self._sink.scene(scene)
         self._set_state("loading", "preparing the control loop (the first start compiles it, up to half a minute)")
         self._live.build(scene)
@@ -333,16 +347,14 @@ class TwinLoop:
         self._begin(play)
 
     def _branch(self, index: int) -> Work:
-        if self._live.twin is None:
-            raise Refused(f"no scene is running: {self._text}")
+        self._require_scene()
         self._live.require_branch(index)
         play = self._state in ("playing", "done")
         text = f"going back to {index * PERIOD:.1f} s"
         return lambda: self._go_on_from(lambda: self._live.branch(index), play, text)
 
     def _undo_branch(self) -> Work:
-        if self._live.twin is None:
-            raise Refused(f"no scene is running: {self._text}")
+        self._require_scene()
         self._live.require_aside()
         play = self._state in ("playing", "done")
         return lambda: self._go_on_from(self._live.undo_branch, play, f"back to {self._live.aside:.1f} s")
@@ -384,12 +396,4 @@ class TwinLoop:
         try:
             action()
         except Exception as error:
-            self._set_state("error", _said(error))
-
-
-def _said(error: Exception) -> str:
-    """What to tell; what is no refusal is our own fault, and its traceback is printed."""
-    if isinstance(error, Refused):
-        return str(error)
-    traceback.print_exception(error)
-    return f"{type(error).__name__}: {error}"
+            self._set_state("error", said(error))

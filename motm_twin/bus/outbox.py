@@ -20,12 +20,13 @@ class Outbox:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def post(self, work: Work) -> None:
-        """Have this done after what was posted before; never waits."""
+    def post(self, work: Work) -> bool:
+        """Have this done after what was posted before; never waits. False when it was dropped."""
         if self._closed or self._queue.qsize() >= self._size:
             self.dropped += 1
-            return
+            return False
         self._queue.put_nowait(work)
+        return True
 
     def close(self) -> bool:
         """Finish what waits, for `DRAIN` at most; False when something still blocks. Closing twice is fine."""

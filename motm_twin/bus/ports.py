@@ -93,5 +93,14 @@ class Sink(Protocol):
 
 
 MakeTwin = Callable[[Scene], TwinLike]
-Reply = Callable[[str, int], None]  # reason ("" = done), index of the last period
+
+
+class Reply(Protocol):
+    """Takes what became of a command, once."""
+
+    def __call__(self, reason: str, index: int, path: str = "", /) -> None:
+        """Why it was refused ("" = done), the last period before, and the file that was written."""
+        ...
+
+
 SessionReply = Callable[[bytes, str], None]  # the session as JSON, or why there is none

@@ -4,6 +4,7 @@ They are wide: what a scene, a task list or a parameter really allows is checked
 """
 
 import math
+import re
 
 from motm_twin.bus.commands import (
     NAME_MAX,
@@ -13,6 +14,7 @@ from motm_twin.bus.commands import (
     Branch,
     Command,
     Drive,
+    DriveToPoint,
     HandOver,
     InjectFault,
     InsertTask,
@@ -22,9 +24,12 @@ from motm_twin.bus.commands import (
     MoveObject,
     MoveTask,
     PushRobot,
+    Record,
     Refused,
     ReleaseBody,
     RemoveTask,
+    Save,
+    Seed,
     SendAgent,
     SetParameter,
     Speed,
@@ -48,12 +53,14 @@ MAX_FAULT = 60.0  # [s]
 MAX_DELAY = 5.0  # [s]
 TOLERANCE_RANGE = (0.01, 5.0)  # [m]
 MAX_VALUE = 1e6  # of a parameter
+MAX_SEED = 2**31 - 1
+_FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}\Z")
 
 
 def check_command(command: Command) -> None:
     """Raise Refused, saying what is allowed, unless every number, name and list is within its range."""
     name = getattr(command, "name", None)
-    if name is not None and not isinstance(command, HandOver):
+    if name is not None and not isinstance(command, HandOver | Save | Record):
         _name("name", name)
     match command:
         case Speed(factor=factor):
@@ -62,6 +69,15 @@ def check_command(command: Command) -> None:
             _number("number of steps", count, 1, MAX_STEPS)
         case Load():
             _load(command)
+        case Seed(seed=seed):
+            _number("seed", seed, 0, MAX_SEED)
+        case DriveToPoint(x=x, y=y, heading=heading):
+            _place(x, y, heading or 0.0)
+        case Save(name=name):
+            _file(name)
+        case Record(name=name):
+            if name:
+                _file(name)
         case Branch(index=index):
             _number("period", index, 0, MAX_INDEX)
         case Inspect(candidate=candidate):
@@ -112,6 +128,14 @@ def _name(what: str, text: str) -> None:
         raise Refused(f"{what}: needs 1 to {MAX_NAME} printable characters")
 
 
+def _file(name: str) -> None:
+    if not _FILE.match(name):
+        raise Refused(
+            f"file name {name[:MAX_NAME]!r}: use 1 to 64 letters, digits, '.', '_' or '-', beginning with a letter or "
+            "digit, and no folder"
+        )
+
+
 def _place(x: float, y: float, heading: float = 0.0) -> None:
     if not all(abs(value) <= MAX_COORDINATE for value in (x, y, heading)):
         raise Refused(f"place ({x:g}, {y:g}, {heading:g}): not within {MAX_COORDINATE:.0f} m")
@@ -122,7 +146,7 @@ def _load(command: Load) -> None:
     if command.variant is not None:
         _text("variant", command.variant, MAX_NAME)
     if command.seed is not None:
-        _number("seed", command.seed, 0, 2**31 - 1)
+        _number("seed", command.seed, 0, MAX_SEED)
 
 
 def _obstacle(command: AddObstacle) -> None:

@@ -7,12 +7,14 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 
 import msgspec
 import zenoh
 
 from motm_twin.bus.commands import Answer, Load, Refused
 from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.keeping import DEFAULT_FOLDER, Keeper
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.loop import TwinLoop
 from motm_twin.bus.ports import MakeTwin, SceneLibrary
@@ -50,6 +52,7 @@ class TwinServer:
         twin: str = "frankie",
         playing: bool = True,
         reference_tour: Callable[[Scene], float] | None = None,
+        data: Path = DEFAULT_FOLDER,
     ) -> None:
         self.keys = Keys(twin)
         self.port = port or free_port(host)
@@ -57,6 +60,7 @@ class TwinServer:
         clock = ServerClock()
         self._clock, self._gate = clock, CommandGate(clock)
         self._encode = msgspec.json.Encoder().encode
+        self._keeper = Keeper(data, self.endpoint, twin, changed=lambda: self._publisher.status())  # noqa: PLW0108 - made later
         self.loop = TwinLoop(
             twin_name=twin,
             library=library,
@@ -66,6 +70,7 @@ class TwinServer:
             playing=playing,
             server_time=clock,
             reference_tour=reference_tour,
+            keeper=self._keeper,
         )
         self._library = library
         self._publisher = Publisher(
@@ -103,6 +108,7 @@ class TwinServer:
         for thread in self._threads:
             thread.join(LAST_WAIT)
         ended = not any(thread.is_alive() for thread in self._threads)
+        self._keeper.close()
         if ended:
             self._publisher.close()
             self._session.close()
@@ -131,8 +137,8 @@ class TwinServer:
         name = str(query.key_expr).rsplit("/cmd/", 1)[-1]
         payload = b"" if query.payload is None else query.payload.to_bytes()
 
-        def reply(reason: str, index: int) -> None:
-            answer = Answer(ok=not reason, reason=reason, server_time=self._clock(), index=index)
+        def reply(reason: str, index: int, path: str = "", /) -> None:
+            answer = Answer(ok=not reason, reason=reason, server_time=self._clock(), index=index, path=path)
             with suppress(zenoh.ZError), query:  # the asker may be gone
                 query.reply(query.key_expr, self._encode(answer))
 

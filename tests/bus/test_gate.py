@@ -172,6 +172,10 @@ def test_every_command_has_its_key_and_passes_with_what_is_allowed():
     allowed = {
         "speed": {"factor": 0.125},
         "load": {"scene": "exp1", "variant": None, "seed": 0},
+        "seed": {"seed": 0},
+        "drive_to": {"x": -1000, "y": 1000, "heading": None},
+        "save": {"name": "A.b_c-1"},
+        "record": {"action": "stop"},
         "branch": {"index": 0},
         "add_obstacle": {"name": "Ä <b>", "shape": "person", "x": -1000, "y": 1000},
         "move_body": {"name": "a", "x": 0, "y": 0, "heading": 3},
@@ -187,6 +191,7 @@ def test_every_command_has_its_key_and_passes_with_what_is_allowed():
         "move_task": {"index": 3, "to": 0},
         "set_parameter": {"name": "bezier", "value": False},
         "announce": {"name": "table"},
+        "drive": {"v": 0.5},
         "hand_over": {"to": "", "name": ""},
     }
     for seq, name in enumerate(COMMAND_NAMES, 1):

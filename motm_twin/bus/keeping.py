@@ -1,0 +1,116 @@
+"""What the server writes into its data folder: sessions and recordings, by plain names, never over another file."""
+
+import datetime
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from motm_twin.bus.children import Child, end_all
+from motm_twin.bus.commands import Record, Refused, Save
+from motm_twin.bus.live import LiveTwin
+from motm_twin.bus.outbox import Outbox
+
+DEFAULT_FOLDER = Path("recordings")
+MAX_FILES = 1000  # in the folder; a program that saves for ever must not fill the disk
+RECORDER = "motm_twin.record.recorder_process"
+_WAITING = 20  # files that may wait to be written
+
+Done = Callable[[str, str], None]  # why not ("" = done), path of the file
+
+
+class Keeper:
+    """Writes files in its own thread. What can not be written is said to who asked, and disturbs nobody else."""
+
+    def __init__(self, folder: Path, endpoint: str, twin: str, changed: Callable[[], None]) -> None:
+        """``endpoint`` and ``twin`` are what a recorder listens to; ``changed``: `recording` is another one."""
+        self._folder, self._endpoint, self._twin, self._changed = folder, endpoint, twin, changed
+        self._work = Outbox("files", _WAITING)
+        self._recorder: Child | None = None
+        self._path = ""
+
+    @property
+    def recording(self) -> str:
+        """File that is being recorded to; "" when none is."""
+        running = self._recorder is not None and self._recorder.exit_code() is None
+        return self._path if running else ""
+
+    def write(self, command: Save | Record, live: LiveTwin, done: Done) -> None:
+        """Save the running session, or start or stop a recording; ``done`` is called from another thread.
+
+        Raises Refused.
+        """
+        match command:
+            case Save(name=name):
+                session = live.session()
+                self._do(lambda: self._save(name, session), done)
+            case Record(action="stop"):
+                self._do(self._stop, done)
+            case Record(name=name):
+                scene = "" if live.scene is None else live.scene.name
+                self._do(lambda: self._start(name, scene), done)
+
+    def close(self) -> None:
+        """Finish the recording."""
+        self._work.close()
+        if self._recorder is not None:
+            end_all([self._recorder])
+
+    def _do(self, write: Callable[[], Path], done: Done) -> None:
+        def work() -> None:
+            try:
+                path = write()
+            except (Refused, ValueError) as refusal:
+                done(str(refusal), "")
+            except OSError as error:
+                done(f"cannot be written: {error.strerror or error}", "")
+            else:
+                done("", str(path))
+
+        if not self._work.post(work):
+            raise Refused(f"{_WAITING} files are waiting to be written already")
+
+    def _save(self, name: str, session: bytes) -> Path:
+        from motm_twin.record.session import decode_session, save_session
+
+        path = self._new(name, ".json")
+        try:
+            save_session(decode_session(session, file=path.name), path)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        return path
+
+    def _start(self, name: str, scene: str) -> Path:
+        if self.recording:
+            raise Refused(f"{self._path} is being recorded already: stop that first")
+        stamp = datetime.datetime.now(tz=datetime.UTC).strftime("%Y%m%d-%H%M%S")
+        path = self._new(name or f"{scene}-{stamp}", ".mcap")
+        path.unlink()  # the recorder makes it
+        arguments = ["--endpoint", self._endpoint, "--twin", self._twin, "--out", str(path)]
+        self._recorder, self._path = Child("recorder", RECORDER, arguments, self._told, dict(os.environ)), str(path)
+        self._recorder.start()
+        self._changed()
+        return path
+
+    def _stop(self) -> Path:
+        if self._recorder is None or not self.recording:
+            raise Refused("nothing is being recorded")
+        end_all([self._recorder])
+        self._recorder = None
+        self._changed()
+        return Path(self._path)
+
+    def _told(self, _name: str, _event: dict) -> None:
+        self._changed()
+
+    def _new(self, name: str, suffix: str) -> Path:
+        """An empty file that was not there before."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        if sum(1 for _ in self._folder.iterdir()) >= MAX_FILES:
+            raise Refused(f"{self._folder} has {MAX_FILES} files already: remove some")
+        path = (self._folder / (name if name.endswith(suffix) else name + suffix)).resolve()
+        try:
+            path.touch(exist_ok=False)
+        except FileExistsError:
+            raise Refused(f"{path} is there already: choose another name") from None
+        return path

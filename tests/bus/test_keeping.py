@@ -1,0 +1,70 @@
+"""Commands that programs asked for: another seed, drive there, save and record."""
+
+import threading
+
+import pytest
+from fake_twin import FakeLibrary, FakeTwin
+from running import Running
+from waiting import until
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import DriveToPoint, Load, Save, Seed
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.server import TwinServer
+from motm_twin.model.scene_file import load_scene
+from motm_twin.record.session import load_session
+from motm_twin.twin import Twin
+
+
+@pytest.fixture
+def server(tmp_path):
+    with TwinServer(
+        library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False, data=tmp_path / "data"
+    ) as running:
+        until(lambda: running.loop.status().state == "paused", "the twin never started", 240.0)
+        yield running
+
+
+def test_a_session_is_saved_once_under_a_name(server, tmp_path):
+    with TwinClient(server.endpoint) as client:
+        answer = client.command(Save(name="first"), timeout=5.0)
+        assert (answer.ok, answer.path) == (True, str((tmp_path / "data" / "first.json").resolve())), answer.reason
+        kept = (tmp_path / "data" / "first.json").read_bytes()
+        again = client.command(Save(name="first.json"), timeout=5.0)
+        assert not again.ok
+        assert "is there already" in again.reason
+        assert (tmp_path / "data" / "first.json").read_bytes() == kept
+        assert load_session(answer.path).scene.name == "exp1"
+
+
+def test_a_folder_that_can_not_be_written_is_said_so(server, tmp_path):
+    (tmp_path / "data").write_text("a file where the folder should be")
+    with TwinClient(server.endpoint) as client:
+        answer = client.command(Save(name="first"), timeout=5.0)
+        assert not answer.ok
+        assert "cannot be written" in answer.reason
+
+
+def test_no_thread_is_left(tmp_path):
+    before = set(threading.enumerate())
+    with TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), data=tmp_path):
+        pass
+    until(lambda: set(threading.enumerate()) <= before, "threads are left")
+
+
+def test_another_seed_is_the_same_scene_and_variant_again():
+    with Running(FakeTwin, first=Load(scene="fake", variant="a", seed=1)) as running:
+        assert running.ask(Seed(seed=7)) == ""
+        status = running.loop.status()
+        assert (status.scene, status.variant, status.seed, status.state) == ("fake", "a", 7, "paused")
+        assert running.library.loads[-1] == ("fake", "a", 7)
+
+
+def test_drive_to_comes_before_the_active_task_and_is_logged():
+    with Running(Twin, library=FileLibrary("exp1"), first="exp1") as running:
+        assert running.ask(DriveToPoint(x=0.5, y=0.2)) == ""
+        running.step()
+        task = running.last.tasks[running.last.task_index]
+        assert (task.kind, task.status) == ("drive_to", "active")
+        assert len(running.last.tasks) == len(load_scene("exp1").tasks) + 1
+        assert running.loop.status().recorded == 1
