@@ -1,0 +1,154 @@
+"""The topics of a recording: what is stored under which name, with which JSON Schema."""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from motm_twin.bus import messages as bus
+from motm_twin.model.scene import Scene
+from motm_twin.record import foxglove_schemas as drawn
+from motm_twin.record.session import Session
+
+RECORDED_SESSION_VERSION = "motm.recorded_session/1"
+RECORDED_GRID_VERSION = "motm.recorded_grid/1"
+PLOTS_VERSION = "motm.plots/1"
+MaybeNumber = float | None
+
+
+class RecordedSession(msgspec.Struct, frozen=True, kw_only=True):
+    """The session of a run as the server gave it: everything that repeats the run until then."""
+
+    version: str = RECORDED_SESSION_VERSION
+    run: int
+    began: float  # [s] server time of the load or reset, as in the ticks
+    session: Session
+
+
+class RecordedScene(msgspec.Struct, frozen=True, kw_only=True):
+    """The resolved scene, as the server sent it."""
+
+    scene: Scene
+
+
+class RecordedGrid(msgspec.Struct, frozen=True, kw_only=True):
+    """A map, as the server sent it: the attachment, and the cells (see its ``encoding``) in base64."""
+
+    version: str = RECORDED_GRID_VERSION
+    info: bus.GridInfo
+    cells: bytes
+
+
+class PlotsMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The numbers of a period that are worth a curve; what is not there is left out."""
+
+    version: str = PLOTS_VERSION
+    time: float  # [s] simulated
+    run: int
+    index: int
+    speed: float  # forward [m/s]
+    yaw_rate: float  # [rad/s]
+    acceleration: float  # planned, forward [m/s^2]
+    joint_rate: float  # largest of the arm [rad/s]
+    gripper_width: float  # [m]
+    path_length: float | msgspec.UnsetType = msgspec.UNSET  # [m] driven so far
+    manipulability: float | msgspec.UnsetType = msgspec.UNSET
+    position_slack: float | msgspec.UnsetType = msgspec.UNSET  # largest of the period [m/s]
+    turn_slack: float | msgspec.UnsetType = msgspec.UNSET  # [rad/s]
+    obstacle_distance: float | msgspec.UnsetType = msgspec.UNSET  # [m] gripper to the nearest seen obstacle
+    base_clearance: float | msgspec.UnsetType = msgspec.UNSET  # [m] least so far, by the referee
+    chosen_cost: float | msgspec.UnsetType = msgspec.UNSET  # [s] of the chosen base pose
+    period_ms: float | msgspec.UnsetType = msgspec.UNSET  # [ms] of wall time
+    plan_ms: float | msgspec.UnsetType = msgspec.UNSET
+    expansions: int
+    stopped: bool
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One topic."""
+
+    topic: str
+    schema_name: str
+    struct: Any = None  # ours: the type of its messages
+    schema: dict[str, Any] | None = None  # of others
+
+    def json_schema(self) -> bytes:
+        """The schema as it is stored."""
+        found = self.schema if self.schema is not None else schema_of(self.struct)
+        return msgspec.json.encode(found)
+
+
+TICK = Channel("motm/tick", "motm.Tick", bus.TickMessage)
+STATUS = Channel("motm/status", "motm.Status", bus.StatusMessage)
+SCENE = Channel("motm/scene", "motm.Scene", RecordedScene)
+GRID = Channel("motm/grid", "motm.Grid", RecordedGrid)
+ROBOT = Channel("motm/robot", "motm.Robot", bus.RobotStateMessage)
+SCAN = Channel("motm/scan", "motm.Scan", bus.ScanMessage)
+EVENT = Channel("motm/event", "motm.Event", bus.NumberedEvent)
+METRICS = Channel("motm/metrics", "motm.Metrics", bus.MetricsMessage)
+SESSION = Channel("motm/session", "motm.Session", RecordedSession)
+PLOTS = Channel("motm/plots", "motm.Plots", PlotsMessage)
+OURS = (TICK, STATUS, SCENE, GRID, ROBOT, SCAN, EVENT, METRICS, SESSION, PLOTS)
+
+
+def _drawn(topic: str, schema: dict[str, Any]) -> Channel:
+    return Channel(topic, schema["title"], schema=schema)
+
+
+DRAWN_FRAMES = _drawn("/tf", drawn.FRAME_TRANSFORMS)
+DRAWN_ROBOT = _drawn("/robot_model", drawn.SCENE_UPDATE)
+DRAWN_FURNITURE = _drawn("/furniture", drawn.SCENE_UPDATE)
+DRAWN_BODIES = _drawn("/bodies", drawn.SCENE_UPDATE)
+DRAWN_CANDIDATES = _drawn("/candidates", drawn.SCENE_UPDATE)
+DRAWN_GRID = _drawn("/grid", drawn.GRID)
+DRAWN_SCAN = _drawn("/scan", drawn.LASER_SCAN)
+DRAWN_GLOBAL = _drawn("/path/global", drawn.POSES_IN_FRAME)
+DRAWN_NEXT = _drawn("/path/next", drawn.POSES_IN_FRAME)
+DRAWN_LOCAL = _drawn("/path/local", drawn.POSES_IN_FRAME)
+DRAWN_LOG = _drawn("/log", drawn.LOG)
+DRAWN = (
+    DRAWN_FRAMES,
+    DRAWN_ROBOT,
+    DRAWN_FURNITURE,
+    DRAWN_BODIES,
+    DRAWN_CANDIDATES,
+    DRAWN_GRID,
+    DRAWN_SCAN,
+    DRAWN_GLOBAL,
+    DRAWN_NEXT,
+    DRAWN_LOCAL,
+    DRAWN_LOG,
+)
+CHANNELS = {channel.topic: channel for channel in (*OURS, *DRAWN)}
+
+
+@functools.cache
+def schema_of(struct: Any) -> dict[str, Any]:
+    """JSON Schema of one of our messages, in a form that Foxglove and Lichtblick take.
+
+    They read ``type`` and ``properties`` only, refuse references there, and know no null and no lists of lists. So the
+    fields that they understand stand in front, and the whole schema follows under ``allOf``, which they pass over.
+    """
+    (whole,), definitions = msgspec.json.schema_components([struct], ref_template="#/$defs/{name}")
+    name = whole["$ref"].rsplit("/", 1)[-1]
+    root = definitions[name]
+    properties = {key: shown for key, part in root["properties"].items() if (shown := _shown(part, definitions))}
+    return {"title": name, "type": "object", "properties": properties, "allOf": [whole], "$defs": definitions}
+
+
+def _shown(part: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any] | None:
+    """The part of a schema that viewers understand; None when there is nothing of it."""
+    if "$ref" in part:
+        part = definitions[part["$ref"].rsplit("/", 1)[-1]]
+    kind = part.get("type")
+    if kind in ("number", "integer", "string", "boolean"):
+        return {"type": kind}
+    if kind == "array" and isinstance(part.get("items"), dict):
+        items = _shown(part["items"], definitions)
+        return None if items is None or items["type"] == "array" else {"type": "array", "items": items}
+    if kind == "object" and "properties" in part:
+        inner = {key: shown for key, value in part["properties"].items() if (shown := _shown(value, definitions))}
+        return {"type": "object", "properties": inner}
+    return None

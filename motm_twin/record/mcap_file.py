@@ -1,0 +1,129 @@
+"""Writes an MCAP file so that hardly anything is lost, whatever ends the program: small chunks, each forced to disk."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from motm_twin.record.channels import Channel
+from motm_twin.record.session import SessionError
+
+CHUNK_BYTES = 1024 * 1024
+PROFILE = "motm"
+LIBRARY = "motm-twin"
+
+
+class RecordingFailed(Exception):
+    """The recording cannot go on; the message says why. What was written until then can be read."""
+
+
+class _Raw:
+    """The file below the writer: nothing is buffered, and a write is whole or raises OSError."""
+
+    def __init__(self, path: Path) -> None:
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._position = 0
+
+    def write(self, data: bytes) -> int:
+        """Write all of it."""
+        rest = memoryview(data)
+        while rest:
+            written = os.write(self._descriptor, rest)
+            rest = rest[written:]
+            self._position += written
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes written."""
+        return self._position
+
+    def flush(self) -> None:
+        """Onto the disk."""
+        os.fdatasync(self._descriptor)
+
+    def cut(self, length: int) -> None:
+        """Forget what comes after."""
+        os.ftruncate(self._descriptor, length)
+
+    def close(self) -> None:
+        """Close it."""
+        os.close(self._descriptor)
+
+
+class McapFile:
+    """A recording that is being written. Every method raises RecordingFailed when the disk refuses."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Raises SessionError when the file exists already or can not be made."""
+        self.path = Path(path)
+        try:
+            self._raw = _Raw(self.path)
+        except FileExistsError as error:
+            raise SessionError("exists already: choose another name", file=str(path)) from error
+        except OSError as error:
+            raise SessionError(f"cannot be written: {error.strerror or error}", file=str(path)) from error
+        self._writer = Writer(
+            self._raw,  # type: ignore[arg-type] - it needs write, tell and flush only
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+            enable_crcs=True,
+            enable_data_crcs=True,
+        )
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._sequences: dict[str, int] = {}
+        self._whole = 0  # bytes up to the end of the last chunk on the disk
+        self._failed = False
+        self._do(lambda: self._writer.start(PROFILE, LIBRARY))
+
+    @property
+    def size(self) -> int:
+        """Bytes on the disk."""
+        return self._whole
+
+    def add(self, channel: Channel, log_time: float, data: bytes, publish_time: float | None = None) -> None:
+        """Take a message; times [s] on the server's clock."""
+        topic = channel.topic
+        number = self._sequences[topic] = self._sequences.get(topic, -1) + 1
+        logged = max(0, round(log_time * 1e9))
+        published = logged if publish_time is None else max(0, round(publish_time * 1e9))
+        self._do(
+            lambda: self._writer.add_message(
+                channel_id=self._channel(channel), log_time=logged, data=data, publish_time=published, sequence=number
+            )
+        )
+
+    def save(self) -> None:
+        """Close the chunk and force it to the disk: from now on nothing of it can be lost."""
+        self._do(self._writer.flush)
+        self._whole = self._raw.tell()
+
+    def close(self) -> None:
+        """Write the index and close the file; after a failure only what is whole stays."""
+        try:
+            if not self._failed:
+                self._do(self._writer.finish)
+                self._do(self._raw.flush)
+                self._whole = self._raw.tell()
+        finally:
+            self._raw.close()
+
+    def _channel(self, channel: Channel) -> int:
+        if channel.topic not in self._channels:
+            if channel.schema_name not in self._schemas:
+                schema = self._writer.register_schema(channel.schema_name, "jsonschema", channel.json_schema())
+                self._schemas[channel.schema_name] = schema
+            schema = self._schemas[channel.schema_name]
+            self._channels[channel.topic] = self._writer.register_channel(channel.topic, "json", schema)
+        return self._channels[channel.topic]
+
+    def _do(self, work: Callable[[], object]) -> None:
+        if self._failed:
+            raise RecordingFailed(f"{self.path}: the recording has stopped already")
+        try:
+            work()
+        except OSError as error:
+            self._failed = True
+            self._raw.cut(self._whole)  # half a chunk is of no use, and a full disk can do with the room
+            raise RecordingFailed(f"{self.path}: {error.strerror or error}") from error

@@ -1,0 +1,119 @@
+"""Records one twin: a Zenoh subscriber of its own, never in the loop. Whatever it meets, the robot goes on."""
+
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import zenoh
+
+from motm_twin.bus.keys import Keys
+from motm_twin.record.mcap_file import McapFile, RecordingFailed
+from motm_twin.record.stream import Stream
+
+SAVE_INTERVAL = 0.4  # [s] between two chunks on the disk: what a sudden end can cost
+LAST_SESSION = 0.7  # [s] to wait for the session at the end
+SESSION_INTERVAL = 30.0  # [s] between two sessions, whose state hashes a rerun compares
+ASK_TIMEOUT = 5.0  # [s]
+WAITING_MOST = 20_000  # payloads, half a minute at eight times real time; then the disk is too slow for ever
+
+Asked = Callable[[], None]
+
+
+class Recorder:
+    """Subscribes, and writes in the thread that calls `run`."""
+
+    def __init__(self, session: zenoh.Session, twin: str, path: str | Path) -> None:
+        """Raises SessionError when the file can not be made."""
+        self._zenoh, self._keys = session, Keys(twin)
+        self._file = McapFile(path)
+        self._stream = Stream(self._keys, self._file.add)
+        self._waiting: queue.Queue[tuple[str, bytes, bytes | None]] = queue.Queue()
+        self._declared = [session.declare_subscriber(key, _direct(self._on_sample)) for key in self._stream.keys]
+        for key in (self._keys.status, self._keys.scene, self._keys.grid):
+            self._ask(key)  # late joiners get the last of each
+        self._asked_at, self._session_at = -1e9, -1e9
+        self._refused: set[str] = set()
+
+    @property
+    def summary(self) -> dict[str, object]:
+        """What was written so far."""
+        return {"file": str(self._file.path), "bytes": self._file.size, "lost_periods": self._stream.lost}
+
+    def run(self, stop: threading.Event, *, seconds: float | None = None) -> None:
+        """Record until ``stop`` or for ``seconds``. Raises RecordingFailed; the file is closed in any case."""
+        began = saved = time.monotonic()
+        try:
+            while not stop.is_set() and (seconds is None or time.monotonic() < began + seconds):
+                self._take(SAVE_INTERVAL / 4.0)
+                now = time.monotonic()
+                self._ask_for_session(now)
+                if now >= saved + SAVE_INTERVAL:
+                    self._file.save()
+                    saved = now
+            self._finish()
+        finally:
+            for subscriber in self._declared:
+                subscriber.undeclare()
+            self._file.close()
+
+    def _finish(self) -> None:
+        """What still waits, and the session as it ends."""
+        self._file.save()
+        before = self._session_at
+        self._ask(self._keys.session)
+        deadline = time.monotonic() + LAST_SESSION
+        while self._session_at == before and time.monotonic() < deadline:
+            self._take(0.05)
+
+    def _take(self, wait: float) -> None:
+        """Write what has arrived, after at most ``wait`` [s]."""
+        try:
+            item = self._waiting.get(timeout=wait)
+            while True:
+                self._write(*item)
+                item = self._waiting.get_nowait()
+        except queue.Empty:
+            return
+
+    def _write(self, key: str, payload: bytes, attachment: bytes | None) -> None:
+        try:
+            if key == self._keys.session:
+                self._stream.session(payload)
+                self._session_at = time.monotonic()
+            else:
+                self._stream.take(key, payload, attachment)
+        except (msgspec.MsgspecError, UnicodeDecodeError, ValueError) as error:
+            if key not in self._refused:  # once: another version sends twenty a second
+                self._refused.add(key)
+                print(f"record: what came on {key} is not recorded: {error}", file=sys.stderr)
+
+    def _ask_for_session(self, now: float) -> None:
+        due = self._stream.run is not None and now >= max(self._session_at, self._asked_at) + SESSION_INTERVAL
+        if (self._stream.wants_session or due) and now >= self._asked_at + 1.0:
+            self._stream.wants_session, self._asked_at = False, now
+            self._ask(self._keys.session)
+
+    def _ask(self, key: str) -> None:
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                self._on_sample(reply.ok)
+
+        self._zenoh.get(key, zenoh.handlers.Callback(on_reply, indirect=False), timeout=ASK_TIMEOUT)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        """In Zenoh's thread."""
+        if self._waiting.qsize() < WAITING_MOST:
+            attachment = sample.attachment
+            attached = None if attachment is None else attachment.to_bytes()
+            self._waiting.put((str(sample.key_expr), sample.payload.to_bytes(), attached))
+
+
+def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
+    return zenoh.handlers.Callback(callback, indirect=False)
+
+
+__all__ = ["Recorder", "RecordingFailed"]

@@ -1,0 +1,141 @@
+"""What arrives from one twin, sorted into a recording: our messages as they came, and what is drawn of them.
+
+Knows no transport and no clock; `recorder` feeds it.
+"""
+
+import hashlib
+from collections.abc import Callable
+
+import msgspec
+
+from motm_twin.bus.keys import Keys
+from motm_twin.bus.messages import GridInfo, NumberedEvent, RobotStateMessage, ScanMessage, StatusMessage, TickMessage
+from motm_twin.model.scene import Scene
+from motm_twin.record import channels as ch
+from motm_twin.record.channels import Channel, RecordedGrid, RecordedScene, RecordedSession
+from motm_twin.record.drawn import Drawer
+from motm_twin.record.session import Session
+
+STATUS_INTERVAL = 1.0  # [s] between two recorded status messages that say the same
+
+Add = Callable[[Channel, float, bytes], None]
+
+
+class _TickPart(msgspec.Struct, frozen=True):
+    """What is needed of every tick."""
+
+    run: int
+    server_time: float
+    index: int
+    began: float = 0.0
+    preview: bool = False
+
+
+class _Stamped(msgspec.Struct, frozen=True):
+    server_time: float
+
+
+class Stream:
+    """Sorts payloads into ``add`` (channel, server time, JSON). ``wants_session``: the session should be asked for."""
+
+    def __init__(self, keys: Keys, add: Add) -> None:
+        self._add, self._drawer = add, Drawer(add)
+        self._encode = msgspec.json.Encoder().encode
+        self._part = msgspec.json.Decoder(_TickPart).decode
+        self._tick = msgspec.json.Decoder(TickMessage).decode
+        self._robot_message = msgspec.json.Decoder(RobotStateMessage).decode
+        self._take: dict[str, Callable[[bytes, bytes | None], None]] = {
+            keys.tick: self._on_tick,
+            keys.grid: self._on_grid,
+            keys.scene: self._on_scene,
+            keys.status: self._on_status,
+            keys.robot: self._on_robot,
+            keys.scan: self._on_scan,
+            keys.event: self._on_event,
+            keys.metrics: self._on_metrics,
+        }
+        self.wants_session = False
+        self.lost = 0  # periods that did not arrive
+        self.plant = ""
+        self.now = 0.0  # [s] newest server time
+        self.run: tuple[float, int] | None = None  # began, number: of the newest tick
+        self.index = -1
+        self._grid = b""
+        self._said: tuple = ()
+        self._said_at = 0.0
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys that it takes."""
+        return tuple(self._take)
+
+    def take(self, key: str, payload: bytes, attachment: bytes | None) -> None:
+        """Sort one payload in. Raises msgspec.MsgspecError for one that is not of its key."""
+        self._take[key](payload, attachment)
+
+    def session(self, payload: bytes) -> None:
+        """Take the session of the run that the newest tick belongs to."""
+        if self.run is None:
+            return
+        began, run = self.run
+        recorded = RecordedSession(run=run, began=began, session=msgspec.json.decode(payload, type=Session))
+        self._add(ch.SESSION, self.now, self._encode(recorded))
+
+    def _on_tick(self, payload: bytes, _: bytes | None) -> None:
+        part = self._part(payload)
+        self.now = part.server_time
+        if not part.preview:
+            self._follow(part)
+        self._add(ch.TICK, part.server_time, payload)
+        if not part.preview and self._drawer.wants_tick(part.server_time):
+            self._drawer.tick(self._tick(payload))
+
+    def _follow(self, part: _TickPart) -> None:
+        """Notice another run, and periods that are missing."""
+        run = (part.began, part.run)
+        if run != self.run:
+            self.wants_session = True
+        elif part.index > self.index + 1:
+            self.lost += part.index - self.index - 1
+            self.wants_session = True
+        self.run, self.index = run, part.index
+
+    def _on_grid(self, payload: bytes, attachment: bytes | None) -> None:
+        info = msgspec.json.decode(attachment or b"null", type=GridInfo)
+        same = hashlib.sha256(payload + f"{info.run} {info.origin} {info.width}".encode()).digest()
+        if same == self._grid:
+            return  # sent again for late joiners
+        self._grid = same
+        self._add(ch.GRID, self.now, self._encode(RecordedGrid(info=info, cells=payload)))
+        self._drawer.grid(info, payload, self.now)
+
+    def _on_scene(self, payload: bytes, _: bytes | None) -> None:
+        scene = msgspec.json.decode(payload, type=Scene)
+        self._add(ch.SCENE, self.now, self._encode(RecordedScene(scene=scene)))
+        self._drawer.scene(scene, self.now)
+
+    def _on_status(self, payload: bytes, _: bytes | None) -> None:
+        status = msgspec.json.decode(payload, type=StatusMessage)
+        self.plant, self.now = status.plant, max(self.now, status.server_time)
+        said = (status.run, status.state, status.text, status.speed, status.driver, status.plant_text)
+        if said != self._said or abs(status.server_time - self._said_at) >= STATUS_INTERVAL:
+            self._said, self._said_at = said, status.server_time
+            self._add(ch.STATUS, status.server_time, payload)
+
+    def _on_robot(self, payload: bytes, _: bytes | None) -> None:
+        robot = self._robot_message(payload)
+        self._add(ch.ROBOT, robot.server_time, payload)
+        self._drawer.robot(robot)
+
+    def _on_scan(self, payload: bytes, _: bytes | None) -> None:
+        scan = msgspec.json.decode(payload, type=ScanMessage)
+        self._add(ch.SCAN, scan.server_time, payload)
+        self._drawer.scan(scan)
+
+    def _on_event(self, payload: bytes, _: bytes | None) -> None:
+        event = msgspec.json.decode(payload, type=NumberedEvent)
+        self._add(ch.EVENT, event.server_time, payload)
+        self._drawer.event(event)
+
+    def _on_metrics(self, payload: bytes, _: bytes | None) -> None:
+        self._add(ch.METRICS, msgspec.json.decode(payload, type=_Stamped).server_time, payload)
