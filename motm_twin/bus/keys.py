@@ -30,6 +30,10 @@ class Keys:
         self.commands = f"{root}/cmd/**"
         self._command = f"{root}/cmd"
 
+    def schema(self, name: str) -> str:
+        """Key that the schema of this name is asked for at."""
+        return f"{PREFIX}/{self.twin}/schema/{name}"
+
     def command(self, name: str) -> str:
         """Key that the command of this name is sent to."""
         return f"{self._command}/{name}"

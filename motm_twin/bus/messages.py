@@ -16,6 +16,7 @@ SCAN_VERSION = "motm.scan/1"
 EVENT_VERSION = "motm.event/1"
 EVENTS_VERSION = "motm.events/1"
 METRICS_VERSION = "motm.metrics/1"
+SCENE_VERSION = "motm.scene/1"
 
 Vector = list[float]
 Vectors = list[list[float]]

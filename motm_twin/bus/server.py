@@ -19,6 +19,7 @@ from motm_twin.bus.keys import Keys
 from motm_twin.bus.loop import TwinLoop
 from motm_twin.bus.ports import MakeTwin, SceneLibrary
 from motm_twin.bus.publisher import Publisher
+from motm_twin.bus.schemas import names, schema
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
 from motm_twin.model.scene import Scene
 
@@ -80,6 +81,7 @@ class TwinServer:
         self._queryables = [
             self._session.declare_queryable(self.keys.commands, self._on_command),
             self._session.declare_queryable(self.keys.session, self._on_session),
+            self._session.declare_queryable(self.keys.schemas, self._on_schema),
         ]
         self._token = self._session.liveliness().declare_token(self.keys.alive)
         self._stop = threading.Event()
@@ -146,6 +148,14 @@ class TwinServer:
             self.loop.request(self._gate.admit(name, payload), reply)
         except Refused as refusal:
             reply(str(refusal), -1)
+
+    def _on_schema(self, query: zenoh.Query) -> None:
+        """Every schema that the query asks for, each on its own key."""
+        with suppress(zenoh.ZError), query:
+            for name in names():
+                key = self.keys.schema(name)
+                if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                    query.reply(key, self._encode(schema(name)), encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def _on_session(self, query: zenoh.Query) -> None:
         def reply(session: bytes, problem: str) -> None:

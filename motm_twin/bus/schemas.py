@@ -1,0 +1,105 @@
+"""JSON Schemas of everything that travels on Zenoh, made from the types that encode and decode it."""
+
+import functools
+import inspect
+import re
+import textwrap
+from typing import Any
+
+import msgspec
+
+from motm_twin.bus.commands import ANSWER_VERSION, COMMAND_VERSION, EDITS, SERVER_COMMANDS, Answer, Envelope
+from motm_twin.bus.messages import (
+    EVENT_VERSION,
+    EVENTS_VERSION,
+    GRID_VERSION,
+    METRICS_VERSION,
+    ROBOT_VERSION,
+    SCAN_VERSION,
+    SCENE_VERSION,
+    STATUS_VERSION,
+    TICK_VERSION,
+    EventsMessage,
+    GridInfo,
+    MetricsMessage,
+    NumberedEvent,
+    RobotStateMessage,
+    ScanMessage,
+    StatusMessage,
+    TickMessage,
+)
+from motm_twin.model.scene import Scene
+from motm_twin.record.session import SESSION_VERSION, Session
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
+    "tick": (TICK_VERSION, TickMessage),
+    "robot": (ROBOT_VERSION, RobotStateMessage),
+    "scan": (SCAN_VERSION, ScanMessage),
+    "grid": (GRID_VERSION, GridInfo),  # of the attachment
+    "event": (EVENT_VERSION, NumberedEvent),
+    "events": (EVENTS_VERSION, EventsMessage),  # answer to event?from=SEQ
+    "metrics": (METRICS_VERSION, MetricsMessage),
+    "status": (STATUS_VERSION, StatusMessage),
+    "scene": (SCENE_VERSION, Scene),
+    "session": (SESSION_VERSION, Session),
+    "command": (COMMAND_VERSION, Envelope),  # payload of every command
+    "answer": (ANSWER_VERSION, Answer),  # to every command
+}
+COMMANDS = {f"cmd/{kind.__struct_config__.tag}": kind for kind in (*SERVER_COMMANDS, *EDITS)}
+
+_FIELD = re.compile(r"^(\w+): .*?  # (.+)$")
+
+
+@functools.cache
+def schema(name: str) -> dict[str, Any]:
+    """The schema of a message, or of ``cmd/<type>``: the ``command`` in the envelope. Raises KeyError."""
+    if name in COMMANDS:
+        return _schema(COMMANDS[name], COMMAND_VERSION)
+    version, kind = MESSAGES[name]
+    return _schema(kind, version)
+
+
+def names() -> list[str]:
+    """Of all schemas."""
+    return [*MESSAGES, *COMMANDS]
+
+
+def file_name(name: str) -> str:
+    """File in ``docs/schemas`` that keeps the schema of a message in its version: "tick.1.json"."""
+    return f"{name}.{MESSAGES[name][0].rsplit('/', 1)[-1]}.json"
+
+
+def field_notes(kind: type) -> dict[str, str]:
+    """What the comments beside the fields of a struct say; empty where there is no source."""
+    try:
+        source = textwrap.dedent(inspect.getsource(kind))
+    except OSError:
+        return {}
+    found = (_FIELD.match(line.strip()) for line in source.splitlines())
+    return {match[1]: match[2] for match in found if match}
+
+
+def _schema(kind: type[msgspec.Struct], version: str) -> dict[str, Any]:
+    made = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(kind)))  # as its readers get it: no tuples
+    kinds = _structs(kind, {})
+    for name, part in made.get("$defs", {}).items():
+        notes = field_notes(kinds[name]) if name in kinds else {}
+        for field, about in part.get("properties", {}).items():
+            if field in notes:
+                about["description"] = notes[field]
+    return {"$schema": DIALECT, "$id": version, **made}
+
+
+def _structs(kind: Any, found: dict[str, type]) -> dict[str, type]:
+    """Every struct that a type leads to, by name."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        if kind.__name__ not in found:
+            found[kind.__name__] = kind
+            for field in msgspec.structs.fields(kind):
+                _structs(field.type, found)
+    else:
+        for part in getattr(kind, "__args__", ()):
+            _structs(part, found)
+    return found

@@ -1,0 +1,135 @@
+"""Write docs/schemas/*.json and the tables of fields in docs/zenoh.md from the types in the code.
+
+    .venv/bin/python tools/schemas.py [--check]
+
+A schema that does not fit what was published under its version is not written: give it a new version first. With
+--check nothing is written, and the exit code is 1 when something would be.
+"""
+
+import argparse
+import json
+import re
+import sys
+from pathlib import Path
+
+from motm_twin.bus.commands import EDITS, SERVER_COMMANDS
+from motm_twin.bus.schema_rule import breaking_changes
+from motm_twin.bus.schemas import MESSAGES, file_name, schema
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER, PAGE = ROOT / "docs" / "schemas", ROOT / "docs" / "zenoh.md"
+TABLE = re.compile(r"(<!-- fields of (\w+) -->\n).*?(<!-- end -->\n)", re.S)
+
+
+def text_of(name: str) -> str:
+    """The schema of a message as the text of its file."""
+    return json.dumps(schema(name), indent=1, ensure_ascii=False) + "\n"
+
+
+def problems(folder: Path = FOLDER) -> list[str]:
+    """Why files can not be written: what breaks the promise of a version."""
+    found = []
+    for name, (version, _) in MESSAGES.items():
+        path = folder / file_name(name)
+        if path.exists():
+            breaks = breaking_changes(json.loads(path.read_text(encoding="utf-8")), schema(name))
+            found += [f"{version} {line}: bump the version of {name!r}" for line in breaks]
+    return found
+
+
+def wanted() -> dict[Path, str]:
+    """What every generated file should contain."""
+    files = {FOLDER / file_name(name): text_of(name) for name in MESSAGES}
+    if PAGE.exists():
+        page = PAGE.read_text(encoding="utf-8")
+        files[PAGE] = TABLE.sub(lambda match: match[1] + table(match[2]) + match[3], page)
+    return files
+
+
+def table(name: str) -> str:
+    """Fields of a message, and of the structs in it, as Markdown; "commands" is the list of all commands."""
+    if name == "commands":
+        return commands_table()
+    made = schema(name)
+    root = made["$ref"].rsplit("/", 1)[-1]
+    parts = [f"`{made['$id']}`\n\n{_fields(made['$defs'][root])}"]
+    skipped = {str(kind.__name__) for kind in (*SERVER_COMMANDS, *EDITS)}
+    parts += [f"\n`{part}`:\n\n{_fields(made['$defs'][part])}" for part in _reached(made, root) if part not in skipped]
+    return "\n" + "".join(parts) + "\n"
+
+
+def commands_table() -> str:
+    """One row for each command."""
+    lines = ["", "| command | fields (those in brackets may be left out) | what it does |", "|---|---|---|"]
+    for kind in (*SERVER_COMMANDS, *EDITS):
+        name = str(kind.__struct_config__.tag)
+        part = schema(f"cmd/{name}")["$defs"][kind.__name__]
+        required = part.get("required", [])
+        fields = ", ".join(
+            f"`{field}` {_type(about)}" if field in required else f"[`{field}` {_type(about)}]"
+            for field, about in part["properties"].items()
+            if field != "type"
+        )
+        first = " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())
+        lines.append(f"| `{name}` | {fields} | {first} |")
+    return "\n".join(lines) + "\n\n"
+
+
+def _reached(made: dict, root: str) -> list[str]:
+    """Names of the structs that a message is made of, in the order in which they are met."""
+    found: list[str] = []
+    waiting = [root]
+    while waiting:
+        text = json.dumps(made["$defs"][waiting.pop(0)])
+        for name in re.findall(r"#/\$defs/(\w+)", text):
+            if name not in found and name != root:
+                found.append(name)
+                waiting.append(name)
+    return found
+
+
+def _fields(part: dict) -> str:
+    lines = ["| field | type | meaning |", "|---|---|---|"]
+    for field, about in part.get("properties", {}).items():
+        meaning = about.get("description", "").replace("|", "\\|")
+        lines.append(f"| `{field}` | {_type(about)} | {meaning} |")
+    return "\n".join(lines) + "\n"
+
+
+def _type(about: dict) -> str:
+    if "$ref" in about:
+        return str(about["$ref"]).rsplit("/", 1)[-1]
+    if "anyOf" in about:
+        options = [_type(option) for option in about["anyOf"]]
+        return " or ".join(options) if len(options) < 5 else "one of the edits"
+    if "enum" in about:
+        return " or ".join(f'"{value}"' for value in about["enum"])
+    kind = about.get("type", "any")
+    if kind == "array" and isinstance(about.get("items"), dict):
+        return f"list of {_type(about['items'])}"
+    if kind == "array" and "prefixItems" in about:
+        return "[" + ", ".join(_type(item) for item in about["prefixItems"]) + "]"
+    if kind == "object" and isinstance(about.get("additionalProperties"), dict):
+        return f"object of {_type(about['additionalProperties'])}"
+    return str(kind)
+
+
+def main() -> int:
+    """Write, or check; the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true")
+    check = parser.parse_args().check
+    if found := problems():
+        print("\n".join(found), file=sys.stderr)
+        return 1
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    other = [path for path, text in wanted().items() if not path.exists() or path.read_text(encoding="utf-8") != text]
+    for path in other:
+        print(f"{'differs' if check else 'written'}: {path.relative_to(ROOT)}")
+        if not check:
+            path.write_text(wanted()[path], encoding="utf-8")
+    return 1 if check and other else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
