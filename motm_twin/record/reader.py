@@ -1,0 +1,148 @@
+"""Reads MCAP files of which the end may be missing or a part be broken: gives what is whole, and says what is not."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Schema
+
+from motm_twin.record.session import SessionError
+
+MAGIC = b"\x89MCAP0\r\n"
+MAX_RECORD = 256 * 1024 * 1024  # bytes; a longer one is a broken length
+MAX_CHUNK = 256 * 1024 * 1024  # bytes, decompressed
+_HEAD = struct.Struct("<BQ")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One message."""
+
+    topic: str
+    schema: str
+    log_time: int  # [ns]
+    publish_time: int  # [ns]
+    sequence: int
+    data: bytes
+
+
+@dataclass
+class Health:
+    """What was found while the file was read; complete only when it was read to its end."""
+
+    complete: bool = False  # the file ends as a whole one does
+    chunks: int = 0
+    broken_chunks: int = 0
+    whole: int = 0  # bytes up to the end of the last whole record
+    size: int = 0
+    text: str = ""  # why it is not complete
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+
+def read(path: str | Path, health: Health | None = None) -> Iterator[Entry]:
+    """Every message in the order of the file. Raises SessionError for what is no MCAP file or cannot be opened."""
+    path, health = Path(path), health if health is not None else Health()
+    try:
+        with path.open("rb") as file:
+            health.size = path.stat().st_size
+            if file.read(len(MAGIC)) != MAGIC:
+                raise SessionError("is no recording: it does not begin as an MCAP file does", file=str(path))
+            health.whole = len(MAGIC)
+            yield from _records(file, health)
+    except OSError as error:
+        raise SessionError(f"cannot be read: {error.strerror or error}", file=str(path)) from error
+
+
+def _records(file: BinaryIO, health: Health) -> Iterator[Entry]:
+    while True:
+        head = file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            health.text = "its end is missing"
+            return
+        opcode, length = _HEAD.unpack(head)
+        if length > MAX_RECORD or health.whole + _HEAD.size + length > health.size:
+            health.text = "its end is missing" if length <= MAX_RECORD else f"it is broken at byte {health.whole}"
+            return
+        body = file.read(length)
+        if opcode == Opcode.CHUNK:
+            yield from _chunk(body, health)
+        elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):  # outside of chunks, as others write them
+            yield from _loose(_HEAD.pack(opcode, length) + body, health)
+        health.whole += _HEAD.size + length
+        if opcode == Opcode.FOOTER:
+            ended = file.read(len(MAGIC)) == MAGIC
+            health.complete = ended and not health.text
+            health.text = health.text or ("" if ended else "its end is missing")
+            return
+
+
+def _loose(record: bytes, health: Health) -> Iterator[Entry]:
+    try:
+        entries = list(_inside(record, health))
+    except Exception as error:  # as in `_chunk`
+        health.text = f"the record at byte {health.whole} is broken: {error}"
+        return
+    yield from entries
+
+
+def _chunk(body: bytes, health: Health) -> Iterator[Entry]:
+    """The messages of a chunk; none of one that is broken, because none of it can be trusted."""
+    try:
+        chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+        if chunk.uncompressed_size > MAX_CHUNK:
+            raise ValueError("too large")
+        if chunk.compression == "zstd":
+            if zstandard.frame_content_size(chunk.data) > MAX_CHUNK:
+                raise ValueError("too large")
+            data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+        elif chunk.compression == "":
+            data = chunk.data
+        else:
+            raise ValueError(f"compressed with {chunk.compression!r}")
+        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("the checksum differs")
+        entries = list(_inside(data, health))
+    except Exception as error:  # whatever random bytes make the libraries raise
+        health.broken_chunks += 1
+        health.text = f"the chunk at byte {health.whole} is broken: {error}"
+        return
+    health.chunks += 1
+    yield from entries
+
+
+def _inside(data: bytes, health: Health) -> Iterator[Entry]:
+    """Messages of bytes that are whole; schemas and channels are remembered."""
+    at = 0
+    while at < len(data):
+        opcode, length = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        stream = ReadDataStream(BytesIO(data[at : at + length]))
+        at += length
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            health.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(stream)
+            health.channels[channel.id] = channel
+        elif opcode == Opcode.MESSAGE:
+            message = Message.read(stream, length)
+            channel = health.channels.get(message.channel_id)
+            if channel is None:
+                raise ValueError(f"channel {message.channel_id} is unknown")
+            schema = health.schemas.get(channel.schema_id)
+            yield Entry(
+                topic=channel.topic,
+                schema="" if schema is None else schema.name,
+                log_time=message.log_time,
+                publish_time=message.publish_time,
+                sequence=message.sequence,
+                data=message.data,
+            )

@@ -1,0 +1,172 @@
+"""What a recording knows of each run: enough to repeat it, whatever part of the run was recorded."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from motm_twin.bus.messages import StatusMessage
+from motm_twin.model.edits import Edit
+from motm_twin.model.scene import Scene
+from motm_twin.record import channels as ch
+from motm_twin.record.channels import RecordedScene, RecordedSession
+from motm_twin.record.reader import Entry, Health, read
+from motm_twin.record.session import Cut, LoggedEdit, Session, SessionError
+
+RunKey = tuple[float, int]  # server time of the load or reset, number
+
+
+class _PlanPart(msgspec.Struct, frozen=True):
+    expansions: int
+    cut_by_clock: bool
+
+
+class TickPart(msgspec.Struct, frozen=True):
+    """What is needed of a tick to repeat its period."""
+
+    run: int
+    index: int
+    time: float
+    plan: _PlanPart
+    edits: list[Edit] = []
+    began: float = 0.0
+    first: int = 0
+    past: int = -1
+    preview: bool = False
+
+    @property
+    def key(self) -> RunKey:
+        """Of its run."""
+        return self.began, self.run
+
+
+@dataclass
+class Run:
+    """One run in a recording."""
+
+    key: RunKey
+    first: int  # first period of the run: where it branched from another, else 0
+    past: int
+    scene: Scene | None  # that was loaded when it began
+    plant: str = "simulated"
+    indices: list[int] = field(default_factory=list)  # recorded periods, rising
+    edits: list[LoggedEdit] = field(default_factory=list)
+    cuts: list[Cut] = field(default_factory=list)
+    session: Session | None = None  # the last one that was recorded
+    hashes: dict[int, str] = field(default_factory=dict)  # state hash after so many periods
+
+    @property
+    def missing(self) -> int:
+        """Periods between the first and the last recorded one that are not there."""
+        return self.indices[-1] - self.indices[0] + 1 - len(self.indices) if self.indices else 0
+
+
+@dataclass
+class Recording:
+    """All runs of a file, in the order in which they began, and how the file is."""
+
+    path: Path
+    health: Health
+    runs: list[Run]
+
+    def session_of(self, run: Run) -> Session:
+        """What repeats a run up to the last period that follows from what was recorded. Raises SessionError."""
+        if run.plant != "simulated":
+            raise SessionError(f"run {run.key[1]} is of an external robot, whose observations are not in the file")
+        base = run.session or self._start_of(run)
+        edits = [*base.edits, *(entry for entry in run.edits if entry.index >= base.periods)]
+        cuts = [*base.cuts, *(cut for cut in run.cuts if cut.index >= base.periods)]
+        end = base.periods
+        for index in run.indices:
+            if index > end:
+                break  # what was done in the periods between is not known
+            end = max(end, index + 1)
+        return msgspec.structs.replace(
+            base,
+            edits=tuple(entry for entry in edits if entry.index < end),
+            cuts=tuple(cut for cut in cuts if cut.index < end),
+            periods=end,
+            state_hash=run.hashes.get(end, ""),
+            parts={},
+            track=(),
+        )
+
+    def _start_of(self, run: Run) -> Session:
+        """The session of a run that was recorded without one."""
+        if run.first == 0 and run.scene is not None:
+            return Session(scene=run.scene)
+        past = next((other for other in self.runs if other.key == (run.key[0], run.past)), None)
+        if past is None or past is run:
+            raise SessionError(f"run {run.key[1]}: the file does not tell how it began")
+        whole = self.session_of(past)
+        if whole.periods < run.first:
+            raise SessionError(f"run {run.key[1]} branched at period {run.first}, which was not recorded")
+        return msgspec.structs.replace(
+            whole,
+            edits=tuple(entry for entry in whole.edits if entry.index < run.first),
+            cuts=tuple(cut for cut in whole.cuts if cut.index < run.first),
+            periods=run.first,
+            state_hash="",
+        )
+
+
+def load_recording(path: str | Path) -> Recording:
+    """Everything but the ticks themselves. Raises SessionError for a file that is no recording of a twin."""
+    health, builder = Health(), _Builder()
+    try:
+        for entry in read(path, health):
+            builder.take(entry)
+    except msgspec.MsgspecError as error:
+        raise SessionError(f"a message in it is not one of this version: {error}", file=str(path)) from error
+    return Recording(Path(path), health, list(builder.runs.values()))
+
+
+def ticks_of(path: str | Path, key: RunKey) -> Iterator[tuple[int, bytes]]:
+    """Index and payload of each recorded period of one run, each once, rising."""
+    decode, last = msgspec.json.Decoder(TickPart).decode, -1
+    for entry in read(path):
+        if entry.topic == ch.TICK.topic:
+            part = decode(entry.data)
+            if part.key == key and not part.preview and part.index > last:
+                last = part.index
+                yield part.index, entry.data
+
+
+class _Builder:
+    def __init__(self) -> None:
+        self.runs: dict[RunKey, Run] = {}
+        self._scene: Scene | None = None
+        self._plant = "simulated"
+        self._tick = msgspec.json.Decoder(TickPart).decode
+
+    def take(self, entry: Entry) -> None:
+        match entry.topic:
+            case ch.TICK.topic:
+                self._on_tick(self._tick(entry.data))
+            case ch.SCENE.topic:
+                self._scene = msgspec.json.decode(entry.data, type=RecordedScene).scene
+            case ch.STATUS.topic:
+                self._plant = msgspec.json.decode(entry.data, type=StatusMessage).plant
+            case ch.SESSION.topic:
+                self._on_session(msgspec.json.decode(entry.data, type=RecordedSession))
+
+    def _on_tick(self, tick: TickPart) -> None:
+        if tick.preview:
+            return
+        run = self.runs.get(tick.key)
+        if run is None:
+            run = self.runs[tick.key] = Run(tick.key, tick.first, tick.past, self._scene, self._plant)
+        if run.indices and tick.index <= run.indices[-1]:
+            return  # sent again: something else was asked to be shown
+        run.indices.append(tick.index)
+        run.edits += [LoggedEdit(index=tick.index, edit=edit) for edit in tick.edits]
+        if tick.plan.cut_by_clock:
+            run.cuts.append(Cut(index=tick.index, expansions=tick.plan.expansions))
+
+    def _on_session(self, recorded: RecordedSession) -> None:
+        run = self.runs.get((recorded.began, recorded.run))
+        if run is not None:
+            run.session = recorded.session
+            if recorded.session.state_hash:
+                run.hashes[recorded.session.periods] = recorded.session.state_hash

@@ -1,0 +1,110 @@
+"""A recording once more: every run is computed again and compared with every period that was recorded."""
+
+from typing import Any
+
+import msgspec
+
+from motm_twin.bus.encode import tick_message
+from motm_twin.control.tick import Tick
+from motm_twin.record.log import Log
+from motm_twin.record.made_with import differences
+from motm_twin.record.recording import Recording, Run, ticks_of
+from motm_twin.record.replay import begin
+
+# Of the wall clock, of the server, or of what somebody asked to be explained: no part of the run itself.
+_NOT_COMPARED = ("server_time", "run", "began", "first", "past", "stage_ms", "inspected", "preview")
+_NOT_COMPARED_OF_PLAN = ("cut_by_clock", "staa_path")
+MOST_FIELDS = 5
+
+Json = dict[str, Any]
+
+
+class RunReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of running one recorded run again."""
+
+    run: int
+    scene: str
+    periods: int  # computed again
+    compared: int  # of them, with what was recorded
+    hashes: int  # states that were compared by their hash
+    ok: bool
+    period: int = -1  # the first that differs; -1: none
+    fields: list[str] = []  # that differ there: "plan.expansions: recorded 12, now 14"
+    state_hash: str  # at the end
+    differences: tuple[str, ...] = ()  # what is not here as it was there
+    text: str = ""  # what could not be compared
+
+
+def rerun_run(recording: Recording, run: Run) -> RunReport:
+    """Compute one run again. Raises SessionError when the file does not tell how, or the run refuses an edit."""
+    session = recording.session_of(run)
+    twin, log = begin(session), Log(session.edits, session.cuts)
+    recorded = ticks_of(recording.path, run.key)
+    waiting = next(recorded, None)
+    compared, hashes, period, fields = 0, 0, -1, []
+    for index in range(session.periods):
+        tick = log.advance(twin, index)
+        while waiting is not None and waiting[0] < index:
+            waiting = next(recorded, None)
+        if waiting is not None and waiting[0] == index:
+            fields, compared = _differing(waiting[1], tick), compared + 1
+        wanted = run.hashes.get(index + 1)
+        if not fields and wanted is not None:
+            hashes, now = hashes + 1, twin.state_hash()
+            fields = [] if now == wanted else [f"state hash: recorded {wanted[:12]}, now {now[:12]}"]
+        if fields:
+            period = index
+            break
+    made_with = {} if run.session is None else run.session.made_with
+    return RunReport(
+        run=run.key[1],
+        scene=f"{session.scene.name} / {session.scene.variant}, seed {session.scene.seed}",
+        periods=twin.index,
+        compared=compared,
+        hashes=hashes,
+        ok=period < 0,
+        period=period,
+        fields=fields,
+        state_hash=twin.state_hash(),
+        differences=differences(made_with) if made_with and period >= 0 else (),
+        text=_not_compared(run, session.periods),
+    )
+
+
+def _not_compared(run: Run, periods: int) -> str:
+    last = run.indices[-1] + 1 if run.indices else 0
+    if last > periods:
+        return f"periods {periods} to {last - 1} were not computed: some before them are missing in the file"
+    return f"{run.missing} periods are missing in the file" if run.missing else ""
+
+
+def _differing(payload: bytes, tick: Tick) -> list[str]:
+    """The fields that are not as recorded; empty for an equal period."""
+    now = msgspec.json.decode(msgspec.json.encode(tick_message(tick, 0, 0.0)))
+    found: list[str] = []
+    _compare(_bare(msgspec.json.decode(payload)), _bare(now), "", found)
+    return found
+
+
+def _bare(message: Json) -> Json:
+    plan = {name: value for name, value in message["plan"].items() if name not in _NOT_COMPARED_OF_PLAN}
+    return {**{name: value for name, value in message.items() if name not in _NOT_COMPARED}, "plan": plan}
+
+
+def _compare(then: Any, now: Any, place: str, found: list[str]) -> None:
+    if then == now or len(found) >= MOST_FIELDS:
+        return
+    if isinstance(then, dict) and isinstance(now, dict):
+        for name in {**then, **now}:
+            inner = f"{place}.{name}" if place else name
+            _compare(then.get(name), now.get(name), inner, found)
+    elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        for index, (one, other) in enumerate(zip(then, now, strict=True)):
+            _compare(one, other, f"{place}[{index}]", found)
+    else:
+        found.append(f"{place}: recorded {_short(then)}, now {_short(now)}")
+
+
+def _short(value: Any) -> str:
+    text = msgspec.json.encode(value).decode()
+    return text if len(text) <= 60 else text[:57] + "..."
