@@ -1,0 +1,100 @@
+"""The page in Chromium: looking back, then a what-if from that moment with a parameter that is changed by mouse."""
+
+import re
+
+import numpy as np
+import pytest
+from page import serving, until, visiting
+
+from motm_twin.ui.colours import OTHERS
+from motm_twin.ui.what_if_panel import SHOWN, WATCH
+
+TINTED = 100  # pixels of a robot that must be seen
+DIFFERENT = 20.0  # [grey levels]
+SLIDER = "Smallest ring"
+SCENE = """
+format: motm-scene/1
+start: {x: 0.0, y: 0.0}
+furniture:
+  table: {shape: box, centre: [2.2, 1.0], size: [0.8, 0.8], z: [0.0, 0.75], style: desk}
+  desk: {shape: box, centre: [2.2, -1.4], size: [0.8, 0.8], z: [0.0, 0.6], style: desk}
+objects:
+  cube: {surface: table, at: [2.05, 0.72]}
+bins:
+  bin: {at: [2.05, -1.2]}
+tasks:
+  - pick: cube
+  - place: bin
+"""
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+def test_a_what_if_from_an_earlier_moment_by_mouse_shows_both_robots_and_both_times(tmp_path):
+    path = tmp_path / "room.yaml"
+    path.write_text(SCENE, encoding="utf-8")
+    with serving(path) as twin, visiting(twin) as visitor:
+        client, page = twin.client, visitor.page
+        visitor.choose("Speed", "4x")
+        until(lambda: client.status().state == "done", 240.0, "the run does not end")
+        visitor.state("Finished")
+        newest = client.tick()
+
+        visitor.tab("Replay")
+        slide(visitor, "Seconds before now", 0.1)
+        visitor.says("Looking back")
+        period = int(
+            page.get_by_text(re.compile(r"\(period \d+\)")).first.inner_text().split("(period ")[1].split(")")[0]
+        )
+        assert 0 < period < newest.index // 2
+
+        visitor.tab("Tune")
+        page.get_by_label("Try in what-if only").click()
+        visitor.choose("Changed", SHOWN)
+        before = dict(client.status().parameters)
+        slide(visitor, SLIDER, 0.95)
+        visitor.says(f"● {SLIDER}")
+        visitor.press("Compare")
+        visitor.says(f"the same until {period * 0.05:.1f} s")
+        visitor.button("Clear the comparison").wait_for(timeout=180_000)
+        was, changed = times(visitor)
+        assert newest.time - 4.0 < was <= newest.time  # the settling at the end is not counted
+        assert changed > period * 0.05
+        assert changed != was
+        assert client.tick().index == newest.index  # the twin itself stays as it is
+        assert dict(client.status().parameters) == before
+
+        visitor.tab("Tune")
+        alone = visitor.picture()
+        visitor.press(WATCH)
+        until(lambda: min(tinted(visitor, alone)) > TINTED, 60.0, "not both robots are seen")
+        visitor.press("Clear the comparison")
+        visitor.says("Both runs are computed beside the twin")
+        until(lambda: max(tinted(visitor, alone)) < TINTED, 60.0, "they stay for ever")
+        assert visitor.errors == []
+
+
+def slide(visitor, label, share):
+    """Click on the track of a slider, this share of its length from the left."""
+    row = "xpath=ancestor::div[contains(@class, 'mantine-Flex-root')][1]"
+    track = visitor.page.get_by_text(label).locator("visible=true").first.locator(row).locator(".mantine-Slider-track")
+    track.scroll_into_view_if_needed()
+    box = track.bounding_box()
+    visitor.page.mouse.click(box["x"] + share * box["width"], box["y"] + box["height"] / 2)
+
+
+def times(visitor):
+    """The times [s] of both runs, as the panel shows them."""
+    cells = visitor.page.locator("tr", has_text="time").locator("visible=true").first.locator("td").all_inner_texts()
+    return [float(re.search(r"(\d+\.\d) s", cell).group(1)) for cell in cells[1:]]
+
+
+def tinted(visitor, alone):
+    """How many pixels now have the hue of each tint and had another colour before: glass lets the rest through."""
+    picture = visitor.picture()
+    other = np.abs(picture - alone).max(axis=2) > DIFFERENT
+    shade = picture - picture.mean(axis=2, keepdims=True)
+    length = np.linalg.norm(shade, axis=2)
+    hues = [np.array(tint, dtype=float) - np.mean(tint) for tint in OTHERS]
+    along = [shade @ hue / np.linalg.norm(hue) for hue in hues]
+    return [int((other & (length > DIFFERENT) & (share > 0.9 * length)).sum()) for share in along]
