@@ -1,0 +1,81 @@
+"""The bridge as a program: it waits for a twin, finds one that was started again, and ends when it is told to."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+from ear import direct, until
+
+from motm_twin.bus.commands import Load
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import free_port, open_member
+from motm_twin.twin import Twin
+
+
+class Bridge:
+    """The program, and what it says."""
+
+    def __init__(self, *options):
+        command = [sys.executable, "-m", "motm_twin.ros2.bridge_process", *options]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.said = []
+        self._thread = threading.Thread(target=self._listen)
+        self._thread.start()
+
+    def _listen(self):
+        self.said += [json.loads(line) for line in self.process.stdout]
+
+    def end(self):
+        self.process.send_signal(signal.SIGTERM)
+        code = self.process.wait(20.0)
+        self._thread.join()
+        self.process.stdout.close()
+        return code
+
+
+def heard(port, key):
+    """Wait until something comes on a key of the server at a port."""
+    session, got = open_member(f"tcp/127.0.0.1:{port}"), []
+    subscriber = session.declare_subscriber(key, direct(lambda sample: got.append(1)))
+    try:
+        until(lambda: got, f"nothing came on {key}")
+    finally:
+        subscriber.undeclare()
+        session.close()
+
+
+def test_it_waits_for_the_twin_and_finds_it_again():
+    port = free_port()
+    bridge = Bridge("--endpoint", f"tcp/127.0.0.1:{port}", "--prefix", "/lab")
+    try:
+        for _ in range(2):
+            with TwinServer(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), port=port):
+                heard(port, "lab/tf")
+    finally:
+        code = bridge.end()
+    assert code == 0
+    assert [event["event"] for event in bridge.said] == ["ros2", "ended"]
+    assert bridge.said[1]["sent"]["tf"] > 0
+    assert bridge.said[1]["unreadable"] == {}
+
+
+def test_it_ends_while_nobody_is_there():
+    bridge = Bridge("--endpoint", f"tcp/127.0.0.1:{free_port()}")
+    until(lambda: bridge.process.poll() is None, "it ended by itself")
+    assert bridge.end() in (0, -signal.SIGTERM)  # by itself, or before it could notice
+
+
+@pytest.mark.parametrize(
+    ("options", "words"), [(("--prefix", "lab 1"), "prefix"), (("--form", "rmw", "--domain", "500"), "ROS_DOMAIN_ID"),
+                           (("--twin", "a/b"), "twin name")]
+)  # fmt: skip
+def test_bad_input_is_refused_with_a_sentence(options, words):
+    bridge = Bridge(*options)
+    code = bridge.process.wait(30.0)
+    bridge.end()
+    assert code == 2
+    assert words in bridge.said[0]["text"]
