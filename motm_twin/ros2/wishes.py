@@ -6,10 +6,8 @@ import time
 from typing import Protocol
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Command, InsertTask, PushRobot
-from motm_twin.model.edits import Drive
+from motm_twin.bus.commands import Command, Drive, DriveToPoint, PushRobot
 from motm_twin.model.geometry import wrap_angle
-from motm_twin.model.scene import DriveTo
 from motm_twin.ros2.cdr import CdrError, Message, decode
 from motm_twin.ros2.convert import MAP, yaw_of
 from motm_twin.ros2.topics import CMD_VEL, GOAL_POSE, INITIAL_POSE, Topic
@@ -86,7 +84,8 @@ class Wishes:
         if topic is CMD_VEL:
             return self._drive(message)
         if topic is GOAL_POSE:
-            return self._go(*_pose_on_map(message["header"], message["pose"]))
+            x, y, yaw = _pose_on_map(message["header"], message["pose"])
+            return DriveToPoint(x=x, y=y, heading=yaw)
         assert topic is INITIAL_POSE
         return self._put_there(*_pose_on_map(message["header"], message["pose"]["pose"]))
 
@@ -98,12 +97,6 @@ class Wishes:
         if not (math.isfinite(v) and math.isfinite(w)):
             raise ValueError(f"a twist of {v:g} m/s and {w:g} rad/s: it has to be finite")
         return Drive(v=v, w=w)
-
-    def _go(self, x: float, y: float, yaw: float) -> Command:
-        """Before what the robot does now; that goes on afterwards."""
-        tick = self._client.tick()
-        index = None if tick is None else tick.task_index
-        return InsertTask(tasks=(DriveTo(point=(x, y), heading=yaw),), index=index)
 
     def _put_there(self, x: float, y: float, yaw: float) -> Command:
         """A simulated robot is localised always: it is put where it is said to be."""

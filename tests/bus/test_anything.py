@@ -73,6 +73,7 @@ ANYTHING = st.one_of(
     st.builds(commands.MoveTask, index=INDEX, to=INDEX),
     parameter_changes(),
     st.builds(commands.Announce, name=NAMES),
+    st.builds(commands.Drive, v=st.floats(-1.0, 1.0), w=st.floats(-3.0, 3.0)),
     st.builds(Inspect, candidate=st.integers(-1, 80), staa_path=st.booleans()),
     st.builds(Branch, index=st.integers(0, 60)),
     st.just(UndoBranch()),
