@@ -82,6 +82,7 @@ class DriveTab:
         names = list(SPEEDS)
         number = names.index(self._speed.value) + steps
         if 0 <= number < len(names):
+            self._speed.value = names[number]  # at once: the next press counts from here
             self._send(Speed(factor=SPEEDS[names[number]]))
 
     def _layer(self, gui: viser.GuiApi, name: str) -> viser.GuiCheckboxHandle:
