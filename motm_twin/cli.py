@@ -1,4 +1,4 @@
-"""The command line: `motm-twin serve | run | replay | what-if | scene | bench`."""
+"""The command line: `motm-twin serve | run | record | replay | rerun | what-if | scene | bench | ...`."""
 
 import json as json_module
 import sys
@@ -10,6 +10,7 @@ from rich.console import Console
 from tyro.conf import Positional
 
 from motm_twin.model.scene_error import SceneError
+from motm_twin.record.cli_record import info, record, recover, replay, rerun
 from motm_twin.record.session import SessionError
 from motm_twin.security.cli_security import security
 
@@ -33,7 +34,7 @@ def run(
         variant: Named variant of the scene.
         seed: Seed of noise and random arrangements.
         json: Write the report to a file, or to standard output with '-'.
-        save: Write the session to a file, for `replay` and `what-if`.
+        save: Write the session to a file, for `rerun` and `what-if`.
     """
     if save is not None:
         from motm_twin.record.cli_run import run_and_save
@@ -63,6 +64,7 @@ def serve(
     twin: str = "frankie",
     secure: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None,
     ros2: Literal["bridge", "rmw"] | None = None,
+    data: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
 ) -> int:
     """Serve the twin in the browser, and its state on Zenoh.
 
@@ -78,6 +80,7 @@ def serve(
         twin: Name of the twin in the Zenoh keys.
         secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
         ros2: Publish ROS 2 topics too, for zenoh-bridge-ros2dds (bridge) or rmw_zenoh (rmw).
+        data: Folder of the files that the commands save and record write; without it ./recordings.
     """
     from motm_twin.cli_serve import serve as serve_twin
 
@@ -93,27 +96,8 @@ def serve(
         twin=twin,
         secure=secure,
         ros2=ros2,
+        data=data,
     )
-
-
-def replay(
-    file: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
-    /,
-    update: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
-) -> int:
-    """Run a saved session again and compare it bit for bit.
-
-    Exit code 0: equal, or updated; 1: different; 2: bad input.
-
-    Args:
-        file: A saved session.
-        update: Write the new state into the file, after showing the difference: the change of behaviour is meant.
-        json: Write the report to a file, or to standard output with '-'.
-    """
-    from motm_twin.record.cli_replay import replay as rerun_file
-
-    return rerun_file(file, update=update, report=json)
 
 
 def what_if(
@@ -190,7 +174,11 @@ def main() -> None:
             {
                 "serve": serve,
                 "run": run,
+                "record": record,
                 "replay": replay,
+                "rerun": rerun,
+                "info": info,
+                "recover": recover,
                 "what-if": what_if,
                 "scene": scene,
                 "bench": bench,

@@ -38,6 +38,7 @@ def serve(
     twin: str = DEFAULT_TWIN,
     secure: str | None = None,
     ros2: str | None = None,
+    data: Path | None = None,
 ) -> int:
     """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError for a scene that can not be used.
 
@@ -62,6 +63,7 @@ def serve(
     server = ["--port", str(supervisor.zenoh_port), "--twin", twin]
     server += [] if variant is None else ["--variant", variant]
     server += [] if seed is None else ["--seed", str(seed)]
+    server += [] if data is None else ["--data", str(data)]
     supervisor.add(SERVER, "motm_twin.bus.server_process", [scene, *server])
     if not headless:
         page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
@@ -69,6 +71,40 @@ def serve(
     if ros2 is not None:
         bridge = ["--endpoint", supervisor.endpoint, "--twin", twin, "--form", ros2]
         supervisor.add("ROS 2 bridge", "motm_twin.ros2.bridge_process", bridge)
+    return supervisor.run()
+
+
+def serve_recording(
+    player: list[str],
+    *,
+    port: int = 8080,
+    headless: bool = False,
+    host: str = LOOPBACK,
+    token: str | None = None,
+    zenoh_port: int = DEFAULT_PORT,
+    twin: str = DEFAULT_TWIN,
+) -> int:
+    """Play a recording under the keys of a twin, with its page; exit codes as of `serve`.
+
+    ``player``: arguments of `record.player_process`, the file first.
+    """
+    console = Console(highlight=False, soft_wrap=True)
+    token = token or os.environ.get("MOTM_TOKEN") or None
+    try:
+        Keys(twin)
+        check_token(host, token)
+        if not headless:
+            require_free_port(host, port, "choose another one with --port (0 takes any free one)")
+        require_free_port(LOOPBACK, zenoh_port, "is a twin running? Choose another one with --zenoh-port (0: any)")
+    except (PortTaken, ValueError) as error:
+        console.print(f"motm-twin replay: {error.args[-1]}", style="red", markup=False)
+        return BAD_INPUT
+    supervisor = _Supervisor(console, twin, zenoh_port or free_port(), None)
+    arguments = [*player, "--port", str(supervisor.zenoh_port), "--twin", twin]
+    supervisor.add(SERVER, "motm_twin.record.player_process", arguments)
+    if not headless:
+        page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
+        supervisor.add("page", "motm_twin.ui.viewer_process", page, token)
     return supervisor.run()
 
 
@@ -144,7 +180,7 @@ class _Supervisor:
             case "ros2":
                 self._console.print(f"{after}  ROS 2: {event['text']}", markup=False)
             case "refused":
-                self._console.print(f"motm-twin serve: {event['text']}", style="red", markup=False)
+                self._console.print(f"motm-twin: {event['text']}", style="red", markup=False)
             case "state":
                 text = event["text"] or {"playing": "the robot moves", "paused": "paused"}.get(event["state"], "")
                 self._console.print(f"{after}  {event['state']}: {text}", markup=False)

@@ -58,24 +58,24 @@ def short_scene(folder):
     return path
 
 
-def test_a_saved_run_replays_to_the_same_state_until_something_is_changed(tmp_path):
+def test_a_saved_run_reruns_to_the_same_state_until_something_is_changed(tmp_path):
     path = tmp_path / "run.json"
     run = call("run", str(short_scene(tmp_path)), "--variant", "trial1", "--json", "-", "--save", str(path))
     assert run.returncode == 1, run.stderr  # not completed in 3 s
-    equal = call("replay", str(path), "--json", "-")
+    equal = call("rerun", str(path), "--json", "-")
     assert equal.returncode == 0, equal.stderr
     assert json.loads(equal.stdout)["state_hash"] == json.loads(run.stdout)["state_hash"]
 
     moved = msgspec.structs.replace(load_session(path), parameters={"bezier": False, "next_weight": 0.2})
     save_session(moved, path)
-    different = call("replay", str(path))
+    different = call("rerun", str(path))
     assert different.returncode == 1, different.stderr
     assert "different" in different.stdout
     assert load_session(path) == moved
-    updated = call("replay", str(path), "--update")
+    updated = call("rerun", str(path), "--update")
     assert updated.returncode == 0
     assert "different" in updated.stdout
-    assert call("replay", str(path)).returncode == 0
+    assert call("rerun", str(path)).returncode == 0
     assert load_session(path).parameters == moved.parameters
 
 
@@ -107,8 +107,8 @@ def test_what_if_prints_both_runs_and_their_difference(tmp_path):
         (("scene", "check"), "check"),
         (("run", "exp1", "--seed", "x"), "seed"),
         (("fly",), "fly"),
-        (("replay", "no/such/session.json"), "no such file"),
-        (("replay", str(RECORDED), "--json", "no/such/folder/out.json"), "no/such/folder"),
+        (("rerun", "no/such/session.json"), "no such file"),
+        (("rerun", str(RECORDED), "--json", "no/such/folder/out.json"), "no/such/folder"),
         (("what-if", str(RECORDED)), "--set"),
         (("what-if", str(RECORDED), "--set", "next_wait=1"), "next_weight"),
         (("what-if", str(RECORDED), "--set", "bezier=off", "--from", "1000"), "1000"),

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from motm_twin.record.changes import parse_changes, start_period
-from motm_twin.record.cli_replay import write_json
+from motm_twin.record.cli_rerun import write_json
 from motm_twin.record.session import SessionError, load_session
 from motm_twin.record.what_if import FAILED, OK, RunBroke, compare, stream
 from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome

@@ -1,6 +1,7 @@
 """What is in a recording, as numbers and as text."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from rich.console import Console
@@ -104,6 +105,11 @@ def _runs(path: str | Path) -> list[RunInfo]:
             )
         )
     return found
+
+
+def as_json(found: Info) -> dict[str, Any]:
+    """As plain values."""
+    return msgspec.to_builtins(found)
 
 
 def show(found: Info) -> None:

@@ -85,7 +85,7 @@ def rerun_text(name: str) -> str:
     """How a saved session is used, as HTML; ``name`` is one of `file_name`."""
     return (
         f'<div style="{_TEXT}">Saved as <b style="overflow-wrap:anywhere">{name}</b>. '
-        f'Rerun it bit for bit:<br><code style="{_CODE}">motm-twin replay FILE</code><br>'
+        f'Rerun it bit for bit:<br><code style="{_CODE}">motm-twin rerun FILE</code><br>'
         f'Keep it as a test: put the file into <code style="{_CODE}">tests/recorded</code>; the test there reruns '
         "every session and compares the state.</div>"
     )

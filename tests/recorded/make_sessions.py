@@ -1,7 +1,7 @@
 """Makes the sessions of this folder anew: ``python tests/recorded/make_sessions.py``.
 
 Only needed when their story or the format of sessions changes. After a wanted change of behaviour the same stories get
-their new state with ``motm-twin replay FILE --update``.
+their new state with ``motm-twin rerun FILE --update``.
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Sessions that were recorded once run to the same state today, bit for bit.
 
-After a wanted change of behaviour: ``motm-twin replay tests/recorded/NAME.json --update``.
+After a wanted change of behaviour: ``motm-twin rerun tests/recorded/NAME.json --update``.
 """
 
 import warnings
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from motm_twin.record.cli_replay import explain
+from motm_twin.record.cli_rerun import explain
 from motm_twin.record.replay import rerun
 from motm_twin.record.session import load_session
 
@@ -26,6 +26,6 @@ def test_a_recorded_session_reruns_to_its_state(path):
     again = rerun(session)
     made = f"{path.name} was made with other versions: {', '.join(again.differences)}" if again.differences else ""
     if not again.ok:
-        pytest.fail(f"{made}\n{explain(again)}\nIs the change meant? Then: motm-twin replay {path} --update")
+        pytest.fail(f"{made}\n{explain(again)}\nIs the change meant? Then: motm-twin rerun {path} --update")
     if made:
         warnings.warn(f"{made}; it is equal all the same", stacklevel=1)

@@ -1,4 +1,4 @@
-"""`motm-twin replay`: run a saved session again and compare, bit for bit."""
+"""`motm-twin rerun`: compute a saved session or a recording again and compare, bit for bit."""
 
 import json
 import sys
@@ -8,18 +8,24 @@ from typing import Any
 import msgspec
 from rich.console import Console
 
+from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, rerun, updated
+from motm_twin.record.rerun_file import RunReport, rerun_run
 from motm_twin.record.session import Session, SessionError, load_session, save_session
 
 OK, DIFFERENT = 0, 1
 
 
-def replay(file: str, *, update: bool = False, report: str | None = None) -> int:
-    """Rerun a session file; the exit code: 0 equal (or updated), 1 different or without a hash to compare with.
+def rerun_file(file: str, *, update: bool = False, report: str | None = None) -> int:
+    """Rerun a session or a recording; the exit code: 0 equal (or updated), 1 different or nothing to compare with.
 
     ``update`` writes the new hash into the file; ``report``: file of the JSON report, '-' for standard output. Raises
     SessionError for a file that cannot be used.
     """
+    if file.endswith(".mcap"):
+        if update:
+            raise SessionError("--update is for saved sessions: a recording stays as it was", file=file)
+        return _rerun_recording(file, report)
     session = load_session(file)
     try:
         again = rerun(session)
@@ -34,6 +40,44 @@ def replay(file: str, *, update: bool = False, report: str | None = None) -> int
     if report is not None:
         write_json({"file": file, "updated": update, **msgspec.to_builtins(again)}, report)
     return OK if again.ok or update else DIFFERENT
+
+
+def _rerun_recording(file: str, report: str | None) -> int:
+    """Every run of a recording."""
+    recording = load_recording(file)
+    console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
+    if not recording.runs:
+        raise SessionError("holds no period of a twin", file=file)
+    found: list[RunReport] = []
+    for run in recording.runs:
+        try:
+            found.append(rerun_run(recording, run))
+        except SessionError as error:
+            raise SessionError(error.problem, file=file) from error
+        if report != "-":
+            _print_run(console, found[-1])
+    ok = all(run.ok and run.compared > 0 for run in found)
+    if report is not None:
+        parts = {"complete": recording.health.complete, "text": recording.health.text}
+        write_json({"file": file, "ok": ok, **parts, "runs": msgspec.to_builtins(found)}, report)
+    elif not recording.health.complete:
+        console.print(f"the file is not complete ({recording.health.text}): compared up to there", markup=False)
+    return OK if ok else DIFFERENT
+
+
+def _print_run(console: Console, run: RunReport) -> None:
+    console.print(f"run {run.run}: {run.scene}", style="bold", markup=False)
+    if run.text:
+        console.print(f"[yellow]note[/yellow]: {run.text}")
+    if run.ok:
+        compared = f"{run.compared} of {run.periods} periods and {run.hashes} states compared"
+        console.print(f"[green]equal[/green] bit for bit: {compared}; ends in state {run.state_hash[:12]}")
+        return
+    console.print(f"[red]different[/red] first in period {run.period} ({run.period / 20:.2f} s):")
+    for line in run.fields:
+        console.print(f"  {line}", markup=False)
+    for line in run.differences:
+        console.print(f"  made with other versions: {line}", markup=False)
 
 
 def write_json(report: dict[str, Any], target: str) -> None:

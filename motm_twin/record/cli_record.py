@@ -1,0 +1,179 @@
+"""`motm-twin record | replay | rerun | info | recover`: recordings on the command line."""
+
+import json as json_module
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from tyro.conf import Positional
+
+from motm_twin.record.session import SessionError
+
+OK, FAILED, BAD_INPUT = 0, 1, 2
+_File = Annotated[Positional[str], tyro.conf.arg(metavar="FILE")]
+_Json = Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")]
+_Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+
+
+def record(
+    out: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
+    /,
+    twin: str = "frankie",
+    endpoint: str = "tcp/127.0.0.1:7447",
+    seconds: float | None = None,
+    wait: float = 30.0,
+) -> int:
+    """Record a running twin from outside into an MCAP file, until Ctrl-C. The twin does not notice.
+
+    Exit code 0: recorded; 1: the disk refused, what is before can be read; 2: bad input, or no twin answers.
+
+    Args:
+        out: File to be written, FILE.mcap; it must not exist.
+        twin: Name of the twin in the Zenoh keys.
+        endpoint: Where its server listens.
+        seconds: Time to record; without it until Ctrl-C.
+        wait: Time in seconds to wait for the server.
+    """
+    arguments = ["--twin", twin, "--endpoint", endpoint, "--out", out, "--wait", str(wait)]
+    arguments += [] if seconds is None else ["--seconds", str(seconds)]
+    console = Console(highlight=False, soft_wrap=True)
+    command = [sys.executable, "-m", "motm_twin.record.recorder_process", *arguments]
+    code = FAILED
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own module
+    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        # Ctrl-C reaches the recorder as well, which ends by itself; what only we get is handed on.
+        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+        assert process.stdout is not None
+        for line in process.stdout:
+            _tell(console, json_module.loads(line))
+        code = process.wait()
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if process.poll() is None:
+            process.terminate()
+    return code
+
+
+def _tell(console: Console, event: dict) -> None:
+    size = f"{event.get('bytes', 0) / 1e6:.1f} MB"
+    match event["event"]:
+        case "recording":
+            console.print(f"recording to {event['file']} (Ctrl-C ends it)", markup=False)
+        case "recorded":
+            lost = f"; {event['lost_periods']} periods did not arrive" if event["lost_periods"] else ""
+            console.print(f"recorded {event['file']}, {size}{lost}", markup=False)
+        case "failed":
+            text = f"the recording has stopped: {event['text']}; the {size} before can be read"
+            Console(stderr=True, highlight=False, soft_wrap=True).print(text, style="red", markup=False)
+        case "refused":
+            text = f"motm-twin record: {event['text']}"
+            Console(stderr=True, highlight=False, soft_wrap=True).print(text, style="red", markup=False)
+
+
+def replay(
+    file: _File,
+    /,
+    speed: float = 1.0,
+    loop: _Flag = False,
+    paused: _Flag = False,
+    port: int = 8080,
+    headless: _Flag = False,
+    host: str = "127.0.0.1",
+    token: str | None = None,
+    zenoh_port: int = 7447,
+    twin: str = "frankie",
+) -> int:
+    """Play a recording back: in the page, and on Zenoh under the keys of a twin.
+
+    Exit code 0: ended on request; 1: a process died again and again; 2: bad input.
+
+    Args:
+        file: An MCAP recording. (A saved session is computed again with `rerun`.)
+        speed: 1 as it was, 1/8 to 8.
+        loop: Begin again at the end.
+        paused: Wait for play.
+        port: TCP port of the page.
+        headless: Only on Zenoh, no page.
+        host: Address of the page; anything but loopback needs a token.
+        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN).
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
+        twin: Name in the Zenoh keys.
+    """
+    from motm_twin.bus.commands import SPEED_MAX, SPEED_MIN
+    from motm_twin.cli_serve import serve_recording
+
+    if not file.endswith(".mcap"):
+        raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
+    if not Path(file).is_file():
+        raise SessionError("there is no such file", file=file)
+    if not SPEED_MIN <= speed <= SPEED_MAX:
+        raise SessionError(f"--speed {speed:g}: use {SPEED_MIN:g} to {SPEED_MAX:g}")
+    player = [file, "--speed", str(speed), *(["--loop"] if loop else []), *(["--paused"] if paused else [])]
+    return serve_recording(
+        player, port=port, headless=headless, host=host, token=token, zenoh_port=zenoh_port, twin=twin
+    )
+
+
+def rerun(file: _File, /, update: _Flag = False, json: _Json = None) -> int:
+    """Compute a saved session or a recording again and compare it bit for bit.
+
+    Of a recording, every period and state hash is compared, and the first period that differs is named.
+
+    Exit code 0: equal, or updated; 1: different; 2: bad input.
+
+    Args:
+        file: A saved session (.json) or a recording (.mcap).
+        update: Write the new state into the session, after showing the difference: the change of behaviour is meant.
+        json: Write the report to a file, or to standard output with '-'.
+    """
+    from motm_twin.record.cli_rerun import rerun_file
+
+    return rerun_file(file, update=update, report=json)
+
+
+def info(file: _File, /, json: _Json = None) -> int:
+    """Tell what is in a recording: duration, runs, topics with rates, and whether it is complete.
+
+    Exit code 0: complete; 1: its end is missing or a part is broken; 2: bad input.
+
+    Args:
+        file: A recording (.mcap).
+        json: Write the report to a file, or to standard output with '-'.
+    """
+    from motm_twin.record import info as recorded
+    from motm_twin.record.cli_rerun import write_json
+
+    found = recorded.info(file)
+    if json is not None:
+        write_json(recorded.as_json(found), json)
+    if json != "-":
+        recorded.show(found)
+    return OK if found.complete else FAILED
+
+
+def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-o",))] = None) -> int:
+    """Write a whole file, with its index, from a recording that was cut off; what was written is read to prove it.
+
+    Exit code 0: recovered; 2: bad input, or what was written cannot be read.
+
+    Args:
+        file: A recording (.mcap).
+        out: File to be written; FILE.recovered.mcap without it.
+    """
+    from motm_twin.record.recover import recover as recover_file
+
+    found = recover_file(file, out)
+    lost = f"{found.lost_bytes} bytes of an unfinished end" if found.lost_bytes else "nothing"
+    broken = f" and {found.broken_chunks} broken chunks" if found.broken_chunks else ""
+    Console(highlight=False, soft_wrap=True).print(
+        f"{found.file}: {found.messages} messages, {found.seconds:.1f} s, verified; left out: {lost}{broken}"
+        + (" (the file was complete already)" if found.was_complete else ""),
+        markup=False,
+    )
+    return OK

@@ -1,0 +1,120 @@
+"""A recording as frames: one for each period, with all that was sent with it. Kept compressed, about 4 kB each."""
+
+import base64
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from motm_twin.bus.messages import GridInfo
+from motm_twin.record import channels as ch
+from motm_twin.record.reader import Entry, Health, read
+from motm_twin.record.recording import RunKey, TickPart
+from motm_twin.record.session import SessionError
+
+_LEVEL = 1  # of zlib
+_PLAYED = (ch.ROBOT.topic, ch.SCAN.topic, ch.EVENT.topic, ch.METRICS.topic)
+
+Sent = tuple[str, bytes, bytes | None]  # topic, payload as on the bus, attachment
+
+
+class _GridText(msgspec.Struct):
+    info: GridInfo
+    cells: str  # base64
+
+
+class _SceneText(msgspec.Struct):
+    scene: msgspec.Raw
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One period; the scene and the map that were in force are those of the frames of these numbers."""
+
+    run: RunKey
+    first: int
+    past: int
+    index: int
+    time: float  # [s] simulated
+    scene: int
+    grid: int
+    packed: bytes
+
+    def sent(self) -> list[Sent]:
+        """What was sent: the tick first."""
+        return msgspec.msgpack.decode(zlib.decompress(self.packed), type=list[Sent])
+
+
+class Frames:
+    """All frames of a file. Raises SessionError when there is none."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.health = Health()
+        self._frames: list[Frame] = []
+        self._open: tuple[TickPart, list[Sent]] | None = None
+        self._before: list[Sent] = []  # what came before the first tick
+        self._scene = self._grid = -1
+        self._decode = msgspec.json.Decoder(TickPart).decode
+        try:
+            for entry in read(path, self.health):
+                self._take(entry)
+        except (msgspec.MsgspecError, ValueError) as error:
+            problem = error.problem if isinstance(error, SessionError) else f"a message in it is broken: {error}"
+            raise SessionError(problem, file=str(path)) from error
+        self._close()
+        if not self._frames:
+            raise SessionError("holds no period of a twin", file=str(path))
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, number: int) -> Frame:
+        return self._frames[number]
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self._frames)
+
+    def find(self, index: int, near: int) -> int | None:
+        """Number of the frame of period ``index`` that is nearest to frame ``near``: of its run if there is one."""
+        began = self._frames[near].run[0]
+        found = [number for number, frame in enumerate(self._frames) if frame.index == index]
+        return min(found, key=lambda number: (self._frames[number].run[0] != began, abs(number - near)), default=None)
+
+    def _take(self, entry: Entry) -> None:
+        if entry.topic == ch.TICK.topic:
+            part = self._decode(entry.data)
+            last = self._open[0] if self._open else None
+            if part.preview or (last is not None and part.key == last.key and part.index <= last.index):
+                return  # no period that was, or one that is there
+            self._close()
+            self._open = part, [(ch.TICK.topic, entry.data, None), *self._before]
+            self._before = []
+        elif (sent := _sent(entry)) is not None:
+            (self._before if self._open is None else self._open[1]).append(sent)
+
+    def _close(self) -> None:
+        """The frame that is open is whole."""
+        if self._open is None:
+            return
+        part, sent = self._open
+        topics = [topic for topic, *_ in sent]
+        number = len(self._frames)
+        self._scene = number if ch.SCENE.topic in topics else self._scene
+        self._grid = number if ch.GRID.topic in topics else self._grid
+        packed = zlib.compress(msgspec.msgpack.encode(sent), _LEVEL)
+        self._frames.append(
+            Frame(part.key, part.first, part.past, part.index, part.time, self._scene, self._grid, packed)
+        )
+        self._open = None
+
+
+def _sent(entry: Entry) -> Sent | None:
+    """A message as it was on the bus; None for what is not played."""
+    if entry.topic == ch.GRID.topic:
+        grid = msgspec.json.decode(entry.data, type=_GridText)
+        return entry.topic, base64.b64decode(grid.cells), msgspec.json.encode(grid.info)
+    if entry.topic == ch.SCENE.topic:
+        return entry.topic, bytes(msgspec.json.decode(entry.data, type=_SceneText).scene), None
+    return (entry.topic, entry.data, None) if entry.topic in _PLAYED else None

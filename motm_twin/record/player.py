@@ -1,0 +1,246 @@
+"""Plays a recording: says on the bus again what was said, under new numbers of runs, as if a twin did it now.
+
+It looks like a twin that refuses to be changed. Going back and forth is a branch: readers keep the past they share.
+"""
+
+import queue
+import time
+from collections.abc import Callable
+
+import msgspec
+
+from motm_twin.bus.commands import (
+    Branch,
+    Command,
+    Envelope,
+    HandOver,
+    Pause,
+    Play,
+    Refused,
+    Reset,
+    Speed,
+    Step,
+    TakeWheel,
+)
+from motm_twin.bus.messages import STATUS_VERSION, SceneChoice, StatusMessage
+from motm_twin.bus.pacing import PERIOD
+from motm_twin.bus.wheel import Wheel
+from motm_twin.model.scene import Scene
+from motm_twin.record import channels as ch
+from motm_twin.record.frames import Frame, Frames, Sent
+
+IDLE = 0.1  # [s] between looks at the clock while time stands
+LATE = 0.5  # [s] behind, it does not catch up
+FILLED = 2400  # periods that a leap forward sends all, so that readers can look back at them: 120 s
+_STAMPED = (ch.ROBOT.topic, ch.SCAN.topic, ch.METRICS.topic, ch.EVENT.topic)
+_ALLOWED = "this is a recording: it takes play, pause, step, speed, reset (to its start) and branch (to a period)"
+
+Put = Callable[[str, bytes, bytes | None], None]  # topic of the recording, payload, attachment
+Work = Callable[[], None]
+
+
+class Player:
+    """Owns the position in a recording; everything that moves it happens in the thread that calls `run`."""
+
+    def __init__(
+        self,
+        frames: Frames,
+        *,
+        name: str,
+        twin: str,
+        put: Put,
+        now: Callable[[], float],
+        changed: Work,
+        speed: float = 1.0,
+        loop: bool = False,
+        playing: bool = True,
+    ) -> None:
+        """``name``: of the file, for the status; ``now``: server time [s]; ``changed``: the status is another one."""
+        self._frames, self._name, self._twin, self._put, self._now = frames, name, twin, put, now
+        self._changed, self._loop = changed, loop
+        self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
+        self._wheel = Wheel(lambda _: None, changed)
+        self._encode, self._stopped = msgspec.json.Encoder().encode, False
+        self._state, self._speed = "playing" if playing else "paused", speed
+        self._at = -1  # frame that was sent last
+        self._due = time.monotonic()
+        self._run, self._began, self._first, self._past = 0, 0.0, 0, -1
+        self._scene: Scene | None = None
+
+    def request(self, envelope: Envelope, reply: Callable[[str, int], None]) -> None:
+        """Hand a checked command over; ``reply`` is called once, with a reason or "". Raises Refused when full."""
+        arrived = time.monotonic()
+        try:
+            self._requests.put_nowait(lambda: self._answer(envelope, arrived, reply))
+        except queue.Full:
+            raise Refused("too many commands are waiting") from None
+
+    def stop(self) -> None:
+        """Make `run` return."""
+        self._stopped = True
+
+    def run(self) -> None:
+        """Play until `stop`."""
+        self._show(0)
+        self._due = time.monotonic() + PERIOD / self._speed
+        while not self._stopped:
+            wait = min(IDLE, self._due - time.monotonic()) if self._state == "playing" else IDLE
+            try:
+                self._requests.get(timeout=wait)() if wait > 0.0 else self._requests.get_nowait()()
+            except queue.Empty:
+                pass
+            self._wheel.look_after(time.monotonic())
+            if self._state == "playing" and time.monotonic() >= self._due:
+                self._advance()
+
+    def status(self) -> StatusMessage:
+        """As a twin would say it; from any thread."""
+        frame, scene, last = self._frames[max(self._at, 0)], self._scene, self._frames[len(self._frames) - 1]
+        chosen = "" if scene is None else scene.name
+        variant = "" if scene is None else scene.variant
+        return StatusMessage(
+            version=STATUS_VERSION,
+            twin=self._twin,
+            run=self._run,
+            server_time=self._now(),
+            state=self._state,
+            text="the recording has ended" if self._state == "done" else "",
+            scene=chosen,
+            variant=variant,
+            seed=0 if scene is None else scene.seed,
+            time=frame.time,
+            speed=self._speed,
+            actual_speed=self._speed if self._state == "playing" else 0.0,
+            capped=False,
+            scenes=[SceneChoice(name=chosen, title=self._name, variants=[variant])],
+            **self._wheel.shown(time.monotonic()),
+            oldest=min(frame.index for frame in (self._frames[0], frame)),
+            plant="recording",
+            plant_text=f"a recording: {self._name}, {frame.time:.1f} of {last.time:.1f} s",
+        )
+
+    def _answer(self, envelope: Envelope, arrived: float, reply: Callable[[str, int], None]) -> None:
+        index = self._frames[max(self._at, 0)].index
+        try:
+            self._wheel.require(envelope, arrived)
+            work = self._apply(envelope.command)
+        except Refused as refusal:
+            reply(str(refusal), index)
+            return
+        self._wheel.turn(envelope, arrived)
+        reply("", index)
+        work()
+        self._changed()
+
+    def _apply(self, command: Command) -> Work:
+        """What is to be done after the answer. Raises Refused."""
+        match command:
+            case Play():
+                return self._play
+            case Pause():
+                return lambda: self._set("paused")
+            case Step(count=count):
+                return lambda: self._step(count)
+            case Speed(factor=factor):
+                return lambda: self._set_speed(factor)
+            case Reset():
+                return lambda: self._seek(0)
+            case Branch(index=index):
+                number = self._frames.find(index, max(self._at, 0))
+                if number is None:
+                    raise Refused(f"period {index} is not in the recording: {self._span()}")
+                return lambda: self._seek(number)
+            case TakeWheel() | HandOver():
+                return lambda: None
+            case _:
+                raise Refused(_ALLOWED)
+
+    def _span(self) -> str:
+        indices = [frame.index for frame in self._frames]
+        return f"it has {min(indices)} to {max(indices)}"
+
+    def _play(self) -> None:
+        if self._state == "done":
+            self._seek(0)
+        self._due = time.monotonic()
+        self._set("playing")
+
+    def _set(self, state: str) -> None:
+        if state != self._state:
+            self._state = state
+            self._changed()
+
+    def _set_speed(self, factor: float) -> None:
+        self._speed, self._due = factor, time.monotonic()
+
+    def _step(self, count: int) -> None:
+        self._set("paused")
+        for _ in range(count):
+            if self._at + 1 < len(self._frames):
+                self._show(self._at + 1)
+
+    def _advance(self) -> None:
+        now = time.monotonic()
+        self._due = max(self._due, now - LATE) + PERIOD / self._speed
+        if self._at + 1 < len(self._frames):
+            self._show(self._at + 1)
+        elif self._loop:
+            self._seek(0)
+        else:
+            self._set("done")
+
+    def _seek(self, number: int) -> None:
+        """Show another frame. Forward, all that lies between is sent at once; back, the past stays as it is."""
+        if self._state == "done":
+            self._set("paused")
+        if number > self._at:
+            for between in range(max(self._at + 1, number - FILLED), number + 1):
+                self._show(between)
+            return
+        frame, before = self._frames[number], self._frames[self._at]
+        self._turn(frame, self._began if frame.run[0] == before.run[0] else self._now(), frame.index, self._run)
+        self._at = number - 1
+        self._send_state(frame)
+        self._show(number)
+
+    def _turn(self, frame: Frame, began: float, first: int, past: int) -> None:
+        """A new run begins with this frame."""
+        self._run, self._began, self._first, self._past = self._run + 1, began, first, past
+        if frame.scene >= 0:
+            payload = next(payload for topic, payload, _ in self._frames[frame.scene].sent() if topic == ch.SCENE.topic)
+            scene = msgspec.json.decode(payload, type=Scene)
+            if scene != self._scene:
+                self._scene = scene
+                self._put(ch.SCENE.topic, payload, None)
+                self._changed()
+
+    def _send_state(self, frame: Frame) -> None:
+        """The map that was in force in a frame that did not bring one."""
+        if frame.grid >= 0:
+            grids = [item for item in self._frames[frame.grid].sent() if item[0] == ch.GRID.topic]
+            self._send(grids[-1])
+
+    def _show(self, number: int) -> None:
+        frame = self._frames[number]
+        before = self._frames[self._at] if self._at >= 0 else None
+        if before is None:
+            self._turn(frame, self._now(), 0, -1)
+        elif frame.run != before.run and number == self._at + 1:
+            same = frame.run[0] == before.run[0]
+            self._turn(frame, self._began if same else self._now(), frame.first, self._run if same else -1)
+        self._at = number
+        for item in frame.sent():
+            if item[0] != ch.SCENE.topic:  # sent with its run
+                self._send(item)
+
+    def _send(self, item: Sent) -> None:
+        topic, payload, attachment = item
+        about = {"run": self._run, "server_time": self._now()}
+        if topic == ch.TICK.topic:
+            about = {**about, "began": self._began, "first": self._first, "past": self._past}
+            payload = self._encode(msgspec.json.decode(payload) | about)
+        elif topic in _STAMPED:
+            payload = self._encode(msgspec.json.decode(payload) | about)
+        elif attachment is not None:
+            attachment = self._encode(msgspec.json.decode(attachment) | {"run": self._run})
+        self._put(topic, payload, attachment)

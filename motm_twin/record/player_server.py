@@ -1,0 +1,130 @@
+"""A recording on Zenoh, under the keys of a twin; commands only as checked queries, as for a twin."""
+
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+import zenoh
+
+from motm_twin.bus.commands import Answer, Refused
+from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.keys import Keys
+from motm_twin.bus.latest import LatestValues
+from motm_twin.bus.server import HEARTBEAT, ServerClock
+from motm_twin.bus.session import LOOPBACK, free_port, open_server
+from motm_twin.record import channels as ch
+from motm_twin.record.frames import Frames
+from motm_twin.record.player import Player
+
+
+class PlayerServer:
+    """Serves one recording. ``with PlayerServer(...) as server:`` plays it in a thread until the block ends."""
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        twin: str = "frankie",
+        port: int = 0,
+        host: str = LOOPBACK,
+        speed: float = 1.0,
+        loop: bool = False,
+        playing: bool = True,
+    ) -> None:
+        """Raises SessionError for a file that can not be played, PortTaken for the port."""
+        frames = Frames(path)
+        keys = self.keys = Keys(twin)
+        self.port = port or free_port(host)
+        self._session = open_server(self.port, host)
+        self._clock = ServerClock()
+        self._gate, self._encode = CommandGate(self._clock), msgspec.json.Encoder().encode
+        self._values = LatestValues(self._session, keys)
+        key_of = {
+            ch.TICK.topic: keys.tick,
+            ch.GRID.topic: keys.grid,
+            ch.SCENE.topic: keys.scene,
+            ch.ROBOT.topic: keys.robot,
+            ch.SCAN.topic: keys.scan,
+            ch.EVENT.topic: keys.event,
+            ch.METRICS.topic: keys.metrics,
+        }
+        self.player = Player(
+            frames,
+            name=Path(path).name,
+            twin=twin,
+            put=lambda topic, payload, attachment: self._values.put(key_of[topic], payload, attachment),
+            now=self._clock,
+            changed=self._send_status,
+            speed=speed,
+            loop=loop,
+            playing=playing,
+        )
+        self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
+        self._queryables = [
+            self._session.declare_queryable(keys.commands, self._on_command),
+            self._session.declare_queryable(keys.session, self._on_session),
+        ]
+        self._token = self._session.liveliness().declare_token(keys.alive)
+        self._stop = threading.Event()
+        self._threads = [
+            threading.Thread(target=self.player.run, name="player", daemon=True),
+            threading.Thread(target=self._heartbeat, name="heartbeat", daemon=True),
+        ]
+
+    @property
+    def endpoint(self) -> str:
+        """Where clients on this machine connect to."""
+        return f"tcp/{LOOPBACK}:{self.port}"
+
+    def start(self) -> None:
+        """Begin to play."""
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Withdraw everything."""
+        self._stop.set()
+        self.player.stop()
+        self._token.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
+        for thread in self._threads:
+            thread.join(1.0)
+        self._values.close()
+        self._session.close()
+
+    def __enter__(self) -> "PlayerServer":
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop."""
+        self.close()
+
+    def _send_status(self) -> None:
+        self._values.put(self.keys.status, self._encode(self.player.status()))
+
+    def _heartbeat(self) -> None:
+        while not self._stop.wait(HEARTBEAT):
+            self._send_status()
+
+    def _on_command(self, query: zenoh.Query) -> None:
+        name = str(query.key_expr).rsplit("/cmd/", 1)[-1]
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+
+        def reply(reason: str, index: int) -> None:
+            answer = Answer(ok=not reason, reason=reason, server_time=self._clock(), index=index)
+            with suppress(zenoh.ZError), query:  # the asker may be gone
+                query.reply(query.key_expr, self._encode(answer))
+
+        try:
+            self.player.request(self._gate.admit(name, payload), reply)
+        except Refused as refusal:
+            reply(str(refusal), -1)
+
+    @staticmethod
+    def _on_session(query: zenoh.Query) -> None:
+        with suppress(zenoh.ZError), query:
+            query.reply_err("this is a recording: its file has the session, see `motm-twin rerun`")
