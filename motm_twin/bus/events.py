@@ -15,10 +15,10 @@ from motm_twin.bus.messages import (
     TickMessage,
 )
 from motm_twin.bus.pacing import PERIOD
-from motm_twin.model.edits import Edit, MoveBody
+from motm_twin.model.edits import Drive, Edit, MoveBody
 
 HISTORY = 1000  # events that can be asked for
-SAME_DRAG = 1.0  # [s] of simulated time within which further moves of a held body are not told again
+SAME_DRAG = 1.0  # [s] of simulated time within which more moves of a held body, or twists by hand, are not told again
 _DIGITS = re.compile(r"\d+(\.\d+)?")
 
 Emit = Callable[[NumberedEvent], None]
@@ -79,7 +79,7 @@ class EventWatch:
         self._state = ""
         self._stopped = ""  # reason, without its numbers
         self._contacts: set[tuple[float, str, str]] = set()
-        self._dragged: dict[str, float] = {}  # body: [s] of the last move while held
+        self._dragged: dict[str, float] = {}  # body, "" for the robot: [s] of the last move while held
 
     def scene(self, name: str) -> None:
         """A scene is about to run."""
@@ -145,9 +145,9 @@ class EventWatch:
 
     def _edit(self, message: TickMessage, edit: Edit) -> None:
         name = str(getattr(edit, "name", ""))
-        if isinstance(edit, MoveBody):
+        if isinstance(edit, MoveBody | Drive):
             last, self._dragged[name] = self._dragged.get(name), message.time
-            if edit.held and last is not None and message.time - last <= SAME_DRAG:
+            if (isinstance(edit, Drive) or edit.held) and last is not None and message.time - last <= SAME_DRAG:
                 return
         else:
             self._dragged.pop(name, None)

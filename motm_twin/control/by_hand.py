@@ -55,11 +55,11 @@ class ByHand(Stateful[ByHandState]):
             [min(max(state.v, -b.reverse_speed), b.forward_speed), min(max(state.w, -b.yaw_rate), b.yaw_rate)]
         )
         share, room = self._free_share(problem, wanted)
-        held = "" if share == 1.0 else f"; {'slowed' if share else 'held'}: {max(room, 0.0):.2f} m to what is seen"
+        slowed = "" if share == 1.0 else f", and slowed: {max(room, 0.0):.2f} m to what is seen"
         return BasePlan(
             acceleration=self._towards(problem, share * wanted),
             status=STATUS,
-            reason=f"driven by hand: {wanted[0]:.2f} m/s, {wanted[1]:.2f} rad/s{held}",
+            reason=f"driven by hand{slowed}",
             global_path=empty_path(),
             next_path=empty_path(),
             intermediate_goal=np.full(3, math.nan),

@@ -13,6 +13,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import (
     AddObstacle,
     Branch,
+    Drive,
     Load,
     MoveBody,
     Pause,
@@ -169,6 +170,18 @@ def test_a_body_that_is_dragged_is_one_event(server, client, session):
         done(client, MoveBody(name="cart", x=0.5 + 0.02 * i, y=-0.8), Step())
     done(client, MoveBody(name="cart", x=0.7, y=-0.8, held=False), Step())
     until(lambda: kinds(session, server, before + 1).count("edit") == 2, "a drag is told again and again")
+
+
+def test_driving_by_hand_is_one_event_however_many_twists_come(server, client, session):
+    done(client, Reset(), Step())
+    before = newest(session, server)
+    for i in range(8):
+        done(client, Drive(v=-0.1, w=0.01 * i), Step())
+    until(lambda: client.tick().index == 9, "the steps were not made")
+    until(lambda: "edit" in kinds(session, server, before + 1), "driving is not told")
+    told = [event for event in events(session, server, before + 1).events if event.kind in ("edit", "stop", "go")]
+    assert [event.kind for event in told] == ["edit", "stop"]
+    assert told[1].text == "driven by hand"
 
 
 def test_a_stop_begins_and_ends_with_events(server, client, session):
