@@ -17,7 +17,22 @@ from numpy.typing import NDArray
 
 from motm_twin.bus.commands import Answer, Command, Envelope, command_name
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.messages import GRID_VERSION, STATUS_VERSION, TICK_VERSION, GridInfo, StatusMessage, TickMessage
+from motm_twin.bus.messages import (
+    EVENTS_VERSION,
+    GRID_VERSION,
+    METRICS_VERSION,
+    ROBOT_VERSION,
+    SCAN_VERSION,
+    STATUS_VERSION,
+    TICK_VERSION,
+    EventsMessage,
+    GridInfo,
+    MetricsMessage,
+    RobotStateMessage,
+    ScanMessage,
+    StatusMessage,
+    TickMessage,
+)
 from motm_twin.bus.session import open_client
 from motm_twin.model.scene import Scene
 
@@ -28,6 +43,7 @@ SESSION_TIMEOUT = 5.0  # [s]
 
 OnTick = Callable[[bytes], None]  # a TickMessage as JSON
 OnGrid = Callable[[bytes, bytes], None]  # cells, and their GridInfo as JSON
+OnSample = Callable[[bytes], None]
 
 
 class NoSession(Exception):
@@ -68,6 +84,7 @@ class TwinClient:
         self._sending = threading.Lock()  # numbers must arrive in order
         self._on_tick: list[OnTick] = []
         self._on_grid: list[OnGrid] = []
+        self._on_key: dict[str, list[OnSample]] = defaultdict(list)
         self._fetches: list[threading.Thread] = []
         self._closed = False
         self._session = open_client(endpoint)
@@ -82,6 +99,11 @@ class TwinClient:
         self._liveliness = self._session.liveliness().declare_subscriber(
             self.keys.alive, _direct(self._on_alive), history=True
         )
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._closed
 
     @property
     def alive(self) -> bool:
@@ -104,12 +126,50 @@ class TwinClient:
         """The newest grid; None before the first."""
         return self._newest(self.keys.grid, _decode_grid)
 
+    def robot(self) -> RobotStateMessage | None:
+        """The newest state of the robot; None before the first. It is received from the first call on."""
+        return self._followed(self.keys.robot, RobotStateMessage, ROBOT_VERSION)
+
+    def scan(self) -> ScanMessage | None:
+        """The newest sweep of the lidar, as `robot`."""
+        return self._followed(self.keys.scan, ScanMessage, SCAN_VERSION)
+
+    def metrics(self) -> MetricsMessage | None:
+        """The newest metrics, as `robot`."""
+        return self._followed(self.keys.metrics, MetricsMessage, METRICS_VERSION)
+
+    def events(self, since: int, timeout: float = SESSION_TIMEOUT) -> EventsMessage | None:
+        """Those from number ``since`` on, as far as the server keeps them; None when it does not answer."""
+        for reply in self._session.get(f"{self.keys.event}?from={since}", timeout=timeout):
+            if reply.ok is not None:
+                events = msgspec.json.decode(reply.ok.payload.to_bytes(), type=EventsMessage)
+                _require(events.version, EVENTS_VERSION)
+                return events
+        return None
+
     def wait_tick(self, after: int, timeout: float) -> int:
         """Wait until more than ``after`` ticks have arrived or ``timeout`` [s] has passed; how many have arrived."""
-        slot = self._slots[self.keys.tick]
+        return self.wait(self.keys.tick, after, timeout)
+
+    def wait(self, key: str, after: int, timeout: float) -> int:
+        """As `wait_tick`, for any followed key; returns at once when this is closed."""
+        slot = self._slots[key]
         with self._changed:
-            self._changed.wait_for(lambda: slot.count > after, timeout)
+            self._changed.wait_for(lambda: slot.count > after or self._closed, timeout)
         return slot.count
+
+    def follow(self, key: str) -> None:
+        """Receive this key from now on, its last value first."""
+        with self._changed:
+            if key in self._slots or self._closed:
+                return
+            slot = self._slots[key] = _Slot()
+        self._declared.append(self._session.declare_subscriber(key, _direct(self._on_sample)))
+        self._fetch(key, slot.count)
+
+    def on_sample(self, key: str, callback: OnSample) -> Callable[[], None]:
+        """Call ``callback`` with every payload of a key that is followed, as `on_tick` does."""
+        return self._listen(self._on_key[key], callback)
 
     def on_tick(self, callback: OnTick) -> Callable[[], None]:
         """Call ``callback`` with the payload of every tick, in order; what is given back ends this.
@@ -162,7 +222,9 @@ class TwinClient:
         """Leave; closing twice is fine."""
         if self._closed:
             return
-        self._closed = True
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
         self._liveliness.undeclare()
         for subscriber in self._declared:
             subscriber.undeclare()
@@ -205,6 +267,8 @@ class TwinClient:
                 _tell(self._on_tick, payload)
             elif key == self.keys.grid:
                 _tell(self._on_grid, payload, attached or b"null")
+            if key in self._on_key:
+                _tell(self._on_key[key], payload)
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
@@ -217,13 +281,15 @@ class TwinClient:
 
     def _fetch_all(self) -> None:
         """A late joiner asks for the last value of everything that it has not received by itself."""
-        for key, slot in self._slots.items():
+        for key, slot in list(self._slots.items()):
             if self._closed:
                 return
-            count = slot.count
-            for reply in self._session.get(key, timeout=GET_TIMEOUT):
-                if reply.ok is not None:
-                    self._on_sample(reply.ok, None if key == self.keys.scene else count)
+            self._fetch(key, None if key == self.keys.scene else slot.count)
+
+    def _fetch(self, key: str, unless_after: int | None) -> None:
+        for reply in self._session.get(key, timeout=GET_TIMEOUT):
+            if reply.ok is not None:
+                self._on_sample(reply.ok, unless_after)
 
     def _fetch_status(self, timeout: float) -> bool:
         for reply in self._session.get(self.keys.status, timeout=timeout):
@@ -231,6 +297,17 @@ class TwinClient:
                 self._on_sample(reply.ok)
         self.status()
         return self._clock_offset is not None
+
+    def _followed(self, key: str, kind: Any, version: str) -> Any:
+        if key not in self._slots:
+            self.follow(key)
+
+        def decode(payload: bytes, _attachment: bytes | None, _at: float) -> Any:
+            message = msgspec.json.decode(payload, type=kind)
+            _require(message.version, version)
+            return message
+
+        return self._newest(key, decode)
 
     def _newest(self, key: str, decode: Any) -> Any:
         slot = self._slots[key]

@@ -2,6 +2,7 @@
 
 import datetime
 import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from motm_twin.bus.outbox import Outbox
 DEFAULT_FOLDER = Path("recordings")
 MAX_FILES = 1000  # in the folder; a program that saves for ever must not fill the disk
 RECORDER = "motm_twin.record.recorder_process"
+START_WAIT = 20.0  # [s] for the recorder to begin
 _WAITING = 20  # files that may wait to be written
 
 Done = Callable[[str, str], None]  # why not ("" = done), path of the file
@@ -27,6 +29,8 @@ class Keeper:
         self._work = Outbox("files", _WAITING)
         self._recorder: Child | None = None
         self._path = ""
+        self._first: dict = {}  # that the recorder said
+        self._heard = threading.Event()
 
     @property
     def recording(self) -> str:
@@ -87,8 +91,14 @@ class Keeper:
         path = self._new(name or f"{scene}-{stamp}", ".mcap")
         path.unlink()  # the recorder makes it
         arguments = ["--endpoint", self._endpoint, "--twin", self._twin, "--out", str(path)]
-        self._recorder, self._path = Child("recorder", RECORDER, arguments, self._told, dict(os.environ)), str(path)
-        self._recorder.start()
+        recorder = Child("recorder", RECORDER, arguments, self._told, dict(os.environ))
+        self._path, self._first, self._heard = str(path), {}, threading.Event()
+        self._recorder = recorder
+        recorder.start()
+        if not self._heard.wait(START_WAIT) or self._first.get("event") != "recording":
+            end_all([recorder])
+            self._recorder = None
+            raise Refused(f"the recording did not start: {self._first.get('text', 'the recorder says nothing')}")
         self._changed()
         return path
 
@@ -100,7 +110,11 @@ class Keeper:
         self._changed()
         return Path(self._path)
 
-    def _told(self, _name: str, _event: dict) -> None:
+    def _told(self, _name: str, event: dict) -> None:
+        """In the thread that listens to the recorder."""
+        if not self._heard.is_set():
+            self._first = event
+            self._heard.set()
         self._changed()
 
     def _new(self, name: str, suffix: str) -> Path:

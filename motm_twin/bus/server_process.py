@@ -4,8 +4,10 @@ import argparse
 import functools
 import sys
 import time
+from pathlib import Path
 
 from motm_twin.bus.commands import Load
+from motm_twin.bus.keeping import DEFAULT_FOLDER
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.ports import TwinLike
@@ -53,6 +55,7 @@ def main() -> None:
             twin=options.twin,
             playing=not options.paused,
             reference_tour=reference_tour,
+            data=options.data,
         )
     except (SceneError, PortTaken, ValueError) as error:
         report("refused", text=str(error))
@@ -77,6 +80,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int)
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port of Zenoh, 0 takes any free one")
     parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
+    parser.add_argument("--data", type=Path, default=DEFAULT_FOLDER, help="folder of saved sessions and recordings")
     parser.add_argument("--paused", action="store_true", help="do not play at the start")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])

@@ -8,7 +8,7 @@ from running import Running
 from waiting import until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import DriveToPoint, Load, Save, Seed
+from motm_twin.bus.commands import DriveToPoint, Load, Record, Save, Seed, Step
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
 from motm_twin.model.scene_file import load_scene
@@ -43,6 +43,23 @@ def test_a_folder_that_can_not_be_written_is_said_so(server, tmp_path):
         answer = client.command(Save(name="first"), timeout=5.0)
         assert not answer.ok
         assert "cannot be written" in answer.reason
+
+
+def test_a_recording_is_started_and_stopped_by_commands(server, tmp_path):
+    with TwinClient(server.endpoint) as client:
+        assert "nothing is being recorded" in client.command(Record(action="stop"), timeout=5.0).reason
+        started = client.command(Record(action="start", name="run"), timeout=30.0)
+        assert started.ok, started.reason
+        assert started.path == str((tmp_path / "data" / "run.mcap").resolve())
+        until(lambda: client.status().recording == started.path, "the status does not say so")
+        assert "already" in client.command(Record(action="start"), timeout=5.0).reason
+        assert client.command(Step(count=5)).ok
+        stopped = client.command(Record(action="stop"), timeout=10.0)
+        assert (stopped.ok, stopped.path) == (True, started.path), stopped.reason
+        until(lambda: client.status().recording == "", "the status does not say so")
+        data = (tmp_path / "data" / "run.mcap").read_bytes()
+        assert data.startswith(b"\x89MCAP")
+        assert data.endswith(b"MCAP0\r\n"), "it was not finished"
 
 
 def test_no_thread_is_left(tmp_path):

@@ -1,0 +1,183 @@
+"""Every command of `bus.commands` as a typed method; what a method gives back is the business of the handle."""
+
+from abc import abstractmethod
+from typing import Generic, TypeVar
+
+from motm_twin.bus.commands import (
+    AddObstacle,
+    Announce,
+    Branch,
+    Command,
+    Drive,
+    DriveToPoint,
+    FreezeBody,
+    HandOver,
+    InjectFault,
+    InsertTask,
+    Inspect,
+    Load,
+    MoveBody,
+    MoveObject,
+    MoveTask,
+    Pause,
+    Play,
+    PushRobot,
+    Record,
+    ReleaseBody,
+    RemoveBody,
+    RemoveTask,
+    Reset,
+    Save,
+    Seed,
+    SendAgent,
+    SetParameter,
+    Speed,
+    Step,
+    TakeWheel,
+    UndoBranch,
+)
+from motm_twin.model.edits import ParameterValue
+from motm_twin.model.scene import Task
+
+Result = TypeVar("Result")
+
+
+class Commanding(Generic[Result]):
+    """The commands. Lengths [m], angles [rad], times [s], world frame. A refused one raises `Refused`."""
+
+    @abstractmethod
+    def send(self, command: Command, timeout: float = 2.0) -> Result:
+        """Send any command."""
+
+    def load(self, scene: str, variant: str | None = None, seed: int | None = None) -> Result:
+        """Load a scene; done when its first period is there."""
+        return self.send(Load(scene=scene, variant=variant, seed=seed))
+
+    def seed(self, seed: int) -> Result:
+        """The loaded scene again with another seed."""
+        return self.send(Seed(seed=seed))
+
+    def play(self) -> Result:
+        """Let time run; after the end of a run, start it again."""
+        return self.send(Play())
+
+    def pause(self) -> Result:
+        """Stop time."""
+        return self.send(Pause())
+
+    def step(self, count: int = 1) -> Result:
+        """Stop time, then compute ``count`` periods; done when they are there."""
+        return self.send(Step(count=count))
+
+    def reset(self) -> Result:
+        """Back to the start of the scene."""
+        return self.send(Reset())
+
+    def speed(self, factor: float) -> Result:
+        """Wanted real-time factor, 1/8 to 8."""
+        return self.send(Speed(factor=factor))
+
+    def branch(self, index: int) -> Result:
+        """Go back to the start of a period and on from there."""
+        return self.send(Branch(index=index))
+
+    def undo_branch(self) -> Result:
+        """Go on where the run ended that the last branch has set aside."""
+        return self.send(UndoBranch())
+
+    def add_obstacle(
+        self,
+        name: str,
+        x: float,
+        y: float,
+        heading: float = 0.0,
+        *,
+        shape: str = "box",
+        size: tuple[float, float, float] = (0.5, 0.5, 0.6),
+    ) -> Result:
+        """Put a box, cylinder, temi or person into the world, unknown to the robot's map."""
+        return self.send(AddObstacle(name=name, shape=shape, x=x, y=y, heading=heading, size=size))
+
+    def move(self, name: str, x: float, y: float, heading: float | None = None, *, held: bool = True) -> Result:
+        """Move an obstacle, agent or piece of furniture; what is ``held`` is let go 1.5 s after its last move."""
+        return self.send(MoveBody(name=name, x=x, y=y, heading=heading, held=held))
+
+    def release(self, name: str, velocity: tuple[float, float] = (0.0, 0.0)) -> Result:
+        """Let go of a body that was moved; with a velocity [m/s] it is thrown."""
+        return self.send(ReleaseBody(name=name, velocity=velocity))
+
+    def remove(self, name: str) -> Result:
+        """Take an obstacle, agent or piece of furniture away."""
+        return self.send(RemoveBody(name=name))
+
+    def freeze(self, name: str, frozen: bool = True) -> Result:
+        """Make a Temi or person stand still, or go on."""
+        return self.send(FreezeBody(name=name, frozen=frozen))
+
+    def send_agent(self, name: str, x: float, y: float) -> Result:
+        """Let a Temi or person go to a point."""
+        return self.send(SendAgent(name=name, x=x, y=y))
+
+    def move_object(self, name: str, x: float, y: float) -> Result:
+        """Put a cube on whatever is below a point."""
+        return self.send(MoveObject(name=name, x=x, y=y))
+
+    def push_robot(self, dx: float, dy: float, turn: float = 0.0) -> Result:
+        """Shove the base; its odometry notices nothing."""
+        return self.send(PushRobot(dx=dx, dy=dy, turn=turn))
+
+    def inject_fault(self, fault: str, seconds: float = 1.0, delay: float = 0.5) -> Result:
+        """Let a sensor fail: lidar_off, camera_off or camera_delay."""
+        return self.send(InjectFault(fault=fault, seconds=seconds, delay=delay))
+
+    def announce(self, name: str) -> Result:
+        """Tell the robot where a piece of furniture is now."""
+        return self.send(Announce(name=name))
+
+    def drive(self, v: float, w: float = 0.0) -> Result:
+        """Drive the base by hand for 0.3 s: forward [m/s], to the left [rad/s]."""
+        return self.send(Drive(v=v, w=w))
+
+    def drive_to(self, x: float, y: float, heading: float | None = None) -> Result:
+        """Drive the base to a point now, then go on with the tasks."""
+        return self.send(DriveToPoint(x=x, y=y, heading=heading))
+
+    def insert_tasks(self, *tasks: Task, index: int | None = None) -> Result:
+        """Put tasks (`motm_twin.model.scene` Pick, Place, DriveTo) into the list; None: at its end."""
+        return self.send(InsertTask(tasks=tasks, index=index))
+
+    def remove_task(self, index: int) -> Result:
+        """Take a task out of the list."""
+        return self.send(RemoveTask(index=index))
+
+    def move_task(self, index: int, to: int) -> Result:
+        """Move a waiting task to stand before task ``to``."""
+        return self.send(MoveTask(index=index, to=to))
+
+    def set_parameter(self, name: str, value: ParameterValue | None = None) -> Result:
+        """Change a parameter; None sets it back."""
+        return self.send(SetParameter(name=name, value=value))
+
+    def inspect(self, candidate: int = -1, *, staa_path: bool = False) -> Result:
+        """Have the ticks explain a candidate base pose, or show the path of unmodified STAA*."""
+        return self.send(Inspect(candidate=candidate, staa_path=staa_path))
+
+    def save(self, name: str) -> Result:
+        """Write the session into the data folder of the server; the answer's ``path`` says where."""
+        return self.send(Save(name=name), 10.0)
+
+    def record(self, name: str = "") -> Result:
+        """Start an MCAP recording in the data folder of the server; the answer's ``path`` says where."""
+        return self.send(Record(action="start", name=name), 30.0)
+
+    def stop_recording(self) -> Result:
+        """Finish the recording."""
+        return self.send(Record(action="stop"), 30.0)
+
+    def take_wheel(self) -> Result:
+        """Become the driver, when nobody drives."""
+        return self.send(TakeWheel())
+
+    def hand_over(self, to: str = "", name: str = "") -> Result:
+        """Leave the wheel to another sender, or to whoever acts next."""
+        return self.send(HandOver(to=to, name=name))

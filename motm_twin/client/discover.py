@@ -1,0 +1,80 @@
+"""Which twins are there: those that this user runs on this machine, or those behind an endpoint."""
+
+import msgspec
+import zenoh
+
+from motm_twin.bus.keys import PREFIX, Keys
+from motm_twin.bus.messages import StatusMessage
+from motm_twin.bus.running import all_running
+from motm_twin.bus.session import open_client
+
+TIMEOUT = 2.0  # [s]
+
+
+class NoTwin(Exception):
+    """There is no twin to connect to, or more than one; the message says what to do."""
+
+
+class Found(msgspec.Struct, frozen=True, kw_only=True):
+    """A twin that was found."""
+
+    twin: str
+    endpoint: str
+    page_port: int | None = None  # on this machine
+    alive: bool = False  # whether its server answers
+    state: str = ""
+    scene: str = ""
+    time: float = 0.0  # [s] simulated
+    driver: str = ""
+
+
+def running_twins(endpoint: str | None = None) -> list[Found]:
+    """Every twin behind an endpoint; without one, those that this user runs on this machine."""
+    if endpoint is not None:
+        with open_client(endpoint) as session:
+            return [_asked(session, Found(twin=name, endpoint=endpoint)) for name in _alive(session)]
+    found = []
+    for note in all_running():
+        with open_client(note.endpoint) as session:
+            known = Found(twin=note.twin, endpoint=note.endpoint, page_port=note.page_port)
+            found.append(_asked(session, known))
+    return found
+
+
+def find(endpoint: str | None, twin: str | None) -> tuple[str, str]:
+    """Endpoint and name of the twin that is meant. Raises NoTwin unless there is just one."""
+    if endpoint is not None and twin is not None:
+        return endpoint, twin
+    if endpoint is not None:
+        with open_client(endpoint) as session:
+            names = [(endpoint, name) for name in _alive(session)]
+    else:
+        names = [(note.endpoint, note.twin) for note in all_running() if twin in (None, note.twin)]
+    if len(names) == 1:
+        return names[0]
+    where = "on this machine" if endpoint is None else f"at {endpoint}"
+    called = "" if twin is None else f" called {twin!r}"
+    if not names:
+        raise NoTwin(f"no twin{called} is running {where}: start one with `motm-twin serve`, or give its endpoint")
+    listed = ", ".join(f"{name} at {place}" for place, name in names)
+    raise NoTwin(f"{len(names)} twins{called} are running {where} ({listed}): say which one with twin= or endpoint=")
+
+
+def _alive(session: zenoh.Session) -> list[str]:
+    replies = session.liveliness().get(f"{PREFIX}/*/alive", timeout=TIMEOUT)
+    return sorted({str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None})
+
+
+def _asked(session: zenoh.Session, found: Found) -> Found:
+    for reply in session.get(Keys(found.twin).status, timeout=TIMEOUT):
+        if reply.ok is not None:
+            status = msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage)
+            return msgspec.structs.replace(
+                found,
+                alive=True,
+                state=status.state,
+                scene=" ".join(part for part in (status.scene, status.variant) if part),
+                time=status.time,
+                driver=status.driver_name,
+            )
+    return found

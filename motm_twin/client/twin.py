@@ -1,0 +1,212 @@
+"""The handle of a running twin."""
+
+import atexit
+import sys
+import time
+import weakref
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from motm_twin.bus.client import Grid, TwinClient
+from motm_twin.bus.commands import (
+    NAME_MAX,
+    Answer,
+    Branch,
+    Command,
+    Load,
+    Play,
+    Refused,
+    Reset,
+    Seed,
+    Step,
+    UndoBranch,
+)
+from motm_twin.bus.messages import (
+    MetricsMessage,
+    NumberedEvent,
+    RobotStateMessage,
+    ScanMessage,
+    StatusMessage,
+    TickMessage,
+)
+from motm_twin.client.commanding import Commanding
+from motm_twin.client.discover import NoTwin, find
+from motm_twin.client.events import EventReader
+from motm_twin.model.scene import Scene
+
+LOADING = 120.0  # [s] for a load, which may compile the control loop
+STEPPING = 60.0  # [s] for steps
+_SLICE = 0.5  # [s] of one wait
+
+
+def connect(endpoint: str | None = None, twin: str | None = None, *, name: str = "", timeout: float = 5.0) -> "Twin":
+    """The running twin; with no arguments, the one that this user runs on this machine.
+
+    Args:
+        endpoint: Address of the twin server, "tcp/127.0.0.1:7447".
+        twin: Name of the twin.
+        name: Shown to others as the name of the driver; without it, the name of the program.
+        timeout: [s] for the twin to answer.
+
+    Raises:
+        NoTwin: None answers, or several are running and it is not said which one is meant.
+    """
+    return Twin(*find(endpoint, twin), name=name, timeout=timeout)
+
+
+class Twin(Commanding[Answer]):
+    """A running twin: its newest state, all of its events, and commands. Usable from several threads."""
+
+    def __init__(self, endpoint: str, twin: str, *, name: str = "", timeout: float = 5.0) -> None:
+        """Connect; use `connect` to find the twin as well. Raises NoTwin."""
+        self.client = TwinClient(endpoint, twin)
+        self._name = (name or Path(sys.argv[0]).name or "program")[:NAME_MAX]
+        self._readers: weakref.WeakSet[EventReader] = weakref.WeakSet()
+        atexit.register(self._close_at_exit, weakref.ref(self.client))
+        if not self._within(timeout, lambda: self.client.status() is not None):
+            self.close()
+            raise NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there?")
+
+    @property
+    def name(self) -> str:
+        """Name of the twin."""
+        return self.client.keys.twin
+
+    def send(self, command: Command, timeout: float = 2.0) -> Answer:
+        """Send a command and wait for what it does: a new run has begun, steps are made. Raises Refused, TimeoutError.
+
+        Everything else holds from the period after ``index`` of the answer.
+        """
+        before = self.client.status()
+        answer = self.client.command(command, timeout, name=self._name)
+        if not answer.ok:
+            raise Refused(answer.reason)
+        if begins_run(command, before):
+            run = -1 if before is None else before.run
+            self._wait_run(run, LOADING)
+        elif isinstance(command, Step):
+            self.wait_until(lambda tick: tick.index >= answer.index + command.count, timeout=STEPPING)
+        return answer
+
+    def latest_tick(self) -> TickMessage | None:
+        """The newest period; None before the first."""
+        return self.client.tick()
+
+    def status(self) -> StatusMessage | None:
+        """The newest state of the server."""
+        return self.client.status()
+
+    def robot(self) -> RobotStateMessage | None:
+        """The newest state of the robot, at 50 Hz; None before the first."""
+        return self.client.robot()
+
+    def scan(self) -> ScanMessage | None:
+        """The newest sweep of the lidar."""
+        return self.client.scan()
+
+    def grid(self) -> Grid | None:
+        """The newest occupancy grid."""
+        return self.client.grid()
+
+    def metrics(self) -> MetricsMessage | None:
+        """The newest metrics."""
+        return self.client.metrics()
+
+    def scene(self) -> Scene | None:
+        """The resolved scene that runs."""
+        return self.client.scene()
+
+    def session(self) -> bytes:
+        """The run so far, as JSON that `motm-twin replay` repeats. Raises `motm_twin.bus.client.NoSession`."""
+        return self.client.session()
+
+    def ticks(self, timeout: float | None = None) -> Iterator[TickMessage]:
+        """Every newest tick until this is closed; a slow reader skips. Raises TimeoutError after silence [s]."""
+        return self._newest(self.client.keys.tick, self.client.tick, timeout)
+
+    def robots(self, timeout: float | None = None) -> Iterator[RobotStateMessage]:
+        """As `ticks`: the state of the robot at 50 Hz."""
+        self.client.follow(self.client.keys.robot)
+        return self._newest(self.client.keys.robot, self.client.robot, timeout)
+
+    def events(self, since: int | None = None) -> Iterator[NumberedEvent]:
+        """Every event, none lost, until this is closed; from a number on (0: all that are kept), or the new ones.
+
+        Listening begins with this call. Raises EventsLost when this reader was slower than the history is long.
+        """
+        reader = EventReader(self.client, since)
+        self._readers.add(reader)
+        return iter(reader)
+
+    def wait_until(self, condition: Callable[[TickMessage], bool], *, timeout: float) -> TickMessage:
+        """The first tick that is seen to fulfil a condition. Raises TimeoutError after ``timeout`` [s]."""
+        deadline = time.monotonic() + timeout
+        tick, count = None, -1
+        while not self.client.closed:
+            tick = self.client.tick()
+            if tick is not None and condition(tick):
+                return tick
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                break
+            count = self.client.wait_tick(count, min(left, _SLICE))
+        seen = "no tick was seen" if tick is None else f"the last tick is of {tick.time:.2f} s"
+        raise TimeoutError(f"the condition did not come true within {timeout:g} s; {seen}")
+
+    def close(self) -> None:
+        """Leave; iterators end. Closing twice is fine."""
+        self.client.close()
+        for reader in list(self._readers):
+            reader.wake()
+
+    def __enter__(self) -> "Twin":
+        """Connected from the start."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave."""
+        self.close()
+
+    def _newest(self, key: str, read: Callable, timeout: float | None) -> Iterator:
+        count = 0
+        while not self.client.closed:
+            began = time.monotonic()
+            while (now := self.client.wait(key, count, _SLICE)) <= count and not self.client.closed:
+                if timeout is not None and time.monotonic() - began > timeout:
+                    raise TimeoutError(f"nothing came on {key} for {timeout:g} s")
+            count = now
+            if not self.client.closed and (message := read()) is not None:
+                yield message
+
+    def _wait_run(self, run: int, timeout: float) -> None:
+        def began() -> bool:
+            status, tick = self.client.status(), self.client.tick()
+            if status is not None and status.state == "error" and status.run >= run:
+                raise Refused(status.text)
+            return tick is not None and tick.run > run
+
+        if not self._within(timeout, began):
+            raise TimeoutError(f"the run did not begin within {timeout:g} s")
+
+    def _within(self, timeout: float, condition: Callable[[], bool]) -> bool:
+        deadline = time.monotonic() + timeout
+        count = 0
+        while not condition():
+            left = deadline - time.monotonic()
+            if left <= 0.0 or self.client.closed:
+                return False
+            count = self.client.wait(self.client.keys.status, count, min(left, 0.05))
+        return True
+
+    @staticmethod
+    def _close_at_exit(reference: "weakref.ref[TwinClient]") -> None:
+        client = reference()
+        if client is not None:
+            client.close()
+
+
+def begins_run(command: Command, status: StatusMessage | None) -> bool:
+    """Whether a command, once accepted, begins a new run."""
+    if isinstance(command, Play):
+        return status is not None and status.state == "done"
+    return isinstance(command, Load | Seed | Reset | Branch | UndoBranch)

@@ -1,0 +1,268 @@
+"""The client of other programs: typed commands, newest state, events that are not lost, a clean end."""
+
+import asyncio
+import itertools
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from fake_twin import FakeLibrary, FakeTwin
+from waiting import until
+
+from motm_twin.bus.commands import Load
+from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import free_port
+from motm_twin.client import EventsLost, NoTwin, Refused, connect, connect_async, running_twins
+from motm_twin.client.events import EventReader
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with TwinServer(
+        library=FakeLibrary(),
+        make_twin=FakeTwin,
+        first=Load(scene="fake"),
+        playing=False,
+        twin="t1",
+        data=tmp_path_factory.mktemp("data"),
+    ) as running:
+        until(lambda: running.loop.status().state == "paused", "the twin never started")
+        yield running
+
+
+@pytest.fixture
+def twin(server):
+    with connect(server.endpoint) as handle:
+        handle.load("fake")
+        handle.pause()
+        handle.speed(1.0)
+        yield handle
+        handle.hand_over()
+
+
+def test_steps_and_loads_are_there_when_the_call_is_back(twin):
+    assert twin.name == "t1"
+    assert twin.step(3).ok
+    assert twin.latest_tick().index == 3
+    run = twin.latest_tick().run
+    twin.seed(5)
+    assert (twin.latest_tick().run, twin.latest_tick().index, twin.status().seed) == (run + 1, 0, 5)
+    twin.reset()
+    assert twin.latest_tick().run == run + 2
+
+
+def test_a_refusal_is_an_exception_with_the_reason_of_the_server(twin):
+    with pytest.raises(Refused, match="there is no 'ghost'"):
+        twin.move("ghost", 0.0, 0.0)
+    with pytest.raises(Refused, match="allowed is 0"):
+        twin.speed(100.0)
+    with pytest.raises(Refused, match="nowhere"):
+        twin.load("nowhere")
+
+
+def test_programs_and_the_page_exclude_each_other(server, twin):
+    """A page speaks through one client for several visitors, each with its own sender."""
+    twin.take_wheel()
+    from motm_twin.bus.client import TwinClient
+    from motm_twin.bus.commands import HandOver, Pause, TakeWheel
+
+    with TwinClient(server.endpoint, "t1", sender="page") as page:
+        assert "is driving" in page.command(Pause(), sender="page.1", name="Ann").reason
+        twin.hand_over()
+        assert page.command(TakeWheel(), sender="page.1", name="Ann").ok
+        with pytest.raises(Refused, match="Ann is driving"):
+            twin.play()
+        assert page.command(HandOver(), sender="page.1", name="Ann").ok
+    assert twin.pause().ok
+
+
+def test_a_slow_reader_gets_the_newest_tick(twin):
+    twin.speed(8.0)
+    twin.play()
+    indices = []
+    for tick in twin.ticks(timeout=10.0):
+        indices.append(tick.index)
+        time.sleep(0.05)
+        behind = twin.latest_tick().index - tick.index
+        assert behind >= 0
+        if len(indices) == 10:
+            break
+    twin.pause()
+    assert indices == sorted(set(indices))
+    assert indices[-1] - indices[0] > 20, "it was served what it had missed"
+
+
+def test_waiting_ends_with_the_tick_or_with_an_error(twin):
+    twin.play()
+    assert twin.wait_until(lambda tick: tick.index >= 4, timeout=10.0).index >= 4
+    with pytest.raises(TimeoutError, match="the last tick is of"):
+        twin.wait_until(lambda tick: False, timeout=0.2)
+
+
+def test_robot_scan_metrics_grid_and_scene_are_read(twin):
+    twin.step(2)
+    assert twin.scene().name == "fake"
+    assert twin.grid().cells.ndim == 2
+    assert len(until(twin.robot, "no robot").q) == 7
+    until(twin.metrics, "no metrics")
+    assert twin.scan() is None  # this twin has no lidar
+    assert next(twin.robots(timeout=5.0)).time >= 0.0
+
+
+def test_events_come_all_and_in_order_also_past_those_that_were_dropped(twin):
+    reader = EventReader(twin.client, None)
+    for i in range(30):
+        twin.add_obstacle(f"box{i}", 0.1 * i, 0.0)
+        twin.step()
+        if i == 10:
+            reader._live.clear()  # as if the network had lost them
+    until(lambda: len(reader._live) >= 19, "events do not come")
+    events = reader.take()
+    numbers = [event.seq for event in events]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    edits = [event.other for event in events if event.kind == "edit"]
+    assert edits == [f"box{i}" for i in range(30)]
+    reader._live.clear()
+    twin.remove("box3")
+    twin.step()
+    until(lambda: reader._live, "no event")
+    reader._live.clear()  # the newest one is lost: nothing comes after it
+    until(lambda: [event.other for event in reader.look()] == ["box3"], "a lost event is not found")
+
+
+def test_the_history_is_read_from_a_number_on(twin):
+    twin.add_obstacle("crate", 0.0, 0.0)
+    twin.step()
+    until(lambda: twin.client.events(0).events[-1].other == "crate", "no event")
+    first = next(event for event in twin.events(since=0))
+    assert first.seq == twin.client.events(0).oldest
+    newest = twin.client.events(0).newest
+    assert next(event for event in twin.events(since=newest)).seq == newest
+
+
+def test_a_reader_that_was_slower_than_the_history_is_told(twin, server):
+    reader = EventReader(twin.client, None)
+    log = server._publisher.event_log
+    for i in range(1200):
+        log.add(run=0, index=0, time=0.0, kind="edit", text=f"n {i}")
+    until(lambda: reader._live, "events do not come")
+    reader.close()
+    reader._live.clear()  # a reader that did nothing for all that time
+    got, lost = [], []
+    for _ in range(2):
+        try:
+            got += reader.look()
+        except EventsLost as error:
+            lost.append((error.first, error.last))
+    numbers = [event.seq for event in got]
+    assert numbers == list(range(numbers[0], numbers[0] + 1000))
+    assert lost
+    assert lost[0][1] + 1 == numbers[0]
+
+
+def test_iterators_end_when_the_twin_is_closed(server):
+    twin = connect(server.endpoint)
+    ended = []
+
+    def read(messages, name):
+        for _ in messages:
+            continue
+        ended.append(name)
+
+    threads = [
+        threading.Thread(target=read, args=(twin.ticks(), "ticks")),
+        threading.Thread(target=read, args=(twin.events(), "events")),
+    ]
+    for thread in threads:
+        thread.start()
+    twin.close()
+    twin.close()
+    for thread in threads:
+        thread.join(10.0)
+    assert sorted(ended) == ["events", "ticks"]
+
+
+FORGETFUL = """
+import sys
+from motm_twin.client import connect
+twin = connect(sys.argv[1])
+events = twin.events(since=0)
+print(twin.latest_tick().index, twin.robot() is not None, next(events).seq)
+"""
+
+
+def test_a_program_that_forgets_to_close_ends(server):
+    done = subprocess.run(
+        [sys.executable, "-c", FORGETFUL, server.endpoint], capture_output=True, text=True, timeout=60.0, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[1] == "True"
+
+
+def test_which_twins_there_are(server):
+    (found,) = running_twins(server.endpoint)
+    assert (found.twin, found.alive, found.state, found.scene) == ("t1", True, "paused", "fake a")
+    with pytest.raises(NoTwin, match="give its endpoint"):
+        connect(twin="nobody-is-called-so")
+    with pytest.raises(NoTwin, match="is it running there"):
+        connect(f"tcp/127.0.0.1:{free_port()}", "t1", timeout=0.3)
+
+
+def test_asyncio_programs_command_read_and_hear(server):
+    async def program():
+        async with connect_async(server.endpoint, name="Ada") as twin:
+            await twin.load("fake")
+            await twin.step(2)
+            assert twin.latest_tick().index == 2
+            with pytest.raises(Refused, match="ghost"):
+                await twin.move("ghost", 0.0, 0.0)
+            heard = []
+
+            async def hear():
+                async for event in twin.events():
+                    heard.append(event)
+
+            listener = asyncio.create_task(hear())
+            await asyncio.sleep(0)
+            await twin.play()
+            indices = []
+            async for tick in twin.ticks():
+                indices.append(tick.index)
+                if len(indices) >= 5:
+                    break
+            assert indices == sorted(set(indices))
+            assert (await twin.wait_until(lambda tick: tick.index > 10, timeout=10.0)).index > 10
+            await twin.pause()
+            await twin.add_obstacle("async", 0.0, 0.0)
+            await twin.step()
+            async with asyncio.timeout(10.0):
+                while not any(event.other == "async" for event in heard):
+                    await asyncio.sleep(0.01)
+            assert await twin.robot() is not None
+            await twin.hand_over()
+        async with asyncio.timeout(10.0):
+            await listener  # it ends because the twin was closed
+        numbers = [event.seq for event in heard]
+        assert all(after == before + 1 for before, after in itertools.pairwise(numbers))
+
+    asyncio.run(program())
+
+
+def test_a_reader_goes_on_after_the_server_was_started_again(tmp_path):
+    port = free_port()
+
+    def serving():
+        return TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), port=port, data=tmp_path)
+
+    with serving():
+        twin = connect(f"tcp/127.0.0.1:{port}")
+        reader = EventReader(twin.client, 0)
+        first = until(reader.take, "no event")
+    with serving(), twin:
+        second = until(reader.look, "no event after the restart", 30.0)
+        assert (first[0].seq, second[0].seq) == (1, 1)
+        assert first[0].numbered_since != second[0].numbered_since
+        tick = twin.latest_tick()
+        assert twin.wait_until(lambda newest: newest.server_time > tick.server_time, timeout=20.0)
