@@ -42,7 +42,7 @@ class RobotModel:
     """URDF and transforms of one robot profile."""
 
     def __init__(self, profile: RobotProfile, meshes: str = FILES) -> None:
-        """``meshes``: "file" (URIs of the shipped files), "primitives" (boxes), or the address they are served at."""
+        """``meshes``: "file" (hulls in the shipped files), "primitives" (boxes), or where web_assets is served at."""
         robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file
         _place_mount(robot, profile)
         _add_frame(robot, LIDAR, BASE, (profile.lidar.x, profile.lidar.y, profile.lidar.z))
@@ -146,30 +146,27 @@ def _add_frame(robot: ET.Element, name: str, parent: str, place: Vector) -> None
 
 
 def _set_geometry(robot: ET.Element, meshes: str) -> None:
-    """Meshes by an address that a viewer can open, or boxes in their place."""
-    if meshes == PRIMITIVES:
-        for link in robot.findall("link"):
-            _box_link(link)
-        return
+    """Draw the hulls and boxes of the collision geometry: viewers disagree on which way up a GLB file is.
+
+    The hulls are files with an address that a viewer can open, or boxes in their place.
+    """
     root = web_assets_dir().resolve().as_uri() if meshes == FILES else meshes.rstrip("/")
-    for mesh in robot.iter("mesh"):
-        mesh.set("filename", f"{root}/{mesh.get('filename', '').removeprefix(_PACKAGE)}")
-
-
-def _box_link(link: ET.Element) -> None:
-    """The boxes of a link's collision geometry, and the box round its hull, also as what is drawn."""
-    for visual in link.findall("visual"):
-        link.remove(visual)
-    for collision in link.findall("collision"):
-        if collision.find("geometry/mesh") is not None:
-            vertices = collision_hull(link.get("name", ""))[0]
-            low, high = vertices.min(axis=0), vertices.max(axis=0)
-            collision.clear()
-            _add_box(collision, _triple(0.5 * (low + high)), _triple(high - low))
-        visual = ET.SubElement(link, "visual")
-        visual.extend(list(collision))
-        material = ET.SubElement(visual, "material", name="light")
-        ET.SubElement(material, "color", rgba=_COLOUR)
+    for link in robot.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+        for collision in link.findall("collision"):
+            mesh = collision.find("geometry/mesh")
+            if mesh is not None and meshes == PRIMITIVES:
+                vertices = collision_hull(link.get("name", ""))[0]
+                low, high = vertices.min(axis=0), vertices.max(axis=0)
+                collision.clear()
+                _add_box(collision, _triple(0.5 * (low + high)), _triple(high - low))
+            elif mesh is not None:
+                mesh.set("filename", f"{root}/{mesh.get('filename', '').removeprefix(_PACKAGE)}")
+            visual = ET.SubElement(link, "visual")
+            visual.extend(list(collision))
+            material = ET.SubElement(visual, "material", name="light")
+            ET.SubElement(material, "color", rgba=_COLOUR)
 
 
 def _triple(values: object) -> Vector:

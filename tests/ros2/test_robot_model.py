@@ -56,14 +56,14 @@ def test_boxes_need_no_files(tmp_path):
 
 def test_meshes_are_files_that_are_there():
     root = parsed(RobotModel(RobotProfile(), FILES).urdf)
-    meshes = [mesh.get("filename") for mesh in root.iter("mesh")]
-    assert len(meshes) > 15
+    meshes = [mesh.get("filename") for mesh in root.findall("link/visual/geometry/mesh")]
+    assert len(meshes) == 9  # seven links, their foot, and the hand
     assert all(mesh.startswith("file:///") and Path(unquote(urlparse(mesh).path)).is_file() for mesh in meshes)
 
 
 def test_meshes_can_come_from_a_web_server():
     urdf = RobotModel(RobotProfile(), "http://robot.lab:8000/").urdf
-    assert 'filename="http://robot.lab:8000/visual/link0.glb"' in urdf
+    assert 'filename="http://robot.lab:8000/collision/link0.stl"' in urdf
 
 
 def test_the_body_has_the_size_of_the_profile():
