@@ -15,11 +15,13 @@ from motm_twin.model.geometry import to_frame
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget
 from motm_twin.twin import Twin
 
 ENCOUNTER = 1.0  # [m] between base and agent at which an encounter begins
 PARTED = 1.2  # [m] and at which it has ended
+ROBOT_WAIT = 120.0  # [s] of wall time for an external robot to come: it may compile first
 SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest
 
 
@@ -65,10 +67,15 @@ def run_trial(scene: str, variant: str | None = None, seed: int | None = None) -
 
 
 def run_scene(
-    scene: Scene, budget: SearchBudget | None = None, on_tick: Callable[[Tick], None] | None = None
+    scene: Scene,
+    budget: SearchBudget | None = None,
+    on_tick: Callable[[Tick], None] | None = None,
+    plant: ExternalPlant | None = None,
 ) -> dict[str, Any]:
-    """Run a scene to the end of its task list or its time limit."""
-    twin = Twin(scene, budget=budget, clock=time.perf_counter)
+    """Run a scene to the end of its task list or its time limit; ``plant``: an external robot."""
+    twin = Twin(scene, budget=budget, clock=time.perf_counter, plant=plant)
+    if plant is not None:
+        _wait_for(plant)
     tally = Tally()
     began = time.perf_counter()
     settle = SETTLE_PERIODS
@@ -84,6 +91,15 @@ def run_scene(
         if finished or tick.time >= scene.time_limit:
             break
     return report(twin, tick, tally, time.perf_counter() - began)
+
+
+def _wait_for(robot: ExternalPlant) -> None:
+    """Until there is a robot; raises TimeoutError when none comes."""
+    deadline = time.monotonic() + ROBOT_WAIT
+    while not robot.ready():
+        if time.monotonic() > deadline:
+            raise TimeoutError(robot.text())
+        time.sleep(0.05)
 
 
 def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, Any]:

@@ -29,13 +29,13 @@ from motm_twin.model.edits import (
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.scene import Pick, Scene
 from motm_twin.model.state import HasState, state_hash
+from motm_twin.model.twin_plant import ExternalPlant, TwinPlant, WorldRehearsal
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.plain import plain
 from motm_twin.record.session import Cut, LoggedEdit, Session
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.sim.rehearsal import Rehearsal
 
 POINTED_AT = 0.15  # [m] off its belief, an object that a person adds to the task list is shown to the robot
 
@@ -52,8 +52,11 @@ class Twin:
         planning: PlanningParameters | None = None,
         arm: ArmParameters | None = None,
         clock: Callable[[], float] | None = None,
+        plant: ExternalPlant | None = None,
     ) -> None:
-        """``parameters``: of `control.tuning`, on top of ``planning`` and ``arm``; ValueError when one is not allowed.
+        """``plant``: a robot in another program instead of the simulated one; such a run is neither copied nor rerun.
+
+        ``parameters``: of `control.tuning`, on top of ``planning`` and ``arm``; ValueError when one is not allowed.
 
         ``clock`` [s]: bounds the searches when the budget has seconds, and measures the stages of a period.
         """
@@ -66,11 +69,14 @@ class Twin:
         self._budget = budget or SearchBudget()
         self._clock = clock
         self._queue: list[Edit] = []
+        self._external = plant
         self.reset()
 
     def reset(self) -> None:
         """Back to the start of the scene, with the parameters it began with; queued edits are forgotten."""
-        self.plant = SimulatedPlant(self.scene)
+        if self._external is not None:
+            self._external.begin(self.scene)
+        self.plant: TwinPlant = self._external or SimulatedPlant(self.scene)
         self._told = Told(self.scene, self._start)
         self.edits: list[LoggedEdit] = []
         self.cuts: list[Cut] = []
@@ -82,6 +88,11 @@ class Twin:
     def done(self) -> bool:
         """The task list is worked through."""
         return self.loop.sequence.done
+
+    @property
+    def external(self) -> ExternalPlant | None:
+        """The robot in another program; None for the simulated one."""
+        return self._external
 
     @property
     def index(self) -> int:
@@ -106,6 +117,8 @@ class Twin:
                 check(edit.name, edit.value)
         elif isinstance(edit, Announce):
             check_announce(self.scene, edit.name)
+            if self.plant.truth() is None:
+                raise ValueError("this robot does not tell where furniture stands: its map stays as the scene has it")
         elif isinstance(edit, Drive):
             self._check_twist(edit)
         else:
@@ -135,18 +148,35 @@ class Twin:
 
     def _period(self, edits: tuple[Edit, ...], budget: SearchBudget | None) -> Tick:
         index, before = self.loop.index, self.parameters
+        if self._external is not None and self._external.interrupted():
+            self.loop.monitor.begin_from(self.plant.observe().twist)
+        applied: list[Edit] = []
         for edit in edits:
-            self.edits.append(LoggedEdit(index=index, edit=edit))
-            self._apply(edit)
+            if self._taken(edit):
+                self.edits.append(LoggedEdit(index=index, edit=edit))
+                applied.append(edit)
         if self.parameters != before:
             self._retune()
-        return self.loop.period(edits, budget)
+        return self.loop.period(tuple(applied), budget)
+
+    def _taken(self, edit: Edit) -> bool:
+        """Apply an edit; the world of an external robot has moved on since it was tried, and may refuse it now."""
+        if self._external is None:
+            self._apply(edit)
+            return True
+        try:
+            self._apply(edit)
+        except ValueError:
+            return False
+        return True
 
     def session(self, title: str = "") -> Session:
         """The run so far, as what repeats it bit for bit; raises ValueError for a twin of given parameter objects.
 
         After a period that broke off it is the run until then, without a state hash: that state is gone.
         """
+        if self._external is not None:
+            raise ValueError("a robot in another program does not do the same again: record the run instead")
         if self._given:
             raise ValueError("a session keeps named parameters only: build the twin with parameters={...}")
         whole = self._broken is None
@@ -172,7 +202,9 @@ class Twin:
         return self.loop.planner.staa_path()
 
     def parts(self) -> dict[str, HasState]:
-        """Everything that has state."""
+        """Everything that has state; an external robot keeps its own."""
+        if not isinstance(self.plant, SimulatedPlant):
+            return {"told": self._told, **self.loop.parts()}
         return {"plant": self.plant, "told": self._told, **self.loop.parts()}
 
     def snapshot(self) -> dict[str, Any]:
@@ -184,6 +216,8 @@ class Twin:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from a snapshot of the same scene; queued edits are forgotten."""
+        if self._external is not None:
+            raise ValueError("a robot in another program can not go back in time")
         known, parameters = self._told.map, self.parameters
         self._told.restore(state["told"])
         if self._told.map != known or self._broken is not None:
@@ -249,7 +283,7 @@ class Twin:
         """The queued edits, which are no longer queued; what was found out about them ahead goes with them."""
         edits = tuple(self._queue)
         self._queue = []
-        self._rehearsal: Rehearsal | None = None  # of queued world edits
+        self._rehearsal: WorldRehearsal | None = None  # of queued world edits
         self._listed: TaskList | None = None  # as the queued task edits leave it
         return edits
 
@@ -265,7 +299,9 @@ class Twin:
         tasks = edited(self._listed or loop.sequence.listed(), edit, loop.known, engaged=loop.engaged)
         if isinstance(edit, InsertTask):
             moving = {earlier.name for earlier in self._queue if isinstance(earlier, MoveObject)}
-            binned = {body.name: body.state for body in self.plant.truth().objects if body.state.startswith("binned:")}
+            truth = self.plant.truth()
+            objects = () if truth is None else truth.objects
+            binned = {body.name: body.state for body in objects if body.state.startswith("binned:")}
             for task in edit.tasks:
                 if isinstance(task, Pick) and task.object in binned and task.object not in moving:
                     where = binned[task.object].removeprefix("binned:")
@@ -274,8 +310,11 @@ class Twin:
 
     def _point_at(self, names: list[str]) -> None:
         """A person who adds an object to the list shows where it is, should the robot believe it elsewhere."""
+        truth = self.plant.truth()
+        if truth is None:
+            return
         loop, observation = self.loop, self.plant.observe()
-        for body in self.plant.truth().objects:
+        for body in truth.objects:
             if body.name not in names or body.state == "held":
                 continue
             at = np.array(body.position)
@@ -286,6 +325,8 @@ class Twin:
     def _announce(self, name: str) -> None:
         """The map, with bins and beliefs on it, follows a piece of furniture to where it is."""
         on_piece, truth = self._told.on_piece(name), self.plant.truth()
+        if truth is None:
+            return
         motion = self._told.place_piece(name, truth)
         if motion is None:
             return

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numba import njit
 
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, from_frame, to_frame
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
@@ -23,8 +23,8 @@ _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     """When the monitor acts."""
 
-    slow_age: float = 0.15  # [s] scan older than this: half speed
-    stop_age: float = 0.30  # [s] scan older than this: stand
+    slow_age: float = 0.15  # [s] scan or state older than this: half speed
+    stop_age: float = 0.30  # [s] scan or state older than this: stand
     stop_margin: float = 0.01  # [m] kept between the stopped footprint and scan points
     minimum_points: int = 2  # scan points inside the stopping footprint before it counts: one may be noise
 
@@ -56,6 +56,10 @@ class Monitor(Stateful[MonitorState]):
         """The base twist commanded last, shape (2,)."""
         return self._state.twist.copy()
 
+    def begin_from(self, twist: Array) -> None:
+        """The base moves like this although it was told something else: it was stopped while nobody commanded it."""
+        self._state.twist = twist.copy()
+
     def check(
         self, actuation: Actuation, observation: Observation, dt: float, *, scan_stamp: float | None = None
     ) -> Verdict:
@@ -67,7 +71,7 @@ class Monitor(Stateful[MonitorState]):
             scan_stamp = observation.scan.stamp
         if not _healthy(observation):
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
-        twist, reason = self._scan_age(actuation.twist, observation.time, scan_stamp)
+        twist, reason = self._age(actuation.twist, observation, scan_stamp)
         twist = self._within_limits(twist, dt)
         free, turning = self._free_stop(twist, observation)
         if not free:
@@ -80,15 +84,19 @@ class Monitor(Stateful[MonitorState]):
         self._state.twist = twist
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
 
-    def _scan_age(self, twist: Array, time: float, stamp: float | None) -> tuple[Array, str]:
-        p = self.parameters
+    def _age(self, twist: Array, observation: Observation, stamp: float | None) -> tuple[Array, str]:
+        """Slowed when the scan or what the robot reports about itself is old."""
         if stamp is None:
             return np.zeros(2), "stopped: no usable lidar scan has come yet"
-        age = time - stamp
+        scan_age = observation.time - observation.ahead - stamp
+        what, age = "lidar scan", scan_age
+        if observation.age > scan_age:
+            what, age = "state of the robot", observation.age
+        p = self.parameters
         if age > p.stop_age:
-            return np.zeros(2), f"stopped: the newest lidar scan is {age:.2f} s old, more than {p.stop_age:.2f} s"
+            return np.zeros(2), f"stopped: the newest {what} is {age:.2f} s old, more than {p.stop_age:.2f} s"
         if age > p.slow_age:
-            why = f"slowed to half speed: the newest lidar scan is {age:.2f} s old, more than {p.slow_age:.2f} s"
+            why = f"slowed to half speed: the newest {what} is {age:.2f} s old, more than {p.slow_age:.2f} s"
             return 0.5 * twist, why
         return twist, ""
 
@@ -130,7 +138,11 @@ class Monitor(Stateful[MonitorState]):
         v, w = float(twist[0]), float(twist[1])
         travel = abs(v) * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
         reach = travel + float(np.hypot(rectangle[0] + abs(body.offset_x), rectangle[1])) + _MARGIN_OF_REACH
+        if observation.ahead > 0.0:  # the scan was made some way before
+            reach += float(np.hypot(*(observation.pose - scan.pose)[:2]))
         points = near_points(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach)
+        if observation.ahead > 0.0:
+            points = to_frame(observation.pose, from_frame(scan.pose, points))
         counts = [
             points_in_stop(
                 points, v, w, base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, held, rectangle,

@@ -45,6 +45,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     gripper_moving: bool
     scan: Scan | None
     detections: tuple[Detection, ...]
+    ahead: float = 0.0  # [s] how far ``time`` is in the future: when a command that is given now acts
+    age: float = 0.0  # [s] of what the robot reported last, now
 
 
 class Actuation(msgspec.Struct, frozen=True, kw_only=True, eq=False):

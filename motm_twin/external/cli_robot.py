@@ -1,0 +1,80 @@
+"""`motm-twin robot`: the reference robot, our simulated plant with its referee as a program of its own."""
+
+import json as json_module
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from tyro.conf import Positional
+
+OK, FAILED, BAD_INPUT = 0, 1, 2
+
+
+def robot(
+    scene: Positional[str] = "exp1",
+    /,
+    variant: str | None = None,
+    seed: int | None = None,
+    twin: str = "frankie",
+    endpoint: str = "tcp/127.0.0.1:7447",
+    clock: Literal["real", "shared"] = "real",
+    latency: float = 0.0,
+    jitter: float = 0.0,
+    loss: float = 0.0,
+    link_seed: int = 0,
+    json: Annotated[str, tyro.conf.arg(name="json", metavar="FILE|-")] = "-",
+    child: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> int:
+    """Be the robot of a twin that runs with `serve --plant zenoh`: simulated, with a referee, in its own process.
+
+    Runs until Ctrl-C or SIGTERM and then prints what the referee has counted. Exit code 0: no contact was caused by the
+    robot; 1: one was; 2: bad input.
+
+    Args:
+        scene: Shipped scene or path to a scene file; a twin may put the robot into another one.
+        variant: Named variant of the scene.
+        seed: Seed of noise and random arrangements.
+        twin: Name of the twin in the Zenoh keys.
+        endpoint: Where the twin's server or a Zenoh router listens; the robot waits for it.
+        clock: real: time passes by itself; shared: it passes as fast as the twin grants it.
+        latency: Emulated link, each direction: delay of a message [s].
+        jitter: Emulated link: the delay varies by this much up and down [s].
+        loss: Emulated link: share of messages that are lost, 0 to 1.
+        link_seed: Seed of the emulated link.
+        json: Write the report to a file, or to standard output with '-'.
+        child: End also when standard input ends: for programs that start a robot.
+    """
+    from motm_twin.bus.process import leave, stop_event
+    from motm_twin.external.emulator import LinkSpec
+    from motm_twin.external.robot_server import RobotServer
+    from motm_twin.model.scene_file import load_scene
+
+    stop = stop_event(child)
+    try:
+        link = LinkSpec(latency=latency, jitter=jitter, loss=loss, seed=link_seed)
+        server = RobotServer(load_scene(scene, variant, seed), endpoint, twin=twin, clock=clock, link=link, stop=stop)
+    except TimeoutError:
+        return OK  # stopped before there was anybody to work for
+    except ValueError as error:
+        print(f"motm-twin robot: {error}", file=sys.stderr)
+        return BAD_INPUT
+    server.run()
+    counted = server.robot.report()
+    server.close()
+    text = json_module.dumps(counted, indent=2)
+    if json == "-":
+        print(text, flush=True)
+    else:
+        Path(json).write_text(text + "\n", encoding="utf-8")
+    leave(FAILED if counted["contacts_caused_by_robot"] else OK)
+    return OK
+
+
+def main() -> None:
+    """`python -m motm_twin.external.cli_robot`: the same without the rest of the command line."""
+    sys.exit(tyro.cli(robot))
+
+
+if __name__ == "__main__":
+    main()

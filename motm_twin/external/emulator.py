@@ -1,0 +1,54 @@
+"""A bad link in simulated time: messages are delayed, overtake each other, and are lost. Repeats by its seed."""
+
+import heapq
+import itertools
+from typing import Generic, TypeVar
+
+import msgspec
+import numpy as np
+
+T = TypeVar("T")
+EARLY = 1e-9  # [s] rounding of times
+
+
+class LinkSpec(msgspec.Struct, frozen=True, kw_only=True):
+    """How bad a link is, in each direction."""
+
+    latency: float = 0.0  # [s]
+    jitter: float = 0.0  # [s] a message takes latency +- jitter, uniform
+    loss: float = 0.0  # share of messages that never arrive
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a link that can not be."""
+        if not (0.0 <= self.jitter <= self.latency <= 5.0 and 0.0 <= self.loss <= 1.0):
+            raise ValueError(
+                f"link of {self.latency} s latency, {self.jitter} s jitter, {self.loss} loss: "
+                "need 0 <= jitter <= latency <= 5 s and a loss from 0 to 1"
+            )
+
+
+class Link(Generic[T]):
+    """One direction of a link; times [s] come in as arguments and never fall."""
+
+    def __init__(self, spec: LinkSpec, direction: int) -> None:
+        """``direction``: tells the random numbers of two directions apart."""
+        self.spec = spec
+        self._rng = np.random.default_rng([spec.seed, 0x11E4, direction])
+        self._number = itertools.count()
+        self._under_way: list[tuple[float, int, T]] = []
+
+    def send(self, item: T, now: float) -> None:
+        """Give a message to the link."""
+        spec = self.spec
+        lost, place = self._rng.random(2)
+        if lost >= spec.loss:
+            due = now + spec.latency + spec.jitter * (2.0 * float(place) - 1.0)
+            heapq.heappush(self._under_way, (due, next(self._number), item))
+
+    def arrived(self, now: float) -> list[T]:
+        """Messages that are there by now, in the order of arrival; each is given once."""
+        items: list[T] = []
+        while self._under_way and self._under_way[0][0] <= now + EARLY:
+            items.append(heapq.heappop(self._under_way)[2])
+        return items

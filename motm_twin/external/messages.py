@@ -1,0 +1,170 @@
+"""What twin and robot say to each other, version 1: JSON (UTF-8; lengths [m], angles [rad], times [s]).
+
+Times are on the robot's clock, which may begin anywhere; ``life`` names one start of the robot: stamps and numbers of
+two lives have nothing to do with each other. Infinite numbers are ``null``. Fields may be added within a version.
+"""
+
+import msgspec
+
+from motm_twin.model.edits import WorldEdit
+from motm_twin.model.plant import BodyTruth, Contact
+from motm_twin.model.scene import Scene, Task
+
+VERSION = "motm.plant/1"
+LIFETIME = 0.30  # [s] after which a command no longer counts
+
+Vector = list[float]
+
+
+class Info(msgspec.Struct, frozen=True, kw_only=True):
+    """The robot: answer to a question on ``info``."""
+
+    version: str
+    life: str
+    name: str
+    clock: str = "real"  # real: time passes by itself | shared: it passes when the twin grants it
+    step: float = 0.01  # [s] between two states
+    scheduled: bool = True  # commands act at their ``act_at``; else when they arrive
+    can: list[str] = []  # of: edit, truth, reset
+
+
+class RobotState(msgspec.Struct, frozen=True, kw_only=True):
+    """The robot at one instant."""
+
+    version: str
+    life: str
+    seq: int
+    stamp: float
+    pose: Vector  # localised base pose x, y, heading, world
+    odometry: Vector  # dead-reckoned base pose x, y, heading: smooth, drifts
+    twist: Vector  # forward speed [m/s], yaw rate [rad/s]
+    q: Vector  # arm joints, 7
+    dq: Vector  # arm joint rates [rad/s], 7
+    gripper_width: float  # [m] between the finger pads
+    gripper_moving: bool
+    heard: list[tuple[int, float]] = []  # number and time of arrival of the commands that came since the last state
+    commander: str = ""  # who is obeyed now
+    refused: int = 0  # commands refused so far
+    refusal: str = ""  # why the last one was
+
+
+class ScanData(msgspec.Struct, frozen=True, kw_only=True):
+    """One sweep of the lidar; beam i points at ``angle_min + i * angle_step`` in the base frame."""
+
+    version: str
+    life: str
+    stamp: float
+    pose: Vector  # localised base pose at the stamp, world
+    origin: Vector  # sensor position in the base frame, shape (2,)
+    angle_min: float
+    angle_step: float
+    range_min: float
+    range_max: float
+    ranges: list[float | None]  # null: no return within range_max
+
+
+class DetectionData(msgspec.Struct, frozen=True, kw_only=True):
+    """An object that the gripper camera sees."""
+
+    stamp: float
+    name: str
+    p_base: Vector  # centre in the base frame at the stamp, shape (3,)
+    yaw_base: float
+    position_sd: float  # per axis
+    odometry: Vector  # odometry pose at the stamp
+
+
+class DetectionList(msgspec.Struct, frozen=True, kw_only=True):
+    """One frame of the gripper camera; empty when it shows nothing."""
+
+    version: str
+    life: str
+    stamp: float
+    detections: list[DetectionData]
+
+
+class RobotCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the robot has to do from ``act_at`` on, until a later command acts, or for ``lifetime``."""
+
+    version: str
+    life: str  # of the robot that is meant
+    sender: str
+    seq: int  # rises with every command of a sender
+    act_at: float  # robot's clock; one that is past acts at once
+    twist: Vector  # base forward speed [m/s], yaw rate [rad/s]
+    joint_velocity: Vector  # [rad/s], 7
+    gripper: str  # "open" | "close"
+    lifetime: float = LIFETIME
+
+
+class ClockGrant(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Shared clock: time may pass until then."""
+
+    version: str
+    life: str
+    until: float
+
+
+class ClockReached(msgspec.Struct, frozen=True, kw_only=True):
+    """Shared clock: the time is this, and everything that was sent before it has been sent before."""
+
+    version: str
+    life: str
+    stamp: float
+
+
+class TruthData(msgspec.Struct, frozen=True, kw_only=True):
+    """Ground truth of a simulated robot; fields as in `motm_twin.model.plant.Truth`."""
+
+    version: str
+    life: str
+    stamp: float
+    pose: Vector
+    objects: tuple[BodyTruth, ...]
+    agents: tuple[BodyTruth, ...]
+    obstacles: tuple[BodyTruth, ...]
+    contacts: tuple[Contact, ...]
+    picks: int
+    places: int
+    drops: int
+    min_base_clearance: float | None
+    min_arm_clearance: float | None
+    min_ee_obstacle: float | None
+    ee_obstacle: float | None
+    plant_faults: tuple[str, ...]
+    furniture: tuple[BodyTruth, ...]
+    removed: tuple[str, ...]
+    faults: tuple[str, ...]
+    path_length: float
+
+
+class ResetRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Begin again, in this scene or in your own."""
+
+    version: str
+    scene: Scene | None = None
+
+
+class EditRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Change the world as a person does: would ``edit`` be possible after ``before`` (check), or do it."""
+
+    version: str
+    check: bool
+    before: tuple[WorldEdit, ...] = ()
+    edit: WorldEdit
+
+
+class TaskNotice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The task list of now, for a referee that counts."""
+
+    version: str
+    tasks: tuple[Task, ...]
+
+
+class PlantAnswer(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a request."""
+
+    version: str
+    ok: bool
+    reason: str = ""
+    life: str = ""  # reset: the new one

@@ -1,0 +1,406 @@
+"""A robot in another program as a Plant: observed where it will be when the next command acts, told by messages."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from motm_twin.external.convert import array, detection_of, scan_of, truth_of, vector
+from motm_twin.external.messages import (
+    LIFETIME,
+    VERSION,
+    EditRequest,
+    Info,
+    ResetRequest,
+    RobotCommand,
+    RobotState,
+    TaskNotice,
+)
+from motm_twin.external.predictor import Motion, Predictor
+from motm_twin.external.robot_link import RESET_ANSWER, RobotLink
+from motm_twin.external.timing import ClockOffset, Lead
+from motm_twin.model.edits import WorldEdit
+from motm_twin.model.geometry import Array, compose, inverse
+from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.plant import Actuation, Detection, Observation, Scan, Truth
+from motm_twin.model.scene import Scene, Task
+
+GONE = 1.0  # [s] without a state after which the robot is waited for
+AGAIN = 0.5  # [s] after which a grant that had no answer is sent again
+SILENT_WAIT = 0.05  # [s] that a step waits for a robot that has not answered the one before
+BEHIND = 0.2  # [s] that control falls behind the robot's clock before it skips what it missed
+ROUNDING = 1e-6  # [s]
+FIRST_STATES = 100  # steps of a shared clock in which a robot must have shown itself
+
+
+class NotPossible(ValueError):
+    """This robot can not do that; the message says what and why."""
+
+
+class ZenohPlant:
+    """Drives one robot. With ``mirror`` it only shows it: nothing is ever sent."""
+
+    def __init__(self, link: RobotLink, scene: Scene, *, sender: str = "twin", reset: bool = True) -> None:
+        """``reset``: put a robot that can be reset to the start of the scene before it is driven."""
+        self.link, self.scene, self.mirror = link, scene, link.listen_only
+        self._sender, self._reset_wanted = sender, reset and not self.mirror
+        self._seq = time.time_ns() // 1000  # rises also when this program starts again
+        self._predictor = Predictor(scene.robot, LIFETIME)
+        self._info: Info | None = None
+        self._origin: float | None = None  # robot's clock at time 0 of the run
+        self._to_odometry: Array | None = None  # of a robot that was started again: its odometry in the run's
+        self._clock = ClockOffset()
+        self._lead = Lead(0.01)
+        self._at = 0.0  # [s] robot's clock: when this step observes
+        self._acts_at = -np.inf  # [s] robot's clock: time of the newest observation
+        self._latest: Observation | None = None
+        self._interrupted, self._silent_since = False, 0.0
+        self._arrived: list[tuple[int, float]] = []
+        self._sent: dict[int, float] = {}
+        self._scan: tuple[object, Scan | None] = (None, None)
+        self._detections: tuple[object, tuple[Detection, ...]] = (None, ())
+        link.on_state = self._on_state
+
+    @property
+    def shared(self) -> bool:
+        """The robot's time passes when it is granted."""
+        return self._info is not None and self._info.clock == "shared"
+
+    def ready(self) -> bool:
+        """Whether there is a robot to observe now; takes up one that has come. Call it between periods."""
+        if self._info is not None and self.link.life == self._info.life:
+            here = self.shared or time.monotonic() - self.link.last_sign < GONE
+            if here and self._origin is not None:
+                return not self._silent_since or time.monotonic() - self._silent_since < GONE or self._answers()
+        return self._take_up()
+
+    def text(self) -> str:
+        """One sentence about the robot."""
+        if self._info is None or self._origin is None:
+            return f"waiting for robot on {self.link.keys.root}/**"
+        state: RobotState | None = self.link.newest("state")
+        quiet = time.monotonic() - self.link.last_sign
+        if quiet > GONE and not (self.shared and not self._silent_since):
+            return f"waiting for robot {self._info.name!r}: nothing was heard of it for {quiet:.0f} s"
+        what = "shown only, not commanded" if self.mirror else f"commands are given {self._ahead() * 1e3:.0f} ms ahead"
+        if state is not None and not self.mirror and state.commander not in ("", self._sender):
+            return f"robot {self._info.name!r} obeys somebody else: {state.commander}"
+        return f"robot {self._info.name!r}, {self._info.clock} clock: {what}"
+
+    def observe(self) -> Observation:
+        """The robot at the time at which a command that is given now acts."""
+        state: RobotState | None = self.link.newest("state")
+        assert state is not None and self._origin is not None, "observe comes after ready"
+        self._note_arrivals()
+        motion = self._motion(state)
+        if self.mirror:
+            now = until = max(motion.stamp, self._acts_at)
+        else:
+            now = self._at
+            until = max(now + self._ahead(), self._acts_at)
+            motion = self._predictor.predict(motion, until)
+        self._acts_at = until
+        pose, odometry = motion.pose, motion.odometry
+        if self._to_odometry is not None:
+            odometry = compose(self._to_odometry, odometry)
+        self._latest = Observation(
+            time=until - self._origin,
+            pose=pose,
+            odometry=odometry,
+            twist=motion.twist,
+            q=motion.q,
+            dq=motion.dq,
+            gripper_width=state.gripper_width,
+            gripper_moving=motion.gripper_moving,
+            scan=self._newest_scan(until),
+            detections=self._newest_detections(),
+            ahead=until - now,
+            age=self._age(state),
+        )
+        return self._latest
+
+    def command(self, actuation: Actuation) -> None:
+        """Send what to do from the time of the last observation on."""
+        if self.mirror:
+            return
+        assert self._info is not None
+        limits = self.scene.robot.base
+        twist = np.clip(
+            actuation.twist, [-limits.reverse_speed, -limits.yaw_rate], [limits.forward_speed, limits.yaw_rate]
+        )
+        self._seq += 1
+        command = RobotCommand(
+            version=VERSION,
+            life=self._info.life,
+            sender=self._sender,
+            seq=self._seq,
+            act_at=self._acts_at,
+            twist=vector(twist),
+            joint_velocity=vector(np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)),
+            gripper=actuation.gripper,
+        )
+        self._predictor.sent(self._acts_at, actuation)
+        self._lead.sent(self._seq, self._at)
+        self._sent[self._seq] = time.monotonic()
+        if len(self._sent) > 500:
+            del self._sent[next(iter(self._sent))]
+        self.link.command(command)
+
+    def step(self, dt: float) -> None:
+        """Wait until dt [s] have passed on the robot's clock."""
+        if self.shared and not self.mirror:
+            self._grant(self._at + dt)
+        elif self.mirror:
+            self._follow(dt)
+        else:
+            self._at += dt
+            behind = self._robot_now() - self._at
+            if behind > BEHIND:
+                self._at += behind
+                self._interrupted = True
+            elif behind < 0.0:
+                time.sleep(-behind)
+
+    def interrupted(self) -> bool:
+        """Whether control was away since the last call: the robot may have been stopped by itself meanwhile."""
+        interrupted, self._interrupted = self._interrupted, False
+        if not self.mirror and not self.shared and self._robot_now() - self._at > BEHIND:
+            self._at, interrupted = self._robot_now(), True
+        return interrupted
+
+    def resynchronise(self) -> None:
+        """Control begins again after a pause."""
+        if not self.shared:
+            self._at = max(self._at, self._robot_now())
+        self._interrupted = True
+
+    def truth(self) -> Truth | None:
+        """Ground truth of a robot that tells it."""
+        data = self.link.newest("truth")
+        return None if data is None else truth_of(data)
+
+    def rehearsal(self) -> "RemoteRehearsal":
+        """Asks the robot about edits, one after another. Raises NotPossible."""
+        self._require("edit", "its world can not be changed from here: move the real things")
+        return RemoteRehearsal(self.link)
+
+    def apply(self, edit: WorldEdit) -> None:
+        """Change the world of a simulated robot; raises ValueError when it can not be."""
+        self._require("edit", "its world can not be changed from here: move the real things")
+        answer = self.link.ask(self.link.keys.edit, EditRequest(version=VERSION, check=False, edit=edit))
+        if not answer.ok:
+            raise ValueError(answer.reason)
+
+    def expect_tasks(self, tasks: Sequence[Task]) -> None:
+        """Tell the referee of a simulated robot the task list of now."""
+        if self._info is not None and "truth" in self._info.can and not self.mirror:
+            self.link.ask(self.link.keys.tasks, TaskNotice(version=VERSION, tasks=tuple(tasks)))
+
+    def begin(self, scene: Scene) -> None:
+        """Another run: a robot that can be reset begins again in this scene, another goes on from where it is."""
+        if scene.robot != self.scene.robot:
+            self._predictor = Predictor(scene.robot, LIFETIME)
+        self.scene = scene
+        self._reset_wanted = not self.mirror
+        self._origin, self._to_odometry = None, None
+        self._latest, self._interrupted = None, False
+
+    def _on_state(self, state: RobotState, received: float) -> None:
+        """In Zenoh's thread."""
+        self._clock.state(state.stamp, received)
+        now = received
+        for seq, at in state.heard:
+            self._arrived.append((seq, at))
+            sent = self._sent.get(seq)
+            if sent is not None:
+                self._clock.command(sent, at, now)
+
+    def _note_arrivals(self) -> None:
+        arrived, self._arrived = self._arrived, []
+        for seq, at in arrived:
+            self._lead.heard(seq, at)
+
+    def _ahead(self) -> float:
+        return self._lead.now(self._at)
+
+    def _robot_now(self) -> float:
+        offset = self._clock.offset
+        return self._at if offset is None else time.monotonic() + offset
+
+    def _age(self, state: RobotState) -> float:
+        if self.mirror:
+            return 0.0 if self.shared else max(0.0, time.monotonic() - self.link.last_sign)
+        if self.shared:
+            silent = time.monotonic() - self._silent_since if self._silent_since else 0.0
+            return max(silent, self._at - state.stamp)
+        return max(0.0, max(self._at, self._robot_now()) - state.stamp)
+
+    def _motion(self, state: RobotState) -> Motion:
+        return Motion(
+            stamp=state.stamp,
+            pose=array(state.pose, 3, "pose of the robot"),
+            odometry=array(state.odometry, 3, "odometry of the robot"),
+            twist=array(state.twist, 2, "twist of the robot"),
+            q=array(state.q, 7, "q of the robot"),
+            dq=array(state.dq, 7, "dq of the robot"),
+            gripper_moving=state.gripper_moving,
+        )
+
+    def _newest_scan(self, now: float) -> Scan | None:
+        data, origin = self.link.newest("scan"), self._origin
+        assert origin is not None
+        if data is None or data.stamp > now + ROUNDING:
+            return None if data is None else self._scan[1]
+        if data is not self._scan[0]:
+            self._scan = (data, scan_of(data, origin))
+        return self._scan[1]
+
+    def _newest_detections(self) -> tuple[Detection, ...]:
+        data, origin = self.link.newest("detections"), self._origin
+        assert origin is not None
+        if data is not None and data is not self._detections[0]:
+            seen = tuple(detection_of(one, origin) for one in data.detections)
+            if self._to_odometry is not None:
+                seen = tuple(_moved(one, self._to_odometry) for one in seen)
+            self._detections = (data, seen)
+        return self._detections[1]
+
+    def _require(self, capability: str, why: str) -> None:
+        if self.mirror:
+            raise NotPossible("a mirror only shows the robot: it changes nothing")
+        if self._info is None or capability not in self._info.can:
+            name = "there is no robot" if self._info is None else f"robot {self._info.name!r} is not simulated"
+            raise NotPossible(f"{name}: {why}")
+
+    def _grant(self, until: float) -> None:
+        """Shared clock: let time pass until then, and wait for the answer."""
+        wait = SILENT_WAIT if self._silent_since else 2.0 * AGAIN
+        deadline = time.monotonic() + wait
+        while True:
+            self.link.grant(until)
+            again = min(deadline, time.monotonic() + AGAIN)
+            with self.link.changed:
+                if self.link.changed.wait_for(lambda: self._reached(until), max(0.0, again - time.monotonic())):
+                    self._at, self._silent_since = until, 0.0
+                    return
+            if time.monotonic() >= deadline:
+                self._silent_since = self._silent_since or time.monotonic() - wait
+                return
+
+    def _reached(self, until: float) -> bool:
+        clock = self.link.newest("clock")
+        return clock is not None and clock.stamp >= until - ROUNDING
+
+    def _answers(self) -> bool:
+        """Shared clock: the robot answers again."""
+        self._grant(self._at)
+        if not self._silent_since:
+            self._interrupted = True
+        return not self._silent_since
+
+    def _follow(self, dt: float) -> None:
+        """Mirror: until the robot's newest state is dt [s] further, or it should have been."""
+        target, wait = self._acts_at + dt, dt if time.monotonic() - self.link.last_sign > GONE else 10.0 * dt
+        with self.link.changed:
+            self.link.changed.wait_for(lambda: self._seen_until() >= target - ROUNDING, wait)
+
+    def _seen_until(self) -> float:
+        state = self.link.newest("state")
+        return -np.inf if state is None else state.stamp
+
+    def _take_up(self) -> bool:
+        """Take up the robot that is there now; whether it can be observed."""
+        state = self.link.newest("state")
+        if self._info is None or self.link.life != self._info.life or state is None:
+            info = self.link.info()
+            if info is None:
+                return False
+            self._adopt(info)
+        assert self._info is not None
+        if self._reset_wanted and "reset" in self._info.can and not self._reset():
+            return False
+        self._reset_wanted = False
+        return self._settle()
+
+    def _adopt(self, info: Info) -> None:
+        """Another robot, or the same one after it was started again."""
+        self.link.live(info.life)
+        self._info = info
+        self._forget()
+
+    def _forget(self) -> None:
+        """What was known about a robot that is gone."""
+        assert self._info is not None
+        self._predictor.clear()
+        self._clock, self._lead = ClockOffset(), Lead(self._info.step)
+        self._arrived, self._sent, self._silent_since = [], {}, 0.0
+        self._scan, self._detections = (None, None), (None, ())
+        if self._origin is not None:  # the run goes on
+            self._origin, self._interrupted = None, True
+        self._acts_at = -np.inf
+
+    def _reset(self) -> bool:
+        request = ResetRequest(version=VERSION, scene=self.scene)
+        answer = self.link.ask(self.link.keys.reset, request, RESET_ANSWER)
+        if not answer.ok or self._info is None:
+            return False
+        self.link.live(answer.life)
+        info = self.link.info()
+        if info is None or info.life != answer.life:
+            return False
+        self._adopt(info)
+        return True
+
+    def _settle(self) -> bool:
+        """Whether state and scan of the robot are there; then the run begins, or goes on, at its clock."""
+        if self.shared and not self.mirror:
+            clock = self.link.newest("clock")
+            self._at = 0.0 if clock is None else clock.stamp
+            if clock is None:
+                self.link.grant(0.0)  # shows itself
+            for _ in range(FIRST_STATES):
+                if self._shown() or self._silent_since:
+                    break
+                self._grant(self._at + 0.01)
+        if not self._shown():
+            return False
+        state: RobotState = self.link.newest("state")
+        if not self.shared or self.mirror:
+            self._at = max(state.stamp, self._robot_now()) if not self.mirror else state.stamp
+        before = self._latest
+        self._origin = self._at - (0.0 if before is None else before.time + 0.01)
+        if before is not None:
+            T_world_odometry = compose(before.pose, inverse(before.odometry))
+            in_odometry = compose(inverse(T_world_odometry), np.array(state.pose))
+            self._to_odometry = compose(in_odometry, inverse(np.array(state.odometry)))
+        self._acts_at = -np.inf
+        return True
+
+    def _shown(self) -> bool:
+        return all(self.link.newest(name) is not None for name in ("state", "scan"))
+
+
+class RemoteRehearsal:
+    """Edits that wait to be applied, tried by the robot."""
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link, self._accepted = link, list[WorldEdit]()
+
+    def accept(self, edit: WorldEdit) -> None:
+        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
+        request = EditRequest(version=VERSION, check=True, before=tuple(self._accepted), edit=edit)
+        answer = self._link.ask(self._link.keys.edit, request)
+        if not answer.ok:
+            raise ValueError(answer.reason)
+        self._accepted.append(edit)
+
+
+def _moved(detection: Detection, T_run_odometry: Array) -> Detection:
+    return Detection(
+        stamp=detection.stamp,
+        name=detection.name,
+        p_base=detection.p_base,
+        yaw_base=detection.yaw_base,
+        position_sd=detection.position_sd,
+        odometry=compose(T_run_odometry, detection.odometry),
+    )

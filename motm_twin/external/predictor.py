@@ -1,0 +1,111 @@
+"""Where the robot will be when the next command acts: its newest state, moved on by the commands already sent.
+
+The model is the one that the robot's profile gives: first-order lag, limits of speed and acceleration, exact arcs.
+"""
+
+import math
+from collections import deque
+
+import msgspec
+import numpy as np
+from numba import njit
+
+from motm_twin.model.geometry import Array, drive
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.plant import Actuation
+from motm_twin.model.profile import RobotProfile
+
+STEP = 0.01  # [s]
+ROUNDING = 1e-6  # [s]
+KEPT = 1000  # commands
+DOUBT = 0.1  # [s] after a change of the gripper's command in which a state may not know of it yet
+FARTHEST = 0.6  # [s] that is predicted at most
+
+
+class Motion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What moves."""
+
+    stamp: float  # [s]
+    pose: Array
+    odometry: Array
+    twist: Array
+    q: Array
+    dq: Array
+    gripper_moving: bool
+
+
+class Predictor:
+    """Remembers commands, and predicts with them."""
+
+    def __init__(self, profile: RobotProfile, lifetime: float) -> None:
+        """``lifetime`` [s] after which a command no longer acts."""
+        self._profile, self._lifetime = profile, lifetime
+        self._commands: deque[tuple[float, Actuation]] = deque(maxlen=KEPT)
+
+    def clear(self) -> None:
+        """Forget the commands."""
+        self._commands.clear()
+
+    def sent(self, act_at: float, actuation: Actuation) -> None:
+        """A command was sent that acts from ``act_at`` [s] on; these times never fall."""
+        self._commands.append((act_at, actuation))
+
+    def predict(self, motion: Motion, until: float) -> Motion:
+        """The motion at ``until`` [s]; the same one when that is not later than its stamp."""
+        until = min(until, motion.stamp + FARTHEST)
+        if until <= motion.stamp + ROUNDING:
+            return motion
+        stamp, pose, odometry = motion.stamp, motion.pose, motion.odometry
+        v, w = float(motion.twist[0]), float(motion.twist[1])
+        q, dq = motion.q, motion.dq
+        gripper, moving = self._acting(stamp - DOUBT).gripper, motion.gripper_moving
+        lag = self._profile.arm.velocity_lag
+        while stamp < until - ROUNDING:
+            dt = min(STEP, until - stamp)
+            acting = self._acting(stamp)
+            new_v, new_w = self._base(v, w, acting.twist, dt)
+            pose = drive(pose, 0.5 * (v + new_v), 0.5 * (w + new_w), dt)
+            odometry = drive(odometry, 0.5 * (v + new_v), 0.5 * (w + new_w), dt)
+            v, w = new_v, new_w
+            q, dq = _arm(q, dq, acting.joint_velocity, _share(lag, dt), dt, Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX)
+            moving = moving or acting.gripper != gripper
+            stamp += dt
+        return Motion(
+            stamp=until, pose=pose, odometry=odometry, twist=np.array([v, w]), q=q, dq=dq, gripper_moving=moving
+        )
+
+    def _acting(self, now: float) -> Actuation:
+        """The command that acts now [s]."""
+        for act_at, actuation in reversed(self._commands):
+            if act_at <= now + ROUNDING:
+                if now - act_at < self._lifetime - ROUNDING:
+                    return actuation
+                return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=actuation.gripper)
+        first = self._commands[0][1].gripper if self._commands else "open"
+        return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=first)
+
+    def _base(self, v: float, w: float, wanted: Array, dt: float) -> tuple[float, float]:
+        limits = self._profile.base
+        share = _share(limits.velocity_lag, dt)
+        dv, dw = limits.linear_acceleration * dt, limits.yaw_acceleration * dt
+        return v + min(dv, max(-dv, share * (wanted[0] - v))), w + min(dw, max(-dw, share * (wanted[1] - w)))
+
+
+def _share(lag: float, dt: float) -> float:
+    return 1.0 if lag <= 0.0 else 1.0 - math.exp(-dt / lag)
+
+
+@njit(cache=True)
+def _arm(
+    q: Array, dq: Array, command: Array, share: float, dt: float,
+    q_min: Array, q_max: Array, dq_max: Array, ddq_max: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Joint positions and rates after dt [s]; a joint stands at its limit."""
+    new_q, new_dq = np.empty_like(q), np.empty_like(dq)
+    for i in range(q.shape[0]):
+        change = share * (min(dq_max[i], max(-dq_max[i], command[i])) - dq[i])
+        new_dq[i] = dq[i] + min(ddq_max[i] * dt, max(-ddq_max[i] * dt, change))
+        new_q[i] = q[i] + 0.5 * (dq[i] + new_dq[i]) * dt
+        if new_q[i] > q_max[i] or new_q[i] < q_min[i]:
+            new_q[i], new_dq[i] = min(q_max[i], max(q_min[i], new_q[i])), 0.0
+    return new_q, new_dq

@@ -1,0 +1,58 @@
+"""What a twin needs of its robot beyond the three verbs: ground truth and edits, as far as the robot has them."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from motm_twin.model.edits import WorldEdit
+from motm_twin.model.plant import Plant, Truth
+from motm_twin.model.scene import Scene, Task
+
+
+class WorldRehearsal(Protocol):
+    """Edits that wait, tried one after another."""
+
+    def accept(self, edit: WorldEdit) -> None:
+        """Take an edit after those before; raises ValueError when the world will not take it."""
+        ...
+
+
+class TwinPlant(Plant, Protocol):
+    """What a twin needs of its robot. One that can not do something raises ValueError, and truth is None."""
+
+    def truth(self) -> Truth | None:
+        """Ground truth, of a robot that has one."""
+        ...
+
+    def rehearsal(self) -> WorldRehearsal:
+        """Try edits before they are applied."""
+        ...
+
+    def apply(self, edit: WorldEdit) -> None:
+        """Change the world as a person does."""
+        ...
+
+    def expect_tasks(self, tasks: Sequence[Task]) -> None:
+        """Tell the referee, if there is one, the task list of now."""
+        ...
+
+
+class ExternalPlant(TwinPlant, Protocol):
+    """A robot in another program."""
+
+    mirror: bool  # it is shown, and not commanded
+
+    def begin(self, scene: Scene) -> None:
+        """Another run begins."""
+        ...
+
+    def ready(self) -> bool:
+        """Whether there is a robot to observe."""
+        ...
+
+    def text(self) -> str:
+        """One sentence about the robot."""
+        ...
+
+    def interrupted(self) -> bool:
+        """Whether control was away since the last call."""
+        ...
