@@ -1,0 +1,53 @@
+"""The page in Chromium: every key that the long card lists does what it says, also while a tab has the focus."""
+
+import pytest
+from page import changed, serving, until, visiting
+
+NO_EFFECT = {"5"}  # the camera stays as it is and may be moved by hand
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+def test_every_key_that_is_listed_works_while_a_tab_has_the_focus():
+    with serving("exp1", "--variant", "trial1") as twin, visiting(twin) as visitor:
+        client, page, pressed = twin.client, visitor.page, set()
+
+        def key(name, condition, what):
+            assert page.evaluate("document.activeElement.role ?? document.activeElement.getAttribute('role')") == "tab"
+            pressed.add({"Delete": "Del", "Space": "space"}.get(name, name.upper()))
+            page.keyboard.press(name)
+            until(condition, 30.0, f"key {name}: {what}")
+
+        def bodies():
+            return {body.name: body.state for body in (*client.tick().obstacles, *client.tick().agents)}
+
+        visitor.state("Running")
+        visitor.tab("Drive")
+        key("Space", lambda: client.status().state == "paused", "not paused")
+        key("r", lambda: client.tick().index == 0, "no reset")
+        for count in range(1, 5):
+            key("n", lambda count=count: client.tick().index == count, "no step")
+        key("e", lambda: client.status().speed == 2.0, "not faster")
+        key("q", lambda: client.status().speed == 1.0, "not slower")
+        for number, (name, body) in enumerate(
+            (("b", "box 1"), ("c", "cylinder 1"), ("p", "person 1"), ("t", "temi 1"))
+        ):
+            key(name, lambda n=number, body=body: len(bodies()) == n + 1 and body in bodies(), f"no {body}")
+        page.wait_for_timeout(1000)  # until the page shows the last one, which is selected
+        key("f", lambda: True, "")  # seen in the next period
+        key("n", lambda: bodies()["temi 1"] == "frozen", "not frozen")
+        key("Delete", lambda: "temi 1" not in bodies(), "not deleted")
+
+        visitor.tab("Replay")
+        for name, words in (("j", "Looking back"), ("k", "(live)"), ("j", "Looking back"), ("l", "(live)")):
+            key(name, lambda words=words: visitor.sees(words), f"not {words}")
+        with page.expect_download() as download:
+            key("s", lambda: True, "")
+        assert download.value.suggested_filename.startswith("exp1-trial1-")
+        for name in "2341":
+            before = visitor.settled()
+            key(name, lambda before=before: changed(before, visitor.picture()) > 0.02, "the same view")
+        key("h", lambda: page.locator("kbd").count() > 0, "no card")
+        listed = set(page.locator("kbd").all_inner_texts())
+        assert listed - NO_EFFECT == pressed
+        assert visitor.errors == []
