@@ -1,36 +1,19 @@
 """The numbers of the page: what drawing costs the control loop and the machine, and how soon things are seen."""
 
 import argparse
-import json
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from motm_twin.bench import page_browser, page_measures
 from motm_twin.bench.page_serve import Served, served
-from motm_twin.bench.runner import machine
-from motm_twin.bench.table import goal_table
+from motm_twin.bench.report import Limit, Report, Steps, Values, conclude, measure
 from motm_twin.bus.commands import Pause
 
 NAME = "page"
 TITLE = "The page: a served Experiment 2 at 1x, measured from outside"
 DRAGS, JOINERS = 60, 5
-Values = dict[str, float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limit:
-    """A number that must not be exceeded."""
-
-    name: str
-    unit: str
-    limit: float
-    decimals: int
-
 
 LIMITS = {
     "ratio": Limit(name="control period p99 with 5 readers / without", unit="x", limit=1.1, decimals=3),
@@ -46,15 +29,6 @@ LIMITS = {
 }
 
 
-@dataclass
-class Report:
-    """Values by the keys of `LIMITS`, what else is worth knowing, and what could not be measured."""
-
-    values: Values = field(default_factory=dict)
-    details: dict[str, Any] = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)
-
-
 def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> bool:
     """Measure, print, write ``out/page.json``; True when no number exceeds its limit.
 
@@ -63,7 +37,7 @@ def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> b
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     report = Report()
     with served("exp2") as twin:
-        steps: list[tuple[str, Callable[[], None]]] = [
+        steps: Steps = [
             ("control period", lambda: _periods(twin, report, seconds)),
             ("drawing", lambda: _drawing(twin, report, min(seconds, 20.0))),
             ("drags", lambda: _drags(twin, report)),
@@ -72,13 +46,8 @@ def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> b
             ("memory", lambda: _memory(twin, report, minutes)),
             ("stop", lambda: report.values.update(stop_s=twin.interrupt())),
         ]
-        for number, (name, measure) in enumerate(steps, 1):
-            try:
-                measure()
-            except (RuntimeError, TimeoutError) as error:  # the other numbers are still worth a table
-                report.failures.append(f"{name}: {error}")
-            console.print(f"  {number}/{len(steps)} {name}", markup=False)
-    return _conclude(report, out, console)
+        measure(steps, report, console)
+    return conclude(NAME, TITLE, LIMITS, report, out, console)
 
 
 def _periods(twin: Served, report: Report, seconds: float) -> None:
@@ -143,50 +112,6 @@ def _memory(twin: Served, report: Report, minutes: float) -> None:
     }
     report.details["memory_minutes"] = minutes
     page_measures.act(twin.client, Pause())
-
-
-def _conclude(report: Report, out: Path, console: Console) -> bool:
-    goals = [_judged(limit, report.values.get(key, float("nan"))) for key, limit in LIMITS.items()]
-    reached = all(goal["reached"] for goal in goals)
-    console.print(goal_table({"goals": goals}))
-    for name, detail in report.details.items():
-        console.print(f"  {name.replace('_', ' ')}: {_readable(detail)}", markup=False)
-    for failure in report.failures:
-        console.print(f"  not measured: {failure}", style="red", markup=False)
-    whole = {"group": NAME, "title": TITLE, "machine": machine(), "reached": reached, "goals": goals}
-    whole |= {"details": report.details, "failures": report.failures}
-    out.mkdir(parents=True, exist_ok=True)
-    target = out / f"{NAME}.json"
-    target.write_text(json.dumps(_plain(whole), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    console.print(f"{whole['machine']}; written to {target}")
-    return reached
-
-
-def _judged(limit: Limit, value: float) -> dict[str, Any]:
-    return {
-        "name": limit.name,
-        "unit": limit.unit,
-        "relation": "<=",
-        "limit": limit.limit,
-        "value": value,
-        "decimals": limit.decimals,
-        "reached": value <= limit.limit,
-    }
-
-
-def _readable(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {_readable(item)}" for name, item in value.items())
-    return f"{value:,.6g}" if isinstance(value, float) else str(value)
-
-
-def _plain(value: Any) -> Any:
-    """The same for JSON, which has no nan: None instead."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
