@@ -31,7 +31,7 @@ from motm_twin.record.frames import Frame, Frames, Sent
 
 IDLE = 0.1  # [s] between looks at the clock while time stands
 LATE = 0.5  # [s] behind, it does not catch up
-FILLED = 2400  # periods that a leap forward sends all, so that readers can look back at them: 120 s
+FILLED = 600  # periods before its end that a leap forward sends all, so that readers can look back at them: 30 s
 _STAMPED = (ch.ROBOT.topic, ch.SCAN.topic, ch.METRICS.topic, ch.EVENT.topic)
 _ALLOWED = "this is a recording: it takes play, pause, step, speed, reset (to its start) and branch (to a period)"
 
@@ -98,13 +98,14 @@ class Player:
         frame, scene, last = self._frames[max(self._at, 0)], self._scene, self._frames[len(self._frames) - 1]
         chosen = "" if scene is None else scene.name
         variant = "" if scene is None else scene.variant
+        about = f"a recording: {self._name}, {frame.time:.1f} of {last.time:.1f} s"
         return StatusMessage(
             version=STATUS_VERSION,
             twin=self._twin,
             run=self._run,
             server_time=self._now(),
             state=self._state,
-            text="the recording has ended" if self._state == "done" else "",
+            text="the recording has ended" if self._state == "done" else about,
             scene=chosen,
             variant=variant,
             seed=0 if scene is None else scene.seed,
@@ -116,7 +117,7 @@ class Player:
             **self._wheel.shown(time.monotonic()),
             oldest=min(frame.index for frame in (self._frames[0], frame)),
             plant="recording",
-            plant_text=f"a recording: {self._name}, {frame.time:.1f} of {last.time:.1f} s",
+            plant_text=about,
         )
 
     def _answer(self, envelope: Envelope, arrived: float, reply: Callable[[str, int], None]) -> None:

@@ -31,9 +31,11 @@ class Recorder:
         self._zenoh, self._keys = session, Keys(twin)
         self._file = McapFile(path)
         self._stream = Stream(self._keys, self._file.add)
-        self._waiting: queue.Queue[tuple[str, bytes, bytes | None]] = queue.Queue()
+        self._waiting: queue.Queue[tuple[str, bytes, bytes | None, bool]] = queue.Queue()
         self._declared = [session.declare_subscriber(key, _direct(self._on_sample)) for key in self._stream.keys]
-        for key in (self._keys.status, self._keys.scene, self._keys.grid):
+        self._live: set[str] = set()  # keys of which something came by itself
+        keys = self._keys
+        for key in (keys.status, keys.scene, keys.tick, keys.grid, keys.robot):
             self._ask(key)  # late joiners get the last of each
         self._asked_at, self._session_at = -1e9, -1e9
         self._refused: set[str] = set()
@@ -79,7 +81,11 @@ class Recorder:
         except queue.Empty:
             return
 
-    def _write(self, key: str, payload: bytes, attachment: bytes | None) -> None:
+    def _write(self, key: str, payload: bytes, attachment: bytes | None, asked: bool) -> None:
+        if not asked:
+            self._live.add(key)
+        elif key in self._live:
+            return  # older than what came since
         try:
             if key == self._keys.session:
                 self._stream.session(payload)
@@ -100,16 +106,16 @@ class Recorder:
     def _ask(self, key: str) -> None:
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                self._on_sample(reply.ok)
+                self._on_sample(reply.ok, asked=True)
 
         self._zenoh.get(key, zenoh.handlers.Callback(on_reply, indirect=False), timeout=ASK_TIMEOUT)
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
+    def _on_sample(self, sample: zenoh.Sample, asked: bool = False) -> None:
         """In Zenoh's thread."""
         if self._waiting.qsize() < WAITING_MOST:
             attachment = sample.attachment
             attached = None if attachment is None else attachment.to_bytes()
-            self._waiting.put((str(sample.key_expr), sample.payload.to_bytes(), attached))
+            self._waiting.put((str(sample.key_expr), sample.payload.to_bytes(), attached, asked))
 
 
 def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:

@@ -1,6 +1,8 @@
 """A short run with a bit of everything a person may do, recorded once for all tests of a process."""
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +23,8 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import Session
 from motm_twin.twin import Twin
+
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "bus")]  # its stand-in for a twin
 
 PERIODS = 100
 DISTURBANCES = {

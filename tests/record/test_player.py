@@ -1,0 +1,105 @@
+"""A recording on the bus: it looks like a twin, goes where it is told, and refuses to be changed."""
+
+import pytest
+from fake_twin import FakeLibrary, FakeTwin
+from recordings import Recording
+from waiting import until
+
+from motm_twin.bus.client import NoSession, TwinClient
+from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
+from motm_twin.bus.server import TwinServer
+from motm_twin.record.frames import Frames
+from motm_twin.record.player_server import PlayerServer
+from motm_twin.record.session import SessionError
+
+LAST = 60
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    """A minute's twentieth of the stand-in, an obstacle in it."""
+    folder = tmp_path_factory.mktemp("recordings")
+    first, out = Load(scene="fake"), folder / "x.mcap"
+    with (
+        TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=first, playing=False, data=folder) as server,
+        TwinClient(server.endpoint) as client,
+    ):
+        recorder = Recording(server.endpoint, out)
+        assert recorder.event()["event"] == "recording"
+        until(lambda: client.tick() and client.status(), "no tick")
+        assert client.command(AddObstacle(name="crate", x=1.0, y=1.0)).ok
+        assert client.command(Step(count=LAST - client.tick().index)).ok
+        until(lambda: client.tick().index == LAST, "the steps were not made")
+        assert recorder.end()[0] == 0
+    return out
+
+
+@pytest.fixture
+def client(path):
+    with (
+        PlayerServer(path, twin="again", playing=False) as server,
+        TwinClient(server.endpoint, "again", sender="tester") as connected,
+    ):
+        until(lambda: connected.tick() and connected.status() and connected.scene() and connected.grid(), "nothing")
+        yield connected
+
+
+def test_a_recording_looks_like_a_twin(client):
+    status = client.status()
+    assert (status.state, status.plant, status.scene) == ("paused", "recording", "fake")
+    assert "x.mcap, 0.0 of 3.0 s" in status.plant_text
+    assert (client.scene().name, client.tick().index, client.grid().info.run) == ("fake", 0, status.run)
+
+
+def test_it_plays_to_its_end_and_again_from_its_start(client):
+    assert client.command(Speed(factor=8.0)).ok
+    assert client.command(Play()).ok
+    until(lambda: client.status().state == "done", "it never ended")
+    assert client.tick().index == LAST
+    assert [body.name for body in client.tick().obstacles] == ["crate"]
+    run = client.tick().run
+    assert client.command(Play()).ok
+    until(lambda: client.tick().run > run, "it did not begin again")
+    until(lambda: client.status().state == "done", "it never ended again")
+
+
+def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
+    seen = []
+    client.on_tick(seen.append)
+    assert client.command(Branch(index=30)).ok
+    until(lambda: client.tick().index == 30, "it did not leap")
+    assert len(seen) == 30  # all between as well
+    run, began = client.tick().run, client.tick().began
+    assert client.command(Branch(index=10)).ok
+    until(lambda: client.tick().index == 10, "it did not leap back")
+    tick = client.tick()
+    assert (tick.run, tick.began, tick.first, tick.past) == (run + 1, began, 10, run)
+    assert client.command(Step(count=2)).ok
+    until(lambda: client.tick().index == 12, "the steps were not made")
+    assert client.command(Reset()).ok
+    until(lambda: client.tick().index == 0, "it did not go to its start")
+
+
+def test_what_would_change_it_is_refused_with_a_reason(client):
+    for command in (AddObstacle(name="box", x=1.0, y=1.0), Load(scene="other")):
+        answer = client.command(command)
+        assert not answer.ok
+        assert answer.reason.startswith("this is a recording")
+    assert "0 to 60" in client.command(Branch(index=61)).reason
+    with pytest.raises(NoSession, match="this is a recording"):
+        client.session()
+    assert client.command(Pause()).ok
+
+
+def test_a_loop_begins_again_by_itself(path):
+    with (
+        PlayerServer(path, twin="loop", speed=8.0, loop=True) as server,
+        TwinClient(server.endpoint, "loop") as client,
+    ):
+        until(lambda: client.tick() and client.tick().run >= 2, "it did not begin again")
+
+
+def test_a_file_without_a_period_is_refused(path, tmp_path):
+    (tmp_path / "x.mcap").write_bytes(path.read_bytes()[:100])
+    with pytest.raises(SessionError, match="holds no period"):
+        Frames(tmp_path / "x.mcap")

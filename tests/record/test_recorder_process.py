@@ -1,0 +1,107 @@
+"""The recorder as a process: whatever ends it, what it wrote can be read, and the twin does not notice."""
+
+import json
+import random
+import resource
+import signal
+import time
+
+import pytest
+from fake_twin import FakeLibrary, FakeTwin
+from recordings import Recording, unprivileged
+from waiting import until
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Load
+from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import free_port
+from motm_twin.record.info import info
+from motm_twin.record.reader import Health, read
+
+MOST_LOST = 1.0  # [s]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    with TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), data=data) as running:
+        until(lambda: running.loop.status().state == "playing", "the twin never started")
+        yield running
+
+
+@pytest.fixture
+def client(server):
+    with TwinClient(server.endpoint) as connected:
+        until(connected.tick, "no tick")
+        yield connected
+
+
+def started(server, path, **options):
+    recorder = Recording(server.endpoint, path, **options)
+    assert recorder.event()["event"] == "recording"
+    return recorder
+
+
+def test_killed_at_any_moment_it_loses_less_than_a_second(server, client, tmp_path):
+    dice = random.Random(7)
+    for number in range(6):
+        path = tmp_path / f"{number}.mcap"
+        recorder = started(server, path)
+        time.sleep(1.2 + dice.random())  # the moment is what is tested
+        newest = client.tick().server_time
+        recorder.kill()
+        health = Health()
+        times = [json.loads(entry.data)["server_time"] for entry in read(path, health) if entry.topic == "motm/tick"]
+        assert not health.complete
+        assert newest - times[-1] <= MOST_LOST
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_well(server, client, tmp_path, number):
+    recorder = started(server, tmp_path / "x.mcap")
+    index = client.tick().index
+    until(lambda: client.tick().index > index + 20, "no ticks")
+    recorder.process.send_signal(number)
+    code, last = recorder.wait()
+    assert (code, last["event"]) == (0, "recorded")
+    found = info(tmp_path / "x.mcap")
+    assert found.complete
+    assert found.runs[0].missing == 0
+
+
+def test_a_full_disk_ends_the_recording_and_nothing_else(server, client, tmp_path):
+    limit = 400_000
+
+    def no_more():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    recorder = started(server, tmp_path / "x.mcap", preexec_fn=no_more)
+    code, last = recorder.wait()
+    assert (code, last["event"]) == (1, "failed")
+    assert "File too large" in last["text"]
+    index = client.tick().index
+    until(lambda: client.tick().index > index + 5, "the robot stands")
+    health = Health()
+    assert list(read(tmp_path / "x.mcap", health))
+    assert health.whole == health.size  # nothing half is left
+    assert last["bytes"] == health.size <= limit
+
+
+def test_what_cannot_be_written_is_refused_before_it_begins(server, tmp_path):
+    (tmp_path / "there.mcap").write_bytes(b"mine")
+    (tmp_path / "closed").mkdir(mode=0o500)
+    places = {"there.mcap": "exists already", "none/x.mcap": "No such file", "there.mcap/x.mcap": "Not a directory"}
+    if unprivileged():
+        places["closed/x.mcap"] = "Permission denied"
+    for place, words in places.items():
+        code, last = Recording(server.endpoint, tmp_path / place).wait()
+        assert (code, last["event"]) == (2, "refused")
+        assert words in last["text"]
+    assert (tmp_path / "there.mcap").read_bytes() == b"mine"
+
+
+def test_nobody_to_record_is_bad_input(tmp_path):
+    nobody = Recording(f"tcp/127.0.0.1:{free_port()}", tmp_path / "x.mcap", "--wait", "0.2")
+    code, last = nobody.wait()
+    assert (code, last["event"]) == (2, "refused")
+    assert not (tmp_path / "x.mcap").exists()

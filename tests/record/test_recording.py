@@ -1,0 +1,245 @@
+"""What a twin did, as a recording tells it: complete, valid, the same again, and readable when it broke."""
+
+import json
+import random
+
+import jsonschema
+import msgspec
+import pytest
+from recordings import Recording, changed, cut
+from waiting import until
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import AddObstacle, Branch, Load, MoveBody, SetParameter, Step
+from motm_twin.bus.server import TwinServer
+from motm_twin.model.scene_file import load_scene
+from motm_twin.record import channels as ch
+from motm_twin.record.cli_rerun import rerun_file
+from motm_twin.record.info import info
+from motm_twin.record.reader import Health, read
+from motm_twin.record.recording import load_recording
+from motm_twin.record.recover import recover
+from motm_twin.record.rerun_file import rerun_run
+from motm_twin.record.session import SessionError
+
+READY = 240.0  # [s] the first start compiles, on a machine that may be busy
+BRANCHED, ENDED = 25, 45
+LATE = 12  # period at which the second recorder began, or before
+
+
+class Library:
+    def choices(self):
+        return []
+
+    def load(self, scene, variant, seed):
+        return load_scene(scene, variant, seed)
+
+    def changed(self):
+        return False
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, clocked):
+    """Two recordings of one run with a branch: from the start, and from its middle on."""
+    folder = tmp_path_factory.mktemp("recordings")
+    first = Load(scene="exp1", variant="trial2", seed=1)
+    server = TwinServer(library=Library(), make_twin=clocked, first=first, playing=False, data=folder)
+    whole = Recording(server.endpoint, folder / "whole.mcap")  # before there is anything to be recorded
+    assert whole.event()["event"] == "recording"
+    with server, TwinClient(server.endpoint) as client:
+        until(lambda: client.tick() and client.status(), "the twin never started", READY)
+
+        def go_to(index):
+            assert client.command(Step(count=index - client.tick().index)).ok
+            until(lambda: client.tick().index == index, f"period {index} was not reached", 60.0)
+
+        go_to(5)
+        assert client.command(AddObstacle(name="guest", shape="temi", x=2.4, y=0.3)).ok
+        go_to(LATE)
+        late = Recording(server.endpoint, folder / "late.mcap")
+        assert late.event()["event"] == "recording"
+        assert client.command(SetParameter(name="next_weight", value=0.5)).ok
+        assert client.command(MoveBody(name="guest", x=2.2, y=0.2, held=False)).ok
+        go_to(BRANCHED + 10)
+        run = client.tick().run
+        assert client.command(Branch(index=BRANCHED)).ok
+        until(lambda: client.tick().run == run + 1, "the branch did not begin", 60.0)
+        go_to(ENDED - 1)
+        for recorder in (whole, late):
+            code, last = recorder.end()
+            assert (code, last["event"], last["lost_periods"]) == (0, "recorded", 0)
+    return folder / "whole.mcap", folder / "late.mcap"
+
+
+@pytest.fixture(scope="module")
+def whole(files):
+    return files[0]
+
+
+def test_a_recording_tells_what_is_in_it(whole):
+    found = info(whole)
+    assert (found.complete, found.text) == (True, "")
+    assert [(run.from_s, run.to_s, run.missing) for run in found.runs] == [
+        (0.0, (BRANCHED + 11) * 0.05, 0),
+        (BRANCHED * 0.05, ENDED * 0.05, 0),
+    ]
+    assert [run.edits for run in found.runs] == [3, 0]
+    assert all(run.hashes for run in found.runs)
+    topics = {channel.topic: channel for channel in found.channels}
+    assert topics["motm/tick"].messages >= BRANCHED + 11 + ENDED - BRANCHED
+    assert set(topics) >= {channel.topic for channel in ch.OURS} - {"motm/metrics"}
+    assert set(topics) >= {channel.topic for channel in ch.DRAWN}
+
+
+def test_every_run_is_the_same_again_with_its_branch_and_with_half_of_its_past(files):
+    for path in files:
+        recording = load_recording(path)
+        assert len(recording.runs) == 2
+        reports = [rerun_run(recording, run) for run in recording.runs]
+        assert [(report.ok, report.fields, report.periods) for report in reports] == [
+            (True, [], BRANCHED + 11),
+            (True, [], ENDED),
+        ]
+        assert all(report.hashes for report in reports)
+        assert reports[1].compared == ENDED - BRANCHED
+    assert reports[0].compared < BRANCHED + 11
+
+
+def test_without_any_session_the_ticks_alone_repeat_the_run(whole, tmp_path):
+    path = changed(whole, tmp_path / "x.mcap", lambda topic, message: None if topic == "motm/session" else message)
+    recording = load_recording(path)
+    assert [rerun_run(recording, run).ok for run in recording.runs] == [True, True]
+
+
+def test_the_first_period_that_differs_is_named_with_its_fields(whole, tmp_path, capsys):
+    def shift(topic, message):
+        if topic == "motm/tick" and message["index"] >= 17:
+            message["robot"]["pose"][0] += 1e-6
+            message["plan"]["expansions"] += 1
+        return message
+
+    path = changed(whole, tmp_path / "x.mcap", shift)
+    recording = load_recording(path)
+    report = rerun_run(recording, recording.runs[0])
+    assert (report.ok, report.period) == (False, 17)
+    assert [line.split(":")[0] for line in report.fields] == ["robot.pose[0]", "plan.expansions"]
+    assert rerun_file(str(path)) == 1
+    assert "first in period 17" in capsys.readouterr().out
+
+
+def test_another_state_behind_equal_periods_is_found_by_its_hash(whole, tmp_path):
+    def other(topic, message):
+        if topic == "motm/session":
+            message["session"]["state_hash"] = "0" * 64
+        return message
+
+    recording = load_recording(changed(whole, tmp_path / "x.mcap", other))
+    report = rerun_run(recording, recording.runs[0])
+    assert not report.ok
+    assert report.fields[0].startswith("state hash: recorded 000000000000")
+
+
+def test_an_edit_in_a_period_that_is_missing_is_not_made_up(whole, tmp_path):
+    def thin(topic, message):
+        return None if topic == "motm/session" or (topic == "motm/tick" and message["index"] == 20) else message
+
+    recording = load_recording(changed(whole, tmp_path / "x.mcap", thin))
+    report = rerun_run(recording, recording.runs[0])
+    assert (report.ok, report.periods) == (True, 20)
+    assert report.text.startswith("periods 20 to 35 were not computed")
+
+
+def test_every_message_fits_its_schema(whole):
+    health, seen = Health(), {}
+    entries = list(read(whole, health))
+    schemas = {channel.topic: health.schemas[channel.schema_id] for channel in health.channels.values()}
+    validators = {topic: jsonschema.Draft202012Validator(json.loads(schema.data)) for topic, schema in schemas.items()}
+    for entry in entries:
+        seen[entry.topic] = seen.get(entry.topic, 0) + 1
+        if seen[entry.topic] <= 12:
+            validators[entry.topic].validate(json.loads(entry.data))
+    assert set(seen) == set(schemas)
+
+
+def test_foxglove_messages_have_every_field_and_no_other(whole):
+    def check(value, schema, place):
+        if schema.get("type") == "object":
+            assert set(value) == set(schema["properties"]), place
+            for name, inner in schema["properties"].items():
+                check(value[name], inner, f"{place}.{name}")
+        elif schema.get("type") == "array":
+            for item in value[:3]:
+                check(item, schema["items"], place)
+
+    for entry in read(whole):
+        if entry.schema.startswith("foxglove."):
+            check(json.loads(entry.data), ch.CHANNELS[entry.topic].schema, entry.topic)
+
+
+def test_viewers_that_know_no_references_find_plain_fields_in_front():
+    def plain(schema):
+        assert "$ref" not in schema
+        assert schema["type"] in ("object", "array", "number", "integer", "string", "boolean")
+        for inner in schema.get("properties", {}).values():
+            plain(inner)
+        if schema["type"] == "array":
+            assert schema["items"]["type"] != "array"
+            plain(schema["items"])
+
+    for channel in ch.OURS:
+        schema = msgspec.json.decode(channel.json_schema())
+        assert schema["type"] == "object"
+        assert schema["properties"]
+        for inner in schema["properties"].values():
+            plain(inner)
+
+
+def test_a_file_that_is_cut_anywhere_gives_what_is_before(whole, tmp_path):
+    entries, size = list(read(whole)), whole.stat().st_size
+    dice = random.Random(5)
+    for length in [9, 30, size - 1, *(dice.randrange(8, size) for _ in range(80))]:
+        health = Health()
+        found = list(read(cut(whole, tmp_path / "cut.mcap", length), health))
+        assert not health.complete
+        assert health.text
+        assert found == entries[: len(found)]
+
+
+def test_no_byte_that_is_wrong_does_harm(whole, tmp_path):
+    data, path = whole.read_bytes(), tmp_path / "wrong.mcap"
+    dice = random.Random(6)
+    for _ in range(60):
+        wrong = bytearray(data)
+        for _ in range(dice.choice((1, 3, 100))):
+            wrong[dice.randrange(8, len(wrong))] = dice.randrange(256)
+        path.write_bytes(bytes(wrong))
+        list(read(path))
+        try:
+            load_recording(path)
+        except SessionError as error:
+            assert str(path) in str(error)
+
+
+def test_what_is_no_recording_is_refused_with_a_sentence(tmp_path):
+    for content in (b"", b"hello", b"\x89MCAP"):
+        (tmp_path / "x.mcap").write_bytes(content)
+        with pytest.raises(SessionError, match="is no recording"):
+            info(tmp_path / "x.mcap")
+    with pytest.raises(SessionError, match="No such file"):
+        info(tmp_path / "none.mcap")
+
+
+def test_a_cut_file_is_recovered_and_the_proof_is_read(whole, tmp_path):
+    path = cut(whole, tmp_path / "cut.mcap", whole.stat().st_size * 2 // 3)
+    before = len(list(read(path)))
+    found = recover(path)
+    assert found.file == str(tmp_path / "cut.recovered.mcap")
+    assert (found.messages, found.was_complete, found.broken_chunks) == (before, False, 0)
+    again = info(found.file)
+    assert again.complete
+    assert sum(channel.messages for channel in again.channels) == before
+    recording = load_recording(found.file)
+    assert rerun_run(recording, recording.runs[0]).ok
+    with pytest.raises(SessionError, match="exists already"):
+        recover(path)
+    assert recover(whole, tmp_path / "same.mcap").was_complete
