@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
+from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.model.scene_error import SceneError
 from motm_twin.record.cli_record import info, record, recover, replay, rerun
 from motm_twin.record.session import SessionError
@@ -61,6 +62,7 @@ def serve(
     host: str = "127.0.0.1",
     token: str | None = None,
     zenoh_port: int = 7447,
+    record: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     twin: str = "frankie",
     secure: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None,
     ros2: Literal["bridge", "rmw"] | None = None,
@@ -77,6 +79,7 @@ def serve(
         host: Address to listen on; anything but loopback needs a token.
         token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN).
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
+        record: MCAP file to record to, see docs/recording.md; it must not exist.
         twin: Name of the twin in the Zenoh keys.
         secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
         ros2: Publish ROS 2 topics too, for zenoh-bridge-ros2dds (bridge) or rmw_zenoh (rmw).
@@ -93,6 +96,7 @@ def serve(
         host=host,
         token=token,
         zenoh_port=zenoh_port,
+        record=record,
         twin=twin,
         secure=secure,
         ros2=ros2,
@@ -180,6 +184,9 @@ def main() -> None:
                 "info": info,
                 "recover": recover,
                 "what-if": what_if,
+                "watch": watch,
+                "send": send,
+                "twins": twins,
                 "scene": scene,
                 "bench": bench,
                 "security": security,

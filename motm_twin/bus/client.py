@@ -167,6 +167,12 @@ class TwinClient:
         self._declared.append(self._session.declare_subscriber(key, _direct(self._on_sample)))
         self._fetch(key, slot.count)
 
+    def raw(self, key: str) -> tuple[bytes, bytes | None]:
+        """The newest payload and attachment of a key that is followed; empty before the first."""
+        slot = self._slots[key]
+        with self._changed:
+            return slot.payload or b"", slot.attachment
+
     def on_sample(self, key: str, callback: OnSample) -> Callable[[], None]:
         """Call ``callback`` with every payload of a key that is followed, as `on_tick` does."""
         return self._listen(self._on_key[key], callback)

@@ -1,5 +1,9 @@
 """Which twins are there: those that this user runs on this machine, or those behind an endpoint."""
 
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
 import msgspec
 import zenoh
 
@@ -9,6 +13,9 @@ from motm_twin.bus.running import all_running
 from motm_twin.bus.session import open_client
 
 TIMEOUT = 2.0  # [s]
+AGAIN = 0.05  # [s] between two questions
+
+T = TypeVar("T")
 
 
 class NoTwin(Exception):
@@ -61,20 +68,38 @@ def find(endpoint: str | None, twin: str | None) -> tuple[str, str]:
 
 
 def _alive(session: zenoh.Session) -> list[str]:
-    replies = session.liveliness().get(f"{PREFIX}/*/alive", timeout=TIMEOUT)
-    return sorted({str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None})
+    """Names of the twins that a session sees, as soon as it sees any."""
+
+    def look() -> list[str]:
+        replies = session.liveliness().get(f"{PREFIX}/*/alive", timeout=TIMEOUT)
+        return sorted({str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None})
+
+    return _until_connected(look) or []
 
 
 def _asked(session: zenoh.Session, found: Found) -> Found:
-    for reply in session.get(Keys(found.twin).status, timeout=TIMEOUT):
-        if reply.ok is not None:
-            status = msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage)
-            return msgspec.structs.replace(
-                found,
-                alive=True,
-                state=status.state,
-                scene=" ".join(part for part in (status.scene, status.variant) if part),
-                time=status.time,
-                driver=status.driver_name,
-            )
-    return found
+    def ask() -> StatusMessage | None:
+        for reply in session.get(Keys(found.twin).status, timeout=TIMEOUT):
+            if reply.ok is not None:
+                return msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage)
+        return None
+
+    status = _until_connected(ask)
+    if status is None:
+        return found
+    return msgspec.structs.replace(
+        found,
+        alive=True,
+        state=status.state,
+        scene=" ".join(part for part in (status.scene, status.variant) if part),
+        time=status.time,
+        driver=status.driver_name,
+    )
+
+
+def _until_connected(ask: Callable[[], T]) -> T:
+    """Ask again until there is an answer, or `TIMEOUT` has passed: a session connects in the background."""
+    deadline = time.monotonic() + TIMEOUT
+    while not (answer := ask()) and time.monotonic() < deadline:
+        time.sleep(AGAIN)
+    return answer

@@ -1,0 +1,32 @@
+"""`motm-twin twins`."""
+
+import math
+import sys
+
+import msgspec
+
+from motm_twin.client.discover import Found, running_twins
+
+OK, NONE = 0, 1
+
+
+def twins(endpoint: str | None, *, as_json: bool) -> int:
+    """Print who is there; the exit code."""
+    found = running_twins(endpoint)
+    for twin in found:
+        print(msgspec.json.encode(twin).decode() if as_json else _line(twin))
+    if not found and not as_json:
+        where = "on this machine" if endpoint is None else f"at {endpoint}"
+        print(f"motm-twin twins: none is running {where}", file=sys.stderr)
+    return OK if any(twin.alive for twin in found) else NONE
+
+
+def _line(twin: Found) -> str:
+    page = "" if twin.page_port is None else f"  page: port {twin.page_port}"
+    if not twin.alive:
+        return f"{twin.twin}  {twin.endpoint}{page}  does not answer"
+    driver = f"  driven by {twin.driver}" if twin.driver else ""
+    minutes = math.floor(twin.time / 60.0)
+    return (
+        f"{twin.twin}  {twin.endpoint}{page}  {twin.scene}: {twin.state} at {minutes}:{twin.time % 60.0:04.1f}{driver}"
+    )

@@ -1,0 +1,141 @@
+"""`motm-twin watch | send | twins`, as a user calls them."""
+
+import json
+import subprocess
+import sys
+import threading
+
+import pytest
+from fake_twin import FakeLibrary, FakeTwin
+from waiting import until
+
+from motm_twin.bus.cli_send import parse
+from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetParameter, Step
+from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import free_port
+from motm_twin.client import connect
+from motm_twin.model.scene import DriveTo
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    with TwinServer(
+        library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False, data=data
+    ) as running:
+        until(lambda: running.loop.status().state == "paused", "the twin never started")
+        yield running
+
+
+def call(server, *arguments):
+    where = [] if server is None else ["--endpoint", server.endpoint]
+    command = [sys.executable, "-m", "motm_twin.cli", *arguments, *where]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+
+
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [
+        (["pause"], Pause()),
+        (["step", "count=3"], Step(count=3)),
+        (["add_obstacle", "name=7", "x=1", "y=-0.5"], AddObstacle(name="7", x=1.0, y=-0.5)),
+        (["add_obstacle", "name=a b", "x=1e0", "y=0", "size=.3,0.3,0.4"], None),
+        (
+            ["add_obstacle", "name=a", "x=1", "y=0", "size=0.3,0.3,0.4"],
+            AddObstacle(name="a", x=1, y=0, size=(0.3, 0.3, 0.4)),
+        ),
+        (["set_parameter", "name=xi", "value=0.7"], SetParameter(name="xi", value=0.7)),
+        (["set_parameter", "name=bezier", "value=false"], SetParameter(name="bezier", value=False)),
+        (["set_parameter", "name=xi", "value=null"], SetParameter(name="xi")),
+        (
+            ["insert_task", 'tasks={"type": "drive_to", "point": [0, 1]}'],
+            InsertTask(tasks=(DriveTo(point=(0.0, 1.0)),)),
+        ),
+    ],
+)
+def test_words_become_a_command(words, command):
+    if command is None:
+        with pytest.raises(ValueError, match="size"):
+            parse(words[0], words[1:])
+    else:
+        assert parse(words[0], words[1:]) == command
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["plya"], "there are: play"),
+        (["step", "3"], "name=value"),
+        (["step", "counts=3"], "it has: count"),
+        (["step", "count=much"], "count"),
+        (["speed"], "factor"),
+    ],
+)
+def test_words_that_are_no_command_are_refused_with_what_is_allowed(words, said):
+    with pytest.raises(ValueError, match=said):
+        parse(words[0], words[1:])
+
+
+def test_fields_come_as_json_too():
+    assert parse("step", [], '{"count": 4}') == Step(count=4)
+    with pytest.raises(ValueError, match="--json"):
+        parse("step", [], "[1]")
+
+
+def test_send_prints_the_answer_and_leaves_the_wheel(server):
+    done = call(server, "send", "step", "count=2")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert (answer["ok"], answer["version"]) == (True, "motm.answer/1")
+    again = call(server, "send", "add_obstacle", "--json", '{"name": "crate", "x": 1, "y": 1}')
+    assert again.returncode == 0, again.stdout + again.stderr
+    refused = call(server, "send", "move_body", "name=ghost", "x=0", "y=0")
+    assert refused.returncode == 1
+    assert "ghost" in json.loads(refused.stdout)["reason"]
+    assert call(server, "send", "explode").returncode == 2
+    assert call(None, "send", "play", "--endpoint", f"tcp/127.0.0.1:{free_port()}", "--twin", "x").returncode == 1
+
+
+def test_watch_prints_the_newest_value_of_every_key(server):
+    with connect(server.endpoint) as twin:
+        twin.step(2)
+        index = twin.latest_tick().index
+        twin.hand_over()
+    for key in ("tick", "robot", "grid", "metrics", "status", "scene", "event"):
+        line = call(server, "watch", key, "--once")
+        assert line.returncode == 0, line.stderr
+        assert len(line.stdout.splitlines()) == 1, key
+    assert json.loads(call(server, "watch", "tick", "--once", "--field", "index").stdout) == index
+    assert json.loads(call(server, "watch", "status", "--once", "--json").stdout)["twin"] == "frankie"
+    wrong = call(server, "watch", "tick", "--once", "--field", "robot.wings")
+    assert wrong.returncode == 2
+    assert "there is no 'wings' here; there are: pose" in wrong.stderr
+    assert call(server, "watch", "thoughts").returncode == 2
+
+
+def test_watch_prints_every_event_until_it_is_ended(server):
+    command = [sys.executable, "-m", "motm_twin.cli", "watch", "event", "--json", "--endpoint", server.endpoint]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, connect(server.endpoint) as twin:
+        lines = []
+        reader = threading.Thread(target=lambda: lines.extend(process.stdout))
+        reader.start()
+        count = 0
+        while not lines:  # it listens from some moment on
+            count += 1
+            twin.add_obstacle(f"box{count}", 0.1 * (count % 9), 0.0)
+            twin.step()
+            if count % 20 == 0:
+                twin.reset()
+        process.terminate()
+        reader.join(10.0)
+        twin.hand_over()
+    assert json.loads(lines[0])["version"] == "motm.event/1"
+
+
+def test_twins_lists_who_is_alive(server):
+    found = call(server, "twins", "--json")
+    assert found.returncode == 0, found.stderr
+    assert json.loads(found.stdout)["twin"] == "frankie"
+    assert "frankie" in call(server, "twins").stdout
+    nobody = call(None, "twins", "--endpoint", f"tcp/127.0.0.1:{free_port()}")
+    assert (nobody.returncode, nobody.stdout) == (1, "")
