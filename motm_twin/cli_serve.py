@@ -38,6 +38,7 @@ def serve(
     twin: str = DEFAULT_TWIN,
     secure: str | None = None,
     ros2: str | None = None,
+    record: Path | None = None,
     data: Path | None = None,
 ) -> int:
     """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError for a scene that can not be used.
@@ -53,6 +54,8 @@ def serve(
         folder = None if secure is None else Folder(Path(secure)).ready()
         if not headless:
             require_free_port(host, port, "choose another one with --port (0 takes any free one)")
+        if record is not None:
+            _require_new(record)
         require_free_port(
             LOOPBACK, zenoh_port, "is another twin running? Choose another one with --zenoh-port (0: any)"
         )
@@ -64,6 +67,7 @@ def serve(
     server += [] if variant is None else ["--variant", variant]
     server += [] if seed is None else ["--seed", str(seed)]
     server += [] if data is None else ["--data", str(data)]
+    server += [] if record is None else ["--record", str(record.resolve())]
     supervisor.add(SERVER, "motm_twin.bus.server_process", [scene, *server])
     if not headless:
         page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
@@ -179,6 +183,9 @@ class _Supervisor:
                 self._say(f"{after}  Page:  [bold]{event['url']}[/bold]")
             case "ros2":
                 self._console.print(f"{after}  ROS 2: {event['text']}", markup=False)
+            case "record":
+                words = "recording to" if event["ok"] else "not recorded:"
+                self._console.print(f"{after}  {words} {event['text']}", markup=False)
             case "refused":
                 self._console.print(f"motm-twin: {event['text']}", style="red", markup=False)
             case "state":
@@ -191,6 +198,14 @@ class _Supervisor:
     def _remember(self, page_port: int | None) -> None:
         running = Running(pid=os.getpid(), twin=self._twin, endpoint=self.endpoint, page_port=page_port)
         self._note = note(running)
+
+
+def _require_new(path: Path) -> None:
+    """Raise ValueError unless a file of this name can be made."""
+    if path.suffix != ".mcap":
+        raise ValueError(f"--record {path}: a recording ends in .mcap")
+    if path.exists() or not path.parent.is_dir():
+        raise ValueError(f"--record {path}: give a file that is not there yet, in a folder that is")
 
 
 @contextmanager

@@ -23,9 +23,20 @@ Done = Callable[[str, str], None]  # why not ("" = done), path of the file
 class Keeper:
     """Writes files in its own thread. What can not be written is said to who asked, and disturbs nobody else."""
 
-    def __init__(self, folder: Path, endpoint: str, twin: str, changed: Callable[[], None]) -> None:
-        """``endpoint`` and ``twin`` are what a recorder listens to; ``changed``: `recording` is another one."""
+    def __init__(
+        self,
+        folder: Path,
+        endpoint: str,
+        twin: str,
+        changed: Callable[[], None],
+        failed: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """``endpoint`` and ``twin`` are what a recorder listens to; ``changed``: `recording` is another one.
+
+        ``failed`` hears why a recording that had begun has stopped; it is called from another thread.
+        """
         self._folder, self._endpoint, self._twin, self._changed = folder, endpoint, twin, changed
+        self._failed = failed
         self._work = Outbox("files", _WAITING)
         self._recorder: Child | None = None
         self._path = ""
@@ -52,6 +63,10 @@ class Keeper:
             case Record(name=name):
                 scene = "" if live.scene is None else live.scene.name
                 self._do(lambda: self._start(name, scene), done)
+
+    def record(self, path: Path, done: Done) -> None:
+        """Record to this file, or, when it is there already (of a server that has died), to one with a number."""
+        self._do(lambda: self._launch(_unused(path)), done)
 
     def close(self) -> None:
         """Finish the recording."""
@@ -90,6 +105,9 @@ class Keeper:
         stamp = datetime.datetime.now(tz=datetime.UTC).strftime("%Y%m%d-%H%M%S")
         path = self._new(name or f"{scene}-{stamp}", ".mcap")
         path.unlink()  # the recorder makes it
+        return self._launch(path)
+
+    def _launch(self, path: Path) -> Path:
         arguments = ["--endpoint", self._endpoint, "--twin", self._twin, "--out", str(path)]
         recorder = Child("recorder", RECORDER, arguments, self._told, dict(os.environ))
         self._path, self._first, self._heard = str(path), {}, threading.Event()
@@ -115,6 +133,8 @@ class Keeper:
         if not self._heard.is_set():
             self._first = event
             self._heard.set()
+        elif event.get("event") == "failed":
+            self._failed(f"the recording has stopped: {event.get('text', '')}")
         self._changed()
 
     def _new(self, name: str, suffix: str) -> Path:
@@ -128,3 +148,12 @@ class Keeper:
         except FileExistsError:
             raise Refused(f"{path} is there already: choose another name") from None
         return path
+
+
+def _unused(path: Path) -> Path:
+    """The path, or with the first number from 2 on that makes it one that is not there."""
+    found, number = path, 1
+    while found.exists():
+        number += 1
+        found = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return found

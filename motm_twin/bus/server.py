@@ -61,7 +61,13 @@ class TwinServer:
         clock = ServerClock()
         self._clock, self._gate = clock, CommandGate(clock)
         self._encode = msgspec.json.Encoder().encode
-        self._keeper = Keeper(data, self.endpoint, twin, changed=lambda: self._publisher.status())  # noqa: PLW0108 - made later
+        self._keeper = Keeper(
+            data,
+            self.endpoint,
+            twin,
+            changed=lambda: self._publisher.status(),  # noqa: PLW0108 - made later
+            failed=self._recording_failed,
+        )
         self.loop = TwinLoop(
             twin_name=twin,
             library=library,
@@ -100,9 +106,14 @@ class TwinServer:
         for thread in self._threads:
             thread.start()
 
+    def record(self, path: Path, done: Callable[[str, str], None]) -> None:
+        """Record to this file; ``done`` hears why not ("": it began) and the path, from another thread."""
+        self._keeper.record(path, done)
+
     def close(self) -> bool:
         """Stop within a second and a half; False when the current period had to be abandoned."""
         self._stop.set()
+        self._keeper.close()  # while the loop still gives it the session
         self.loop.stop()
         self._token.undeclare()
         for queryable in self._queryables:
@@ -110,7 +121,6 @@ class TwinServer:
         for thread in self._threads:
             thread.join(LAST_WAIT)
         ended = not any(thread.is_alive() for thread in self._threads)
-        self._keeper.close()
         if ended:
             self._publisher.close()
             self._session.close()
@@ -124,6 +134,10 @@ class TwinServer:
     def __exit__(self, *_: object) -> None:
         """Stop."""
         self.close()
+
+    def _recording_failed(self, text: str) -> None:
+        status = self.loop.status()
+        self._publisher.event_log.add(run=status.run, index=-1, time=status.time, kind="recording", text=text)
 
     def _heartbeat(self) -> None:
         beats = 0

@@ -63,6 +63,8 @@ def main() -> None:
         return
     report("listening", endpoint=server.endpoint)
     server.start()
+    if options.record is not None:
+        server.record(options.record, lambda problem, path: report("record", text=problem or path, ok=not problem))
     said = ("", "")
     while not stop.wait(WATCH):
         status = server.loop.status()
@@ -81,6 +83,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port of Zenoh, 0 takes any free one")
     parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
     parser.add_argument("--data", type=Path, default=DEFAULT_FOLDER, help="folder of saved sessions and recordings")
+    parser.add_argument("--record", type=Path, help="MCAP file to record to from the start")
     parser.add_argument("--paused", action="store_true", help="do not play at the start")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])

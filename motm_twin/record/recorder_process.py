@@ -27,6 +27,7 @@ def main() -> None:
     try:
         recorder.run(stop, seconds=options.seconds)
     except RecordingFailed as error:
+        print(f"record: the recording has stopped: {error}; the robot goes on", file=sys.stderr)
         report("failed", text=str(error), **recorder.summary)
         leave(FAILED)
         return
