@@ -29,6 +29,7 @@ def main() -> None:
         report("refused", text=str(error))
         leave(BAD_INPUT)
         return
+    report("waiting", endpoint=options.endpoint)
     try:
         twin = open_member(options.endpoint, stop=stop)
         ros = twin if options.ros_endpoint is None else open_member(options.ros_endpoint, stop=stop)

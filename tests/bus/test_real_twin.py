@@ -12,6 +12,7 @@ from motm_twin.bus.commands import (
     AddObstacle,
     Announce,
     Branch,
+    Drive,
     FreezeBody,
     InjectFault,
     InsertTask,
@@ -232,6 +233,17 @@ def test_a_task_that_is_added_after_the_end_brings_the_run_back():
         assert running.loop.status().state == "playing"
         until(lambda: running.last.index > ended_at + SETTLE_PERIODS + 5, "it does not go on", 60.0)
         assert [task.status for task in running.last.tasks] == ["done", "active", "waiting"]
+
+
+def test_a_robot_that_is_done_can_be_driven_by_hand_and_is_done_again():
+    with Running(Twin, library=ShortLibrary("exp1"), first="exp1") as running:
+        running.ask(Play())
+        until(lambda: running.loop.status().state == "done", "it never ends", 60.0)
+        done(running, Drive(v=-0.2))
+        assert running.loop.status().state == "playing"
+        until(lambda: any("by hand" in tick.plan.status for tick in running.sink.ticks), "nobody drives it", 60.0)
+        until(lambda: running.loop.status().state == "done", "it never ends again", 60.0)
+        assert rerun(session(running)).ok
 
 
 def test_a_scene_can_be_loaded_while_somebody_drives(running):

@@ -12,7 +12,7 @@ from ear import direct, until
 from motm_twin.bus.commands import Load
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import free_port, open_member
+from motm_twin.bus.session import free_port, open_member, open_server
 from motm_twin.twin import Twin
 
 
@@ -27,7 +27,8 @@ class Bridge:
         self._thread.start()
 
     def _listen(self):
-        self.said += [json.loads(line) for line in self.process.stdout]
+        for line in self.process.stdout:
+            self.said.append(json.loads(line))
 
     def end(self):
         self.process.send_signal(signal.SIGTERM)
@@ -58,15 +59,41 @@ def test_it_waits_for_the_twin_and_finds_it_again():
     finally:
         code = bridge.end()
     assert code == 0
-    assert [event["event"] for event in bridge.said] == ["ros2", "ended"]
-    assert bridge.said[1]["sent"]["tf"] > 0
-    assert bridge.said[1]["unreadable"] == {}
+    assert [event["event"] for event in bridge.said] == ["waiting", "ros2", "ended"]
+    assert bridge.said[2]["sent"]["tf"] > 0
+    assert bridge.said[2]["unreadable"] == {}
+
+
+def test_the_ros_side_may_be_another_router():
+    port, router_port = free_port(), free_port()
+    router = open_server(router_port)
+    bridge = Bridge("--endpoint", f"tcp/127.0.0.1:{port}", "--ros-endpoint", f"tcp/127.0.0.1:{router_port}")
+    try:
+        with TwinServer(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), port=port):
+            heard(router_port, "tf")
+    finally:
+        code = bridge.end()
+        router.close()
+    assert code == 0
+
+
+def test_serve_starts_it_beside_the_twin():
+    port = free_port()
+    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--headless", "--zenoh-port", str(port)]
+    with subprocess.Popen([*command, "--ros2", "bridge"], stdout=subprocess.PIPE, text=True) as serve:
+        try:
+            heard(port, "tf")
+        finally:
+            serve.send_signal(signal.SIGINT)
+            said, _ = serve.communicate(timeout=30.0)
+    assert serve.returncode == 0
+    assert "ROS 2: topics in the form of zenoh-bridge-ros2dds" in said
 
 
 def test_it_ends_while_nobody_is_there():
     bridge = Bridge("--endpoint", f"tcp/127.0.0.1:{free_port()}")
-    until(lambda: bridge.process.poll() is None, "it ended by itself")
-    assert bridge.end() in (0, -signal.SIGTERM)  # by itself, or before it could notice
+    until(lambda: bridge.said, "it never began")
+    assert bridge.end() == 0
 
 
 @pytest.mark.parametrize(
