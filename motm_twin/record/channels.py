@@ -80,16 +80,16 @@ class Channel:
         return msgspec.json.encode(found)
 
 
-TICK = Channel("motm/tick", "motm.Tick", bus.TickMessage)
-STATUS = Channel("motm/status", "motm.Status", bus.StatusMessage)
-SCENE = Channel("motm/scene", "motm.Scene", RecordedScene)
-GRID = Channel("motm/grid", "motm.Grid", RecordedGrid)
-ROBOT = Channel("motm/robot", "motm.Robot", bus.RobotStateMessage)
-SCAN = Channel("motm/scan", "motm.Scan", bus.ScanMessage)
-EVENT = Channel("motm/event", "motm.Event", bus.NumberedEvent)
-METRICS = Channel("motm/metrics", "motm.Metrics", bus.MetricsMessage)
-SESSION = Channel("motm/session", "motm.Session", RecordedSession)
-PLOTS = Channel("motm/plots", "motm.Plots", PlotsMessage)
+TICK = Channel("/motm/tick", "motm.Tick", bus.TickMessage)
+STATUS = Channel("/motm/status", "motm.Status", bus.StatusMessage)
+SCENE = Channel("/motm/scene", "motm.Scene", RecordedScene)
+GRID = Channel("/motm/grid", "motm.Grid", RecordedGrid)
+ROBOT = Channel("/motm/robot", "motm.Robot", bus.RobotStateMessage)
+SCAN = Channel("/motm/scan", "motm.Scan", bus.ScanMessage)
+EVENT = Channel("/motm/event", "motm.Event", bus.NumberedEvent)
+METRICS = Channel("/motm/metrics", "motm.Metrics", bus.MetricsMessage)
+SESSION = Channel("/motm/session", "motm.Session", RecordedSession)
+PLOTS = Channel("/motm/plots", "motm.Plots", PlotsMessage)
 OURS = (TICK, STATUS, SCENE, GRID, ROBOT, SCAN, EVENT, METRICS, SESSION, PLOTS)
 
 

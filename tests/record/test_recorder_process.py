@@ -51,7 +51,7 @@ def test_killed_at_any_moment_it_loses_less_than_a_second(server, client, tmp_pa
         newest = client.tick().server_time
         recorder.kill()
         health = Health()
-        times = [json.loads(entry.data)["server_time"] for entry in read(path, health) if entry.topic == "motm/tick"]
+        times = [json.loads(entry.data)["server_time"] for entry in read(path, health) if entry.topic == "/motm/tick"]
         assert not health.complete
         assert newest - times[-1] <= MOST_LOST
 

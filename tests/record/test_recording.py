@@ -86,8 +86,8 @@ def test_a_recording_tells_what_is_in_it(whole):
     assert [run.edits for run in found.runs] == [3, 0]
     assert all(run.hashes for run in found.runs)
     topics = {channel.topic: channel for channel in found.channels}
-    assert topics["motm/tick"].messages >= BRANCHED + 11 + ENDED - BRANCHED
-    assert set(topics) >= {channel.topic for channel in ch.OURS} - {"motm/metrics"}
+    assert topics["/motm/tick"].messages >= BRANCHED + 11 + ENDED - BRANCHED
+    assert set(topics) >= {channel.topic for channel in ch.OURS} - {"/motm/metrics"}
     assert set(topics) >= {channel.topic for channel in ch.DRAWN}
 
 
@@ -106,14 +106,14 @@ def test_every_run_is_the_same_again_with_its_branch_and_with_half_of_its_past(f
 
 
 def test_without_any_session_the_ticks_alone_repeat_the_run(whole, tmp_path):
-    path = changed(whole, tmp_path / "x.mcap", lambda topic, message: None if topic == "motm/session" else message)
+    path = changed(whole, tmp_path / "x.mcap", lambda topic, message: None if topic == "/motm/session" else message)
     recording = load_recording(path)
     assert [rerun_run(recording, run).ok for run in recording.runs] == [True, True]
 
 
 def test_the_first_period_that_differs_is_named_with_its_fields(whole, tmp_path, capsys):
     def shift(topic, message):
-        if topic == "motm/tick" and message["index"] >= 17:
+        if topic == "/motm/tick" and message["index"] >= 17:
             message["robot"]["pose"][0] += 1e-6
             message["plan"]["expansions"] += 1
         return message
@@ -129,7 +129,7 @@ def test_the_first_period_that_differs_is_named_with_its_fields(whole, tmp_path,
 
 def test_another_state_behind_equal_periods_is_found_by_its_hash(whole, tmp_path):
     def other(topic, message):
-        if topic == "motm/session":
+        if topic == "/motm/session":
             message["session"]["state_hash"] = "0" * 64
         return message
 
@@ -141,7 +141,7 @@ def test_another_state_behind_equal_periods_is_found_by_its_hash(whole, tmp_path
 
 def test_an_edit_in_a_period_that_is_missing_is_not_made_up(whole, tmp_path):
     def thin(topic, message):
-        return None if topic == "motm/session" or (topic == "motm/tick" and message["index"] == 20) else message
+        return None if topic == "/motm/session" or (topic == "/motm/tick" and message["index"] == 20) else message
 
     recording = load_recording(changed(whole, tmp_path / "x.mcap", thin))
     report = rerun_run(recording, recording.runs[0])
