@@ -31,6 +31,7 @@ from motm_twin.ros2.wishes import Wishes
 WAITING = 100  # messages of the twin that may wait; a bridge that can not keep up skips the oldest
 LOOK = 0.1  # [s] between looks at the scene when nothing comes
 MARKERS_EVERY = 2  # periods
+ANSWER = 1.0  # [s] to wait for an answer of the twin
 
 Report = Callable[[str], None]
 
@@ -52,7 +53,8 @@ class Bridge:
         self._come, self._closed = threading.Event(), False
         self._wishes = Wishes(client, self._refuse)
         self._outlets = Outlets(ros, form, self._accept)
-        keys = Keys(client.keys.twin)
+        self._twin, self._keys = twin, Keys(client.keys.twin)
+        keys = self._keys
         self._subscribers = [
             twin.declare_subscriber(keys.robot, self._direct(self._robot)),
             twin.declare_subscriber(keys.scan, self._direct(self._scan)),
@@ -110,11 +112,23 @@ class Bridge:
             return
         before, self._scene = self._scene, scene
         self._markers.show(scene)
+        if before is None:
+            self._ask_for_the_last()
         if before is not None and before.robot == scene.robot:
             return
         self._model = RobotModel(scene.robot, self._meshes)
         self._publish(topics.ROBOT_DESCRIPTION, {"data": self._model.urdf})
         self._publish(topics.TF_STATIC, convert.tf_message(self._model.static(), 0.0))
+
+    def _ask_for_the_last(self) -> None:
+        """A twin that is paused says nothing by itself."""
+        keys = self._keys
+        handlers = {keys.robot: self._robot, keys.scan: self._scan, keys.tick: self._tick, keys.grid: self._grid}
+        for key, handle in handlers.items():
+            for reply in self._twin.get(key, timeout=ANSWER):
+                if reply.ok is not None:
+                    attached = reply.ok.attachment
+                    self._put(handle, key, reply.ok.payload.to_bytes(), *([attached.to_bytes()] if attached else []))
 
     def _robot(self, payload: bytes) -> None:
         robot = _ROBOT.decode(payload)
@@ -141,7 +155,7 @@ class Bridge:
         _require(tick.version, TICK_VERSION)
         self._publish(topics.PLAN, convert.plan_path(tick.plan.global_path, tick.time))
         self._publish(topics.LOCAL_PLAN, convert.local_path(tick.plan, tick.time))
-        if tick.index % MARKERS_EVERY == 0 or tick.preview:
+        if tick.index % MARKERS_EVERY == 0 or tick.preview or not self.sent[topics.MARKERS.name]:
             self._publish(topics.MARKERS, self._markers.array(tick))
 
     def _accept(self, topic: topics.Topic, payload: bytes) -> None:

@@ -64,6 +64,25 @@ def test_it_waits_for_the_twin_and_finds_it_again():
     assert bridge.said[2]["unreadable"] == {}
 
 
+def test_a_twin_that_is_paused_is_shown_as_it_stands():
+    library = FileLibrary("exp1")
+    with TwinServer(library=library, make_twin=Twin, first=Load(scene="exp1"), playing=False) as server:
+        until(lambda: server.loop.status().state == "paused", "the twin never started", 240.0)
+        session = open_member(server.endpoint)
+        got = set()
+        subscriber = session.declare_subscriber(
+            "0/**", direct(lambda sample: got.add(str(sample.key_expr).split("/")[1]))
+        )
+        bridge = Bridge("--endpoint", server.endpoint, "--form", "rmw")
+        try:
+            wanted = {"joint_states", "odom", "tf", "scan", "map", "plan", "local_plan", "markers", "clock"}
+            until(lambda: wanted <= got, "not all was said", 30.0)
+        finally:
+            subscriber.undeclare()
+            session.close()
+            bridge.end()
+
+
 def test_the_ros_side_may_be_another_router():
     port, router_port = free_port(), free_port()
     router = open_server(router_port)
