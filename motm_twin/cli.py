@@ -10,6 +10,7 @@ from rich.console import Console
 from tyro.conf import Positional
 
 from motm_twin.bus.cli_bus import send, twins, watch
+from motm_twin.external.cli_robot import robot
 from motm_twin.model.scene_error import SceneError
 from motm_twin.record.cli_record import info, record, recover, replay, rerun
 from motm_twin.record.session import SessionError
@@ -67,6 +68,8 @@ def serve(
     secure: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None,
     ros2: Literal["bridge", "rmw"] | None = None,
     data: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    plant: Literal["simulated", "zenoh", "mirror"] = "simulated",
+    connect: Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT")] = None,
 ) -> int:
     """Serve the twin in the browser, and its state on Zenoh.
 
@@ -84,6 +87,8 @@ def serve(
         secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
         ros2: Publish ROS 2 topics too, for zenoh-bridge-ros2dds (bridge) or rmw_zenoh (rmw).
         data: Folder of the files that the commands save and record write; without it ./recordings.
+        plant: zenoh: drive a robot in another program (docs/external_robot.md); mirror: only show it.
+        connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
     """
     from motm_twin.cli_serve import serve as serve_twin
 
@@ -101,6 +106,8 @@ def serve(
         secure=secure,
         ros2=ros2,
         data=data,
+        plant=plant,
+        connect=connect,
     )
 
 
@@ -187,6 +194,7 @@ def main() -> None:
                 "watch": watch,
                 "send": send,
                 "twins": twins,
+                "robot": robot,
                 "scene": scene,
                 "bench": bench,
                 "security": security,

@@ -40,6 +40,8 @@ def serve(
     ros2: str | None = None,
     record: Path | None = None,
     data: Path | None = None,
+    plant: str = "simulated",
+    connect: str | None = None,
 ) -> int:
     """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError for a scene that can not be used.
 
@@ -68,6 +70,7 @@ def serve(
     server += [] if seed is None else ["--seed", str(seed)]
     server += [] if data is None else ["--data", str(data)]
     server += [] if record is None else ["--record", str(record.resolve())]
+    server += ["--plant", plant] + ([] if connect is None else ["--connect", connect])
     supervisor.add(SERVER, "motm_twin.bus.server_process", [scene, *server])
     if not headless:
         page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]

@@ -18,7 +18,7 @@ from motm_twin.trial import run_scene
 
 @contextmanager
 def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> Iterator[ZenohPlant]:
-    """A reference robot in a process of its own, and the plant that drives it; it is ready as soon as it has come up."""
+    """A reference robot in a process of its own, and the plant that drives it once it has come up."""
     port = free_port()
     session = open_server(port)
     arguments = ["exp1", "--endpoint", f"tcp/{LOOPBACK}:{port}", "--clock", clock, "--child"]

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from motm_twin.external.emulator import LinkSpec
+
 Result = dict[str, Any]  # of one trial: what `motm-twin run --json` prints
 APPROACH = 0.02  # [m/s] a contact point faster than this towards the other moves into it
 
@@ -17,6 +19,7 @@ class Trial:
     scene: str
     variant: str | None = None
     seed: int | None = None
+    link: LinkSpec | None = None  # the robot in another process, behind this link, on a shared clock
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +76,11 @@ def _first_time(results: list[Result]) -> float:
     return first[0] if first else float("nan")
 
 
+def _share_of_in_process(results: list[Result]) -> float:
+    """Mean time through another process, as a share of the mean time of the same trials in one; nan unless all end."""
+    return _mean_time(results) / _mean_of("in_process_s")(results)
+
+
 def _contacts(results: list[Result]) -> float:
     return float(sum(len(result["contacts"]) for result in results))
 
@@ -105,8 +113,8 @@ def _done(picks: int, contacts: Callable[[list[Result]], float] = _contacts) -> 
     )
 
 
-def _published(scene: str) -> tuple[Trial, ...]:
-    return tuple(Trial(scene=scene, variant=f"trial{number}") for number in range(1, 11))
+def _published(scene: str, links: tuple[LinkSpec | None, ...] = (None,) * 10) -> tuple[Trial, ...]:
+    return tuple(Trial(scene=scene, variant=f"trial{number}", link=link) for number, link in enumerate(links, start=1))
 
 
 def _mean_limit(limit: float) -> Goal:
@@ -151,6 +159,30 @@ GROUPS: dict[str, Group] = {
             title="Experiment 2, four Temis drive round the table, seeds 0 to 9",
             trials=tuple(Trial(scene="exp2", variant="random", seed=seed) for seed in range(10)),
             goals=_done(60, _drove_into),
+        ),
+        Group(
+            name="external",
+            title="Experiment 1 with the robot in another process, on a shared clock",
+            trials=_published("exp1", (LinkSpec(),) * 10),
+            goals=(
+                *_done(60),
+                Goal(
+                    name="mean time by in-process",
+                    unit="",
+                    relation="<=",
+                    limit=1.05,
+                    measure=_share_of_in_process,
+                    decimals=3,
+                ),
+            ),
+        ),
+        Group(
+            name="external_bad_link",
+            title="The same through 50 ms latency, 20 ms jitter and 1 % loss in each direction",
+            trials=_published(
+                "exp1", tuple(LinkSpec(latency=0.05, jitter=0.02, loss=0.01, seed=seed) for seed in range(1, 11))
+            ),
+            goals=_done(60),
         ),
         Group(
             name="period",

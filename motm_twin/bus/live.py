@@ -16,6 +16,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.model.edits import Edit, InsertTask, MoveTask, ParameterValue, RemoveTask, SetParameter
 from motm_twin.model.scene import Scene
+from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import LoggedEdit
 
@@ -46,6 +47,47 @@ class LiveTwin:
         self._preview: Preview | None = None
         self._inspect, self._asked = Inspect(), False  # and whether it is new
         self._session: tuple[tuple[int, int, int], bytes] | None = None
+        self._robot: ExternalPlant | None = None
+        self._here = True  # as `ready` said last
+
+    @property
+    def mirror(self) -> bool:
+        """An external robot is shown, and not commanded."""
+        return self._robot is not None and self._robot.mirror
+
+    @property
+    def real_time(self) -> bool:
+        """Time passes by itself: the robot's clock is no simulated one."""
+        return self._robot is not None and not self._robot.shared
+
+    @property
+    def waiting(self) -> str:
+        """Why there is no robot; "" when there is one."""
+        return "" if self._here or self._robot is None else self._robot.text()
+
+    def ready(self) -> bool:
+        """Whether there is a robot; call it in the loop's thread."""
+        self._here = self._robot is None or self._robot.ready()
+        return self._here
+
+    def require_speed(self, factor: float) -> None:
+        """Raise Refused for a speed that time can not have."""
+        if self.real_time and factor != 1.0:
+            raise Refused("the time of this robot runs by itself: its speed is 1")
+
+    def status(self) -> dict[str, Any]:
+        """Its part of the status; from any thread."""
+        robot = self._robot
+        return {
+            "run": self.run,
+            "time": self.time,
+            "parameters": self.parameters,
+            "oldest": self.oldest,
+            "aside": self.aside,
+            "recorded": self.recorded,
+            "plant": "simulated" if robot is None else ("mirror" if robot.mirror else "zenoh"),
+            "plant_text": "" if robot is None else robot.text(),
+        }
 
     @property
     def index(self) -> int:
@@ -72,6 +114,7 @@ class LiveTwin:
         from motm_twin.record.branches import Branches  # imports the twin: slow, only once the server listens
 
         self.twin, self._branches = self._make_twin(scene), Branches()
+        self._robot = getattr(self.twin, "external", None)
         self._begin(self._server_time(), 0)
 
     def reset(self) -> None:
@@ -84,6 +127,8 @@ class LiveTwin:
 
     def require_branch(self, index: int) -> None:
         """Raise Refused when `branch` can not go back to the start of this period."""
+        if self._robot is not None:
+            raise Refused("a robot in another program can not go back in time")
         last = -1 if self.twin is None else self.twin.index
         if not self.oldest <= index <= last:
             raise Refused(f"period {index} is not kept: choose one from {self.oldest} to {last}")
@@ -114,6 +159,8 @@ class LiveTwin:
     def post(self, edit: Edit) -> None:
         """Take an edit for the next period. Raises Refused."""
         assert self.twin is not None
+        if self.mirror:
+            raise Refused("a mirror only shows the robot: nothing can be changed from here")
         if isinstance(edit, AddObstacle) and self._added() >= MAX_ADDED:
             raise Refused(f"{MAX_ADDED} obstacles were added already; remove one first")
         try:
@@ -128,7 +175,8 @@ class LiveTwin:
         """Compute one period. Only while time runs does the clock bound a search: single steps repeat bit for bit."""
         assert self.twin is not None
         assert self._branches is not None
-        self._branches.note(_any(self.twin), self.twin.index)
+        if self._robot is None:
+            self._branches.note(_any(self.twin), self.twin.index)
         self.oldest = self._branches.oldest
         self.tick = self.twin.advance(None if by_the_clock else SearchBudget())
         self._pending = []
@@ -150,7 +198,7 @@ class LiveTwin:
             return None
         if self._asked:
             self._asked, self.message = False, self._explained(self.message)
-        message = self._previewed(self.message) if self._pending else self.message
+        message = self._previewed(self.message) if self._pending and self._robot is None else self.message
         return msgspec.structs.replace(message, server_time=self._server_time()), self.tick
 
     def session(self) -> bytes:

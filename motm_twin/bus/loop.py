@@ -118,23 +118,18 @@ class TwinLoop:
         return StatusMessage(
             version=STATUS_VERSION,
             twin=self._twin_name,
-            run=live.run,
             server_time=self._server_time(),
             state=self._state,
-            text=self._text if busy else (source.error or self._text),
+            text=self._text if busy else (source.error or self._text or (live.waiting if playing else "")),
             scene=scene.name if scene else source.loaded.scene,
             variant=scene.variant if scene else (source.loaded.variant or ""),
             seed=scene.seed if scene else (source.loaded.seed or 0),
-            time=live.time,
             speed=self._pacer.speed,
             actual_speed=round(self._pacer.actual_speed(now), 2) if playing else 0.0,
             capped=playing and self._pacer.capped(now),
             scenes=source.choices,
             **self._wheel.shown(now),
-            parameters=live.parameters,
-            oldest=live.oldest,
-            aside=live.aside,
-            recorded=live.recorded,
+            **live.status(),
             reference_tour=self._tour,
             recording="" if self._keeper is None else self._keeper.recording,
         )
@@ -161,7 +156,7 @@ class TwinLoop:
     def _wait(self) -> float:
         """Seconds until there is something to compute."""
         if self._state == "playing":
-            return self._pacer.wait(time.monotonic())
+            return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
         if self._state == "paused" and self._steps > 0:
             return 0.0
         if self._outdated:
@@ -218,6 +213,7 @@ class TwinLoop:
                 play = self._state in ("playing", "done")
                 return lambda: self._restart(play)
             case Speed(factor=factor):
+                self._live.require_speed(factor)
                 self._pacer.speed = factor
                 self._pacer.restart()
                 self._sink.status()
@@ -378,15 +374,19 @@ class TwinLoop:
             self._set_state("playing" if play else "paused", text)
 
     def _advance(self) -> None:
+        if not self._live.ready():  # there is no robot
+            self._stop.wait(IDLE_WAIT)
+            return
         self._steps = max(0, self._steps - 1)
         self._pacer.started(time.monotonic())
         self._outdated = False
         began = time.perf_counter()
         message, tick = self._live.advance(by_the_clock=self._state == "playing")
         self.took = time.perf_counter() - began
-        self._sink.tick(message, tick, last=self._state != "playing" or tick.done)
-        self._settling = self._settling - 1 if tick.done else SETTLE_PERIODS
-        if tick.done and self._settling <= 0:
+        done = tick.done and not self._live.mirror
+        self._sink.tick(message, tick, last=self._state != "playing" or done)
+        self._settling = self._settling - 1 if done else SETTLE_PERIODS
+        if done and self._settling <= 0:
             self._play_on, self._steps = self._state == "playing", 0
             outcome = "all tasks are done" if tick.success else (tick.stop_reason or "the run ended without success")
             self._set_state("done", outcome)

@@ -3,10 +3,12 @@
 `server_process` is the program round it.
 """
 
+import functools
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -17,15 +19,25 @@ from motm_twin.bus.gate import CommandGate
 from motm_twin.bus.keeping import DEFAULT_FOLDER, Keeper
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.loop import TwinLoop
-from motm_twin.bus.ports import MakeTwin, SceneLibrary
+from motm_twin.bus.ports import MakeTwin, SceneLibrary, TwinLike
 from motm_twin.bus.publisher import Publisher
 from motm_twin.bus.schemas import names, schema
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
+from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
 
 HEARTBEAT = 0.5  # [s] between two status messages
 METRICS_EVERY = 2  # status messages
 LAST_WAIT = 1.0  # [s] for the current period to end when the server stops
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotChoice:
+    """A robot in another program."""
+
+    make_twin: Callable[[RobotLink, Scene], TwinLike]
+    mirror: bool = False  # it is shown, and never commanded
+    session: zenoh.Session | None = None  # where it is met; None: on the server's own
 
 
 class ServerClock:
@@ -54,7 +66,9 @@ class TwinServer:
         playing: bool = True,
         reference_tour: Callable[[Scene], float] | None = None,
         data: Path = DEFAULT_FOLDER,
+        robot: RobotChoice | None = None,
     ) -> None:
+        """``robot``: one in another program instead of the simulated one; ``make_twin`` is not used then."""
         self.keys = Keys(twin)
         self.port = port or free_port(host)
         self._session = open_server(self.port, host)
@@ -68,6 +82,10 @@ class TwinServer:
             changed=lambda: self._publisher.status(),  # noqa: PLW0108 - made later
             failed=self._recording_failed,
         )
+        self._robot = None
+        if robot is not None:
+            self._robot = RobotLink(robot.session or self._session, twin, listen_only=robot.mirror)
+            make_twin = functools.partial(robot.make_twin, self._robot)
         self.loop = TwinLoop(
             twin_name=twin,
             library=library,
@@ -122,6 +140,8 @@ class TwinServer:
             thread.join(LAST_WAIT)
         ended = not any(thread.is_alive() for thread in self._threads)
         if ended:
+            if self._robot is not None:
+                self._robot.close()
             self._publisher.close()
             self._session.close()
         return ended

@@ -2,9 +2,13 @@
 
 import argparse
 import functools
+import secrets
 import sys
+import threading
 import time
 from pathlib import Path
+
+import msgspec
 
 from motm_twin.bus.commands import Load
 from motm_twin.bus.keeping import DEFAULT_FOLDER
@@ -12,8 +16,9 @@ from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.ports import TwinLike
 from motm_twin.bus.process import Reporter, leave, stop_event
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import PortTaken
+from motm_twin.bus.server import RobotChoice, TwinServer
+from motm_twin.bus.session import PortTaken, open_member
+from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
@@ -30,6 +35,17 @@ def make_twin(scene: Scene, budget: SearchBudget) -> TwinLike:
 
     compile_kernels()
     return Twin(scene, budget=budget, clock=time.perf_counter)
+
+
+def make_external_twin(robot: RobotLink, scene: Scene, budget: SearchBudget, sender: str) -> TwinLike:
+    """A twin of a robot in another program; one that is only shown has nothing to do."""
+    from motm_twin.external.plant import ZenohPlant
+    from motm_twin.twin import Twin
+    from motm_twin.warm_up import compile_kernels
+
+    compile_kernels()
+    scene = msgspec.structs.replace(scene, tasks=()) if robot.listen_only else scene
+    return Twin(scene, budget=budget, clock=time.perf_counter, plant=ZenohPlant(robot, scene, sender=sender))
 
 
 def reference_tour(scene: Scene) -> float:
@@ -56,7 +72,11 @@ def main() -> None:
             playing=not options.paused,
             reference_tour=reference_tour,
             data=options.data,
+            robot=_robot(options, budget, stop),
         )
+    except TimeoutError:  # stopped before the router was there
+        leave(0)
+        return
     except (SceneError, PortTaken, ValueError) as error:
         report("refused", text=str(error))
         leave(BAD_INPUT)
@@ -75,6 +95,18 @@ def main() -> None:
     leave(0)
 
 
+def _robot(options: argparse.Namespace, budget: SearchBudget, stop: threading.Event) -> RobotChoice | None:
+    """The robot that is asked for; waits for the router where it is to be met."""
+    if options.plant == "simulated":
+        return None
+    sender = f"twin-{secrets.token_hex(4)}"
+    return RobotChoice(
+        make_twin=functools.partial(make_external_twin, budget=budget, sender=sender),
+        mirror=options.plant == "mirror",
+        session=None if options.connect is None else open_member(options.connect, stop=stop),
+    )
+
+
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m motm_twin.bus.server_process", description=__doc__)
     parser.add_argument("scene")
@@ -83,6 +115,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port of Zenoh, 0 takes any free one")
     parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
     parser.add_argument("--data", type=Path, default=DEFAULT_FOLDER, help="folder of saved sessions and recordings")
+    parser.add_argument("--plant", choices=("simulated", "zenoh", "mirror"), default="simulated", help="the robot")
+    parser.add_argument("--connect", help="router where the robot is met; without it, at this server")
     parser.add_argument("--record", type=Path, help="MCAP file to record to from the start")
     parser.add_argument("--paused", action="store_true", help="do not play at the start")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)

@@ -1,6 +1,7 @@
 """Between what the control loop uses (`model.plant`) and what travels (`external.messages`)."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -93,15 +94,17 @@ def detection_of(data: DetectionData, origin: float) -> Detection:
 
 def truth_data(truth: Truth, stamp: float, life: str) -> TruthData:
     """Ground truth as it travels."""
-    fields = {name: getattr(truth, name) for name in truth.__struct_fields__}
+    fields: dict[str, Any] = {name: getattr(truth, name) for name in truth.__struct_fields__}
     for name in _CLEARANCES:
         fields[name] = fields[name] if math.isfinite(fields[name]) else None
-    return TruthData(version=VERSION, life=life, stamp=stamp, **(fields | {"pose": vector(truth.pose)}))
+    fields["pose"] = vector(truth.pose)
+    return TruthData(version=VERSION, life=life, stamp=stamp, **fields)
 
 
 def truth_of(data: TruthData) -> Truth:
     """Received ground truth."""
-    fields = {name: getattr(data, name) for name in Truth.__struct_fields__}
+    fields: dict[str, Any] = {name: getattr(data, name) for name in Truth.__struct_fields__}
     for name in _CLEARANCES:
         fields[name] = math.inf if fields[name] is None else fields[name]
-    return Truth(**(fields | {"pose": array(data.pose, 3, "true pose")}))
+    fields["pose"] = array(data.pose, 3, "true pose")
+    return Truth(**fields)

@@ -1,52 +1,46 @@
 """A robot in another program as a Plant: observed where it will be when the next command acts, told by messages."""
 
 import time
-from collections.abc import Sequence
 
 import numpy as np
 
-from motm_twin.external.convert import array, detection_of, scan_of, truth_of, vector
+from motm_twin.external.convert import array, detection_of, scan_of, vector
 from motm_twin.external.messages import (
     LIFETIME,
     VERSION,
-    EditRequest,
     Info,
     ResetRequest,
     RobotCommand,
     RobotState,
-    TaskNotice,
 )
 from motm_twin.external.predictor import Motion, Predictor
 from motm_twin.external.robot_link import RESET_ANSWER, RobotLink
 from motm_twin.external.timing import ClockOffset, Lead
-from motm_twin.model.edits import WorldEdit
+from motm_twin.external.world import RemoteWorld
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.joint_limits import DQ_MAX
-from motm_twin.model.plant import Actuation, Detection, Observation, Scan, Truth
-from motm_twin.model.scene import Scene, Task
+from motm_twin.model.plant import Actuation, Detection, Observation, Scan
+from motm_twin.model.scene import Scene
 
 GONE = 1.0  # [s] without a state after which the robot is waited for
 AGAIN = 0.5  # [s] after which a grant that had no answer is sent again
 SILENT_WAIT = 0.05  # [s] that a step waits for a robot that has not answered the one before
 BEHIND = 0.2  # [s] that control falls behind the robot's clock before it skips what it missed
+LONGEST_STEP = 0.5  # [s] that a step waits at most
 ROUNDING = 1e-6  # [s]
 FIRST_STATES = 100  # steps of a shared clock in which a robot must have shown itself
 
 
-class NotPossible(ValueError):
-    """This robot can not do that; the message says what and why."""
-
-
-class ZenohPlant:
+class ZenohPlant(RemoteWorld):
     """Drives one robot. With ``mirror`` it only shows it: nothing is ever sent."""
 
     def __init__(self, link: RobotLink, scene: Scene, *, sender: str = "twin", reset: bool = True) -> None:
         """``reset``: put a robot that can be reset to the start of the scene before it is driven."""
-        self.link, self.scene, self.mirror = link, scene, link.listen_only
+        super().__init__(link)
+        self.scene = scene
         self._sender, self._reset_wanted = sender, reset and not self.mirror
         self._seq = time.time_ns() // 1000  # rises also when this program starts again
         self._predictor = Predictor(scene.robot, LIFETIME)
-        self._info: Info | None = None
         self._origin: float | None = None  # robot's clock at time 0 of the run
         self._to_odometry: Array | None = None  # of a robot that was started again: its odometry in the run's
         self._clock = ClockOffset()
@@ -68,10 +62,8 @@ class ZenohPlant:
 
     def ready(self) -> bool:
         """Whether there is a robot to observe now; takes up one that has come. Call it between periods."""
-        if self._info is not None and self.link.life == self._info.life:
-            here = self.shared or time.monotonic() - self.link.last_sign < GONE
-            if here and self._origin is not None:
-                return not self._silent_since or time.monotonic() - self._silent_since < GONE or self._answers()
+        if self._info is not None and self.link.life == self._info.life and self._origin is not None:
+            return self._fresh()
         return self._take_up()
 
     def text(self) -> str:
@@ -80,7 +72,7 @@ class ZenohPlant:
             return f"waiting for robot on {self.link.keys.root}/**"
         state: RobotState | None = self.link.newest("state")
         quiet = time.monotonic() - self.link.last_sign
-        if quiet > GONE and not (self.shared and not self._silent_since):
+        if quiet > GONE and (self._silent_since or self.mirror or not self.shared):
             return f"waiting for robot {self._info.name!r}: nothing was heard of it for {quiet:.0f} s"
         what = "shown only, not commanded" if self.mirror else f"commands are given {self._ahead() * 1e3:.0f} ms ahead"
         if state is not None and not self.mirror and state.commander not in ("", self._sender):
@@ -158,6 +150,9 @@ class ZenohPlant:
             if behind > BEHIND:
                 self._at += behind
                 self._interrupted = True
+            elif behind < -LONGEST_STEP:  # the clock of the robot is another one than was thought
+                self._at += behind
+                self._interrupted = True
             elif behind < 0.0:
                 time.sleep(-behind)
 
@@ -167,34 +162,6 @@ class ZenohPlant:
         if not self.mirror and not self.shared and self._robot_now() - self._at > BEHIND:
             self._at, interrupted = self._robot_now(), True
         return interrupted
-
-    def resynchronise(self) -> None:
-        """Control begins again after a pause."""
-        if not self.shared:
-            self._at = max(self._at, self._robot_now())
-        self._interrupted = True
-
-    def truth(self) -> Truth | None:
-        """Ground truth of a robot that tells it."""
-        data = self.link.newest("truth")
-        return None if data is None else truth_of(data)
-
-    def rehearsal(self) -> "RemoteRehearsal":
-        """Asks the robot about edits, one after another. Raises NotPossible."""
-        self._require("edit", "its world can not be changed from here: move the real things")
-        return RemoteRehearsal(self.link)
-
-    def apply(self, edit: WorldEdit) -> None:
-        """Change the world of a simulated robot; raises ValueError when it can not be."""
-        self._require("edit", "its world can not be changed from here: move the real things")
-        answer = self.link.ask(self.link.keys.edit, EditRequest(version=VERSION, check=False, edit=edit))
-        if not answer.ok:
-            raise ValueError(answer.reason)
-
-    def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """Tell the referee of a simulated robot the task list of now."""
-        if self._info is not None and "truth" in self._info.can and not self.mirror:
-            self.link.ask(self.link.keys.tasks, TaskNotice(version=VERSION, tasks=tuple(tasks)))
 
     def begin(self, scene: Scene) -> None:
         """Another run: a robot that can be reset begins again in this scene, another goes on from where it is."""
@@ -265,13 +232,6 @@ class ZenohPlant:
             self._detections = (data, seen)
         return self._detections[1]
 
-    def _require(self, capability: str, why: str) -> None:
-        if self.mirror:
-            raise NotPossible("a mirror only shows the robot: it changes nothing")
-        if self._info is None or capability not in self._info.can:
-            name = "there is no robot" if self._info is None else f"robot {self._info.name!r} is not simulated"
-            raise NotPossible(f"{name}: {why}")
-
     def _grant(self, until: float) -> None:
         """Shared clock: let time pass until then, and wait for the answer."""
         wait = SILENT_WAIT if self._silent_since else 2.0 * AGAIN
@@ -308,6 +268,13 @@ class ZenohPlant:
         state = self.link.newest("state")
         return -np.inf if state is None else state.stamp
 
+    def _fresh(self) -> bool:
+        """Whether the robot has shown itself lately."""
+        now = time.monotonic()
+        if self.shared and not self.mirror:
+            return not self._silent_since or now - self._silent_since < GONE or self._answers()
+        return now - self.link.last_sign < GONE
+
     def _take_up(self) -> bool:
         """Take up the robot that is there now; whether it can be observed."""
         state = self.link.newest("state")
@@ -337,7 +304,7 @@ class ZenohPlant:
         self._scan, self._detections = (None, None), (None, ())
         if self._origin is not None:  # the run goes on
             self._origin, self._interrupted = None, True
-        self._acts_at = -np.inf
+        self._at, self._acts_at = 0.0, -np.inf
 
     def _reset(self) -> bool:
         request = ResetRequest(version=VERSION, scene=self.scene)
@@ -362,11 +329,11 @@ class ZenohPlant:
                 if self._shown() or self._silent_since:
                     break
                 self._grant(self._at + 0.01)
-        if not self._shown():
+        if not self._shown() or not self._fresh() or self._clock.offset is None:
             return False
         state: RobotState = self.link.newest("state")
         if not self.shared or self.mirror:
-            self._at = max(state.stamp, self._robot_now()) if not self.mirror else state.stamp
+            self._at = state.stamp if self.mirror else max(state.stamp, self._robot_now())
         before = self._latest
         self._origin = self._at - (0.0 if before is None else before.time + 0.01)
         if before is not None:
@@ -378,21 +345,6 @@ class ZenohPlant:
 
     def _shown(self) -> bool:
         return all(self.link.newest(name) is not None for name in ("state", "scan"))
-
-
-class RemoteRehearsal:
-    """Edits that wait to be applied, tried by the robot."""
-
-    def __init__(self, link: RobotLink) -> None:
-        self._link, self._accepted = link, list[WorldEdit]()
-
-    def accept(self, edit: WorldEdit) -> None:
-        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
-        request = EditRequest(version=VERSION, check=True, before=tuple(self._accepted), edit=edit)
-        answer = self._link.ask(self._link.keys.edit, request)
-        if not answer.ok:
-            raise ValueError(answer.reason)
-        self._accepted.append(edit)
 
 
 def _moved(detection: Detection, T_run_odometry: Array) -> Detection:

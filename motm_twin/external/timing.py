@@ -7,6 +7,7 @@ BUCKET = 0.5  # [s] over which the best bound is kept
 BUCKETS = 20  # 10 s: a drift of 100 ppm is 1 ms in that time
 ARRIVALS = 200  # commands over which the longest way counts: 2 s
 SENT_KEPT = 500  # commands that wait to be heard of
+IN_TIME = 0.98  # share of the commands that must be there in time; a late one acts when it arrives
 MAX_LEAD = 0.3  # [s]
 LOWER_AFTER = 2.0  # [s] between two reductions of the lead
 
@@ -80,7 +81,9 @@ class Lead:
 
     def now(self, time: float) -> float:
         """The lead [s] to use at ``time`` [s]: it rises at once, and falls by one step in two seconds."""
-        needed = math.ceil(max(self._ways, default=0.0) / self._step - 1e-6) * self._step
+        ways = sorted(self._ways)
+        longest = ways[int(IN_TIME * (len(ways) - 1))] if ways else 0.0
+        needed = math.ceil(longest / self._step - 1e-6) * self._step
         if needed > self._lead:
             self._lead, self._lowered = needed, time
         elif needed < self._lead - 0.5 * self._step and time - self._lowered >= LOWER_AFTER:

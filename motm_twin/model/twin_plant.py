@@ -41,6 +41,11 @@ class ExternalPlant(TwinPlant, Protocol):
 
     mirror: bool  # it is shown, and not commanded
 
+    @property
+    def shared(self) -> bool:
+        """Its time passes only as far as it is granted."""
+        ...
+
     def begin(self, scene: Scene) -> None:
         """Another run begins."""
         ...
