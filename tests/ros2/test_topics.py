@@ -26,11 +26,13 @@ def ear(served, request):
         yield listener
 
 
-def matched(messages, kept, stamp):
-    """Pairs of a ROS 2 message and the twin's own of the same time."""
-    pairs = [(message, kept[at(stamp(message))]) for message in messages if at(stamp(message)) in kept]
-    assert pairs, "no instant is in both"
-    return pairs
+def matched(ear, topic, count, kept, stamp):
+    """Pairs of a ROS 2 message and the twin's own of the same time, from the newest ``count`` messages."""
+
+    def pairs():
+        return [(message, kept[at(stamp(message))]) for message in ear.wait(topic, count) if at(stamp(message)) in kept]
+
+    return until(pairs, "no instant is in both")
 
 
 def of_header(message):
@@ -49,7 +51,7 @@ def test_every_topic_comes_and_is_read_by_both_distributions(ear, topic):
 
 
 def test_joints_are_those_of_the_robot_at_that_time(ear):
-    for message, robot in matched(ear.wait(topics.JOINT_STATES, 20), ear.robot, of_header):
+    for message, robot in matched(ear, topics.JOINT_STATES, 20, ear.robot, of_header):
         half = 0.5 * robot.gripper_width
         assert message.name == [*robot.joint_names, "panda_finger_joint1", "panda_finger_joint2"]
         assert message.position.tolist() == [*robot.q, half, half]
@@ -58,7 +60,7 @@ def test_joints_are_those_of_the_robot_at_that_time(ear):
 
 
 def test_odometry_is_that_of_the_wheels(ear):
-    for message, robot in matched(ear.wait(topics.ODOM, 20), ear.robot, of_header):
+    for message, robot in matched(ear, topics.ODOM, 20, ear.robot, of_header):
         place, twist = message.pose.pose.position, message.twist.twist
         q = message.pose.pose.orientation
         assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
@@ -79,7 +81,7 @@ def test_the_clock_follows_the_robot(ear):
 
 def test_transforms_make_one_tree_that_has_every_frame_where_the_twin_has_it(served, ear):
     static = latest(served, ear.form, topics.TF_STATIC).transforms
-    for message, robot in matched(ear.wait(topics.TF, 20), ear.robot, lambda m: m.transforms[0].header.stamp):
+    for message, robot in matched(ear, topics.TF, 20, ear.robot, lambda m: m.transforms[0].header.stamp):
         tree = {item.child_frame_id: item for item in (*static, *message.transforms)}
         assert len(tree) == len(static) + len(message.transforms), "a frame has two parents"
         assert {*robot.frames, "odom"} <= set(tree)
@@ -103,7 +105,7 @@ def on_map(tree, name):
 
 def test_a_sweep_has_its_beams_and_infinity_for_none(served, ear):
     lidar = served.client.scene().robot.lidar
-    for message, scan in matched(ear.wait(topics.SCAN, 10), ear.scan, of_header):
+    for message, scan in matched(ear, topics.SCAN, 10, ear.scan, of_header):
         assert message.header.frame_id == "lidar"
         assert message.ranges.size == len(scan.ranges) == lidar.beams
         wanted = np.array([math.inf if value is None else value for value in scan.ranges], dtype=np.float32)
@@ -116,7 +118,7 @@ def test_a_sweep_has_its_beams_and_infinity_for_none(served, ear):
 
 
 def test_the_map_is_the_grid_of_the_twin(ear):
-    for message, (info, cells) in matched(ear.wait(topics.MAP, 2), ear.grids, of_header):
+    for message, (info, cells) in matched(ear, topics.MAP, 2, ear.grids, of_header):
         data = np.frombuffer(cells, dtype=np.uint8)
         assert (message.info.width, message.info.height) == (info["width"], info["height"])
         assert message.info.resolution == pytest.approx(info["resolution"])
@@ -128,9 +130,9 @@ def test_the_map_is_the_grid_of_the_twin(ear):
 
 
 def test_plans_are_those_of_the_tick(ear):
-    for message, tick in matched(ear.wait(topics.PLAN, 10), ear.ticks, of_header):
+    for message, tick in matched(ear, topics.PLAN, 10, ear.ticks, of_header):
         assert [[p.pose.position.x, p.pose.position.y] for p in message.poses] == tick.plan.global_path
-    for message, tick in matched(ear.wait(topics.LOCAL_PLAN, 10), ear.ticks, of_header):
+    for message, tick in matched(ear, topics.LOCAL_PLAN, 10, ear.ticks, of_header):
         assert message.header.frame_id == "map"
         assert [[p.pose.position.x, p.pose.position.y] for p in message.poses] == [
             pose[:2] for pose in tick.plan.local_poses
@@ -140,7 +142,7 @@ def test_plans_are_those_of_the_tick(ear):
 
 
 def test_markers_show_candidates_by_cost_and_every_body_where_it_is(served, ear):
-    pairs = matched(ear.wait(topics.MARKERS, 10), ear.ticks, lambda m: m.markers[0].header.stamp)
+    pairs = matched(ear, topics.MARKERS, 10, ear.ticks, lambda m: m.markers[0].header.stamp)
     for message, tick in pairs:
         found = {(marker.ns, marker.id): marker for marker in message.markers}
         assert len(found) == len(message.markers), "a marker is there twice"
