@@ -165,9 +165,9 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     """What became of a command. A refused one had no effect."""
 
     version: str = ANSWER_VERSION
-    ok: bool
+    ok: bool  # whether it was done
     reason: str = ""  # why it was refused
-    server_time: float = 0.0
+    server_time: float = 0.0  # [s] now, on the clock of the server
     index: int = -1  # last period before the command takes effect
     text: str = ""  # more about what was done
     path: str = ""  # of the file on the server, for save and record

@@ -31,55 +31,55 @@ class RobotMessage(msgspec.Struct, frozen=True, kw_only=True):
     twist: Vector  # forward speed [m/s], yaw rate [rad/s]
     q: Vector  # arm joints, 7
     dq: Vector  # arm joint rates [rad/s], 7
-    gripper_width: float
+    gripper_width: float  # [m] between the finger pads
 
 
 class BodyMessage(msgspec.Struct, frozen=True, kw_only=True):
     """An object, agent or added obstacle, as it truly is."""
 
-    name: str
-    kind: str
+    name: str  # unique in the scene
+    kind: str  # cube | temi | person | box | cylinder | table | ...
     position: Vector  # centre of an object, floor point of anything else
-    yaw: float
-    state: str
-    size: Vector
+    yaw: float  # [rad]
+    state: str  # objects: resting | held | binned:<bin> | dropped; agents: driving | waiting | held | ...
+    size: Vector  # extents x, y, z [m]
 
 
 class TaskMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One entry of the task list."""
 
-    kind: str
-    target: str
-    status: str
-    attempts: int
+    kind: str  # pick | place | drive_to
+    target: str  # object, bin, or "(x, y)"
+    status: str  # waiting | active | done | failed
+    attempts: int  # so far
 
 
 class BeliefMessage(msgspec.Struct, frozen=True, kw_only=True):
     """Where the robot believes an object is."""
 
     name: str
-    position: Vector
-    yaw: float
-    position_sd: float
-    seen: bool
-    held: bool
+    position: Vector  # centre x, y, z, world
+    yaw: float  # [rad]
+    position_sd: float  # [m] how sure
+    seen: bool  # by the palm camera
+    held: bool  # in the gripper
 
 
 class PlacementMessage(msgspec.Struct, frozen=True, kw_only=True):
     """Candidate base poses with both costs, or why each is rejected."""
 
-    mode: str
-    radius: float
+    mode: str  # ring | reach (any free pose in reach) | closest (free place) | drive | none
+    radius: float  # [m] of the ring
     poses: Vectors  # (n, 3)
     cost_current: list[MaybeNumber]  # [s]
     cost_next: list[MaybeNumber]  # [s]
     cost: list[MaybeNumber]  # [s]
-    rejected: list[str]
-    chosen: int
+    rejected: list[str]  # why a candidate is out; "": it is not
+    chosen: int  # index of the chosen one; -1: none
     goal: list[MaybeNumber]  # the heading is null when any will do
-    goal_has_heading: bool
-    reason: str
-    next_goal: list[MaybeNumber] | None
+    goal_has_heading: bool  # whether the heading of the goal matters
+    reason: str  # one sentence
+    next_goal: list[MaybeNumber] | None  # of the target after this one
 
 
 class InspectedMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -93,109 +93,109 @@ class InspectedMessage(msgspec.Struct, frozen=True, kw_only=True):
 class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
     """What the base does and the plan behind it."""
 
-    status: str
-    reason: str
-    acceleration: Vector
-    global_path: Vectors
-    next_path: Vectors
-    intermediate_goal: list[MaybeNumber]
-    local_poses: Vectors  # (j, 5)
-    local_times: Vector
-    bezier: Vectors
-    expansions: int
-    cut_by_clock: bool
-    t_h: MaybeNumber
-    k: float
-    time_to_range: MaybeNumber
+    status: str  # goal (reached by the search) | aborted (best so far) | braking | idle
+    reason: str  # one sentence when there is no plan
+    acceleration: Vector  # chosen: forward [m/s^2], yaw [rad/s^2]
+    global_path: Vectors  # robot to goal, shape (m, 2)
+    next_path: Vectors  # goal to the next target, shape (k, 2)
+    intermediate_goal: list[MaybeNumber]  # x, y, heading that the local search goes for
+    local_poses: Vectors  # (j, 5): x, y, heading, v, w
+    local_times: Vector  # [s] of the local poses, from now
+    bezier: Vectors  # curve behind the local plan, shape (n, 2)
+    expansions: int  # of the search
+    cut_by_clock: bool  # the search ended because time was up
+    t_h: MaybeNumber  # [s] predicted time to the goal
+    k: float  # scale of the proximity penalty
+    time_to_range: MaybeNumber  # [s] until the target is in reach; 0: it is
     staa_path: Vectors = []  # shortest path of unmodified STAA*, when asked for
 
 
 class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One arm step, and why."""
 
-    time: float
-    phase: str
-    base_twist: Vector
-    joint_velocity: Vector
-    gripper: str
-    reference: Vector
-    error: MaybeNumber
-    tilt: MaybeNumber
-    slack: list[MaybeNumber]
-    manipulability: MaybeNumber
-    active: list[str]
-    limiter: str
-    obstacle_distance: MaybeNumber
-    allowed_approach: MaybeNumber
-    qp_status: str
-    holding: bool
-    outcome: str
-    reason: str
+    time: float  # [s]
+    phase: str  # stow | transit | final | closing | lift | carry | release | retry | ...
+    base_twist: Vector  # commanded: forward [m/s], yaw [rad/s]
+    joint_velocity: Vector  # commanded [rad/s], 7
+    gripper: str  # open | close
+    reference: Vector  # wanted tool centre point, odometry frame
+    error: MaybeNumber  # [m] from the reference
+    tilt: MaybeNumber  # [rad] of the tool from the vertical
+    slack: list[MaybeNumber]  # of the end effector's velocity, 6
+    manipulability: MaybeNumber  # of the arm
+    active: list[str]  # names of the active rows and bounds of the quadratic program
+    limiter: str  # obstacle that limits the gripper now; "": none
+    obstacle_distance: MaybeNumber  # [m] of the gripper to it
+    allowed_approach: MaybeNumber  # [m/s] towards it
+    qp_status: str  # solved | damped stop: <reason>
+    holding: bool  # an object is in the gripper
+    outcome: str  # picked | placed | missed | lost, when that was found in this step
+    reason: str  # one sentence when the arm waits
 
 
 class EventMessage(msgspec.Struct, frozen=True, kw_only=True):
     """Something worth telling."""
 
-    time: float
-    kind: str
-    text: str
+    time: float  # [s] simulated
+    kind: str  # as on the key `event`
+    text: str  # one sentence
 
 
 class ContactMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One contact, as the referee saw it."""
 
-    time: float
-    body: str
-    other: str
-    depth: float
-    closing_speed: float
-    other_speed: float
+    time: float  # [s] when it began
+    body: str  # of the robot: base, panda_link5, panda_hand, held:<cube>, ...
+    other: str  # what it touched
+    depth: float  # [m] largest
+    closing_speed: float  # [m/s] of the robot towards the other, when it began
+    other_speed: float  # [m/s] of the other towards the robot
     caused_by_robot: bool
-    duration: float
+    duration: float  # [s]
 
 
 class ScoreMessage(msgspec.Struct, frozen=True, kw_only=True):
     """The referee's count so far."""
 
-    picks: int
-    places: int
-    drops: int
-    contacts: list[ContactMessage]
-    min_base_clearance: MaybeNumber
-    min_arm_clearance: MaybeNumber
-    min_ee_obstacle: MaybeNumber
-    ee_obstacle: MaybeNumber
+    picks: int  # so far
+    places: int  # so far
+    drops: int  # so far
+    contacts: list[ContactMessage]  # so far
+    min_base_clearance: MaybeNumber  # [m] so far
+    min_arm_clearance: MaybeNumber  # [m] so far
+    min_ee_obstacle: MaybeNumber  # [m] gripper to anything that is not in the map, so far
+    ee_obstacle: MaybeNumber  # [m] the same now
     path_length: float = 0.0  # [m] driven by the base so far
 
 
 class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One control period without its map, which is sent apart."""
 
-    version: str
+    version: str  # motm.tick/1
     run: int  # counts loads, resets and branches of this server
     server_time: float  # [s] when it was sent, on the server's clock
-    index: int
+    index: int  # of the period, from 0
     time: float  # [s] simulated
-    robot: RobotMessage
-    objects: list[BodyMessage]
-    agents: list[BodyMessage]
-    obstacles: list[BodyMessage]
-    tasks: list[TaskMessage]
-    task_index: int
-    beliefs: list[BeliefMessage]
-    placement: PlacementMessage
-    plan: PlanMessage
-    arm: list[ArmMessage]
-    stop_reason: str
-    events: list[EventMessage]
-    stage_ms: dict[str, float]
-    score: ScoreMessage | None
-    done: bool
-    success: bool
+    robot: RobotMessage  # as localised, and as it truly is
+    objects: list[BodyMessage]  # cubes, as they truly are
+    agents: list[BodyMessage]  # Temis and persons of the scene
+    obstacles: list[BodyMessage]  # added by a person or program
+    tasks: list[TaskMessage]  # the list
+    task_index: int  # of the active task; the number of tasks when all have ended
+    beliefs: list[BeliefMessage]  # where the robot believes the objects to be
+    placement: PlacementMessage  # candidate base poses and their costs
+    plan: PlanMessage  # of the base
+    arm: list[ArmMessage]  # arm steps of this period, oldest first
+    stop_reason: str  # one sentence whenever the robot stands or is slowed; "": it is not
+    events: list[EventMessage]  # of this period
+    stage_ms: dict[str, float]  # [ms] of wall time, by stage of the period
+    score: ScoreMessage | None  # the referee's; null without ground truth
+    done: bool  # all tasks have ended
+    success: bool  # all tasks are done
     furniture: list[BodyMessage] = []  # pieces that stand elsewhere than in the scene: reference point, turn as yaw
     removed: list[str] = []  # pieces and agents of the scene that are gone
     faults: list[str] = []  # injected faults that last, one phrase each
-    inspected: InspectedMessage | None = None
+    inspected: InspectedMessage | None = None  # paths of a candidate, as asked for by `inspect`
     began: float = 0.0  # [s] server time of the load or reset; a branch keeps it: its past is that of the run before
     first: int = 0  # first period of this run: where it branched from another, else 0
     past: int = -1  # run whose periods before `first` this one shares; -1: the run before, if `began` is the same
@@ -206,30 +206,30 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
 class SceneChoice(msgspec.Struct, frozen=True, kw_only=True):
     """One scene that can be loaded."""
 
-    name: str
-    title: str
-    variants: list[str]
+    name: str  # for `load`
+    title: str  # to be shown
+    variants: list[str]  # for `load`
 
 
 class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     """The server itself: sent on every change, and twice a second as a sign of life."""
 
-    version: str
-    twin: str
-    run: int
+    version: str  # motm.status/1
+    twin: str  # name
+    run: int  # counts loads, resets and branches
     server_time: float  # [s] expiry times of commands are on this clock
     state: str  # loading | playing | paused | done | error
     text: str  # one sentence about the state
-    scene: str
-    variant: str
-    seed: int
+    scene: str  # name
+    variant: str  # "": the scene has none
+    seed: int  # of noise and random arrangements
     time: float  # [s] simulated
     speed: float  # wanted real-time factor
     actual_speed: float  # reached over the last second
     capped: bool  # the machine can not keep up with the wanted speed
-    scenes: list[SceneChoice]
+    scenes: list[SceneChoice]  # that can be loaded
     driver: str = ""  # sender that holds the wheel; "": nobody, the next who acts takes it
-    driver_name: str = ""
+    driver_name: str = ""  # to be shown
     driver_left: float = 0.0  # [s] of silence after which the wheel is free
     parameters: dict[str, ParameterValue] = {}  # those that were changed, by name
     oldest: int = 0  # first period that `branch` can go back to
@@ -244,62 +244,62 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
     """Attachment of a grid: how to read its bytes."""
 
-    version: str
-    run: int
+    version: str  # motm.grid/1
+    run: int  # as in the ticks
     encoding: str  # "u8: 255 occupied, else 254 * proximity; rows from y_min to y_max"
-    resolution: float
+    resolution: float  # [m] side of a cell
     origin: Vector  # world corner of the first cell, shape (2,)
-    width: int
-    height: int
-    stamp: float
+    width: int  # cells
+    height: int  # cells
+    stamp: float  # [s] simulated
 
 
 class RobotStateMessage(msgspec.Struct, frozen=True, kw_only=True):
     """The robot at one instant, 50 times a second of simulated time."""
 
-    version: str
-    run: int
+    version: str  # motm.robot/1
+    run: int  # as in the ticks
     server_time: float  # [s] when it was sent
     time: float  # [s] simulated, or on the clock of the external robot
     pose: Vector  # localised base pose x, y, heading, world
     odometry: Vector  # dead-reckoned base pose x, y, heading
     twist: Vector  # forward speed [m/s], yaw rate [rad/s]
-    joint_names: list[str]
+    joint_names: list[str]  # panda_joint1 to 7
     q: Vector  # arm joints, 7
     dq: Vector  # arm joint rates [rad/s], 7
-    gripper_width: float
-    gripper_moving: bool
+    gripper_width: float  # [m] between the finger pads
+    gripper_moving: bool  # the fingers open or close
     frames: dict[str, Vector]  # world frame: x, y, z, then the quaternion w, x, y, z
 
 
 class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One sweep of the lidar; beam i points at ``angle_min + i * angle_step`` in the base frame."""
 
-    version: str
-    run: int
-    server_time: float
+    version: str  # motm.scan/1
+    run: int  # as in the ticks
+    server_time: float  # [s] when it was sent
     stamp: float  # [s]
     pose: Vector  # localised base pose at the stamp, world
     origin: Vector  # sensor position in the base frame, shape (2,)
-    angle_min: float
-    angle_step: float
-    range_min: float
-    range_max: float
+    angle_min: float  # [rad]
+    angle_step: float  # [rad]
+    range_min: float  # [m]
+    range_max: float  # [m]
     ranges: list[MaybeNumber]  # null: no return within range_max
 
 
 class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True):
     """An event on its own key. Numbers rise by one without gaps for as long as the server lives."""
 
-    version: str
+    version: str  # motm.event/1
     seq: int  # from 1
     numbered_since: float = 0.0  # [s] server time of the start of the server; another one: the numbers began again
-    run: int
-    server_time: float
+    run: int  # as in the ticks
+    server_time: float  # [s] when it was sent
     index: int  # period
     time: float  # [s] simulated
     kind: str  # picked placed missed lost arrived failed contact stop go edit loaded reset branch done error
-    text: str
+    text: str  # one sentence
     body: str = ""  # contact: of the robot
     other: str = ""  # contact: what it touched; else the object or bin
     caused_by_robot: bool | None = None  # contact only
@@ -308,7 +308,7 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True):
 class EventsMessage(msgspec.Struct, frozen=True, kw_only=True):
     """Answer to a query ``event?from=SEQ``: the events from that number on, as far as they are kept."""
 
-    version: str
+    version: str  # motm.events/1
     numbered_since: float  # [s] as in each event
     oldest: int  # number of the oldest event that is kept
     newest: int  # number of the newest; 0 before the first
@@ -318,28 +318,28 @@ class EventsMessage(msgspec.Struct, frozen=True, kw_only=True):
 class MetricsMessage(msgspec.Struct, frozen=True, kw_only=True):
     """How it goes, once a second."""
 
-    version: str
-    run: int
-    server_time: float
+    version: str  # motm.metrics/1
+    run: int  # as in the ticks
+    server_time: float  # [s] when it was sent
     time: float  # [s] simulated
-    state: str
-    speed: float
-    actual_speed: float
+    state: str  # as in the status
+    speed: float  # wanted real-time factor
+    actual_speed: float  # reached
     period_ms: dict[str, float]  # p50, p99, max of the last 10 s of periods
     stage_ms: dict[str, float]  # mean of the last second, by stage
     overruns: int  # periods that took longer than 50 ms, this run
-    tasks_done: int
-    tasks_total: int
-    picks: int
-    places: int
-    drops: int
-    contacts: int
-    contacts_caused_by_robot: int
-    path_length: float
-    min_base_clearance: MaybeNumber
-    min_arm_clearance: MaybeNumber
-    min_ee_obstacle: MaybeNumber
-    reference_tour: MaybeNumber
+    tasks_done: int  # of the list
+    tasks_total: int  # of the list
+    picks: int  # so far
+    places: int  # so far
+    drops: int  # so far
+    contacts: int  # so far
+    contacts_caused_by_robot: int  # so far
+    path_length: float  # [m] driven
+    min_base_clearance: MaybeNumber  # [m] so far
+    min_arm_clearance: MaybeNumber  # [m] so far
+    min_ee_obstacle: MaybeNumber  # [m] so far
+    reference_tour: MaybeNumber  # [s] lower bound of the time for this scene
     memory_mb: float  # resident memory of the server process
 
 

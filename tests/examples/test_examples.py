@@ -1,0 +1,82 @@
+"""Every example runs against a real twin, and the texts show the examples as they are."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from waiting import until
+
+from motm_twin.bus.commands import Load
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.server import TwinServer
+from motm_twin.twin import Twin
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    with TwinServer(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), data=data) as running:
+        until(lambda: running.loop.status().state == "playing", "the twin never started", 240.0)
+        yield running
+
+
+def run(name, *arguments):
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name, *arguments], capture_output=True, text=True, timeout=200.0, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_a_program_with_zenoh_alone_reads_commands_and_hears(server):
+    said = run("plain_zenoh.py", server.endpoint)
+    assert "exp1 trial1 is playing" in said
+    assert "was refused: 'nobody'" in said or "nobody" in said
+    assert "edit: add_obstacle example_box" in said
+    assert said.endswith("done\n")
+
+
+def test_the_plain_example_needs_nothing_of_this_package():
+    for name in ("plain_zenoh.py", "listen.py"):
+        assert "motm_twin" not in (EXAMPLES / name).read_text(encoding="utf-8"), name
+
+
+def test_listening_prints_ticks(server):
+    command = [sys.executable, EXAMPLES / "listen.py", server.endpoint]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        line = process.stdout.readline()
+        process.terminate()
+    assert line.startswith('motm/frankie/tick {"version":"motm.tick/1"')
+
+
+def test_the_speed_is_plotted(server, tmp_path):
+    pytest.importorskip("matplotlib")
+    said = run("plot_speed.py", "--endpoint", server.endpoint, "--seconds", "1", "--save", str(tmp_path / "speed.png"))
+    assert len(said.splitlines()) > 5
+    assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_obstacle_chases_the_robot(server):
+    said = run("chasing_obstacle.py", "--endpoint", server.endpoint, "--seconds", "2")
+    assert said.startswith("chased for 2.")
+
+
+@pytest.mark.slow
+def test_the_rig_runs_a_scene_at_full_speed_and_asserts(server):
+    said = run("test_rig.py", "exp1", "--variant", "trial1", "--places", "1", "--endpoint", server.endpoint)
+    assert said.startswith("1 placed after")
+    assert "picked" in said
+    assert "placed" in said
+
+
+@pytest.mark.parametrize(("text", "example"), [("README.md", "listen.py"), ("docs/zenoh.md", "plain_zenoh.py")])
+def test_what_a_text_shows_is_the_example(text, example):
+    page = (ROOT / text).read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.S)
+    wanted = (EXAMPLES / example).read_text(encoding="utf-8")
+    assert wanted in blocks, f"{text} does not show examples/{example} as it is"
