@@ -18,6 +18,7 @@ from pathlib import Path
 import msgspec
 
 from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Play
 from motm_twin.bus.session import free_port
 from motm_twin.record.channels import TICK
 from motm_twin.record.reader import Health, read
@@ -64,6 +65,10 @@ def _kill(client: TwinClient, twin: str, path: Path) -> float:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recorder:
         assert recorder.stdout is not None
         recorder.stdout.readline()
+        status = client.status()
+        if status is not None and status.state == "done":  # begin again: where nothing happens nothing is lost
+            client.command(Play())
+            _until(lambda: (status := client.status()) is not None and status.state == "playing")
         time.sleep(random.uniform(1.0, 3.0))
         newest = client.tick()
         recorder.kill()

@@ -1,6 +1,7 @@
 """Writes an MCAP file so that hardly anything is lost, whatever ends the program: small chunks, each forced to disk."""
 
 import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,14 +20,24 @@ class RecordingFailed(Exception):
 
 
 class _Raw:
-    """The file below the writer: nothing is buffered, and a write is whole or raises OSError."""
+    """The file below the writer: nothing is buffered, and a write is whole or raises OSError.
+
+    A written chunk survives the end of this program; a thread forces it to the disk, so that it survives the end of the
+    machine as well. A slow disk then delays nothing.
+    """
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._position = 0
+        self._problem: OSError | None = None  # of the thread
+        self._written, self._closing = threading.Event(), False
+        self._thread = threading.Thread(target=self._sync, name="disk", daemon=True)
+        self._thread.start()
 
     def write(self, data: bytes) -> int:
         """Write all of it."""
+        if self._problem is not None:
+            raise self._problem
         rest = memoryview(data)
         while rest:
             written = os.write(self._descriptor, rest)
@@ -39,16 +50,30 @@ class _Raw:
         return self._position
 
     def flush(self) -> None:
-        """Onto the disk."""
-        os.fdatasync(self._descriptor)
+        """Onto the disk, soon."""
+        self._written.set()
 
     def cut(self, length: int) -> None:
         """Forget what comes after."""
         os.ftruncate(self._descriptor, length)
 
     def close(self) -> None:
-        """Close it."""
+        """Close it, with all of it on the disk."""
+        self._closing = True
+        self._written.set()
+        self._thread.join()
         os.close(self._descriptor)
+        if self._problem is not None:
+            raise self._problem
+
+    def _sync(self) -> None:
+        while not self._closing and self._problem is None:
+            self._written.wait()
+            self._written.clear()
+            try:
+                os.fdatasync(self._descriptor)
+            except OSError as error:
+                self._problem = error
 
 
 class McapFile:
@@ -95,7 +120,7 @@ class McapFile:
         )
 
     def save(self) -> None:
-        """Close the chunk and force it to the disk: from now on nothing of it can be lost."""
+        """Close the chunk and hand it to the system: from now on no end of this program loses it."""
         self._do(self._writer.flush)
         self._whole = self._raw.tell()
 
@@ -104,10 +129,17 @@ class McapFile:
         try:
             if not self._failed:
                 self._do(self._writer.finish)
-                self._do(self._raw.flush)
                 self._whole = self._raw.tell()
         finally:
+            self._close_raw()
+
+    def _close_raw(self) -> None:
+        try:
             self._raw.close()
+        except OSError as error:
+            if not self._failed:
+                self._failed = True
+                raise RecordingFailed(f"{self.path}: {error.strerror or error}") from error
 
     def _channel(self, channel: Channel) -> int:
         if channel.topic not in self._channels:
