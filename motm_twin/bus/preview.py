@@ -11,11 +11,14 @@ import msgspec
 
 from motm_twin.bus.encode import bodies
 from motm_twin.bus.messages import TaskMessage, TickMessage
-from motm_twin.model.edits import Edit, InsertTask, MoveTask, RemoveTask, WorldEdit
+from motm_twin.model.edits import Edit, FreezeBody, InsertTask, MoveTask, RemoveTask, SendAgent, WorldEdit
+from motm_twin.model.plant import BodyTruth, Truth
 from motm_twin.model.scene import Scene
 
 if TYPE_CHECKING:
     from motm_twin.control.loop import ControlLoop
+
+FROZEN = "frozen"  # state of an agent
 
 
 class Preview:
@@ -27,19 +30,40 @@ class Preview:
         self._plant = SimulatedPlant(scene)
         self._of: TickMessage | None = None
         self._applied = 0
+        self._frozen: dict[str, bool] = {}  # by these edits: the plant itself says so after its next step
 
     def show(self, message: TickMessage, state: Callable[[], Any], edits: Sequence[Edit]) -> TickMessage:
         """The message of the last period with the edits; ``state`` gives the snapshot of the plant after it."""
         if message is not self._of or len(edits) < self._applied:
             self._plant.restore(state())
-            self._of, self._applied = message, 0
+            self._of, self._applied, self._frozen = message, 0, {}
         for edit in edits[self._applied :]:
             if isinstance(edit, WorldEdit):
                 self._plant.apply(edit)
+                self._note(edit)
             self._applied += 1
-        truth = self._plant.truth()
+        truth = self._thawed(self._plant.truth())
         robot = msgspec.structs.replace(message.robot, true_pose=truth.pose.tolist())
         return msgspec.structs.replace(message, robot=robot, preview=True, **bodies(truth))
+
+    def _note(self, edit: WorldEdit) -> None:
+        """Keep who is made to stand still, or to go on."""
+        if isinstance(edit, FreezeBody):
+            self._frozen[edit.name] = edit.frozen
+        elif isinstance(edit, SendAgent):
+            self._frozen[edit.name] = False
+
+    def _thawed(self, truth: Truth) -> Truth:
+        """The truth with the agents frozen, or no longer, as the edits want it."""
+
+        def shown(body: BodyTruth) -> BodyTruth:
+            wanted = self._frozen.get(body.name)
+            if wanted is None or wanted == (body.state == FROZEN):
+                return body
+            return msgspec.structs.replace(body, state=FROZEN if wanted else "standing")
+
+        agents, obstacles = (tuple(map(shown, group)) for group in (truth.agents, truth.obstacles))
+        return msgspec.structs.replace(truth, agents=agents, obstacles=obstacles)
 
 
 def tasks_previewed(

@@ -48,11 +48,15 @@ def things(scene: Scene, tick: TickMessage) -> dict[str, Thing]:
     """Everything that can be selected, by name: what moves first, then what was added, furniture, and cubes."""
     found = [Thing(body.name, "agent", body.state == "frozen") for body in tick.agents]
     for body in tick.obstacles:
-        walks = body.kind in ("temi", "person")
-        found.append(Thing(body.name, "agent" if walks else "obstacle", body.state == "frozen"))
+        found.append(Thing(body.name, kind_of(body.kind), body.state == "frozen"))
     found += [Thing(name, "piece") for name in pieces(scene) if name not in tick.removed]
     found += [Thing(item.name, "object") for item in tick.objects]
     return {thing.name: thing for thing in found}
+
+
+def kind_of(shape: str) -> str:
+    """What a body of one of `SIZES` is: agent | obstacle."""
+    return "agent" if shape in ("temi", "person") else "obstacle"
 
 
 def new_body(

@@ -22,7 +22,7 @@ FAULTS = {
     "Camera late 5 s": InjectFault(fault="camera_delay", seconds=5.0, delay=0.5),
 }
 _HOW = {
-    "": "Grab anything with the mouse and drag it, also furniture; let go while moving to throw it.",
+    "": "Grab anything and drag it, also furniture; let go while moving to throw it. A drag elsewhere turns the view.",
     "agent": "Drag it into the way, or send it somewhere.",
     "obstacle": "Drag it into the way; the robot sees it with its lidar only.",
     "piece": "Drag it. The map does not follow until you tell the robot.",
@@ -35,7 +35,7 @@ def about(thing: Thing | None, sending: str, placing: str = "") -> str:
     """What can be done with the selected thing, as HTML."""
     if sending or placing:
         what = "go" if sending else "stand, or drag it"
-        text = f"Click the floor where <b>{html.escape(sending or placing)}</b> should {what}."
+        text = f"Click the floor where <b>{html.escape(sending or placing)}</b> should {what}. Esc: not."
         return f'<div style="{_TEXT};color:#1d4ed8">{text}</div>'
     return f'<div style="{_TEXT}">{_HOW["" if thing is None else thing.kind]}</div>'
 
@@ -60,6 +60,7 @@ class DisturbTab:
         self._changing = Changing()
         self._names: tuple[str, ...] = ()
         self._selected = ""
+        self._just: Thing | None = None  # added, and not in a tick yet
         gui.add_html(markup.card(markup.heading("Add before the robot")))
         self._row(gui, tuple(NEW), lambda what: self.add(NEW[what]), hint="keys T, P, B, C")
         gui.add_html(markup.card(markup.heading("With the selected thing")))
@@ -94,6 +95,8 @@ class DisturbTab:
         if shown.scene is None or shown.newest is None:
             return
         listed = disturb.things(shown.scene, shown.newest)
+        if self._just is not None and self._just.name in listed:
+            self._just = None
         selected = shown.view.selected if shown.view.selected in listed else ""
         if tuple(listed) != self._names:
             self._names = tuple(listed)
@@ -127,6 +130,7 @@ class DisturbTab:
         self._send(body)
         view = self._hub.view
         view.selected, view.placing, view.sending = body.name, body.name, ""
+        self._just = Thing(body.name, disturb.kind_of(kind))
         note = f"{body.name} stands {where}. Drag it, or click the floor where it should stand."
         self._hub.tell(self._visitor, note, "Added", "green")
 
@@ -141,7 +145,16 @@ class DisturbTab:
         """Take the selected thing away."""
         thing = self._thing()
         if thing is not None and thing.turns:
+            self._just = None
             self._send(RemoveBody(name=thing.name))
+
+    def cancel(self) -> None:
+        """The next click on the floor sends and puts nothing; without such a wish, nothing is selected any more."""
+        view = self._hub.view
+        if view.sending or view.placing:
+            view.sending = view.placing = ""
+        else:
+            view.selected = ""
 
     def freeze(self) -> None:
         """Stop the selected agent, or let it go on."""
@@ -167,7 +180,9 @@ class DisturbTab:
         shown = self._live()
         if shown is None:
             return None
-        return disturb.things(shown.scene, shown.newest).get(self._hub.view.selected)  # type: ignore[arg-type]
+        selected, just = self._hub.view.selected, self._just
+        found = disturb.things(shown.scene, shown.newest).get(selected)  # type: ignore[arg-type]
+        return just if found is None and just is not None and just.name == selected else found
 
     def _select(self, name: str) -> None:
         self._hub.view.selected = "" if name == NOTHING else name

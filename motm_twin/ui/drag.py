@@ -3,11 +3,12 @@
 A cube is different: it follows the pointer over tops and floor on the page, and is put down when it is let go.
 """
 
+import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import viser
@@ -34,6 +35,7 @@ class _Grip:
     x: float
     y: float
     height: float
+    slack: float = 0.0  # [m] it stays where it was until the hand has moved this far
 
 
 @dataclass
@@ -72,7 +74,6 @@ class Drag:
         self._lock = threading.Condition()
         self._held: dict[str, Held] = {}
         self._grips: dict[tuple[int, str], _Grip | None] = {}
-        self._callbacks: dict[str, Callable] = {}
         self._stopping = False
         self._thread = threading.Thread(target=self._send, name="drag", daemon=True)
         self._thread.start()
@@ -82,18 +83,13 @@ class Drag:
         with self._lock:
             return self._held.get(name)
 
-    def attach(self, handle: DragHandle, name: str, *, where: Callable[[], Point], modifier: str | None = None) -> None:
-        """Make a drawn body or piece draggable; ``where`` tells its place [m]."""
-        act = self._hub.watching(lambda event, visitor: self._on_drag(name, where, event, visitor))
-        if modifier is None:
-            self._callbacks[name] = act
-        handle.on_drag("left", modifier=modifier)(act)  # type: ignore[arg-type]
+    def attach(self, handle: DragHandle, name: str, *, where: Callable[[], Point], slack: float = 0.0) -> None:
+        """Make a drawn body or piece draggable; ``where`` tells its place [m].
 
-    def detach(self, handle: DragHandle, name: str) -> None:
-        """Undo an `attach` without modifier."""
-        act = self._callbacks.pop(name, None)
-        if act is not None:
-            handle.remove_drag_callback(act)
+        ``slack``: how far [m] the hand must move before the thing does.
+        """
+        act = self._hub.watching(lambda event, visitor: self._on_drag(name, where, slack, event, visitor))
+        handle.on_drag("left")(act)
 
     def attach_cube(self, handle: DragHandle, name: str) -> None:
         """Make a drawn cube draggable."""
@@ -151,7 +147,7 @@ class Drag:
         return not refused
 
     def _on_drag(
-        self, name: str, where: Callable[[], Point], event: viser.SceneNodeDragEvent, visitor: Visitor
+        self, name: str, where: Callable[[], Point], slack: float, event: viser.SceneNodeDragEvent, visitor: Visitor
     ) -> None:
         key = (event.client_id, name)
         offset = self._grips.get(key)
@@ -162,11 +158,16 @@ class Drag:
                 self._release(name)
                 return
             (x, y), taken = where(), event.start_position
-            offset = self._grips[key] = _Grip(x - float(taken[0]), y - float(taken[1]), float(taken[2]))
+            offset = self._grips[key] = _Grip(x - float(taken[0]), y - float(taken[1]), float(taken[2]), slack)
         eye = np.asarray(event.client.camera.position)
         pointed = on_plane(eye, np.asarray(event.end_position), offset.height)
         if pointed is not None:
-            self._move(name, visitor, (pointed[0] + offset.x, pointed[1] + offset.y))
+            place = (pointed[0] + offset.x, pointed[1] + offset.y)
+            if offset.slack and math.dist(place, where()) < offset.slack:
+                return
+            if offset.slack:
+                self._grips[key] = replace(offset, slack=0.0)
+            self._move(name, visitor, place)
         if event.phase == "end":
             self._release(name)
 

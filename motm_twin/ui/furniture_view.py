@@ -16,6 +16,7 @@ from motm_twin.ui.shadows import shadow_glb
 ROOT = "/furniture"
 LABEL_SIZE = 0.78
 LABEL_GAP = 0.10  # [m] above the rim of a bin
+SLACK = 0.04  # [m] the hand must move before a piece does: one that is only touched stays where it is
 
 
 @dataclass
@@ -33,12 +34,10 @@ class FurnitureView:
     def __init__(self, server: viser.ViserServer, drag: Drag) -> None:
         self._server, self._drag = server, drag
         self._drawn: dict[str, _Drawn] = {}
-        self._grabbed = ""
 
     def show(self, scene: Scene) -> None:
         """Draw the pieces of this scene instead of those of the last one."""
         self._server.scene.remove_by_name(ROOT)
-        self._grabbed = ""
         self._drawn = {name: self._add(scene, piece) for name, piece in pieces(scene).items()}
         for number, box in enumerate(scene.bins):  # that stand on something fixed
             if not any(box.name in drawn.piece.bins for drawn in self._drawn.values()):
@@ -59,17 +58,6 @@ class FurnitureView:
                 drawn.gone = gone
                 drawn.frame.visible = not gone
 
-    def grab(self, name: str) -> None:
-        """Let a plain drag move this piece; every other one needs Shift, so that turning the view moves nothing."""
-        if name == self._grabbed:
-            return
-        if self._grabbed in self._drawn:
-            self._drag.detach(self._drawn[self._grabbed].mesh, self._grabbed)
-        self._grabbed = name if name in self._drawn else ""
-        if self._grabbed:
-            drawn = self._drawn[name]
-            self._drag.attach(drawn.mesh, name, where=lambda: drawn.pose[:2])
-
     def _add(self, scene: Scene, piece: Piece) -> _Drawn:
         path, add = f"{ROOT}/{piece.name}", self._server.scene
         solids = [solid for solid in scene.solids if solid.name in piece.solids]
@@ -84,7 +72,7 @@ class FurnitureView:
         for number, name in enumerate(piece.bins):
             self._add_bin(f"{path}/bin{number}", scene, name, piece.centre)
         drawn = _Drawn(piece, frame, mesh, (*piece.centre, 0.0))
-        self._drag.attach(mesh, piece.name, where=lambda: drawn.pose[:2], modifier="shift")
+        self._drag.attach(mesh, piece.name, where=lambda: drawn.pose[:2], slack=SLACK)
         return drawn
 
     def _add_bin(self, path: str, scene: Scene, name: str, centre: tuple[float, float]) -> None:

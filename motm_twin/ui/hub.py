@@ -16,7 +16,21 @@ from typing import Any
 import viser
 
 from motm_twin.bus.client import Grid, TwinClient
-from motm_twin.bus.commands import NAME_MAX, Announce, Answer, Command, HandOver, Inspect, TakeWheel
+from motm_twin.bus.commands import (
+    NAME_MAX,
+    Announce,
+    Answer,
+    Command,
+    HandOver,
+    Inspect,
+    Load,
+    Pause,
+    Play,
+    Reset,
+    Seed,
+    Speed,
+    TakeWheel,
+)
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import PERIOD, History, Span
@@ -28,6 +42,8 @@ LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodifi
 OFF_AT_FIRST = ("Unmodified STAA* path",)
 NOTE_TIME = 6.0  # [s] a note stays on the page
 WAITING = 100  # commands that may wait to be sent
+PATIENT = (HandOver, Inspect, Load, Pause, Play, Reset, Seed, Speed, TakeWheel)  # hold for whatever is being loaded
+LOOK = 0.1  # [s] between looks at what the server is doing
 KEEP_WHEEL = 3.0  # [s] what a driver does on the page alone keeps the wheel as well, told this often
 
 
@@ -186,7 +202,12 @@ class Hub:
             self.tell(visitor, "too many commands at once")
 
     def command(self, visitor: Visitor | None, command: Command) -> Answer:
-        """Send a command now and wait for the answer; a refusal is told to the visitor. Not for Viser's own thread."""
+        """Send a command and wait for the answer; a refusal is told to the visitor. Not for Viser's own thread.
+
+        A loading server answers nothing: commands that hold for any scene wait until it is done.
+        """
+        if isinstance(command, PATIENT):
+            self._let_it_load(visitor, command)
         with self._speaking:  # nobody speaks for a visitor once the wheel was given back for it
             if visitor is None:
                 answer = self.client.command(command)
@@ -196,10 +217,24 @@ class Hub:
                 visitor.sent = time.monotonic()
                 answer = self.client.command(command, sender=visitor.sender, name=visitor.name)
         if not answer.ok:
-            self.tell(visitor, answer.reason)
+            self.tell(visitor, self._loading() or answer.reason)
         elif isinstance(command, Announce):
             self._told.hear(command.name, self.client.tick())
         return answer
+
+    def _loading(self) -> str:
+        """What the server is loading, and what to do about it; "" when it is not."""
+        status = self.client.status()
+        if status is None or status.state != "loading" or not self.client.alive:
+            return ""
+        return f"still {status.text or 'loading'}: try again when it runs"
+
+    def _let_it_load(self, visitor: Visitor | None, command: Command) -> None:
+        """Wait until the server can answer."""
+        if self._loading() and isinstance(command, Load | Reset | Seed):
+            self.tell(visitor, "the twin is still loading: this comes next")
+        while self._loading() and not self._stop.wait(LOOK):
+            pass
 
     def told(self, tick: TickMessage) -> frozenset[str]:
         """Moved pieces of furniture that the robot was told of from this page, and that stand there still."""

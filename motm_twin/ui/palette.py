@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from motm_twin.ui.replay_tab import ReplayTab
 
 # No arrow keys: they belong to the slider or list that has the focus.
-_SHOWN = {"delete": "Del"}
+_SHOWN = {"delete": "Del", "escape": "Esc"}
 
 
 def add_commands(
@@ -40,6 +40,7 @@ def add_commands(
         ("Add a cylinder", "C", lambda: disturb.add("cylinder"), True),
         ("Freeze / go on", "F", disturb.freeze, True),
         ("Delete the selected", "delete", disturb.delete, True),
+        ("Place or send nothing", "escape", disturb.cancel, True),
         ("Clear all disturbances", None, disturb.clear, True),
         ("Back by one period", "J", lambda: replay.step(-1), True),
         ("On by one period", "K", lambda: replay.step(1), True),

@@ -80,7 +80,6 @@ class Stage:
         self._plan.candidates_on, self._plan.paths_on = layers["Candidates"], layers["Paths"]
         self._plan.staa_on, self._plan.picked = view.staa_path, view.picked
         self._map.on = layers["Occupancy grid"]
-        self._furniture.grab(view.selected)
         with self._server.atomic():
             self._robot.update_ghosts(tick)
             self._plan.update(tick)

@@ -8,7 +8,7 @@ import viser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, MoveTask, Pause, TakeWheel
+from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, Load, MoveTask, Pause, TakeWheel
 from motm_twin.bus.messages import StatusMessage, TaskMessage
 from motm_twin.ui.cards import status_card
 from motm_twin.ui.disturb import Thing
@@ -43,10 +43,10 @@ class Client:
 
     def __init__(self):
         self.told, self.driver, self.sender, self.alive, self.endpoint = [], "", "page", True, "tcp/none"
-        self.arrived = threading.Semaphore(0)
+        self.arrived, self.state, self.answer = threading.Semaphore(0), "playing", Answer(ok=True)
 
     def status(self):
-        return status(self.driver, "Ann")
+        return status(self.driver, "Ann", state=self.state, text="loading exp2" if self.state == "loading" else "")
 
     def session(self):
         return b""
@@ -54,7 +54,7 @@ class Client:
     def command(self, command, sender="", name=""):
         self.told.append((command, sender, name))
         self.arrived.release()
-        return Answer(ok=True)
+        return self.answer
 
 
 class Page:
@@ -161,6 +161,21 @@ class TestWheel:
         assert not hub.command(visitor, Pause()).ok
         assert len(hub.client.told) == 1 and hub.view.at is None and hub.visitors == []
 
+    def test_what_holds_for_any_scene_waits_while_one_is_loaded_and_nothing_else_says_the_server_is_silent(self, hub):
+        visitor, client = hub.enter(Page(1)), hub.client
+        client.state, client.answer = "loading", Answer(ok=False, reason="the twin server does not answer")
+        assert not hub.command(visitor, MoveTask(index=1, to=0)).ok
+        assert visitor.client.notes == ["still loading exp2: try again when it runs"]
+        hub.send(visitor, Load(scene="exp1"))
+        wait_for(lambda: "comes next" in visitor.client.notes[-1])
+        assert not any(isinstance(command, Load) for command, *_ in client.told)
+        client.answer = Answer(ok=True)
+        client.state = "playing"
+        wait_for(lambda: client.told[-1][0] == Load(scene="exp1"))
+        client.answer = Answer(ok=False, reason="the twin server does not answer")
+        hub.command(visitor, Pause())
+        assert visitor.client.notes[-1] == "the twin server does not answer"
+
     def test_who_asks_first_is_served_first_and_forgotten_when_gone(self, hub):
         pages = [Page(number) for number in range(3)]
         driver, ann, bob = (hub.enter(page) for page in pages)
@@ -172,6 +187,14 @@ class TestWheel:
         assert hub.asker() is ann
         hub.client.driver = ann.sender
         assert hub.asker() is None
+
+
+def wait_for(condition):
+    """Wait for another thread."""
+    deadline = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 def run(callback, visitor):
