@@ -73,7 +73,7 @@ class ZenohPlant(RemoteWorld):
         state: RobotState | None = self.link.newest("state")
         quiet = time.monotonic() - self.link.last_sign
         if quiet > GONE and (self._silent_since or self.mirror or not self.shared):
-            return f"waiting for robot {self._info.name!r}: nothing was heard of it for {quiet:.0f} s"
+            return f"waiting for robot {self._info.name!r}: nothing is heard of it"
         what = "shown only, not commanded" if self.mirror else f"commands are given {self._ahead() * 1e3:.0f} ms ahead"
         if state is not None and not self.mirror and state.commander not in ("", self._sender):
             return f"robot {self._info.name!r} obeys somebody else: {state.commander}"
