@@ -4,7 +4,6 @@ import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
-from motm_twin.model.assets import collision_hull
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.profile import RobotProfile
 
@@ -157,6 +156,8 @@ def _set_geometry(robot: ET.Element, meshes: str) -> None:
         for collision in link.findall("collision"):
             mesh = collision.find("geometry/mesh")
             if mesh is not None and meshes == PRIMITIVES:
+                from motm_twin.model.assets import collision_hull  # slow to import, and large
+
                 vertices = collision_hull(link.get("name", ""))[0]
                 low, high = vertices.min(axis=0), vertices.max(axis=0)
                 collision.clear()
