@@ -69,9 +69,11 @@ def _kill(client: TwinClient, twin: str, path: Path) -> float:
         if status is not None and status.state == "done":  # begin again: where nothing happens nothing is lost
             client.command(Play())
             _until(lambda: (status := client.status()) is not None and status.state == "playing")
+        began = client.tick()
         time.sleep(random.uniform(1.0, 3.0))
         newest = client.tick()
         recorder.kill()
+    assert began is not None
     assert newest is not None
     health = Health()
     times = [
@@ -79,12 +81,15 @@ def _kill(client: TwinClient, twin: str, path: Path) -> float:
         for entry in read(path, health)
         if entry.topic == TICK.topic
     ]
-    if not times or health.broken_chunks:
-        raise SystemExit(f"{path.name} of {health.size} bytes: {len(times)} periods; {health.text}")
+    if health.broken_chunks:
+        raise SystemExit(f"{path.name} of {health.size} bytes: {health.text}")
     whole = recover(path)
     Path(whole.file).unlink()
     path.unlink()
-    return max(0.0, newest.server_time - times[-1])
+    lost = max(0.0, newest.server_time - (times[-1] if times else began.server_time))
+    if lost > MOST_LOST:
+        print(f"{path.name}: {len(times)} periods, {health.size} bytes, {lost:.2f} s lost")
+    return lost
 
 
 def _until(condition: Callable[[], bool]) -> None:

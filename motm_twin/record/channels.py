@@ -76,8 +76,7 @@ class Channel:
 
     def json_schema(self) -> bytes:
         """The schema as it is stored."""
-        found = self.schema if self.schema is not None else schema_of(self.struct)
-        return msgspec.json.encode(found)
+        return _encoded(self.topic)
 
 
 TICK = Channel("/motm/tick", "motm.Tick", bus.TickMessage)
@@ -122,6 +121,12 @@ DRAWN = (
     DRAWN_LOG,
 )
 CHANNELS = {channel.topic: channel for channel in (*OURS, *DRAWN)}
+
+
+@functools.cache
+def _encoded(topic: str) -> bytes:
+    channel = CHANNELS[topic]
+    return msgspec.json.encode(channel.schema if channel.schema is not None else schema_of(channel.struct))
 
 
 @functools.cache

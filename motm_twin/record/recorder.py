@@ -11,10 +11,12 @@ import msgspec
 import zenoh
 
 from motm_twin.bus.keys import Keys
+from motm_twin.record.channels import CHANNELS
 from motm_twin.record.mcap_file import McapFile, RecordingFailed
 from motm_twin.record.stream import Stream
 
 SAVE_INTERVAL = 0.4  # [s] between two chunks on the disk: what a sudden end can cost
+WAIT = 0.05  # [s] between looks at what else is to be done
 LAST_SESSION = 0.7  # [s] to wait for the session at the end
 SESSION_INTERVAL = 30.0  # [s] between two sessions, whose state hashes a rerun compares
 ASK_TIMEOUT = 5.0  # [s]
@@ -28,6 +30,8 @@ class Recorder:
 
     def __init__(self, session: zenoh.Session, twin: str, path: str | Path) -> None:
         """Raises SessionError when the file can not be made."""
+        for channel in CHANNELS.values():
+            channel.json_schema()  # now: made while messages wait, they would delay the first chunk
         self._zenoh, self._keys = session, Keys(twin)
         self._file = McapFile(path)
         self._stream = Stream(self._keys, self._file.add)
@@ -50,7 +54,7 @@ class Recorder:
         began = saved = time.monotonic()
         try:
             while not stop.is_set() and (seconds is None or time.monotonic() < began + seconds):
-                self._take(SAVE_INTERVAL / 4.0)
+                self._take(saved + SAVE_INTERVAL)
                 now = time.monotonic()
                 self._ask_for_session(now)
                 if now >= saved + SAVE_INTERVAL:
@@ -69,17 +73,15 @@ class Recorder:
         self._ask(self._keys.session)
         deadline = time.monotonic() + LAST_SESSION
         while self._session_at == before and time.monotonic() < deadline:
-            self._take(0.05)
+            self._take(time.monotonic() + WAIT)
 
-    def _take(self, wait: float) -> None:
-        """Write what has arrived, after at most ``wait`` [s]."""
-        try:
-            item = self._waiting.get(timeout=wait)
-            while True:
-                self._write(*item)
-                item = self._waiting.get_nowait()
-        except queue.Empty:
-            return
+    def _take(self, until: float) -> None:
+        """Write what arrives, and come back soon, in a flood too: the chunk wants to be closed."""
+        while (left := min(WAIT, until - time.monotonic())) > 0.0:
+            try:
+                self._write(*self._waiting.get(timeout=left))
+            except queue.Empty:
+                return
 
     def _write(self, key: str, payload: bytes, attachment: bytes | None, asked: bool) -> None:
         if not asked:

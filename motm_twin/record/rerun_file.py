@@ -11,8 +11,9 @@ from motm_twin.record.made_with import differences
 from motm_twin.record.recording import Recording, Run, ticks_of
 from motm_twin.record.replay import begin
 
-# Of the wall clock, of the server, or of what somebody asked to be explained: no part of the run itself.
-_NOT_COMPARED = ("server_time", "run", "began", "first", "past", "stage_ms", "inspected", "preview")
+# Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
+# run itself.
+_NOT_COMPARED = ("server_time", "run", "began", "first", "past", "stage_ms", "inspected", "preview", "announced")
 _NOT_COMPARED_OF_PLAN = ("cut_by_clock", "staa_path")
 MOST_FIELDS = 5
 
