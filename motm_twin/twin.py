@@ -27,7 +27,7 @@ from motm_twin.model.edits import (
     WorldEdit,
 )
 from motm_twin.model.geometry import Array, from_frame
-from motm_twin.model.scene import Pick, Scene
+from motm_twin.model.scene import Pick, PlanarPose, Scene
 from motm_twin.model.state import HasState, state_hash
 from motm_twin.model.twin_plant import ExternalPlant, TwinPlant, WorldRehearsal
 from motm_twin.planning.parameters import PlanningParameters
@@ -103,6 +103,11 @@ class Twin:
     def parameters(self) -> dict[str, ParameterValue]:
         """Parameters of `control.tuning` that differ from the shipped ones now."""
         return self._told.parameters
+
+    @property
+    def announced(self) -> dict[str, PlanarPose]:
+        """Where the robot was told that pieces of furniture stand: reference point x, y [m], turn [rad]."""
+        return self._told.map[0]
 
     def post(self, edit: Edit) -> None:
         """Queue an edit for the next period; raises ValueError when it is not possible, and then changes nothing."""

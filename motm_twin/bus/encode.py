@@ -1,5 +1,6 @@
 """From the Tick of the control loop to the messages on the bus."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -26,6 +27,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.control.types import ArmStep
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import BodyTruth, Observation, Truth
+from motm_twin.model.scene import PlanarPose
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
 
@@ -156,9 +158,16 @@ _NO_BODIES: dict[str, Any] = {"objects": [], "agents": [], "obstacles": []}
 
 
 def tick_message(
-    tick: Tick, run: int, server_time: float, *, began: float = 0.0, first: int = 0, past: int = -1
+    tick: Tick,
+    run: int,
+    server_time: float,
+    *,
+    began: float = 0.0,
+    first: int = 0,
+    past: int = -1,
+    announced: Mapping[str, PlanarPose] | None = None,
 ) -> TickMessage:
-    """The message of one period."""
+    """The message of one period; ``announced``: where the robot was told that pieces of furniture stand."""
     truth = tick.truth
     return TickMessage(
         version=TICK_VERSION,
@@ -171,6 +180,7 @@ def tick_message(
         time=float(tick.time),
         robot=_robot(tick.observation, truth),
         **(_NO_BODIES if truth is None else bodies(truth)),
+        announced={name: [*numbers(pose[:2]), float(pose[2])] for name, pose in (announced or {}).items()},
         tasks=[TaskMessage(kind=t.kind, target=t.target, status=t.status, attempts=t.attempts) for t in tick.tasks],
         task_index=tick.task_index,
         beliefs=[

@@ -183,7 +183,10 @@ class LiveTwin:
         self.parameters, self.recorded = dict(self.twin.parameters), len(self.twin.edits)
         self._asked = False
         now = self._server_time()
-        message = tick_message(self.tick, self.run, now, began=self._began, first=self._first, past=self._past)
+        message = tick_message(
+            self.tick, self.run, now, began=self._began, first=self._first, past=self._past,
+            announced=self.twin.announced,
+        )  # fmt: skip
         self.message = self._explained(message)
         return self.message, self.tick
 

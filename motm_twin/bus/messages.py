@@ -194,6 +194,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     success: bool  # all tasks are done
     furniture: list[BodyMessage] = []  # pieces that stand elsewhere than in the scene: reference point, turn as yaw
     removed: list[str] = []  # pieces and agents of the scene that are gone
+    announced: dict[str, Vector] = {}  # where the robot was told that pieces stand: reference point x, y, turn
     faults: list[str] = []  # injected faults that last, one phrase each
     inspected: InspectedMessage | None = None  # paths of a candidate, as asked for by `inspect`
     began: float = 0.0  # [s] server time of the load or reset; a branch keeps it: its past is that of the run before

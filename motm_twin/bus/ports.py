@@ -7,7 +7,7 @@ from motm_twin.bus.messages import SceneChoice, TickMessage
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.geometry import Array
-from motm_twin.model.scene import Scene
+from motm_twin.model.scene import PlanarPose, Scene
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import LoggedEdit, Session
 
@@ -37,6 +37,11 @@ class TwinLike(Protocol):
     @property
     def parameters(self) -> dict[str, ParameterValue]:
         """Parameters that were changed."""
+        ...
+
+    @property
+    def announced(self) -> dict[str, PlanarPose]:
+        """Where the robot was told that pieces of furniture stand: reference point x, y [m], turn [rad]."""
         ...
 
     def session(self, title: str = "") -> Session:

@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ import shapely
 import shapely.ops
 
 from motm_twin.bus.messages import BodyMessage, TickMessage
-from motm_twin.model.furniture import moved_scene, pieces
+from motm_twin.model.furniture import Piece, moved_scene, pieces
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
@@ -24,6 +24,7 @@ NEAR = 1.2  # [m] from the base: nothing further off is named
 BESIDE = 0.6  # [m] from the planned way: what is nearer is passed
 HELD = 1.0  # [m] from the base to what it stands for
 SAME = 0.2  # [m] by which the distance of a named thing may differ from what the lidar says
+ROUNDED = 1e-3  # [m], [rad] places of a tick are rounded to less
 AHEAD, BEHIND = math.radians(40.0), math.radians(120.0)
 _HOLDS = ("braking", "no motion", "no way", "obstacles close", "every gap")
 _SEEN = re.compile(r"lidar sees, the nearest (\d+\.\d+) m")
@@ -37,28 +38,25 @@ class Thing:
     shape: shapely.Polygon  # outline on the floor [m]
 
 
-def avoided(tick: TickMessage, scene: Scene | None, told: Collection[str] = ()) -> str:
-    """Whom the robot keeps off and how, as the end of a sentence; "" when nothing is near its way.
-
-    ``told``: pieces of furniture that stand elsewhere than in the scene, and the robot knows where.
-    """
+def avoided(tick: TickMessage, scene: Scene | None) -> str:
+    """Whom the robot keeps off and how, as the end of a sentence; "" when nothing is near its way."""
     if tick.done or scene is None:
         return ""
-    things = list(unmapped(tick, scene, told))
+    things = list(unmapped(tick, scene))
     return _held_up(tick, scene, things) or _gripper(tick, scene, things) or _past(tick, scene, things)
 
 
-def limited_by(tick: TickMessage, scene: Scene | None, told: Collection[str] = ()) -> str:
+def limited_by(tick: TickMessage, scene: Scene | None) -> str:
     """Name of what the lidar row of the arm keeps the gripper off; "" when it has none (furniture of the map)."""
     if scene is None or not slowed(tick.arm) or tick.arm[-1].obstacle_distance is None:
         return ""
     hand, seen = gripper(tick, scene), tick.arm[-1].obstacle_distance
-    found = [(thing.shape.distance(hand), thing.label) for thing in unmapped(tick, scene, told)]
+    found = [(thing.shape.distance(hand), thing.label) for thing in unmapped(tick, scene)]
     distance, label = min(found, default=(math.inf, ""))
     return label if abs(distance - seen) <= SAME else ""
 
 
-def strange(held_by: str, tick: TickMessage, scene: Scene | None, told: Collection[str] = ()) -> str:
+def strange(held_by: str, tick: TickMessage, scene: Scene | None) -> str:
     """What the map does not know about that which holds the arm, as a remark; "" when it is as the map has it.
 
     ``held_by`` is a phrase of `words.constraints`.
@@ -67,17 +65,17 @@ def strange(held_by: str, tick: TickMessage, scene: Scene | None, told: Collecti
         return ""
     if held_by == f"kept off {words.LIDAR}":
         hand = gripper(tick, scene)
-        near = min(((thing.shape.distance(hand), thing.label) for thing in unmapped(tick, scene, told)), default=None)
+        near = min(((thing.shape.distance(hand), thing.label) for thing in unmapped(tick, scene)), default=None)
         return "" if near is None or near[0] > NEAR else f": {near[1].rstrip(',')}"
-    moved = {body.name for body in tick.furniture} | set(tick.removed)
     for piece in pieces(scene).values():
         parts = {piece.name, *piece.solids}
-        if piece.name in moved and piece.name not in told and held_by.removeprefix("kept off ") in parts:
+        astray = piece.name in tick.removed or not _known(piece, tick)
+        if astray and held_by.removeprefix("kept off ") in parts:
             return ", where the map still has it (the robot was not told that it moved)"
     return ""
 
 
-def unmapped(tick: TickMessage, scene: Scene, told: Collection[str] = ()) -> Iterator[Thing]:
+def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Thing]:
     """Everything near the robot that its map does not have."""
     for body in (*tick.agents, *tick.obstacles):
         yield Thing(_called(body), body_outline(body))
@@ -86,7 +84,7 @@ def unmapped(tick: TickMessage, scene: Scene, told: Collection[str] = ()) -> Ite
     strange = [
         piece
         for piece in known.values()
-        if piece.name not in tick.removed and (not piece.mapped or piece.name in moved) and piece.name not in told
+        if piece.name not in tick.removed and not (piece.mapped and _known(piece, tick))
     ]
     if not strange:
         return
@@ -95,6 +93,14 @@ def unmapped(tick: TickMessage, scene: Scene, told: Collection[str] = ()) -> Ite
         shape = shapely.union_all([outline(solids[name].shape) for name in piece.solids])
         where = "which is not in the map" if not piece.mapped else "which is not where the map has it"
         yield Thing(f"{piece.name}, {where},", shapely.Polygon(shape.convex_hull.boundary.coords))
+
+
+def _known(piece: Piece, tick: TickMessage) -> bool:
+    """Whether a piece stands where the robot's map has it: where it was announced, else where the scene has it."""
+    home = (*piece.centre, 0.0)
+    here = next(((*body.position[:2], body.yaw) for body in tick.furniture if body.name == piece.name), home)
+    x, y, turn = tick.announced.get(piece.name, home)
+    return math.dist(here[:2], (x, y)) < ROUNDED and abs(math.remainder(here[2] - turn, 2 * math.pi)) < ROUNDED
 
 
 def gripper(tick: TickMessage, scene: Scene) -> shapely.Point:

@@ -65,7 +65,7 @@ class DriveTab:
         if shown.status is not None:
             self._show_status(shown.status)
         if shown.tick is not None:
-            now = now_card(shown.tick, shown.scene, self._hub.told(shown.tick))
+            now = now_card(shown.tick, shown.scene)
             self._progress.set(now + count_line(shown.tick) + result_card(shown.tick, shown.status))
         for name, box in self._layers.items():
             box.value = shown.view.layers.get(name, True)

@@ -18,7 +18,6 @@ import viser
 from motm_twin.bus.client import Grid, TwinClient
 from motm_twin.bus.commands import (
     NAME_MAX,
-    Announce,
     Answer,
     Command,
     HandOver,
@@ -35,7 +34,6 @@ from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import PERIOD, History, Span
 from motm_twin.ui.playback import Playback
-from motm_twin.ui.told import Told
 from motm_twin.ui.what_if import WhatIf
 
 LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodified STAA* path")
@@ -103,7 +101,6 @@ class Hub:
         self.history: History | None = None  # set by the viewer
         self.what_if = WhatIf(client.session)
         self.playback = Playback(self.view)
-        self._told = Told()
         self._asking: dict[str, Visitor] = {}
         self._speaking = threading.Lock()
         self._visitors: dict[int, Visitor] = {}
@@ -218,8 +215,6 @@ class Hub:
                 answer = self.client.command(command, sender=visitor.sender, name=visitor.name)
         if not answer.ok:
             self.tell(visitor, self._loading() or answer.reason)
-        elif isinstance(command, Announce):
-            self._told.hear(command.name, self.client.tick())
         return answer
 
     def _loading(self) -> str:
@@ -235,10 +230,6 @@ class Hub:
             self.tell(visitor, "the twin is still loading: this comes next")
         while self._loading() and not self._stop.wait(LOOK):
             pass
-
-    def told(self, tick: TickMessage) -> frozenset[str]:
-        """Moved pieces of furniture that the robot was told of from this page, and that stand there still."""
-        return self._told.now(tick)
 
     def live(self, visitor: Visitor) -> bool:
         """Whether the newest period is shown; else the visitor is told that nothing of it can be changed."""

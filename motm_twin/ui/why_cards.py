@@ -1,7 +1,7 @@
 """What the robot does and why: the sentence on top, the task in hand, the arm, the last events. Pure functions."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from motm_twin.bus.messages import ArmMessage, EventMessage, TickMessage
 from motm_twin.control.parameters import AvoidanceParameters
@@ -47,14 +47,14 @@ _EVENT_COLOURS = {
 }  # fmt: skip
 
 
-def now_card(tick: TickMessage, scene: Scene | None = None, told: Collection[str] = ()) -> str:
+def now_card(tick: TickMessage, scene: Scene | None = None) -> str:
     """One big sentence, and what the robot waits for; with the scene, also whom it keeps off."""
     speed, turn = tick.robot.twist
     colour = GREEN if tick.done and tick.success else "#111827"
-    near = avoided(tick, scene, told)
+    near = avoided(tick, scene)
     says, lines = words.doing(tick) + (near and f", {near}"), "" if tick.done else " two"
     rows = [f'<div class="big{lines}" style="color:{colour}">{text(says)}.</div>']
-    limiter = limited_by(tick, scene, told)
+    limiter = limited_by(tick, scene)
     said = words.doing(tick).lower() if tick.done else ""
     rows += [
         sentence(why, AMBER if held_up else MUTED)
@@ -97,7 +97,6 @@ def arm_card(
     tick: TickMessage,
     parameters: Mapping[str, ParameterValue],
     scene: Scene | None = None,
-    told: Collection[str] = (),
 ) -> str:
     """The arm's program: solved or not, what held it, how well it can move, what it keeps off.
 
@@ -112,12 +111,12 @@ def arm_card(
     parts = [title]
     if not solved:
         parts.append(sentence(step.qp_status, RED))
-    parts.append(_distance(tick.arm, parameters, limited_by(tick, scene, told)))
+    parts.append(_distance(tick.arm, parameters, limited_by(tick, scene)))
     parts.append(_manipulability(step))
     parts.append(
         pairs([(explained("hand off its reference", _REFERENCE), _millimetres(step.error)), *_slack(step.slack)])
     )
-    held = [(what, f"{by}{strange(by, tick, scene, told)}") for what, by in words.constraints(tick.arm, tick.robot.q)]
+    held = [(what, f"{by}{strange(by, tick, scene)}") for what, by in words.constraints(tick.arm, tick.robot.q)]
     lines = "".join(f"<div>{text(what)} <span class='mu'>{text(by)}</span></div>" for what, by in held)
     parts.append("<hr>" + (lines or '<div class="mu">no limit is active: the hand moves as it wants</div>'))
     return card(*parts)

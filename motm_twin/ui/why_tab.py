@@ -40,11 +40,11 @@ class WhyTab:
         view, parameters = shown.view, {} if shown.status is None else shown.status.parameters
         if self._count % FAST == 0 and (tick is not self._tick or view.picked != self._picked):
             self._tick, self._picked = tick, view.picked
-            self._now.set(now_card(tick, shown.scene, self._hub.told(tick)))
+            self._now.set(now_card(tick, shown.scene))
             self._task.set(task_card(tick))
             weight = float(parameters.get(NEXT_WEIGHT, 1.05))
             self._candidate.set(candidate_card(tick.placement, view.picked, weight))
-            self._arm.set(arm_card(tick, parameters, shown.scene, self._hub.told(tick)))
+            self._arm.set(arm_card(tick, parameters, shown.scene))
         history = self._hub.history
         if history is None:
             return

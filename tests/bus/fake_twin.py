@@ -133,6 +133,7 @@ class FakeTwin:
     """Same surface as the twin, for errors and pacing; it knows no session and explains nothing."""
 
     parameters: typing.ClassVar = {}
+    announced: typing.ClassVar = {}
 
     def __init__(self, scene, *, periods=100_000, fail_at=None):
         self.scene, self.periods, self.fail_at = scene, periods, fail_at

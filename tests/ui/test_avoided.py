@@ -9,7 +9,6 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage, TickMessage
 from motm_twin.model.furniture import pieces
 from motm_twin.ui.avoided import avoided, gripper, limited_by, unmapped
-from motm_twin.ui.told import Told
 from motm_twin.ui.why_cards import now_card
 
 replace = msgspec.structs.replace
@@ -80,12 +79,12 @@ def test_furniture_that_was_moved_is_not_in_the_map_until_the_robot_is_told(tick
         name=name, kind="piece", position=[1.4, 0.0, 0.0], yaw=0.0, state="", size=[1.0, 1.0, 1.0])])  # fmt: skip
     assert not [thing for thing in unmapped(tick, SCENE) if name in thing.label]
     assert f"past {name}, which is not where the map has it," in avoided(moved, SCENE)
-    told = Told()
-    told.hear(name, moved)
-    assert told.now(moved) == {name} and avoided(moved, SCENE, told.now(moved)) == ""
-    again = replace(moved, furniture=[replace(moved.furniture[0], position=[1.5, 0.0, 0.0])])
-    assert told.now(again) == frozenset()
-    assert told.now(replace(moved, began=moved.began + 1.0)) == frozenset()
+    told = replace(moved, announced={name: [1.4, 0.0, 0.0]})  # by whomever
+    assert avoided(told, SCENE) == ""
+    again = replace(told, furniture=[replace(moved.furniture[0], position=[1.5, 0.0, 0.0])])
+    assert name in avoided(again, SCENE)
+    back = replace(told, furniture=[])
+    assert [thing for thing in unmapped(back, SCENE) if name in thing.label], "the map has it where it no longer is"
 
 
 def test_hostile_names_stay_text(tick):
