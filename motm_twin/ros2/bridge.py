@@ -97,9 +97,9 @@ class Bridge:
                 handle, key, payloads = self._waiting.popleft()
                 try:
                     handle(*payloads)
-                except (ValueError, zenoh.ZError) as error:  # msgspec's and CDR's errors are ValueErrors
+                except Exception as error:  # whatever a message holds: the next one may be fine
                     self.unreadable[key] += 1
-                    self._report(f"{key}: {error}")
+                    self._report(f"{key}: {type(error).__name__}: {error}")
 
     def _publish(self, topic: topics.Topic, message: dict[str, Any]) -> None:
         self._outlets.put(topic, message)

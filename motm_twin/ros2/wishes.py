@@ -5,6 +5,8 @@ import threading
 import time
 from typing import Protocol
 
+import zenoh
+
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Command, Drive, DriveToPoint, PushRobot
 from motm_twin.model.geometry import wrap_angle
@@ -72,10 +74,10 @@ class Wishes:
             return
         try:
             command = self._command(topic, message)
-        except ValueError as error:
+            answer = self._client.command(command, ANSWER, sender=SENDER, name=NAME)
+        except (ValueError, zenoh.ZError) as error:
             self._refuse(topic, str(error), unreadable=False)
             return
-        answer = self._client.command(command, ANSWER, sender=SENDER, name=NAME)
         if not answer.ok:
             self._refuse(topic, answer.reason, unreadable=False)
 
