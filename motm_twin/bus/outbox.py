@@ -15,7 +15,8 @@ class Outbox:
 
     def __init__(self, name: str, size: int) -> None:
         self.dropped = 0
-        self._queue: queue.Queue[Work | None] = queue.Queue(maxsize=size + 1)
+        # Putting into this one never gives the interpreter away: with a lock, the poster waited for the thread it woke.
+        self._queue: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
         self._size, self._closed = size, False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -25,17 +26,14 @@ class Outbox:
         if self._closed or self._queue.qsize() >= self._size:
             self.dropped += 1
             return False
-        self._queue.put_nowait(work)
+        self._queue.put(work)
         return True
 
     def close(self) -> bool:
         """Finish what waits, for `DRAIN` at most; False when something still blocks. Closing twice is fine."""
         if not self._closed:
             self._closed = True
-            try:
-                self._queue.put(None, timeout=DRAIN)
-            except queue.Full:
-                return False
+            self._queue.put(None)
         self._thread.join(DRAIN)
         return not self._thread.is_alive()
 

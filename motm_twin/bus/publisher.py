@@ -71,8 +71,6 @@ class Publisher:
     def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
         """Hand over a period."""
         self._state.post(partial(self._send_tick, message, tick, last, self._took()))
-        if not message.preview:
-            self._robot.follow(tick, message.run)
 
     def scene(self, scene: Scene) -> None:
         """Hand over the resolved scene."""
@@ -97,6 +95,8 @@ class Publisher:
         self._values.put(self._keys.tick, self._encode(message))
         if self._profile is not None and (self._encoder is None or self._encoder[0] != self._profile):
             self._encoder = self._profile, RobotEncoder(self._profile)  # now: what it imports is there since the load
+        if not message.preview:
+            self._robot.follow(tick, message.run)
         self._send_scan(tick, message.run)
         new_run, age = message.run != self._sent_run, time.monotonic() - self._sent_at
         due = age >= GRID_REFRESH or ((last or new_run or age >= GRID_INTERVAL) and self._changed(tick.map, new_run))
