@@ -50,6 +50,10 @@ class NoSession(Exception):
     """The server gave no session; the message says why."""
 
 
+class OtherVersion(ValueError):
+    """A message in a version that this program does not read."""
+
+
 @dataclass(frozen=True)
 class Grid:
     """A received grid; ``cells`` has shape (height, width), row 0 at y_min."""
@@ -94,6 +98,7 @@ class TwinClient:
         self._changed = threading.Condition()
         self._slots = {key: _Slot() for key in (self.keys.tick, self.keys.grid, self.keys.scene, self.keys.status)}
         self._decoded: dict[str, tuple[int, Any]] = {}
+        self.malformed = 0  # samples that were no messages of a twin, and were not served
         self._clock_offset: float | None = None
         self._declared = [self._session.declare_subscriber(key, _direct(self._on_sample)) for key in self._slots]
         self._liveliness = self._session.liveliness().declare_subscriber(
@@ -322,7 +327,12 @@ class TwinClient:
             newest, payload, attachment, at = slot.count, slot.payload, slot.attachment, slot.at
         if newest == count:
             return value
-        value = decode(payload, attachment, at)
+        try:
+            value = decode(payload, attachment, at)
+        except OtherVersion:
+            raise
+        except (msgspec.DecodeError, ValueError):  # somebody else has sent this: the last value of the twin holds
+            self.malformed += 1
         self._decoded[key] = (newest, value)
         return value
 
@@ -368,4 +378,4 @@ def _decode_grid(payload: bytes, attachment: bytes | None, _at: float) -> Grid:
 
 def _require(version: str, known: str) -> None:
     if version != known:
-        raise ValueError(f"the server sends {version!r}, this client reads {known!r}: update the older of the two")
+        raise OtherVersion(f"the server sends {version!r}, this client reads {known!r}: update the older of the two")
