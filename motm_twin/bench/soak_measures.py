@@ -1,0 +1,241 @@
+"""What must still be so after a long time of bad treatment: memory, threads, the state, the period, nothing left."""
+
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from motm_twin.bench.bus_measures import Measured
+from motm_twin.bench.bus_worker import THREADS, Worker
+from motm_twin.bench.page_measures import act, restart, ticks
+from motm_twin.bench.page_serve import memory_mb, wait_for
+from motm_twin.bench.report import Values, percentiles
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Speed
+from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
+from motm_twin.record.session import Session
+
+WORKER = "motm_twin.bench.soak_worker"
+PARALLEL = 8  # clients at a time
+WARM = 100  # clients before memory is looked at
+KILLED_EACH = 20  # clients of a process that is killed
+KILLED_SHARE = 0.1  # of all clients
+SETTLE = 15.0  # [s] until Zenoh has closed the links of those who were killed, and ended idle threads
+RATE = 1000.0  # malformed messages per second
+BLOCK = 10.0  # [s] of one look at the period, with and without malformed messages in turn
+UP = 120.0  # [s] for a server to be there on a busy machine
+DOWN = 10.0  # [s] for it to end
+MARK = "MOTM_SOAK"  # environment variable that tells our processes from others
+
+Say = Callable[[str], None]
+
+
+def clients(twin: Measured, count: int) -> Values:
+    """Memory [MB] and threads of the server after so many clients have come and gone, against those before.
+
+    One in ten does not leave by itself: its process is killed.
+    """
+    with Worker(WORKER) as worker:
+        _fill(twin)
+        _visit(twin, worker, min(WARM, count))
+        before = _at_rest(twin)
+        restart(twin.client, playing=True)
+        killed = int(KILLED_SHARE * count) // KILLED_EACH * KILLED_EACH
+        unknowing = _visit(twin, worker, count - killed)
+        for _ in range(killed // KILLED_EACH):
+            unknowing += _kill_some(twin)
+        after = _at_rest(twin)
+    return {
+        "memory_mb": after[0] - before[0],
+        "threads": float(after[1] - before[1]),
+        "before_mb": before[0],
+        "before_threads": float(before[1]),
+        "killed": float(killed),
+        "without_state": float(unknowing),
+    }
+
+
+def _fill(twin: Measured) -> None:
+    """One run at 8x fills what has a limit: the snapshots that a branch needs, the caches."""
+    restart(twin.client, playing=True)
+    act(twin.client, Speed(factor=8.0))
+    wait_for(lambda: twin.client.tick().done, 600.0, "end of the run")  # type: ignore[union-attr]
+
+
+def _at_rest(twin: Measured) -> tuple[float, int]:
+    """Memory [MB] and threads of the server, paused at the start of a run."""
+    restart(twin.client, playing=False)
+    time.sleep(SETTLE)
+    pid = twin.server.pid
+    return memory_mb(pid), len(list(Path(f"/proc/{pid}/task").iterdir()))
+
+
+def _visit(twin: Measured, worker: Worker, count: int) -> int:
+    """Clients that leave by themselves; how many never knew the state."""
+    keys = {"endpoint": twin.endpoint, "twin": twin.client.keys.twin}
+    return worker.ask("visit", timeout=60.0 + 3.0 * count, **keys, count=count, parallel=PARALLEL)["knew nothing"]
+
+
+def _kill_some(twin: Measured) -> int:
+    with Worker(WORKER) as victim:
+        knew = victim.ask("stay", endpoint=twin.endpoint, twin=twin.client.keys.twin, count=KILLED_EACH)
+        victim.process.kill()
+        victim.process.wait()
+    return KILLED_EACH - knew
+
+
+@dataclass
+class Attacked:
+    """What became of malformed messages."""
+
+    sent: dict[str, int] = field(default_factory=dict)
+    accepted: list[str] = field(default_factory=list)
+    unanswered: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=lambda: {"accepted": 0, "unanswered": 0})
+    period: dict[str, Values] = field(default_factory=dict)  # [ms]
+
+    def add(self, answer: dict[str, Any]) -> None:
+        """One more round."""
+        for how, count in answer["sent"].items():
+            self.sent[how] = self.sent.get(how, 0) + count
+        for name in self.counts:
+            self.counts[name] += answer["counts"][name]
+        self.accepted += answer["accepted"]
+        self.unanswered += answer["unanswered"]
+
+
+def state(client: TwinClient) -> dict[str, Any]:
+    """What no refused message may change: the hash of the whole state, the log of edits, and what the status says."""
+    session = msgspec.json.decode(client.session(), type=Session)
+    status = client.status()
+    assert status is not None
+    names = ("run", "state", "text", "scene", "variant", "seed", "time", "speed", "driver", "parameters", "recording")
+    found = {name: getattr(status, name) for name in names}
+    return found | {"hash": session.state_hash, "periods": session.periods, "edits": session.edits}
+
+
+def attack_paused(twin: Measured, count: int, seed: int = 1) -> Attacked:
+    """Malformed messages to a paused twin. Raises RuntimeError when its state changed."""
+    restart(twin.client, playing=False)
+    before, attacked = state(twin.client), Attacked()
+    with Worker(WORKER) as worker:
+        attacked.add(_attack(twin, worker, count, seed))
+    after = state(twin.client)
+    if changed := [f"{name}: {before[name]} -> {after[name]}" for name in before if before[name] != after[name]]:
+        raise RuntimeError(f"malformed messages have changed {'; '.join(changed)}")
+    return attacked
+
+
+def attack_playing(twin: Measured, count: int, seed: int = 2) -> Attacked:
+    """Malformed messages to a twin that runs, in blocks: off, on, on, off. Its periods meanwhile, and its edits after.
+
+    Raises RuntimeError when the log has an edit.
+    """
+    attacked = Attacked()
+    found: dict[bool, list[float]] = {False: [], True: []}
+    each = max(1, min(count, round(RATE * BLOCK)))
+    with Worker(WORKER) as worker:
+        sent = block = 0
+        while sent < count or block % 4:
+            on = block % 4 in (1, 2)
+            restart(twin.client, playing=True)
+            if on:
+                worker.send("attack", **_where(twin), count=each, rate=RATE, seed=seed + block)
+                sent += each
+            found[on] += [tick.stage_ms["period"] for tick in ticks(twin.client, each / RATE)]
+            if on:
+                attacked.add(worker.answer(timeout=60.0 + each / 50.0))
+            block += 1
+            if edits := state(twin.client)["edits"]:
+                raise RuntimeError(f"malformed messages became edits: {edits[:3]}")
+    attacked.period = {"without": percentiles(found[False]), "attacked": percentiles(found[True])}
+    return attacked
+
+
+def _where(twin: Measured) -> dict[str, Any]:
+    return {"endpoint": twin.endpoint, "twin": twin.client.keys.twin, "clock": twin.clock}
+
+
+def _attack(twin: Measured, worker: Worker, count: int, seed: int) -> dict[str, Any]:
+    timeout = 60.0 + count / 50.0
+    return worker.ask("attack", timeout=timeout, **_where(twin), count=count, rate=RATE, seed=seed)
+
+
+def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
+    """`serve --headless` so many times; every fourth is stopped before its twin has run.
+
+    Raises RuntimeError, saying what was left behind: processes, files in its folder, its port.
+    """
+    zenoh_port, took = free_port(), []
+    for number in range(count):
+        took.append(_start_and_stop(folder, zenoh_port, early=number % 4 == 3))
+        if (number + 1) % 10 == 0:
+            say(f"    {number + 1} of {count} starts")
+    spread = percentiles([down for _, down in took])
+    return {"starts": float(count), "start_s": max(up for up, _ in took), "stop_p50_s": spread["p50"]} | {
+        "stop_max_s": spread["max"]
+    }
+
+
+def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[float, float]:
+    """How long [s] it took until it was there, and until it had ended."""
+    mark = secrets.token_hex(8)
+    environment = {**dict.fromkeys(THREADS, "1"), **os.environ, MARK: mark, "TMPDIR": str(folder)}
+    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--headless", "--zenoh-port", str(zenoh_port)]
+    began = time.monotonic()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, cwd=folder, env=environment)  # noqa: S603 - ours
+    try:
+        with TwinClient(f"tcp/{LOOPBACK}:{zenoh_port}") as client:
+            wait_for(lambda: _there(process, client, early), UP, "state of the twin")
+        up = time.monotonic() - began
+        process.send_signal(signal.SIGINT if early else signal.SIGTERM)
+        code = process.wait(DOWN)
+        down = time.monotonic() - began - up
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+    left = left_behind(mark, folder, zenoh_port)
+    if code != 0 or left:
+        raise RuntimeError(f"exit code {code}; left behind: {', '.join(left) or 'nothing'}")
+    return up, down
+
+
+def _there(process: subprocess.Popen, client: TwinClient, early: bool) -> bool:
+    if process.poll() is not None:
+        raise RuntimeError(f"serve ended with exit code {process.returncode}")
+    return client.status() is not None if early else client.tick() is not None
+
+
+def left_behind(mark: str, folder: Path, port: int) -> list[str]:
+    """Processes with the mark in their environment, files in the folder, and the port when it is not free."""
+    left = [f"process {pid}" for pid in _marked(mark)]
+    left += [f"file {path.relative_to(folder)}" for path in folder.rglob("*") if not path.is_dir()]
+    try:
+        require_free_port(LOOPBACK, port, "")
+    except PortTaken as error:
+        left.append(error.args[-1])
+    with socket.socket() as probe:
+        if probe.connect_ex((LOOPBACK, port)) == 0:
+            left.append(f"somebody listens on port {port}")
+    return left
+
+
+def _marked(mark: str) -> list[int]:
+    wanted, found = f"{MARK}={mark}".encode(), []
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            if wanted in (path / "environ").read_bytes().split(b"\0"):
+                found.append(int(path.name))
+        except OSError:
+            continue
+    return found
