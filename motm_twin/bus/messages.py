@@ -237,9 +237,10 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     aside: MaybeNumber = None  # [s] end of the run that `undo_branch` brings back; null: there is none
     recorded: int = 0  # edits in the log of this run
     reference_tour: MaybeNumber = None  # [s] lower bound of this scene's task, see bench.reference_tour
-    plant: str = "simulated"  # simulated | zenoh (an external robot is commanded) | mirror (one is only shown)
-    plant_text: str = ""  # one sentence about the external robot; "" for a simulated one
+    plant: str = "simulated"  # simulated | zenoh (external, commanded) | mirror (external, only shown) | recording
+    plant_text: str = ""  # one sentence about the external robot or the recording; "" for a simulated one
     recording: str = ""  # file that the server writes now; "" when it writes none
+    span: Vector = []  # [s] first and last period of the recording that is played; empty: no recording is played
 
 
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):

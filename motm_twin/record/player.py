@@ -118,6 +118,7 @@ class Player:
             oldest=min(frame.index for frame in (self._frames[0], frame)),
             plant="recording",
             plant_text=about,
+            span=self._span_of(frame),
         )
 
     def _answer(self, envelope: Envelope, arrived: float, reply: Callable[[str, int], None]) -> None:
@@ -155,6 +156,11 @@ class Player:
                 return lambda: None
             case _:
                 raise Refused(_ALLOWED)
+
+    def _span_of(self, frame: Frame) -> list[float]:
+        """Times [s] that `branch` can go to: of the runs that share their beginning with this frame's."""
+        times = [other.time for other in self._frames if other.run[0] == frame.run[0]]
+        return [times[0], max(times)]
 
     def _span(self) -> str:
         indices = [frame.index for frame in self._frames]

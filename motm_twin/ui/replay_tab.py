@@ -99,6 +99,11 @@ class ReplayTab:
         self._changing = Changing()
         self._shown: Shown | None = None
         gui.add_html('<div class="motm-stacked"></div>')
+        self._position = self._changing(
+            gui.add_slider("Recording [s]", 0.0, SPAN_LEAST, PERIOD, 0.0, visible=False, hint="where it is played")
+        )
+        self._position.on_update(hub.driving(lambda event, _: self._seek(float(event.target.value))))
+        self._sought = -1e9
         self._line = Html(gui)
         self._slider = self._changing(gui.add_slider("Seconds before now", -SPAN_LEAST, 0.0, PERIOD, 0.0))
         self._slider.on_update(hub.driving(lambda event, _: self._look(float(event.target.value))))
@@ -131,6 +136,7 @@ class ReplayTab:
     def update(self, shown: Shown) -> None:
         """Show this."""
         self._shown = shown
+        self._show_position(shown)
         self._line.set(span_line(shown, self._span()))
         if time.monotonic() - self._touched > HOLD:
             start = slider_start(self._span())
@@ -144,6 +150,23 @@ class ReplayTab:
         self._undo.visible = aside is not None
         self._undo.label = "Undo" if aside is None else f"Undo: on from {aside:.1f} s"
         self._announce(shown.newest)
+
+    def _show_position(self, shown: Shown) -> None:
+        """Of a recording that is played: where it is."""
+        span = [] if shown.status is None else shown.status.span
+        self._position.visible = bool(span)
+        if not span or shown.status is None or time.monotonic() - self._sought <= HOLD:
+            return
+        first, last = span[0], max(span[1], span[0] + SPAN_LEAST)
+        if (self._position.min, self._position.max) != (first, last):
+            self._position.min, self._position.max = first, last
+        self._position.value = min(max(shown.status.time, first), last)
+
+    def _seek(self, value: float) -> None:
+        """Play the recording from another moment on."""
+        self._sought = time.monotonic()
+        self._hub.playback.live()
+        self._hub.send(self._visitor, Branch(index=round(value / PERIOD)))
 
     def step(self, periods: int) -> None:
         """Look one period earlier or later."""
@@ -175,7 +198,8 @@ class ReplayTab:
         """Tell this visitor once about a branch that has happened, whoever made it."""
         if newest is None or newest.run == self._run:
             return
-        if self._run is not None and newest.past >= 0:
+        played = self._shown is not None and self._shown.status is not None and self._shown.status.span
+        if self._run is not None and newest.past >= 0 and not played:
             self._hub.tell(self._visitor, *branched(newest), "blue")
         self._run = newest.run
 
