@@ -241,7 +241,7 @@ class ZenohPlant(RemoteWorld):
             again = min(deadline, time.monotonic() + AGAIN)
             with self.link.changed:
                 if self.link.changed.wait_for(lambda: self._reached(until), max(0.0, again - time.monotonic())):
-                    self._at, self._silent_since = until, 0.0
+                    self._at, self._silent_since = self.link.newest("clock").stamp, 0.0
                     return
             if time.monotonic() >= deadline:
                 self._silent_since = self._silent_since or time.monotonic() - wait
@@ -329,7 +329,7 @@ class ZenohPlant(RemoteWorld):
                 if self._shown() or self._silent_since:
                     break
                 self._grant(self._at + 0.01)
-        if not self._shown() or not self._fresh() or self._clock.offset is None:
+        if not self._shown() or not self._fresh() or (self._clock.offset is None and not self.shared):
             return False
         state: RobotState = self.link.newest("state")
         if not self.shared or self.mirror:

@@ -1,0 +1,77 @@
+"""The smallest robot that motm-twin can drive: plain zenoh and JSON, nothing of motm_twin. See docs/external_robot.md.
+
+    motm-twin serve exp1 --plant zenoh &
+    python examples/robot_skeleton.py tcp/127.0.0.1:7447
+
+Replace `Drives` by your robot. Its joints follow at once, its base slips never, its lidar sees nothing.
+"""
+
+import json
+import math
+import queue
+import sys
+import time
+import uuid
+
+import zenoh
+
+VERSION, LIFE, STEP = "motm.plant/1", uuid.uuid4().hex, 0.01
+KEY = f"motm/{sys.argv[2] if len(sys.argv) > 2 else 'frankie'}/plant/"
+
+
+class Drives:
+    """Stands for the real base, arm and gripper."""
+
+    pose, q, width = [0.0, 0.0, 0.0], [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785], 0.08
+
+    def move(self, twist: list[float], rates: list[float], gripper: str, dt: float) -> None:
+        """Move for dt [s] with a base twist [m/s, rad/s] and joint rates [rad/s]."""
+        x, y, heading = self.pose
+        way = twist[0] * dt
+        self.pose = [x + way * math.cos(heading), y + way * math.sin(heading), heading + twist[1] * dt]
+        self.q = [angle + rate * dt for angle, rate in zip(self.q, rates, strict=True)]
+        self.width = 0.08 if gripper == "open" else 0.0
+
+
+def main() -> None:
+    """Be a robot until Ctrl-C."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    session, drives, born = zenoh.open(config), Drives(), time.monotonic()
+    base = {"version": VERSION, "life": LIFE}
+    info = {**base, "name": "skeleton", "clock": "real", "step": STEP, "can": []}
+    arrived: queue.SimpleQueue[tuple[float, dict]] = queue.SimpleQueue()
+
+    def on_command(sample: zenoh.Sample) -> None:
+        arrived.put((time.monotonic() - born, json.loads(sample.payload.to_bytes())))
+
+    session.declare_subscriber(KEY + "command", on_command)
+    session.declare_queryable(KEY + "info", lambda query: query.reply(KEY + "info", json.dumps(info)))
+    session.liveliness().declare_token(KEY + "alive")
+    waiting: list[dict] = []
+    acting: dict = {"act_at": -math.inf, "seq": -1, "gripper": "open"}
+    for seq in range(sys.maxsize):
+        now = seq * STEP
+        time.sleep(max(0.0, born + now - time.monotonic()))
+        new = [arrived.get() for _ in range(arrived.qsize())]
+        waiting += [command for _, command in new if command["life"] == LIFE and command["version"] == VERSION]
+        due = [command for command in waiting if command["act_at"] <= now and command["seq"] > acting["seq"]]
+        acting = max([acting, *due], key=lambda command: command["seq"])
+        waiting = [command for command in waiting if command["act_at"] > now]
+        fresh = now - acting["act_at"] < 0.30  # later it expires: stand
+        twist, rates = (acting["twist"], acting["joint_velocity"]) if fresh else ([0.0, 0.0], [0.0] * 7)
+        drives.move(twist, rates, acting["gripper"], STEP)
+        heard = [(command["seq"], at) for at, command in new]
+        state = {"seq": seq, "stamp": now, "pose": drives.pose, "odometry": drives.pose, "twist": twist, "q": drives.q,
+                 "dq": rates, "gripper_width": drives.width, "gripper_moving": False, "heard": heard}  # fmt: skip
+        session.put(KEY + "state", json.dumps(base | state))
+        if seq % 5 == 0:
+            scan = {"stamp": now, "pose": drives.pose, "origin": [0.0, 0.0], "angle_min": -math.pi, "range_min": 0.05,
+                    "angle_step": 2 * math.pi / 720, "range_max": 15.0, "ranges": [None] * 721}  # fmt: skip
+            session.put(KEY + "scan", json.dumps(base | scan))
+
+
+if __name__ == "__main__":
+    main()

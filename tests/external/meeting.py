@@ -1,0 +1,72 @@
+"""A router, and reference robots in threads of this process: with sessions of their own, as if they were elsewhere."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import zenoh
+
+from motm_twin.bus.session import LOOPBACK, free_port, open_server
+from motm_twin.external.emulator import LinkSpec
+from motm_twin.external.plant import ZenohPlant
+from motm_twin.external.robot_link import RobotLink
+from motm_twin.external.robot_server import RobotServer
+from motm_twin.model.scene import Scene
+from motm_twin.twin import Twin
+
+
+class Router:
+    """A Zenoh session in the middle."""
+
+    def __init__(self) -> None:
+        self.port = free_port()
+        self.session: zenoh.Session = open_server(self.port)
+        self.endpoint = f"tcp/{LOOPBACK}:{self.port}"
+
+
+class DeafenedRobot(RobotServer):
+    """A reference robot whose messages can be held back."""
+
+    muted: frozenset[str] = frozenset()
+
+    def _put(self, name: str, payload: bytes) -> None:
+        if name not in self.muted:
+            super()._put(name, payload)
+
+
+def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
+    """Wait until the condition comes true; fail when it does not."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come true in time"
+        time.sleep(0.01)
+
+
+@contextmanager
+def running_robot(
+    router: Router, scene: Scene, *, twin: str = "frankie", clock: str = "shared", link: LinkSpec | None = None
+) -> Iterator[DeafenedRobot]:
+    """A robot in a thread."""
+    server = DeafenedRobot(scene, router.endpoint, twin=twin, clock=clock, link=link)
+    thread = threading.Thread(target=server.run, name="robot")
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.stop()
+        thread.join(10.0)
+        server.close()
+
+
+@contextmanager
+def driven(router: Router, scene: Scene, *, twin: str = "frankie", mirror: bool = False) -> Iterator[Twin]:
+    """A twin whose robot is met at the router, as soon as it is there."""
+    link = RobotLink(router.session, twin, listen_only=mirror)
+    plant = ZenohPlant(link, scene)
+    driven_twin = Twin(scene, plant=plant)
+    try:
+        until(plant.ready)
+        yield driven_twin
+    finally:
+        link.close()

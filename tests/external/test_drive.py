@@ -1,0 +1,211 @@
+"""A twin that drives a robot in another program: the same as in one, late, silent, hostile, two at once, mirrored."""
+
+import secrets
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import zenoh
+from meeting import Router, driven, running_robot, until
+
+from motm_twin.control.tick import Tick
+from motm_twin.external.emulator import LinkSpec
+from motm_twin.external.keys import PlantKeys
+from motm_twin.external.messages import VERSION, RobotCommand
+from motm_twin.model.edits import AddObstacle, Announce, MoveObject
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_scene
+from motm_twin.twin import Twin
+
+BOX = AddObstacle(name="box", x=0.0, y=-2.0)
+
+
+def same(one: Tick, other: Tick) -> bool:
+    """Whether two periods saw, decided and caused the same."""
+    pairs = [
+        (one.observation.pose, other.observation.pose),
+        (one.observation.q, other.observation.q),
+        (one.arm[-1].actuation.twist, other.arm[-1].actuation.twist),
+        (one.arm[-1].actuation.joint_velocity, other.arm[-1].actuation.joint_velocity),
+    ]
+    assert one.truth is not None and other.truth is not None
+    pairs.append((one.truth.pose, other.truth.pose))
+    return one.time == other.time and all(np.array_equal(a, b) for a, b in pairs)
+
+
+def test_over_a_perfect_link_the_run_is_the_same_bit_for_bit(router: Router, scene: Scene) -> None:
+    inside = Twin(scene)
+    with running_robot(router, scene), driven(router, scene) as outside:
+        for _ in range(40):
+            assert same(inside.advance(), outside.advance())
+
+
+def test_two_twins_and_two_robots_on_one_router_do_not_disturb_each_other(router: Router, scene: Scene) -> None:
+    other = load_scene("exp1", "trial2")
+    inside = {"left": Twin(scene), "right": Twin(other)}
+    with (
+        running_robot(router, scene, twin="left"),
+        running_robot(router, other, twin="right"),
+        driven(router, scene, twin="left") as left,
+        driven(router, other, twin="right") as right,
+    ):
+        for _ in range(20):
+            assert same(inside["left"].advance(), left.advance())
+            assert same(inside["right"].advance(), right.advance())
+
+
+def test_over_a_bad_link_it_acts_ahead_and_keeps_driving(router: Router, scene: Scene) -> None:
+    link = LinkSpec(latency=0.05, jitter=0.02, loss=0.01, seed=1)
+    with running_robot(router, scene, link=link) as robot, driven(router, scene) as twin:
+        ticks = [twin.advance() for _ in range(100)]
+        report: Any = robot.robot.report()
+    assert report["path_length_m"] > 0.5
+    assert report["contacts"] == []
+    assert 0.05 <= ticks[-1].observation.ahead <= 0.1
+    errors = _errors(ticks)
+    assert len(errors) > 50
+    assert max(errors) < 0.03  # the noise of localisation is in it
+
+
+def _errors(ticks: list[Tick]) -> list[float]:
+    """How far [m] the base was, at the times of which there is truth, from where it had been expected to be."""
+    truth = {}
+    for tick in ticks:
+        assert tick.truth is not None
+        end = tick.observation.time - tick.observation.ahead + 0.05  # truth of a period is of its end
+        truth[round(end, 3)] = tick.truth.pose
+    expected = [sample for tick in ticks[20:] for sample in tick.samples if round(sample.time, 3) in truth]
+    return [float(np.hypot(*(seen.pose - truth[round(seen.time, 3)])[:2])) for seen in expected]
+
+
+def test_late_states_slow_then_stop_and_it_goes_on_by_itself(router: Router, scene: Scene) -> None:
+    with running_robot(router, scene) as robot, driven(router, scene) as twin:
+        for _ in range(30):
+            assert "old" not in twin.advance().stop_reason
+        robot.muted = frozenset({"state", "scan", "detections"})
+        reasons = [twin.advance().stop_reason for _ in range(30)]
+        slowed = [k for k, reason in enumerate(reasons) if reason.startswith("slowed to half speed: the newest")]
+        stopped = [k for k, reason in enumerate(reasons) if reason.startswith("stopped: the newest")]
+        assert slowed and stopped
+        assert max(slowed) < min(stopped)
+        before: Any = robot.robot.report()
+        twin.advance()
+        standing: Any = robot.robot.report()
+        assert standing["path_length_m"] == before["path_length_m"]
+        robot.muted = frozenset()
+        again = [twin.advance() for _ in range(40)]
+        after: Any = robot.robot.report()
+    assert "old" not in again[-1].stop_reason
+    assert after["path_length_m"] > before["path_length_m"] + 0.1
+
+
+@pytest.mark.parametrize("silent", ["scan", "state"])
+def test_one_silent_sensor_is_enough_to_stop(router: Router, scene: Scene, silent: str) -> None:
+    names = {"scan": "lidar scan", "state": "state of the robot"}
+    with running_robot(router, scene) as robot, driven(router, scene) as twin:
+        for _ in range(5):
+            twin.advance()
+        robot.muted = frozenset({silent})
+        reasons = [twin.advance().stop_reason for _ in range(10)]
+    assert f"stopped: the newest {names[silent]} is" in reasons[-1]
+
+
+def test_a_robot_without_a_twin_stops_by_itself(router: Router, scene: Scene) -> None:
+    with running_robot(router, scene) as robot, driven(router, scene) as twin:
+        while twin.advance().observation.twist[0] < 0.2:
+            pass
+        for _ in range(150):  # nobody commands: only time is granted
+            twin.plant.step(0.01)
+        before: Any = robot.robot.report()
+        twin.plant.step(0.01)
+        after: Any = robot.robot.report()
+        assert after["path_length_m"] == before["path_length_m"]
+        assert not after["plant_faults"]
+
+
+def test_edits_go_to_a_simulated_robot_and_are_refused_by_it(router: Router, scene: Scene) -> None:
+    with running_robot(router, scene), driven(router, scene) as twin:
+        twin.advance()
+        twin.post(BOX)
+        with pytest.raises(ValueError, match="box"):
+            twin.post(BOX)
+        tick = twin.advance()
+        assert tick.truth is not None
+        assert [body.name for body in tick.truth.obstacles] == ["box"]
+
+
+def test_a_robot_that_is_not_simulated_refuses_edits_with_a_sentence(router: Router, scene: Scene) -> None:
+    with running_robot(router, scene) as robot:
+        plain = robot.robot.info()
+        robot.robot.info = lambda: msgspec.structs.replace(plain, life=robot.robot.life, can=[])  # type: ignore[method-assign]
+        robot.muted = frozenset({"truth"})
+        with driven(router, scene) as twin:
+            tick = twin.advance()
+            assert tick.truth is None
+            for edit in (BOX, MoveObject(name="cube_L", x=1.0, y=1.0)):
+                with pytest.raises(ValueError, match="not simulated: its world can not be changed"):
+                    twin.post(edit)
+            with pytest.raises(ValueError, match="does not tell"):
+                twin.post(Announce(name=_piece(scene)))
+            with pytest.raises(ValueError, match="record the run"):
+                twin.session()
+            with pytest.raises(ValueError, match="can not go back"):
+                twin.restore(twin.snapshot())
+            twin.reset()
+            until(lambda: twin.external is not None and twin.external.ready())
+            assert twin.advance().index == 0
+
+
+def _piece(scene: Scene) -> str:
+    from motm_twin.model.furniture import pieces
+
+    return next(name for name, piece in pieces(scene).items() if piece.mapped)
+
+
+def test_hostile_messages_disturb_neither_side(router: Router, scene: Scene) -> None:
+    inside, keys = Twin(scene), PlantKeys()
+    everywhere = (keys.state, keys.scan, keys.detections, keys.truth, keys.clock, keys.command, keys.grant)
+    command = RobotCommand(
+        version=VERSION, life="other", sender="foe", seq=1, act_at=0.0, twist=[0.1, 0.0], joint_velocity=[0.0] * 7,
+        gripper="open",
+    )  # fmt: skip
+    rubbish = [b"", b"{}", b"[" * 5000, secrets.token_bytes(200), msgspec.json.encode(command), b"\xff" * 2_000_000]
+    with running_robot(router, scene) as robot, driven(router, scene) as outside:
+        for _ in range(10):
+            for key in everywhere:
+                for payload in rubbish:
+                    router.session.put(key, payload)
+            for key in (keys.reset, keys.edit, keys.tasks):
+                for payload in rubbish[:5]:
+                    for reply in router.session.get(key, payload=payload, timeout=5.0):
+                        assert reply.ok is not None
+                        assert b'"ok":false' in reply.ok.payload.to_bytes()
+            assert same(inside.advance(), outside.advance())
+        report: Any = robot.robot.report()
+    assert report["commands_refused"] >= 50
+
+
+def test_a_mirror_shows_the_robot_and_never_says_anything(router: Router, scene: Scene) -> None:
+    heard: list[str] = []
+    keys = PlantKeys()
+    spies = [
+        router.session.declare_subscriber(key, zenoh.handlers.Callback(lambda s: heard.append(str(s.key_expr))))
+        for key in (keys.command, keys.grant)
+    ]
+    idle = msgspec.structs.replace(scene, tasks=())
+    with running_robot(router, scene, clock="real") as robot, driven(router, idle, mirror=True) as twin:
+        life = robot.robot.life
+        ticks = [twin.advance() for _ in range(30)]
+        assert robot.robot.life == life  # it was not reset
+        report: Any = robot.robot.report()
+        with pytest.raises(ValueError, match="mirror"):
+            twin.post(BOX)
+    for spy in spies:
+        spy.undeclare()
+    assert heard == []
+    assert report["commands_refused"] == 0
+    assert report["path_length_m"] == 0.0
+    assert ticks[-1].time > ticks[0].time
+    assert len(ticks[-1].beliefs) == len(scene.objects)
+    assert ticks[-1].observation.scan is not None

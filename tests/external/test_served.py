@@ -1,0 +1,108 @@
+"""`serve --plant zenoh` with robots that come, go and come back; and the example of a robot that shares no code."""
+
+import functools
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from meeting import Router, driven, running_robot, until
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import AddObstacle, Branch, Load, Speed
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.messages import StatusMessage, TickMessage
+from motm_twin.bus.server import RobotChoice, TwinServer
+from motm_twin.bus.server_process import make_external_twin
+from motm_twin.model.scene import Scene
+from motm_twin.planning.types import SearchBudget
+
+SKELETON = Path(__file__).parents[2] / "examples" / "robot_skeleton.py"
+
+
+def status(client: TwinClient) -> StatusMessage:
+    now = client.status()
+    assert now is not None
+    return now
+
+
+def tick(client: TwinClient) -> TickMessage:
+    now = client.tick()
+    assert now is not None
+    return now
+
+
+def robot_process(endpoint: str) -> subprocess.Popen[bytes]:
+    arguments = ["exp1", "--variant", "trial1", "--endpoint", endpoint]
+    return subprocess.Popen([sys.executable, "-m", "motm_twin.external.cli_robot", *arguments], stdout=subprocess.PIPE)
+
+
+@pytest.fixture
+def served(tmp_path: Path, router: Router) -> Iterator[TwinServer]:
+    """A server whose robot is met at a router of its own."""
+    make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
+    server = TwinServer(
+        library=FileLibrary("exp1"),
+        make_twin=lambda scene: pytest.fail("the simulated robot was asked for"),
+        first=Load(scene="exp1", variant="trial1"),
+        data=tmp_path,
+        robot=RobotChoice(make_twin=make, session=router.session),
+    )
+    with server:
+        yield server
+
+
+def test_the_robot_is_waited_for_driven_and_found_again_after_it_was_killed(served: TwinServer, router: Router) -> None:
+    with TwinClient(served.endpoint) as client:
+        until(lambda: client.status() and status(client).text.startswith("waiting for robot"))
+        assert status(client).plant == "zenoh"
+        first = robot_process(router.endpoint)
+        second = None
+        try:
+            until(lambda: client.tick() and tick(client).index > 20)
+            assert "real clock" in status(client).plant_text
+            refused = client.command(Branch(index=3))
+            assert "can not go back" in refused.reason
+            assert "runs by itself" in client.command(Speed(factor=2.0)).reason
+            assert client.command(AddObstacle(name="box", x=0.0, y=-2.0)).ok
+            until(lambda: [body.name for body in tick(client).obstacles] == ["box"])
+            first.kill()
+            until(lambda: "nothing is heard of it" in status(client).text)
+            stood = tick(client)
+            assert stood.stop_reason.startswith("stopped: the newest")
+            second = robot_process(router.endpoint)
+            until(lambda: tick(client).index > stood.index + 10 and not tick(client).stop_reason)
+            assert tick(client).run == stood.run
+            second.send_signal(signal.SIGTERM)
+            report, _ = second.communicate(timeout=30.0)
+            assert b'"contacts": []' in report
+        finally:
+            for process in (first, second):
+                if process is not None:
+                    process.kill()
+                    process.communicate()
+
+
+def test_a_reset_puts_a_simulated_robot_back_to_the_start(served: TwinServer, router: Router, scene: Scene) -> None:
+    from motm_twin.bus.commands import Reset
+
+    with running_robot(router, scene, clock="shared") as robot, TwinClient(served.endpoint) as client:
+        until(lambda: client.tick() and tick(client).index > 5)
+        before, life = status(client).run, robot.robot.life
+        assert client.command(Reset()).ok
+        until(lambda: status(client).run > before and tick(client).run > before and tick(client).index > 2)
+        assert robot.robot.life != life
+
+
+def test_the_skeleton_of_a_robot_is_driven(router: Router, scene: Scene) -> None:
+    process = subprocess.Popen([sys.executable, str(SKELETON), router.endpoint])
+    try:
+        with driven(router, scene) as twin:
+            start = twin.advance().observation.pose
+            until(lambda: abs(twin.advance().observation.pose[:2] - start[:2]).max() > 0.1)
+            assert twin.plant.truth() is None
+    finally:
+        process.kill()
+        process.wait()
