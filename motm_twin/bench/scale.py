@@ -1,0 +1,162 @@
+"""How many twins and viewers one Zenoh router carries on this machine, with the load of a real twin many times over."""
+
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from motm_twin.bench import bus_measures
+from motm_twin.bench.bus_worker import Worker
+from motm_twin.bench.page_measures import restart
+from motm_twin.bench.page_serve import cpu_seconds, memory_mb
+from motm_twin.bench.report import Report, percentiles, write
+from motm_twin.bench.runner import machine
+from motm_twin.bench.scale_worker import Sizes
+
+NAME = "scale"
+TITLE = "Scale: simulated twins at 1x and one viewer for each, which reads everything, through a Zenoh router"
+WORKER = "motm_twin.bench.scale_worker"
+COUNTS = (10, 50, 100, 200)
+LINKED = 50  # twins at one router, their viewers at another
+EACH = 50  # sessions in one process
+OBSERVED = 20.0  # [s] of the real twin whose load is repeated
+SETTLE = 3.0  # [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What was measured with so many twins."""
+
+    twins: int
+    routers: int
+    messages_in: float  # per second, all twins together
+    mb_in: float  # per second
+    messages_out: float
+    mb_out: float
+    router_cpu: float  # % of a core, the busiest router
+    router_mb: float  # resident memory
+    p50_ms: float  # from a twin's put to its viewer's callback, ticks
+    p99_ms: float
+    max_ms: float
+    lost: int  # ticks
+    late_ms: float  # p99 of how late the twins themselves sent: above some ms, this machine is what limits
+    load_cpu: float  # % of a core, twins and viewers together
+
+
+def bench_scale(out: Path, seconds: float, console: Console, counts: Sequence[int] = COUNTS) -> bool:
+    """Measure, print, write ``out/scale.json``; True when everything could be measured.
+
+    Takes about 6 x ``seconds`` + 1.5 min. There is no number to reach: what the figures mean is in docs/scale.md.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    report, rows = Report(), []
+    sizes = observed(min(seconds, OBSERVED))
+    console.print(rate_table(sizes))
+    for number, routers in [*((count, 1) for count in counts), (min(LINKED, max(counts)), 2)]:
+        try:
+            rows.append(loaded(number, routers, sizes, seconds))
+        except (RuntimeError, TimeoutError) as error:  # the smaller ones are still worth a table
+            report.failures.append(f"{number} twins: {error}")
+        console.print(f"  {number} twins, {routers} router{'s' * (routers > 1)}", markup=False)
+    console.print(row_table(rows))
+    for failure in report.failures:
+        console.print(f"  not measured: {failure}", style="red", markup=False)
+    loads = {key: {"rate": about["rate"], "mean_bytes": float(np.mean(about["sizes"]))} for key, about in sizes.items()}
+    whole = {"group": NAME, "title": TITLE, "machine": machine(), "one_twin": loads}
+    write(out / f"{NAME}.json", whole | {"rows": [asdict(row) for row in rows], "failures": report.failures})
+    console.print(f"{whole['machine']}; written to {out / f'{NAME}.json'}")
+    return not report.failures
+
+
+def observed(seconds: float) -> Sizes:
+    """What a real twin sends in Experiment 1 at 1x."""
+    with tempfile.TemporaryDirectory() as folder, bus_measures.measured("exp1", Path(folder)) as twin:
+        restart(twin.client, playing=True)
+        with Worker(WORKER) as worker:
+            name = twin.client.keys.twin
+            return worker.ask("observe", endpoint=twin.endpoint, twin=name, seconds=seconds)
+
+
+def loaded(count: int, routers: int, sizes: Sizes, seconds: float) -> Row:
+    """One measurement: twins at the first router, viewers at the last."""
+    names = [f"sim-{number}" for number in range(count)]
+    parts = [names[start : start + EACH] for start in range(0, count, EACH)]
+    with ExitStack() as stack:
+        chain: list[Worker] = []
+        endpoints: list[str] = []
+        for _ in range(routers):
+            chain.append(stack.enter_context(Worker(WORKER)))
+            endpoints.append(chain[-1].ask("router", connect=endpoints[-1:]))
+        viewers = [stack.enter_context(Worker(WORKER)) for _ in parts]
+        twins = [stack.enter_context(Worker(WORKER)) for _ in parts]
+        for viewer, part in zip(viewers, parts, strict=True):
+            viewer.ask("viewers", endpoint=endpoints[-1], names=part)
+        for twin, part in zip(twins, parts, strict=True):
+            twin.ask("twins", endpoint=endpoints[0], names=part, sizes=sizes)
+        time.sleep(SETTLE)
+        for worker in (*twins, *viewers):
+            worker.ask("sent" if worker in twins else "received")
+        load = [worker.pid for worker in (*twins, *viewers)]
+        routed, used, began = _used(chain), sum(map(cpu_seconds, load)), time.monotonic()
+        time.sleep(seconds)
+        spent = time.monotonic() - began
+        shares = [100.0 * (after - before) / spent for before, after in zip(routed, _used(chain), strict=True)]
+        load_cpu = 100.0 * (sum(map(cpu_seconds, load)) - used) / spent
+        sent, received = [twin.ask("sent") for twin in twins], [viewer.ask("received") for viewer in viewers]
+        memory = max(memory_mb(worker.pid) for worker in chain)
+    delays = percentiles([1000.0 * delay for part in received for delay in part["delays"]])
+    return Row(
+        twins=count,
+        routers=routers,
+        messages_in=sum(part["messages"] for part in sent) / spent,
+        mb_in=sum(part["bytes"] for part in sent) / spent / 1e6,
+        messages_out=sum(part["messages"] for part in received) / spent,
+        mb_out=sum(part["bytes"] for part in received) / spent / 1e6,
+        router_cpu=max(shares),
+        router_mb=memory,
+        p50_ms=delays["p50"],
+        p99_ms=delays["p99"],
+        max_ms=delays["max"],
+        lost=sum(part["lost"] for part in received),
+        late_ms=max(part["late_ms"]["p99"] for part in sent),
+        load_cpu=load_cpu,
+    )
+
+
+def _used(workers: list[Worker]) -> list[float]:
+    return [cpu_seconds(worker.pid) for worker in workers]
+
+
+def rate_table(sizes: Sizes) -> Table:
+    """What one twin sends, by key."""
+    table = _table("one twin, key", "messages/s", "bytes each", "kB/s")
+    total = 0.0
+    for key, about in sorted(sizes.items(), key=lambda item: -item[1]["rate"]):
+        mean = float(np.mean(about["sizes"]))
+        total += about["rate"] * mean
+        table.add_row(key, f"{about['rate']:.1f}", f"{mean:,.0f}", f"{about['rate'] * mean / 1000:.1f}")
+    table.add_row("together", "", "", f"{total / 1000:.1f}")
+    return table
+
+
+def row_table(rows: Sequence[Row]) -> Table:
+    """All measurements."""
+    columns = ("twins", "routers", "in 1/s", "in MB/s", "out 1/s", "out MB/s", "router %", "router MB")
+    table = _table(*columns, "p50 ms", "p99 ms", "max ms", "lost", "late ms", "load %")
+    for row in rows:
+        cells = [f"{value:,.1f}" if isinstance(value, float) else str(value) for value in asdict(row).values()]
+        table.add_row(*cells)
+    return table
+
+
+def _table(*names: str) -> Table:
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name in names:
+        table.add_column(name, justify="left" if name == names[0] else "right", no_wrap=True)
+    return table
