@@ -162,20 +162,22 @@ def bench(
     out: Path = Path("out/bench"),
     seconds: float = 60.0,
     minutes: float = 3.0,
+    share: float = 1.0,
 ) -> int:
-    """Measure: the groups of trials behind the numbers of the README, or the served page, as tables and JSON.
+    """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
     Args:
-        groups: Names of groups, or all of them, or page (needs Chromium).
+        groups: Names of groups of trials, or all of them; or page (needs Chromium), bus, soak, scale.
         workers: Processes.
         out: Folder of the JSON results.
-        seconds: Page only: time of each measurement of the control period.
+        seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
+        share: Soak only: part of the full counts.
     """
     from motm_twin.bench.__main__ import main as run_groups
 
-    page = ["--seconds", str(seconds), "--minutes", str(minutes)]
-    return run_groups([*groups, "--workers", str(workers), "--out", str(out), *page])
+    others = ["--seconds", str(seconds), "--minutes", str(minutes), "--share", str(share)]
+    return run_groups([*groups, "--workers", str(workers), "--out", str(out), *others])
 
 
 def main() -> None:

@@ -1,6 +1,7 @@
 """`python -m motm_twin.bench [GROUP ...]`: the numbers of the paper and ours. Exit code 1 when one is missed.
 
-"all" are the groups of trials; "page" measures the served page, needs Chromium, and runs only when it is named.
+"all" are the groups of trials. The others run only when they are named: "page" measures the served page and needs
+Chromium, "bus" measures what goes over Zenoh, "soak" treats a server badly for long, "scale" loads a router.
 """
 
 import argparse
@@ -9,11 +10,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from motm_twin.bench import page
+from motm_twin.bench import bus, page, scale, soak
 from motm_twin.bench.groups import GROUPS
 from motm_twin.bench.table import bench
 
-KNOWN = (*GROUPS, page.NAME)
+KNOWN = (*GROUPS, page.NAME, bus.NAME, soak.NAME, scale.NAME)
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
 
 
@@ -24,11 +25,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2, help="trials run at the same time (default 2)")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), help="folder of the JSON files")
     page.add_options(parser)
+    parser.add_argument("--share", type=float, default=1.0, help="soak: of the full counts (default 1: half an hour)")
     options = parser.parse_args(arguments)
     names = [name for name in KNOWN if name in options.groups or ("all" in options.groups and name in GROUPS)]
     unknown = [name for name in options.groups if name not in ("all", *KNOWN)]
     if unknown or options.workers < 1:
         parser.error(f"unknown group {unknown[0]!r}: use all, {', '.join(KNOWN)}" if unknown else "need a worker")
+    if not 0.0 < options.share <= 1.0:
+        parser.error(f"--share {options.share:g}: allowed is more than 0 and at most 1")
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, TABLE_WIDTH)
     missed = [name for name in names if not _reached(name, options, console)]
@@ -39,6 +43,12 @@ def main(arguments: list[str] | None = None) -> int:
 def _reached(name: str, options: argparse.Namespace, console: Console) -> bool:
     if name == page.NAME:
         return page.bench_page(options.out, options.seconds, options.minutes, console)
+    if name == bus.NAME:
+        return bus.bench_bus(options.out, options.seconds, console)
+    if name == soak.NAME:
+        return soak.bench_soak(options.out, options.share, console)
+    if name == scale.NAME:
+        return scale.bench_scale(options.out, options.seconds, console)
     return bench(GROUPS[name], options.out, options.workers, console)
 
 
