@@ -1,0 +1,41 @@
+"""What is written about robots in other programs stays true."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from motm_twin.external.keys import PlantKeys
+from motm_twin.external.messages import Info, RobotCommand, RobotState, ScanData
+from motm_twin.external.schemas import KINDS, path, text
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "external_robot.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_published_schema_is_that_of_the_code(name: str) -> None:
+    published = path(name).read_text(encoding="utf-8")
+    assert published == text(name), "run python -m motm_twin.external.schemas; a change of meaning needs a new version"
+
+
+def test_the_page_shows_the_skeleton_as_it_is() -> None:
+    skeleton = (ROOT / "examples" / "robot_skeleton.py").read_text(encoding="utf-8")
+    assert skeleton in re.findall(r"```python\n(.*?)```", PAGE, re.S)
+
+
+def test_the_page_names_every_key() -> None:
+    keys = PlantKeys()
+    named = [key.removeprefix(keys.root + "/") for name, key in vars(keys).items() if name not in ("twin", "root")]
+    assert [key for key in named if f"`{key}`" not in PAGE] == []
+
+
+@pytest.mark.parametrize(
+    ("title", "kind"), [("info", Info), ("state", RobotState), ("scan", ScanData), ("command", RobotCommand)]
+)
+def test_the_examples_of_messages_can_be_read(title: str, kind: type) -> None:
+    import msgspec
+
+    match = re.search(rf"<!-- {title} -->\n```json\n(.*?)```", PAGE, re.S)
+    assert match is not None
+    assert msgspec.json.decode(match[1].encode(), type=kind).version == "motm.plant/1"
