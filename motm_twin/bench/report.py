@@ -1,6 +1,7 @@
 """Limits, what was measured against them, and how both are printed and written: for groups that run no trials."""
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,7 +62,9 @@ def conclude(name: str, title: str, limits: dict[str, Limit], report: Report, ou
     for failure in report.failures:
         console.print(f"  not measured: {failure}", style="red", markup=False)
     whole = {"group": name, "title": title, "machine": machine(), "reached": reached, "goals": goals}
-    whole |= {"details": report.details, "skipped": report.skipped, "failures": report.failures}
+    load = [round(value, 1) for value in os.getloadavg()]
+    console.print(f"load average {', '.join(map(str, load))} (1, 5, 15 min); above the number of cores nothing holds")
+    whole |= {"load_average": load, "details": report.details, "skipped": report.skipped, "failures": report.failures}
     write(out / f"{name}.json", whole)
     console.print(f"{whole['machine']}; written to {out / f'{name}.json'}")
     return reached
