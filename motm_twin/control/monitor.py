@@ -77,7 +77,7 @@ class Monitor(Stateful[MonitorState]):
         if not free:
             stop = np.array([0.0, twist[1] if turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
-        rates = np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)
+        rates = self._arm_share(observation.age) * np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)
         return self._let_through(twist, rates, actuation.gripper, reason)
 
     def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
@@ -99,6 +99,11 @@ class Monitor(Stateful[MonitorState]):
             why = f"slowed to half speed: the newest {what} is {age:.2f} s old, more than {p.slow_age:.2f} s"
             return 0.5 * twist, why
         return twist, ""
+
+    def _arm_share(self, age: float) -> float:
+        """Share of its speed that the arm keeps: it needs no scan, but must know where it is."""
+        p = self.parameters
+        return 1.0 if age <= p.slow_age else (0.5 if age <= p.stop_age else 0.0)
 
     def _braking(self, twist: Array, observation: Observation) -> str:
         assert observation.scan is not None

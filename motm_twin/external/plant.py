@@ -26,7 +26,7 @@ GONE = 1.0  # [s] without a state after which the robot is waited for
 AGAIN = 0.5  # [s] after which a grant that had no answer is sent again
 SILENT_WAIT = 0.05  # [s] that a step waits for a robot that has not answered the one before
 BEHIND = 0.2  # [s] that control falls behind the robot's clock before it skips what it missed
-LONGEST_STEP = 0.5  # [s] that a step waits at most
+LONGEST_STEP = 0.2  # [s] that a step waits at most
 ROUNDING = 1e-6  # [s]
 FIRST_STATES = 100  # steps of a shared clock in which a robot must have shown itself
 

@@ -21,7 +21,7 @@ from motm_twin.sim.plant import SUBSTEP
 MAX_WAITING = 2000  # messages; more are dropped
 MAX_REQUEST = 1024 * 1024  # bytes
 MAX_GRANT = 1.0  # [s] of shared time in one grant
-CATCH_UP = 0.25  # [s] that a real clock falls behind before it gives up catching up
+CATCH_UP = 1.0  # [s] that a real clock falls behind before it gives up catching up
 IDLE = 0.1  # [s] between looks at the stop event
 SENT = ("state", "scan", "detections", "truth", "clock")
 

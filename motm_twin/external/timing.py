@@ -5,6 +5,7 @@ from collections import deque
 
 BUCKET = 0.5  # [s] over which the best bound is kept
 BUCKETS = 20  # 10 s: a drift of 100 ppm is 1 ms in that time
+JUMP = 0.05  # [s] by which bounds contradict each other when a clock has jumped; less is rounding to steps
 ARRIVALS = 200  # commands over which the longest way counts: 2 s
 SENT_KEPT = 500  # commands that wait to be heard of
 IN_TIME = 0.98  # share of the commands that must be there in time; a late one acts when it arrives
@@ -38,15 +39,29 @@ class ClockOffset:
     """
 
     def __init__(self) -> None:
+        self._forget()
+
+    def _forget(self) -> None:
         self._least, self._most = _Bound(), _Bound()
+
+    def _contradicted(self) -> bool:
+        """The bounds exclude each other: the robot's clock has jumped, and what was known about it is void."""
+        least, most = self._least.largest(), self._most.largest()
+        return least is not None and most is not None and least > -most + JUMP
 
     def state(self, stamp: float, received: float) -> None:
         """A state arrived: stamp on the robot's clock, received on the twin's [s]."""
         self._least.note(received, stamp - received)
+        if self._contradicted():
+            self._forget()
+            self._least.note(received, stamp - received)
 
     def command(self, sent: float, heard: float, now: float) -> None:
         """A command arrived: sent on the twin's clock, heard on the robot's [s]; ``now`` on the twin's."""
         self._most.note(now, sent - heard)
+        if self._contradicted():
+            self._forget()
+            self._most.note(now, sent - heard)
 
     @property
     def offset(self) -> float | None:

@@ -1,8 +1,10 @@
 """Bad links, clocks that differ, and where the robot will be when the next command acts."""
 
+import msgspec
 import numpy as np
 import pytest
 
+from motm_twin.control.monitor import Monitor
 from motm_twin.external.emulator import Link, LinkSpec
 from motm_twin.external.messages import LIFETIME
 from motm_twin.external.predictor import Motion, Predictor
@@ -55,6 +57,16 @@ def test_the_offset_of_two_clocks_is_found_within_half_the_shortest_way() -> Non
     assert clock.offset == pytest.approx(offset, abs=0.005)
 
 
+@pytest.mark.parametrize("jump", [-0.5, 0.5])
+def test_a_clock_that_jumps_is_found_again_at_once(jump: float) -> None:
+    clock = ClockOffset()
+    for step in range(200):
+        now, offset = 0.01 * step, 10.0 + (jump if step >= 100 else 0.0)
+        clock.state(now - 0.05 + offset, now)
+        clock.command(now - 0.1, now - 0.05 + offset, now)
+    assert clock.offset == pytest.approx(10.0 + jump, abs=0.03)
+
+
 def test_the_lead_covers_the_way_and_falls_slowly() -> None:
     lead = Lead(0.01)
     assert lead.now(0.0) == 0.0
@@ -78,8 +90,6 @@ def test_without_a_delay_the_prediction_is_what_was_measured(scene: Scene) -> No
 
 
 def test_a_prediction_of_120_ms_is_where_the_simulated_robot_comes_to(scene: Scene) -> None:
-    import msgspec
-
     quiet = msgspec.structs.replace(scene, noise=Noise(localisation_position_sd=0.0, localisation_heading_sd=0.0))
     plant, predictor = SimulatedPlant(quiet), Predictor(scene.robot, LIFETIME)
     rng, past, worst = np.random.default_rng(2), [], 0.0
@@ -98,6 +108,15 @@ def test_a_prediction_of_120_ms_is_where_the_simulated_robot_comes_to(scene: Sce
             later, there = predictor.predict(past[step - 11], now + 0.01), motion(plant)
             worst = max(worst, float(np.abs(later.pose - there.pose).max()), float(np.abs(later.q - there.q).max()))
     assert worst < 1e-3
+
+
+@pytest.mark.parametrize(("age", "share"), [(0.1, 1.0), (0.2, 0.5), (0.4, 0.0)])
+def test_the_arm_slows_and_stands_too_when_the_state_is_old(scene: Scene, age: float, share: float) -> None:
+    seen = msgspec.structs.replace(SimulatedPlant(scene).observe(), age=age)
+    asked = Actuation(twist=np.zeros(2), joint_velocity=np.full(7, 0.1), gripper="open")
+    told = Monitor(scene.robot).check(asked, seen, 0.01)
+    assert told.actuation.joint_velocity == pytest.approx(0.1 * share)
+    assert ("state of the robot" in told.reason) == (share < 1.0)
 
 
 def motion(plant: SimulatedPlant) -> Motion:
