@@ -60,7 +60,7 @@ class Twin(Commanding[Answer]):
     def __init__(self, endpoint: str, twin: str, *, name: str = "", timeout: float = 5.0) -> None:
         """Connect; use `connect` to find the twin as well. Raises NoTwin."""
         self.client = TwinClient(endpoint, twin)
-        self._name = (name or Path(sys.argv[0]).name or "program")[:NAME_MAX]
+        self._name = (name or Path(sys.argv[0]).name.removeprefix("-c") or "program")[:NAME_MAX]
         self._readers: weakref.WeakSet[EventReader] = weakref.WeakSet()
         atexit.register(self._close_at_exit, weakref.ref(self.client))
         if not self._within(timeout, lambda: self.client.status() is not None):
