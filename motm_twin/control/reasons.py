@@ -44,7 +44,7 @@ def _ended(sequence: TaskSequence) -> str:
     count, failures = len(sequence.tasks), sequence.failures
     held = f"; {sequence.held} is still in the gripper" if sequence.held else ""
     if not failures:
-        return f"all {count} tasks are done{held}"
+        return f"all {count} tasks are done{held}" if count else f"there are no tasks{held}"
     return f"all {count} tasks have ended, {len(failures)} given up: {'; '.join(failures)}{held}"
 
 
