@@ -6,6 +6,7 @@ by `motm-twin security` for connections between machines (docs/security.md).
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import zenoh
@@ -23,18 +24,43 @@ def config_file() -> Path:
     return Path(os.environ.get(VARIABLE) or SHIPPED)
 
 
-def session_config(*, listen: list[str], connect: list[str], mode: str = "peer") -> zenoh.Config:
+def session_config(
+    *, listen: list[str], connect: list[str], mode: str | None = None, own: Sequence[str] = ()
+) -> zenoh.Config:
     """The file with these addresses: ``listen`` on top of its own, ``connect`` instead of them unless empty.
 
-    Raises ConfigError.
+    ``mode`` is that of the file unless it is given. On the keys ``own`` only this session speaks and answers, whoever
+    connects to it; a file with an access control of its own decides that itself. Raises ConfigError.
     """
     config = _read(config_file())
-    settings: dict[str, object] = {"mode": mode, "listen/endpoints": [*listen, *_endpoints(config, "listen")]}
+    settings: dict[str, object] = {"listen/endpoints": [*listen, *_endpoints(config, "listen")]}
+    if mode is not None:
+        settings["mode"] = mode
     if connect:
         settings["connect/endpoints"] = connect
+    if own and not json.loads(config.get_json("access_control/enabled")):
+        settings["access_control"] = _reserved(own)
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _reserved(own: Sequence[str]) -> dict[str, object]:
+    """Others may ask and listen on these keys, but neither publish there nor answer."""
+    rule = {
+        "id": "only the twin speaks here",
+        "permission": "deny",
+        "flows": ["ingress"],
+        "messages": ["put", "delete", "declare_queryable", "reply", "liveliness_token"],
+        "key_exprs": list(own),
+    }
+    return {
+        "enabled": True,
+        "default_permission": "allow",
+        "rules": [rule],
+        "subjects": [{"id": "everybody"}],
+        "policies": [{"rules": [rule["id"]], "subjects": ["everybody"]}],
+    }
 
 
 def configured_endpoint() -> str | None:

@@ -29,6 +29,10 @@ class Keys:
         self.alive = f"{root}/alive"  # liveliness token
         self.commands = f"{root}/cmd/**"
         self._command = f"{root}/cmd"
+        self.own = (
+            *(self.tick, self.grid, self.scene, self.status, self.robot, self.scan, self.event, self.metrics),
+            *(self.session, self.schemas, self.alive, self.commands),
+        )  # on which nobody but the server says anything
 
     def schema(self, name: str) -> str:
         """Key that the schema of this name is asked for at."""

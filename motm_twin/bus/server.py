@@ -71,7 +71,7 @@ class TwinServer:
         """``robot``: one in another program instead of the simulated one; ``make_twin`` is not used then."""
         self.keys = Keys(twin)
         self.port = port or free_port(host)
-        self._session = open_server(self.port, host)
+        self._session = open_server(self.port, host, self.keys.own)
         clock = ServerClock()
         self._clock, self._gate = clock, CommandGate(clock)
         self._encode = msgspec.json.Encoder().encode

@@ -9,6 +9,7 @@ import json
 import socket
 import threading
 import time
+from collections.abc import Sequence
 
 import zenoh
 
@@ -43,14 +44,20 @@ def free_port(host: str = LOOPBACK) -> int:
         return int(probe.getsockname()[1])
 
 
-def open_server(port: int, host: str = LOOPBACK) -> zenoh.Session:
-    """A session that listens on one TCP port and connects to nobody. Raises PortTaken."""
+def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = ()) -> zenoh.Session:
+    """A session that listens on one TCP port, and alone speaks on the keys ``own``. Raises PortTaken.
+
+    It connects to nobody, unless the configuration file names a router.
+    """
     require_free_port(host, port, "choose another one with --zenoh-port (0 takes any free one)")
-    return zenoh.open(session_config(listen=[f"tcp/{host}:{port}"], connect=[]))
+    return zenoh.open(session_config(listen=[f"tcp/{host}:{port}"], connect=[], mode="peer", own=own))
 
 
 def open_client(endpoint: str) -> zenoh.Session:
-    """A session that connects to ``endpoint`` ("tcp/127.0.0.1:7447"), now or as soon as somebody is there."""
+    """A session that connects to ``endpoint`` ("tcp/127.0.0.1:7447"), now or as soon as somebody is there.
+
+    Behind a router the configuration file must say mode "client": a router does not pass on between peers.
+    """
     return zenoh.open(session_config(listen=[], connect=[endpoint]))
 
 
