@@ -118,7 +118,7 @@ class Twins:
 
 
 class Viewers:
-    """Viewers: each a session that reads everything of one twin."""
+    """Viewers: each a session that reads everything of one twin, or one key of all twins."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -126,23 +126,23 @@ class Viewers:
         self._delays: list[float] = []
         self._last: dict[tuple[int, str], int] = {}
 
-    def begin(self, endpoint: str, names: list[str]) -> int:
-        """Connect one viewer for each of these twins."""
+    def begin(self, endpoint: str, names: list[str], key: str, timed: str) -> int:
+        """Connect one viewer for each of these twins ("*": all), for ``key``; delays are those of the key ``timed``."""
         for number, name in enumerate(names):
             session = open_member(endpoint, wait=30.0)
-            handler = zenoh.handlers.Callback(self._noted(number), indirect=False)
-            _keep.extend((session, session.declare_subscriber(f"motm/{name}/*", handler)))
+            handler = zenoh.handlers.Callback(self._noted(number, f"/{timed}"), indirect=False)
+            _keep.extend((session, session.declare_subscriber(f"motm/{name}/{key}", handler)))
         return len(names)
 
     def take(self) -> dict[str, Any]:
-        """What was received since the last question, how many ticks were missed, and how old [ms] ticks were."""
+        """What was received since the last question, how many timed ones were missed, and how old [s] they were."""
         with self._lock:
             taken = {"messages": self._messages, "bytes": self._bytes, "lost": self._lost, "delays": self._delays}
             self._messages = self._bytes = self._lost = 0
             self._delays = []
         return taken
 
-    def _noted(self, number: int) -> Any:
+    def _noted(self, number: int, timed: str) -> Any:
         def note(sample: zenoh.Sample) -> None:
             now, key, size = time.monotonic(), str(sample.key_expr), len(sample.payload)
             assert sample.attachment is not None
@@ -150,7 +150,7 @@ class Viewers:
             with self._lock:
                 self._messages += 1
                 self._bytes += size
-                if key.endswith("/tick"):
+                if key.endswith(timed):
                     self._delays.append(now - float(stamp))
                     self._lost += max(0, int(count) - self._last.get((number, key), int(count) - 1) - 1)
                     self._last[number, key] = int(count)
