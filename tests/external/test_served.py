@@ -92,7 +92,7 @@ def test_a_reset_puts_a_simulated_robot_back_to_the_start(served: TwinServer, ro
         until(lambda: client.tick() and tick(client).index > 5)
         before, life = status(client).run, robot.robot.life
         assert client.command(Reset()).ok
-        until(lambda: status(client).run > before and tick(client).run > before and tick(client).index > 2)
+        until(lambda: (now := client.tick()) is not None and now.run > before and now.index > 2)
         assert robot.robot.life != life
 
 
