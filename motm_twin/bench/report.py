@@ -62,12 +62,22 @@ def conclude(name: str, title: str, limits: dict[str, Limit], report: Report, ou
     for failure in report.failures:
         console.print(f"  not measured: {failure}", style="red", markup=False)
     whole = {"group": name, "title": title, "machine": machine(), "reached": reached, "goals": goals}
-    load = [round(value, 1) for value in os.getloadavg()]
-    console.print(f"load average {', '.join(map(str, load))} (1, 5, 15 min); above the number of cores nothing holds")
-    whole |= {"load_average": load, "details": report.details, "skipped": report.skipped, "failures": report.failures}
+    whole |= {
+        "load_average": load_average(console),
+        "details": report.details,
+        "skipped": report.skipped,
+        "failures": report.failures,
+    }
     write(out / f"{name}.json", whole)
     console.print(f"{whole['machine']}; written to {out / f'{name}.json'}")
     return reached
+
+
+def load_average(console: Console) -> list[float]:
+    """How busy the machine was over the last 1, 5 and 15 minutes, measured load included; it is printed, too."""
+    load = [round(value, 1) for value in os.getloadavg()]
+    console.print(f"load average {', '.join(map(str, load))}; on {os.cpu_count()} cores: above that, no p99 holds")
+    return load
 
 
 def write(target: Path, whole: dict[str, Any]) -> None:

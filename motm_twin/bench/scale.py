@@ -15,7 +15,7 @@ from motm_twin.bench import bus_measures
 from motm_twin.bench.bus_worker import Worker
 from motm_twin.bench.page_measures import restart
 from motm_twin.bench.page_serve import cpu_seconds, memory_mb
-from motm_twin.bench.report import Report, percentiles, write
+from motm_twin.bench.report import Report, load_average, percentiles, write
 from motm_twin.bench.runner import machine
 from motm_twin.bench.scale_worker import Sizes
 
@@ -83,7 +83,8 @@ def bench_scale(out: Path, seconds: float, console: Console, counts: Sequence[in
     one_twin = {
         key: {"rate": about["rate"], "mean_bytes": float(np.mean(about["sizes"]))} for key, about in sizes.items()
     }
-    whole = {"group": NAME, "title": TITLE, "machine": machine(), "one_twin": one_twin}
+    whole = {"group": NAME, "title": TITLE, "machine": machine(), "load_average": load_average(console)}
+    whole["one_twin"] = one_twin
     write(out / f"{NAME}.json", whole | {"rows": [asdict(row) for row in rows], "failures": report.failures})
     console.print(f"{whole['machine']}; written to {out / f'{NAME}.json'}")
     return not report.failures
