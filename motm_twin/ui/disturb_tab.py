@@ -35,7 +35,7 @@ def about(thing: Thing | None, sending: str, placing: str = "") -> str:
     """What can be done with the selected thing, as HTML."""
     if sending or placing:
         what = "go" if sending else "stand, or drag it"
-        text = f"Click the floor where <b>{html.escape(sending or placing)}</b> should {what}. Esc: not."
+        text = f"Click the floor where <b>{html.escape(sending or placing)}</b> should {what} (Esc cancels)."
         return f'<div style="{_TEXT};color:#1d4ed8">{text}</div>'
     return f'<div style="{_TEXT}">{_HOW["" if thing is None else thing.kind]}</div>'
 

@@ -167,6 +167,8 @@ class Drag:
                 return
             if offset.slack:
                 self._grips[key] = replace(offset, slack=0.0)
+            if self._hub.view.placing == name:
+                self._hub.view.placing = ""  # it is being put by hand
             self._move(name, visitor, place)
         if event.phase == "end":
             self._release(name)

@@ -2,7 +2,8 @@
 
 Viser listens for keys at the top of the document, but its tabs and handles keep Space and Enter to themselves, its
 checkboxes and closed lists count as fields, and Space also presses the button that was clicked last. The script takes
-plain keys before any widget does and hands them to the document; Enter, Tab and the arrows stay with the widgets.
+plain keys before any widget does and hands them to the document; Enter, Tab and the arrows stay with the widgets, and
+Escape with what lies over the page.
 
 A finger belongs to the canvas from its first touch on (browsers capture it), which Viser takes for a gesture that is
 under way: no tap would be a click. So the script lets go of it.
@@ -20,12 +21,14 @@ SCRIPT = """<script>
   const closedList = (e) => e.getAttribute("aria-haspopup") === "listbox" && e.getAttribute("aria-expanded") !== "true";
   const typing = (e) => e.isContentEditable || e.tagName === "TEXTAREA" || e.tagName === "SELECT" ||
     (e.tagName === "INPUT" && !noText.test(e.type) && !closedList(e));
+  const covers = "[role=dialog], [role=listbox]";
+  const covered = () => [...document.querySelectorAll(covers)].some((e) => e.checkVisibility());
   const take = (event) => {
     const at = event.target;
     if (!event.isTrusted || !(at instanceof Element) || typing(at) || event.ctrlKey || event.altKey || event.metaKey)
       return;
     if (event.type === "keydown" && event.key === "Enter" && at.type === "checkbox") at.click();
-    if (event.key.length !== 1 && event.key !== "Delete") return;
+    if (event.key.length !== 1 && event.key !== "Delete" && (event.key !== "Escape" || covered())) return;
     event.preventDefault();
     event.stopImmediatePropagation();
     if (event.repeat && event.key === " ") return;

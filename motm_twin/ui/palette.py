@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from motm_twin.bus.commands import Reset, Step
 from motm_twin.ui.camera import PRESETS
 from motm_twin.ui.hub import Hub, Visitor
+from motm_twin.ui.plots_panel import PLOTS, PLOTS_KEY
 from motm_twin.ui.stage import Stage
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def add_commands(
         table.append((f"Camera: {preset}", str(number), act, False))
     table.append(("How to drive", "H", card.show_keys, False))
     card.keys = [(label, _SHOWN.get(key, key)) for label, key, *_ in table if key is not None]
+    card.keys.insert(-1, (PLOTS, PLOTS_KEY))  # its panel has the command
     for label, key, act, drives in table:
         guard = hub.driving if drives else hub.watching
         command = visitor.client.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]

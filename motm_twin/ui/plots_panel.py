@@ -11,6 +11,7 @@ from motm_twin.ui.widgets import Html
 
 EVERY = 5  # updates (of 0.1 s) between pictures
 PANEL_WIDTH = 300  # [px]
+PLOTS, PLOTS_KEY = "Plots of the last minute", "G"
 
 
 class PlotsPanel:
@@ -23,9 +24,11 @@ class PlotsPanel:
         self._lock = threading.Lock()  # the panel is opened and closed in another thread than it is drawn in
         self._count = 0
         self._drawn: TickMessage | None = None
-        self._button = gui.add_button("Plots", icon=viser.Icon.CHART_LINE, hint="curves of the last minute; key G")
+        self._button = gui.add_button(
+            "Plots", icon=viser.Icon.CHART_LINE, hint=f"curves of the last minute; key {PLOTS_KEY}"
+        )
         self._button.on_click(hub.watching(self._toggle))
-        gui.add_command("Plots of the last minute", hotkey="G").on_trigger(hub.watching(self._toggle))
+        gui.add_command(PLOTS, hotkey=PLOTS_KEY).on_trigger(hub.watching(self._toggle))
 
     @property
     def open(self) -> bool:

@@ -60,6 +60,7 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
             f"dragged to {target}, but the Temi is at {client.tick().obstacles[0].position}",
         )
         visitor.tab("Drive")
+        visitor.choose("Speed", "4x")
         visitor.press("Play")
         visitor.state("Running")
 

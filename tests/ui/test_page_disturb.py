@@ -4,17 +4,22 @@ import math
 import re
 
 import msgspec
+import numpy as np
 import pytest
 from page import serving, until, visiting
 
-from motm_twin.bus.commands import AddObstacle, Announce, HandOver, Pause, Reset
-from motm_twin.model.edits import InjectFault, MoveObject, PushRobot
+from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, HandOver, Pause, Reset, SendAgent
+from motm_twin.model.edits import InjectFault, MoveBody, MoveObject, PushRobot, ReleaseBody
 from motm_twin.record.session import Session
 
 EVIL = "<img src=x onerror=window.hacked=1>"
 OCCUPIED = 255  # of a cell of the grid
 TOP = 0.5  # [m] of the shelf
 OLD, NEW = (-1.5, 0.5), (-1.5, -0.4)  # [m] where the shelf stands, and is dragged to
+HERE, THERE = (-0.7, 1.2), (0.2, 1.2)  # [m] free floor, which a box is thrown over
+AWAY = (-0.6, -1.3)  # [m] free floor
+HEIGHT = 0.3  # [m] at which a box is taken
+TRIES = 6  # to throw: a page that draws slowly sees no speed at times
 SCENE = (
     f"""
 format: motm-scene/1
@@ -52,12 +57,23 @@ def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_n
         until(lambda: client.status().state == "playing", 30.0, "not playing")
         the_cube_is_taken_away(visitor)
         the_robot_is_pushed_and_blinded(visitor)
+        speed(visitor, "8x")
         until(lambda: client.tick().score.places == 1, 120.0, "the robot does not get over it")
+        speed(visitor, "1x")
         furniture_is_moved_and_announced(visitor)
         a_hostile_name_is_only_text(visitor)
+        a_box_is_thrown(visitor)
+        a_temi_is_sent_frozen_and_deleted(visitor)
         assert client.status().state == "playing"
         assert dialogs == []
         assert visitor.errors == []
+
+
+def speed(visitor, factor):
+    """Choose how fast time runs, and come back to the tab."""
+    visitor.tab("Drive")
+    visitor.choose("Speed", factor)
+    visitor.tab("Disturb")
 
 
 def the_cube_is_taken_away(visitor):
@@ -93,9 +109,6 @@ def furniture_is_moved_and_announced(visitor):
     """The map has the shelf where it was until the robot is told."""
     client = visitor.twin.client
     assert occupied(client, OLD) and not occupied(client, NEW)
-    visitor.click((*OLD, TOP))  # what is not selected needs Shift
-    selected = visitor.page.get_by_label("Selected").first
-    until(lambda: selected.input_value() == "shelf", 30.0, "the shelf is not selected")
     visitor.drag((*OLD, TOP), (*NEW, TOP))
     moved = until(lambda: client.tick().furniture, 30.0, "the shelf is not moved")[0]
     until(lambda: client.tick().furniture[0].state != "held", 30.0, "it is held for ever")
@@ -103,8 +116,12 @@ def furniture_is_moved_and_announced(visitor):
     assert moved.name == "shelf" and math.dist(place[:2], NEW) < 0.1
     assert not occupied(client, NEW)
     assert done(visitor, Announce) == []
+    visitor.click((*NEW, TOP))
+    selected = visitor.page.get_by_label("Selected").first
+    until(lambda: selected.input_value() == "shelf", 30.0, "the shelf is not selected")
     visitor.press("Tell the robot")
     until(lambda: done(visitor, Announce), 30.0, "nothing is announced")
+    until(lambda: "shelf" in client.tick().announced, 30.0, "the tick does not tell")
     until(lambda: occupied(client, NEW) and not occupied(client, OLD), 60.0, "the map does not follow")
 
 
@@ -112,12 +129,75 @@ def a_hostile_name_is_only_text(visitor):
     page = visitor.page
     visitor.choose("Selected", EVIL)
     visitor.press("Send to…")
-    visitor.says(f"Click the floor where {EVIL} should go.")
+    visitor.says(f"Click the floor where {EVIL} should go")
     visitor.press("Do not send")
     visitor.press("Delete")
     until(lambda: body(visitor, EVIL) is None, 30.0, "it is still there")
     assert page.evaluate("window.hacked") is None
     assert page.locator("img[src=x]").count() == 0
+
+
+def a_box_is_thrown(visitor):
+    place_new(visitor, "Box", "box 1", HERE)
+    for attempt in range(1, TRIES + 1):
+        start = body(visitor, "box 1").position[:2]
+        throw(visitor, start, max(HERE, THERE, key=lambda place: math.dist(place, start)))
+        thrown = until(lambda n=attempt: releases(visitor)[n - 1 :], 30.0, "it is held for ever")[-1]
+        if thrown.velocity != (0.0, 0.0):
+            break
+    assert 0.4 <= math.hypot(*thrown.velocity) <= 2.5 + 1e-9, "put down, not thrown"
+    last = [edit for edit in done(visitor, MoveBody) if edit.name == "box 1"][-1]
+    until(lambda: math.dist(body(visitor, "box 1").position[:2], (last.x, last.y)) > 0.05, 30.0, "it does not slide")
+    visitor.press("Delete")
+    until(lambda: body(visitor, "box 1") is None, 30.0, "the box is still there")
+
+
+def a_temi_is_sent_frozen_and_deleted(visitor):
+    place_new(visitor, "Temi", "temi 1", HERE)
+    visitor.press("Send to…")
+    visitor.says("should go")
+    visitor.click((*AWAY, 0.0))
+    (sent,) = until(lambda: done(visitor, SendAgent), 30.0, "not sent")
+    assert math.dist((sent.x, sent.y), AWAY) < 0.05
+    until(lambda: math.dist(body(visitor, "temi 1").position[:2], HERE) > 0.2, 60.0, "it does not go")
+    visitor.press("Freeze")
+    until(lambda: body(visitor, "temi 1").state == "frozen", 30.0, "not frozen")
+    visitor.press("Go on")
+    until(lambda: body(visitor, "temi 1").state != "frozen", 30.0, "still frozen")
+    assert [edit.frozen for edit in done(visitor, FreezeBody)] == [True, False]
+    until(lambda: math.dist(body(visitor, "temi 1").position[:2], AWAY) < 0.3, 60.0, "it does not arrive")
+    visitor.press("Delete")
+    until(lambda: body(visitor, "temi 1") is None, 30.0, "the Temi is still there")
+
+
+def place_new(visitor, button, name, place):
+    """Add a body, and click the floor where it should stand."""
+    visitor.press(button)
+    until(lambda: body(visitor, name), 30.0, f"no {name}")
+    visitor.says(f"Click the floor where {name} should stand")
+    visitor.close_notes()  # they lie over the floor
+    visitor.click((*place, 0.0))
+    until(lambda: math.dist(body(visitor, name).position[:2], place) < 0.05, 30.0, f"{name} does not stand there")
+    visitor.page.wait_for_timeout(1000)  # until the page draws it
+
+
+def throw(visitor, start, end):
+    """Take a body there, move, and let go while moving: the last of the way belongs to the release."""
+    mouse, events = visitor.page.mouse, visitor.page.context.new_cdp_session(visitor.page)
+    way = [np.asarray(start) + part * np.subtract(end, start) for part in np.linspace(0.0, 1.0, 6)]
+    visitor.hover((*start, HEIGHT))
+    mouse.down()
+    for x, y in way[1:-1]:
+        mouse.move(*visitor.pixel((x, y, HEIGHT)))
+    x, y = visitor.pixel((*end, HEIGHT))
+    release = {"type": "mouseReleased", "x": x, "y": y, "button": "left", "clickCount": 1}
+    events.send("Input.dispatchMouseEvent", release)
+    mouse.up()  # Playwright has not seen it
+
+
+def releases(visitor):
+    """How the box was let go, each time."""
+    return [edit for edit in done(visitor, ReleaseBody) if edit.name == "box 1"]
 
 
 def done(visitor, kind):

@@ -32,13 +32,12 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
         visitor.says("speed 0.5×, actual")
 
         visitor.unfold("Scene")
-        for scene, variant in (("exp2", "one_temi"), ("playground", "calm")):
-            visitor.choose("Scene", scene)
-            visitor.choose("Variant", variant)
-            visitor.press("Load")
-            until(lambda s=scene: client.scene().name == s and client.tick().index > 0, 60.0, f"{scene} not loaded")
-            visitor.says(f"{scene} / {variant}")
-            assert client.status().variant == variant
+        visitor.choose("Scene", "exp2")
+        visitor.choose("Variant", "one_temi")
+        visitor.press("Load")
+        until(lambda: client.scene().name == "exp2" and client.tick().index > 0, 60.0, "exp2 not loaded")
+        visitor.says("exp2 / one_temi")
+        assert client.status().variant == "one_temi"
         assert visitor.settled(quiet=1).std() > 10.0
 
         os.kill(twin.server, signal.SIGSTOP)

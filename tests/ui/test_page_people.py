@@ -91,6 +91,8 @@ def deliver(visitor):
     tasks = until(lambda: len(client.tick().tasks) == 3 and client.tick().tasks, 30.0, "no new tasks")
     assert [(task.kind, task.target) for task in tasks[1:]] == [("pick", "cube"), ("place", "bin")]
     visitor.state("Running")  # the twin goes on by itself
+    visitor.tab("Drive")
+    visitor.choose("Speed", "8x")
     until(lambda: client.tick().score.places == 1, 120.0, "the cube is not delivered")
     box = client.scene().bins[0]
     assert math.dist(middle(client, "cube")[:2], box.centre) < box.side / 2

@@ -35,7 +35,7 @@ def test_a_what_if_from_an_earlier_moment_by_mouse_shows_both_robots_and_both_ti
     path.write_text(SCENE, encoding="utf-8")
     with serving(path) as twin, visiting(twin) as visitor:
         client, page = twin.client, visitor.page
-        visitor.choose("Speed", "4x")
+        visitor.choose("Speed", "8x")
         until(lambda: client.status().state == "done", 240.0, "the run does not end")
         visitor.state("Finished")
         newest = client.tick()
