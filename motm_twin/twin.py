@@ -153,8 +153,7 @@ class Twin:
 
     def _period(self, edits: tuple[Edit, ...], budget: SearchBudget | None) -> Tick:
         index, before = self.loop.index, self.parameters
-        if self._external is not None and self._external.interrupted():
-            self.loop.monitor.begin_from(self.plant.observe().twist)
+        restarted = self._external is not None and self._external.interrupted()
         applied: list[Edit] = []
         for edit in edits:
             if self._taken(edit):
@@ -162,7 +161,7 @@ class Twin:
                 applied.append(edit)
         if self.parameters != before:
             self._retune()
-        return self.loop.period(tuple(applied), budget)
+        return self.loop.period(tuple(applied), budget, restarted=restarted)
 
     def _taken(self, edit: Edit) -> bool:
         """Apply an edit; the world of an external robot has moved on since it was tried, and may refuse it now."""

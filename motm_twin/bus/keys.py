@@ -22,6 +22,7 @@ class Keys:
         self.status = f"{root}/status"  # JSON, on change and twice a second; answers queries
         self.robot = f"{root}/robot"  # JSON at 50 Hz: base, joints, gripper, frames
         self.scan = f"{root}/scan"  # JSON, every new sweep of the lidar
+        self.observations = f"{root}/observations"  # JSON, every period of an external robot: what reruns it
         self.event = f"{root}/event"  # JSON, reliable and numbered; answers queries with its history
         self.metrics = f"{root}/metrics"  # JSON, once a second
         self.session = f"{root}/session"  # JSON of the run so far; answers queries only
@@ -31,7 +32,7 @@ class Keys:
         self._command = f"{root}/cmd"
         self.own = (
             *(self.tick, self.grid, self.scene, self.status, self.robot, self.scan, self.event, self.metrics),
-            *(self.session, self.schemas, self.alive, self.commands),
+            *(self.observations, self.session, self.schemas, self.alive, self.commands),
         )  # on which nobody but the server says anything
 
     def schema(self, name: str) -> str:

@@ -21,7 +21,8 @@ class LatestValues:
         self._answers: dict[str, MakeAnswer] = {}
         self._declared: list[zenoh.Publisher | zenoh.Queryable] = []
         self._publishers = {}
-        for key in (keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event):
+        shown = (keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event)
+        for key in (*shown, keys.observations):
             # Not express: ticks that have to wait for a slow reader then share the batches of the send queue.
             publisher = session.declare_publisher(
                 key,

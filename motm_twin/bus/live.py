@@ -208,6 +208,8 @@ class LiveTwin:
         """The run so far as a Session in JSON. Raises Refused."""
         if self.twin is None or self.message is None:
             raise Refused("no scene is running")
+        if self._robot is not None:
+            raise Refused("a robot in another program does not do the same again: record the run instead")
         now = (self.run, self.message.index, len(self.twin.edits))
         if self._session is None or self._session[0] != now:
             self._session = now, msgspec.json.encode(self.twin.session())

@@ -26,6 +26,7 @@ from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.record.observations import ObservationEncoder
 
 GRID_INTERVAL = 0.25  # [s] the grid is sent on change, at most four times a second
 GRID_REFRESH = 2.0  # [s] unchanged, it is sent again this often, for subscribers that came late
@@ -58,6 +59,7 @@ class Publisher:
         self._robot = RobotStream(self._send_robot, lambda: status().speed)
         self._profile: RobotProfile | None = None
         self._encoder: tuple[RobotProfile, RobotEncoder] | None = None
+        self._observations = ObservationEncoder()
         self._scan = (-1, -1.0)  # run and stamp of the last one sent
         self._sent_map: WorldMap | None = None
         self._sent_run = -1
@@ -104,6 +106,9 @@ class Publisher:
             self._sent_map, self._sent_run, self._sent_at = tick.map, message.run, time.monotonic()
             self._values.put(self._keys.grid, grid_bytes(tick.map), self._encode(grid_info(tick.map, message.run)))
         if not message.preview:
+            if self._status().plant != "simulated":
+                observed = self._observations.message(tick, message.run, self._now())
+                self._values.put(self._keys.observations, self._encode(observed))
             self._metrics.note(message, took)
             self._watch.tick(message)
 

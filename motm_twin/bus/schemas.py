@@ -29,6 +29,7 @@ from motm_twin.bus.messages import (
     TickMessage,
 )
 from motm_twin.model.scene import Scene
+from motm_twin.record.observations import OBSERVATIONS_VERSION, ObservationsMessage
 from motm_twin.record.session import SESSION_VERSION, Session
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -38,6 +39,7 @@ MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "robot": (ROBOT_VERSION, RobotStateMessage),
     "scan": (SCAN_VERSION, ScanMessage),
     "grid": (GRID_VERSION, GridInfo),  # of the attachment
+    "observations": (OBSERVATIONS_VERSION, ObservationsMessage),  # of an external robot
     "event": (EVENT_VERSION, NumberedEvent),
     "events": (EVENTS_VERSION, EventsMessage),  # answer to event?from=SEQ
     "metrics": (METRICS_VERSION, MetricsMessage),

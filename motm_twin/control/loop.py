@@ -92,11 +92,18 @@ class ControlLoop(Stateful[LoopState]):
             "by_hand": self.by_hand,
         }
 
-    def period(self, edits: tuple[Edit, ...] = (), budget: SearchBudget | None = None) -> Tick:
-        """One period of 50 ms. `budget` replaces the setting (a rerun gives a recorded expansion count)."""
+    def period(
+        self, edits: tuple[Edit, ...] = (), budget: SearchBudget | None = None, *, restarted: bool = False
+    ) -> Tick:
+        """One period of 50 ms. `budget` replaces the setting (a rerun gives a recorded expansion count).
+
+        `restarted`: nobody commanded the robot for a while, so the base may not move as it was told last.
+        """
         stages = Stages(self._clock)
         with stages.measure("observe"):
             observation = self.plant.observe()
+        if restarted:
+            self.monitor.begin_from(observation.twist)
         with stages.measure("map"):
             world = self.mapper.update(observation)
             self.tracker.update(observation, self.sequence.held)
@@ -138,6 +145,7 @@ class ControlLoop(Stateful[LoopState]):
             done=self.sequence.done,
             success=self.sequence.done and not self.sequence.failures,
             samples=samples,
+            restarted=restarted,
         )
         state.index += 1
         return tick

@@ -9,6 +9,7 @@ import msgspec
 from motm_twin.bus import messages as bus
 from motm_twin.model.scene import Scene
 from motm_twin.record import foxglove_schemas as drawn
+from motm_twin.record.observations import ObservationsMessage
 from motm_twin.record.session import Session
 
 RECORDED_SESSION_VERSION = "motm.recorded_session/1"
@@ -86,10 +87,11 @@ GRID = Channel("/motm/grid", "motm.Grid", RecordedGrid)
 ROBOT = Channel("/motm/robot", "motm.Robot", bus.RobotStateMessage)
 SCAN = Channel("/motm/scan", "motm.Scan", bus.ScanMessage)
 EVENT = Channel("/motm/event", "motm.Event", bus.NumberedEvent)
+OBSERVATIONS = Channel("/motm/observations", "motm.Observations", ObservationsMessage)
 METRICS = Channel("/motm/metrics", "motm.Metrics", bus.MetricsMessage)
 SESSION = Channel("/motm/session", "motm.Session", RecordedSession)
 PLOTS = Channel("/motm/plots", "motm.Plots", PlotsMessage)
-OURS = (TICK, STATUS, SCENE, GRID, ROBOT, SCAN, EVENT, METRICS, SESSION, PLOTS)
+OURS = (TICK, STATUS, SCENE, GRID, ROBOT, SCAN, EVENT, OBSERVATIONS, METRICS, SESSION, PLOTS)
 
 
 def _drawn(topic: str, schema: dict[str, Any]) -> Channel:

@@ -65,6 +65,7 @@ class ObservationsMessage(msgspec.Struct, frozen=True, kw_only=True):
     server_time: float
     index: int  # of the period
     samples: list[Sample]
+    restarted: bool = False  # control had been away before this period
 
 
 class ObservationEncoder:
@@ -81,7 +82,12 @@ class ObservationEncoder:
             self._run, self._scan, self._detections = run, None, None
         samples = [self._sample(seen) for seen in tick.samples]
         return ObservationsMessage(
-            version=OBSERVATIONS_VERSION, run=run, server_time=server_time, index=tick.index, samples=samples
+            version=OBSERVATIONS_VERSION,
+            run=run,
+            server_time=server_time,
+            index=tick.index,
+            samples=samples,
+            restarted=tick.restarted,
         )
 
     def _sample(self, seen: Observation) -> Sample:
@@ -101,10 +107,13 @@ class RecordedPlant:
     def __init__(self, messages: Iterable[ObservationsMessage]) -> None:
         """``messages``: of one run from its first period on, without a gap; ValueError else."""
         self._samples: list[Observation] = []
+        self._restarts: set[int] = set()  # first sample of each period before which control had been away
         scan, detections = None, ()
         for expected, message in enumerate(messages):
             if message.index != expected:
                 raise ValueError(f"the observations of period {expected} are missing: they go on with {message.index}")
+            if message.restarted:
+                self._restarts.add(len(self._samples))
             for sample in message.samples:
                 scan = scan if sample.scan is None else _scan(sample.scan)
                 if sample.detections is not None:
@@ -154,8 +163,8 @@ class RecordedPlant:
         return f"a recorded robot: {len(self._samples)} samples"
 
     def interrupted(self) -> bool:
-        """Never."""
-        return False
+        """Whether control was away before the period that begins now."""
+        return self._at in self._restarts
 
 
 def _fields(source: Any, target: Any, **others: Any) -> Any:

@@ -11,6 +11,7 @@ from motm_twin.model.edits import Edit
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch
 from motm_twin.record.channels import RecordedScene, RecordedSession
+from motm_twin.record.observations import ObservationsMessage
 from motm_twin.record.reader import Entry, Health, read
 from motm_twin.record.session import Cut, LoggedEdit, Session, SessionError
 
@@ -72,8 +73,6 @@ class Recording:
 
     def session_of(self, run: Run) -> Session:
         """What repeats a run up to the last period that follows from what was recorded. Raises SessionError."""
-        if run.plant != "simulated":
-            raise SessionError(f"run {run.key[1]} is of an external robot, whose observations are not in the file")
         base = run.session or self._start_of(run)
         edits = [*base.edits, *(entry for entry in run.edits if entry.index >= base.periods)]
         cuts = [*base.cuts, *(cut for cut in run.cuts if cut.index >= base.periods)]
@@ -131,6 +130,17 @@ def ticks_of(path: str | Path, key: RunKey) -> Iterator[tuple[int, bytes]]:
             if part.key == key and not part.preview and part.index > last:
                 last = part.index
                 yield part.index, entry.data
+
+
+def observations_of(path: str | Path, run: Run) -> Iterator[ObservationsMessage]:
+    """What the robot of a run reported, each period once, rising. Runs of one file are told apart by their number."""
+    decode, last = msgspec.json.Decoder(ObservationsMessage).decode, -1
+    for entry in read(path):
+        if entry.topic == ch.OBSERVATIONS.topic:
+            message = decode(entry.data)
+            if message.run == run.key[1] and message.index > last:
+                last = message.index
+                yield message
 
 
 class _Builder:

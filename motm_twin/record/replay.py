@@ -7,6 +7,7 @@ import msgspec
 
 from motm_twin.control.tick import Tick
 from motm_twin.model.state import state_hash
+from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.record.log import Log
 from motm_twin.record.made_with import differences, made_with
 from motm_twin.record.session import Session, SessionError
@@ -32,10 +33,13 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
     differences: tuple[str, ...]  # what is not here as it was where the session was made
 
 
-def begin(session: Session) -> Twin:
-    """A twin at the start of the session. Raises SessionError when a parameter cannot be."""
+def begin(session: Session, plant: ExternalPlant | None = None) -> Twin:
+    """A twin at the start of the session, of another than the simulated robot when one is given.
+
+    Raises SessionError when a parameter cannot be.
+    """
     try:
-        return Twin(session.scene, parameters=session.parameters)
+        return Twin(session.scene, parameters=session.parameters, plant=plant)
     except ValueError as error:
         raise SessionError(f"the run cannot be started: {error}") from error
 

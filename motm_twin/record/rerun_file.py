@@ -8,13 +8,16 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.control.tick import Tick
 from motm_twin.record.log import Log
 from motm_twin.record.made_with import differences
-from motm_twin.record.recording import Recording, Run, ticks_of
+from motm_twin.record.observations import RecordedPlant
+from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
 from motm_twin.record.replay import begin
+from motm_twin.record.session import SessionError
 
 # Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
 # run itself.
 _NOT_COMPARED = ("server_time", "run", "began", "first", "past", "stage_ms", "inspected", "preview", "announced")
 _NOT_COMPARED_OF_PLAN = ("cut_by_clock", "staa_path")
+_OF_TRUTH = ("objects", "agents", "obstacles", "furniture", "removed", "faults", "score")  # nobody knows it again
 MOST_FIELDS = 5
 
 Json = dict[str, Any]
@@ -39,7 +42,8 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
 def rerun_run(recording: Recording, run: Run) -> RunReport:
     """Compute one run again. Raises SessionError when the file does not tell how, or the run refuses an edit."""
     session = recording.session_of(run)
-    twin, log = begin(session), Log(session.edits, session.cuts)
+    plant = None if run.plant == "simulated" else _recorded_robot(recording, run)
+    twin, log = begin(session, plant), Log(session.edits, session.cuts)
     recorded = ticks_of(recording.path, run.key)
     waiting = next(recorded, None)
     compared, hashes, period, fields = 0, 0, -1, []
@@ -48,7 +52,7 @@ def rerun_run(recording: Recording, run: Run) -> RunReport:
         while waiting is not None and waiting[0] < index:
             waiting = next(recorded, None)
         if waiting is not None and waiting[0] == index:
-            fields, compared = _differing(waiting[1], tick), compared + 1
+            fields, compared = _differing(waiting[1], tick, of_truth=plant is None), compared + 1
         wanted = run.hashes.get(index + 1)
         if not fields and wanted is not None:
             hashes, now = hashes + 1, twin.state_hash()
@@ -72,6 +76,18 @@ def rerun_run(recording: Recording, run: Run) -> RunReport:
     )
 
 
+def _recorded_robot(recording: Recording, run: Run) -> RecordedPlant:
+    try:
+        robot = RecordedPlant(observations_of(recording.path, run))
+    except ValueError as error:
+        raise SessionError(
+            f"run {run.key[1]} is of an external robot and can be computed again only from its start on: {error}"
+        ) from error
+    if not robot.ready():
+        raise SessionError(f"run {run.key[1]} is of an external robot, whose observations are not in the file")
+    return robot
+
+
 def _not_compared(run: Run, periods: int) -> str:
     last = run.indices[-1] + 1 if run.indices else 0
     if last > periods:
@@ -79,15 +95,18 @@ def _not_compared(run: Run, periods: int) -> str:
     return f"{run.missing} periods are missing in the file" if run.missing else ""
 
 
-def _differing(payload: bytes, tick: Tick) -> list[str]:
-    """The fields that are not as recorded; empty for an equal period."""
+def _differing(payload: bytes, tick: Tick, *, of_truth: bool) -> list[str]:
+    """The fields that are not as recorded; empty for an equal period. ``of_truth``: those of the ground truth too."""
     now = msgspec.json.decode(msgspec.json.encode(tick_message(tick, 0, 0.0)))
     found: list[str] = []
-    _compare(_bare(msgspec.json.decode(payload)), _bare(now), "", found)
+    _compare(_bare(msgspec.json.decode(payload), of_truth), _bare(now, of_truth), "", found)
     return found
 
 
-def _bare(message: Json) -> Json:
+def _bare(message: Json, of_truth: bool) -> Json:
+    if not of_truth:
+        robot = {name: value for name, value in message["robot"].items() if name != "true_pose"}
+        message = {**{name: value for name, value in message.items() if name not in _OF_TRUTH}, "robot": robot}
     plan = {name: value for name, value in message["plan"].items() if name not in _NOT_COMPARED_OF_PLAN}
     return {**{name: value for name, value in message.items() if name not in _NOT_COMPARED}, "plan": plan}
 

@@ -53,6 +53,7 @@ class Stream:
             keys.scan: self._on_scan,
             keys.event: self._on_event,
             keys.metrics: self._on_metrics,
+            keys.observations: self._on_observations,
         }
         self.wants_session = False
         self.lost = 0  # periods that did not arrive
@@ -136,6 +137,9 @@ class Stream:
         event = msgspec.json.decode(payload, type=NumberedEvent)
         self._add(ch.EVENT, event.server_time, payload)
         self._drawer.event(event)
+
+    def _on_observations(self, payload: bytes, _: bytes | None) -> None:
+        self._add(ch.OBSERVATIONS, msgspec.json.decode(payload, type=_Stamped).server_time, payload)
 
     def _on_metrics(self, payload: bytes, _: bytes | None) -> None:
         self._add(ch.METRICS, msgspec.json.decode(payload, type=_Stamped).server_time, payload)

@@ -6,7 +6,20 @@ Rules name messages as they pass the server: ``ingress`` comes from the client, 
 from collections.abc import Sequence
 from typing import Any
 
-STATE = ("tick", "grid", "scene", "status", "robot", "scan", "event", "metrics", "session", "schema/**", "alive")
+STATE = (
+    "tick",
+    "grid",
+    "scene",
+    "status",
+    "robot",
+    "scan",
+    "observations",
+    "event",
+    "metrics",
+    "session",
+    "schema/**",
+    "alive",
+)
 READABLE = tuple(f"motm/*/{key}" for key in STATE)
 COMMANDS = ("motm/*/cmd/**",)
 ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
