@@ -13,6 +13,7 @@ from motm_twin.bus.commands import Answer, MoveBody, TakeWheel
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import TickMessage
 from motm_twin.ui.aim import Surroundings
+from motm_twin.ui.drag import Drag
 from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 from motm_twin.ui.free_place import NEAREST, free_place
 from motm_twin.ui.hub import View
@@ -142,3 +143,28 @@ def test_every_click_of_who_may_drive_takes_the_free_wheel_and_dots_need_nothing
     free = next(i for i, reason in enumerate(tick.placement.rejected) if not reason)
     hub = click(pointing, tick.placement.poses[free][:2])
     assert hub.kept == 1 and hub.view.picked is not None and not any(isinstance(c, TakeWheel) for c in hub.sent)
+
+
+def test_furniture_that_is_only_touched_stays_and_a_body_that_is_dragged_is_placed():
+    hub = Hub()
+    drag = Drag(hub)
+    eye = SimpleNamespace(camera=SimpleNamespace(position=(0.0, 0.0, 5.0)))
+
+    def gesture(name, slack, *ends):
+        phases = ("start", *("update" for _ in ends[1:-1]), "end")
+        for phase, x in zip(phases, ends, strict=True):
+            event = SimpleNamespace(
+                phase=phase, client_id=1, client=eye, start_position=(0.0, 0.0, 0.5), end_position=(x, 0.0, 0.5)
+            )
+            drag._on_drag(name, lambda: (1.0, 2.0), slack, event, None)
+
+    try:
+        hub.view.placing = "box 1"
+        gesture("table", 0.04, 0.0, 0.02, 0.03)
+        assert drag.held("table") is None and hub.view.placing == "box 1"
+        gesture("table", 0.04, 0.0, 0.02, 0.3)
+        assert (drag.held("table").x, drag.held("table").y) == (pytest.approx(1.3), pytest.approx(2.0))
+        gesture("box 1", 0.0, 0.0, 0.01)
+        assert drag.held("box 1").x == pytest.approx(1.01) and hub.view.placing == ""
+    finally:
+        drag.stop()
