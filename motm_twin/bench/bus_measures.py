@@ -148,24 +148,26 @@ def effect(twin: Measured, seconds: float) -> dict[str, Values]:
     heard: list[tuple[float, bytes]] = []
     leave = client.on_tick(lambda payload: heard.append((time.monotonic(), payload)))
     sent: dict[float, tuple[float, float]] = {}  # place: when it was sent, when answered
-    draw, until = random.Random(1), time.monotonic() + seconds
+    draw, until, before = random.Random(1), time.monotonic() + seconds, -1
     while time.monotonic() < until:
         place = round(x + 0.001 * (len(sent) + 1), 6)
         began = time.monotonic()
-        _do(client, MoveBody(name=BODY, x=place, y=y))
+        before = _do(client, MoveBody(name=BODY, x=place, y=y))
         sent[place] = began, time.monotonic()
         time.sleep(COMMAND_EVERY * (0.5 + draw.random()))
-    time.sleep(4 * PERIOD)
+    wait_for(lambda: client.tick().index > before + 1, 10.0, "period after the last command")  # type: ignore[union-attr]
     leave()
     _do(client, RemoveBody(name=BODY))
     _do(client, HandOver())
     return _effects(sent, heard, twin.clock)
 
 
-def _do(client: TwinClient, command: Command) -> None:
+def _do(client: TwinClient, command: Command) -> int:
+    """Have it done; the last period before it. Raises RuntimeError."""
     answer = client.command(command)
     if not answer.ok:
         raise RuntimeError(f"{command!r} was refused: {answer.reason}")
+    return answer.index
 
 
 def _effects(

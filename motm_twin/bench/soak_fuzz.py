@@ -92,8 +92,8 @@ class Fuzzer:
         self._keys, self._draw, self._now = Keys(twin), random.Random(seed), now
         self._seq = 2**40
         keys = self._keys
-        self._state = [keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event]
-        self._others = [*self._state, keys.session, keys.alive, keys.schemas, f"{keys.tick}/x", f"motm/{twin}/nothing"]
+        self._state = [key for key in keys.own if "*" not in key]
+        self._others = [*self._state, keys.schemas, f"{keys.tick}/x", f"motm/{twin}/nothing", f"motm/{twin}/*", "**"]
         self._makers: list[tuple[int, Make]] = [
             (20, self._random_bytes),
             (12, self._truncated),
@@ -242,7 +242,7 @@ class Fuzzer:
 
     def _put(self) -> Message:
         """Values that nobody but the twin may say; and values for keys that take none."""
-        key = self._draw.choice([*self._state, self._keys.alive, self._keys.session, self._keys.command(self._name())])
+        key = self._draw.choice([*self._state, self._keys.command(self._name())])
         kind = "delete" if self._draw.random() < 0.1 else "put"
         return Message("put", kind, key, self._bytes() if kind == "put" else b"")
 

@@ -91,9 +91,8 @@ def test_nobody_else_is_heard_on_the_keys_of_the_twin_and_nobody_else_answers(tw
 
 def test_clients_that_leave_or_are_killed_leave_no_thread(twin, worker):
     restart(twin.client, playing=True)
-    assert worker.ask("visit", **where(twin), count=8, parallel=4)["knew nothing"] == 0
-    until(lambda: twin.client.tick().index > 20, "the twin stands")
-    before = threads(twin)
+    assert worker.ask("visit", **where(twin), count=16, parallel=8)["knew nothing"] == 0
+    before = threads(twin)  # with those that Zenoh ends after some idle seconds
     assert worker.ask("visit", **where(twin), count=24, parallel=4) == {"left": 24, "knew nothing": 0}
     assert worker.ask("stay", **where(twin), count=10) == 10
     worker.process.kill()
@@ -123,8 +122,8 @@ def test_readers_that_never_read_keep_nothing_from_the_others(twin):
 def test_every_accepted_command_is_in_a_tick(twin):
     found = bus_measures.effect(twin, 1.0)
     assert found["never seen"]["count"] == 0.0
-    assert found["answer to its tick"]["count"] > 3.0
+    assert found["answer to its tick"]["count"] > 0.0
 
 
-def test_starts_and_stops_leave_nothing_behind(tmp_path):
-    assert soak_measures.starts(2, tmp_path, print)["starts"] == 2.0
+def test_a_start_and_a_stop_leave_nothing_behind(tmp_path):
+    assert soak_measures.starts(1, tmp_path, print)["starts"] == 1.0
