@@ -332,6 +332,7 @@ class Twin:
         if truth is None:
             return
         motion = self._told.place_piece(name, truth)
+        self.plant.expect_map(self.announced)
         if motion is None:
             return
         old = self.loop

@@ -8,7 +8,7 @@ import msgspec
 
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.plant import BodyTruth, Contact
-from motm_twin.model.scene import Scene, Task
+from motm_twin.model.scene import PlanarPose, Scene, Task
 
 VERSION = "motm.plant/1"
 LIFETIME = 0.30  # [s] after which a command no longer counts
@@ -155,10 +155,11 @@ class EditRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class TaskNotice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The task list of now, for a referee that counts."""
+    """For a referee that counts: the task list of now, or where the robot was told that furniture stands."""
 
     version: str
-    tasks: tuple[Task, ...]
+    tasks: tuple[Task, ...] | None = None
+    announced: dict[str, PlanarPose] | None = None  # x, y [m] of the reference point, turn [rad], by piece
 
 
 class PlantAnswer(msgspec.Struct, frozen=True, kw_only=True):

@@ -97,8 +97,11 @@ class ReferenceRobot:
         return PlantAnswer(version=VERSION, ok=True)
 
     def tasks(self, notice: TaskNotice) -> PlantAnswer:
-        """Tell the referee the task list of now."""
-        self._plant.expect_tasks(notice.tasks)
+        """Tell the referee the task list of now, or where furniture was announced."""
+        if notice.tasks is not None:
+            self._plant.expect_tasks(notice.tasks)
+        if notice.announced is not None:
+            self._plant.expect_map(notice.announced)
         return PlantAnswer(version=VERSION, ok=True)
 
     def report(self) -> dict[str, object]:

@@ -1,13 +1,13 @@
 """The world of an external robot, as far as that robot can be asked about it: only a simulated one can."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from motm_twin.external.convert import truth_of
 from motm_twin.external.messages import VERSION, EditRequest, Info, TaskNotice
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.plant import Truth
-from motm_twin.model.scene import Task
+from motm_twin.model.scene import PlanarPose, Task
 
 
 class NotPossible(ValueError):
@@ -57,6 +57,11 @@ class RemoteWorld:
         """Tell the referee of a simulated robot the task list of now."""
         if self._info is not None and "truth" in self._info.can and not self.mirror:
             self.link.ask(self.link.keys.tasks, TaskNotice(version=VERSION, tasks=tuple(tasks)))
+
+    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
+        """Tell the referee of a simulated robot where furniture was announced."""
+        if self._info is not None and "truth" in self._info.can and not self.mirror:
+            self.link.ask(self.link.keys.tasks, TaskNotice(version=VERSION, announced=dict(announced)))
 
     def _require(self, capability: str, why: str) -> None:
         if self.mirror:

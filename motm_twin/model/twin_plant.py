@@ -1,11 +1,11 @@
 """What a twin needs of its robot beyond the three verbs: ground truth and edits, as far as the robot has them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.plant import Plant, Truth
-from motm_twin.model.scene import Scene, Task
+from motm_twin.model.scene import PlanarPose, Scene, Task
 
 
 class WorldRehearsal(Protocol):
@@ -33,6 +33,10 @@ class TwinPlant(Plant, Protocol):
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
         """Tell the referee, if there is one, the task list of now."""
+        ...
+
+    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
+        """Tell the referee, if there is one, where the robot was told that pieces of furniture stand."""
         ...
 
 

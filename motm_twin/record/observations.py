@@ -1,6 +1,6 @@
 """What a robot reported, period by period, as messages: with these the run of an external robot is computed again."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -10,7 +10,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
-from motm_twin.model.scene import Scene, Task
+from motm_twin.model.scene import PlanarPose, Scene, Task
 
 OBSERVATIONS_VERSION = "motm.observations/1"
 Vector = list[float]
@@ -152,6 +152,9 @@ class RecordedPlant:
         """Its effect is in what the robot saw."""
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
+        """There is no referee."""
+
+    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
         """There is no referee."""
 
     def ready(self) -> bool:

@@ -27,6 +27,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
     taken: tuple[str, ...] = ()  # loose solids of the scene that are among the obstacles now
     moved: tuple[tuple[str, PlanarPose], ...] = ()  # pieces of furniture: x, y of the reference, turn
     removed: tuple[str, ...] = ()  # pieces, loose solids and agents of the scene that are gone
+    announced: tuple[tuple[str, PlanarPose], ...] = ()  # where the robot was told that pieces of furniture stand
 
     def obstacle(self, name: str) -> AddObstacle | None:
         """The obstacle of this name, if there is one."""
@@ -70,22 +71,25 @@ class Furnishings:
 
     def fixed(self, layout: Layout) -> Parts:
         """Furniture, loose solids but those taken, and bins, where they are now; kept while only obstacles change."""
-        key = (layout.taken, layout.moved, layout.removed)
+        key = (layout.taken, layout.moved, layout.removed, layout.announced)
         if self._fixed is None or self._fixed[0] != key:
             self._fixed = (key, fixed_parts(*self._standing(layout)))
         return self._fixed[1]
 
     def _standing(self, layout: Layout) -> tuple[list[Solid], tuple[Bin, ...]]:
         gone = {*layout.taken, *(part for name in layout.removed for part in self.parts(name))}
-        transforms = {}
+        transforms, unmapped, announced = {}, set[str](), dict(layout.announced)
         for name, pose in layout.moved:
             piece = self.pieces[name]
             transforms |= dict.fromkeys((*piece.solids, *piece.bins), rigid(piece, pose))
+            if announced.get(name, (*piece.centre, 0.0)) != pose:  # it stands where no map has it
+                unmapped.update(piece.solids)
         solids = [
             moved_solid(transforms[solid.name], solid) if solid.name in transforms else solid
             for solid in self.scene.solids
             if solid.name not in gone
         ]
+        solids = [msgspec.structs.replace(solid, mapped=False) if solid.name in unmapped else solid for solid in solids]
         bins = [moved_bin(transforms[box.name], box) if box.name in transforms else box for box in self.scene.bins]
         return solids, tuple(bins)
 

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+import msgspec
 import numpy as np
 
 from motm_twin.model.arm_kernels import HAND, TCP, fk_arm
@@ -15,7 +16,7 @@ from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.plant import Actuation, Observation, Truth
-from motm_twin.model.scene import Point, Scene, Task
+from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
 from motm_twin.sim.arm import Arm, ArmState
@@ -156,6 +157,12 @@ class SimulatedPlant(Stateful[PlantState]):
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
         """Tell the referee the task list of now: it counts objects that end up where this list puts them."""
         self._referee.expect(self._state.referee, tasks)
+
+    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
+        """Tell the referee where the robot was told that pieces of furniture stand: there the map has them."""
+        s = self._state
+        s.layout = msgspec.structs.replace(s.layout, announced=tuple(announced.items()))
+        self._show(self._effects.scenery(s, self._scenery), s.agents)
 
     def truth(self) -> Truth:
         """Ground truth, for readers of Ticks."""

@@ -188,3 +188,18 @@ def test_hand_of_the_robot_meets_a_moved_table_where_it_is():
     plant.apply(MoveBody(name="cabinet", x=0.6, y=0.0))
     plant.step(0.05)
     assert {item.other for item in plant.truth().contacts} == {"cabinet"}
+
+
+def test_furniture_that_was_moved_is_in_no_map_until_it_is_announced_there():
+    plant = SimulatedPlant(room())
+    others = plant.truth().ee_obstacle
+    pose = (1.6, 1.4, 0.2)
+    plant.apply(MoveBody(name="table", x=pose[0], y=pose[1], heading=pose[2]))
+    plant.step(0.1)
+    assert plant.truth().ee_obstacle < others - 0.5
+    plant.expect_map({"table": pose})
+    plant.step(0.1)
+    assert plant.truth().ee_obstacle == others
+    plant.apply(MoveBody(name="table", x=pose[0], y=pose[1] + 0.2, heading=pose[2]))
+    plant.step(0.1)
+    assert plant.truth().ee_obstacle < others - 0.5
