@@ -116,5 +116,7 @@ def _memory(twin: Served, report: Report, minutes: float) -> None:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of this group."""
-    parser.add_argument("--seconds", type=float, default=60.0, help="page, bus, scale: of each measurement (default 60)")
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="page, bus, scale: of each measurement (default 60)"
+    )
     parser.add_argument("--minutes", type=float, default=3.0, help="page: of the look at memory (default 3)")

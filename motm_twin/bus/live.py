@@ -29,8 +29,9 @@ MAX_ADDED = 30
 class LiveTwin:
     """One scene with its twin. Every load, reset and branch begins a new run."""
 
-    def __init__(self, make_twin: MakeTwin, server_time: Callable[[], float]) -> None:
-        self._make_twin, self._server_time = make_twin, server_time
+    def __init__(self, make_twin: MakeTwin, server_time: Callable[[], float], plant: str = "simulated") -> None:
+        """``plant``: simulated, zenoh or mirror, as the twins that ``make_twin`` makes will be."""
+        self._make_twin, self._server_time, self._plant = make_twin, server_time, plant
         self.run = 0
         self._began, self._first = 0.0, 0  # server time [s] of the load or reset, first period of the run
         self._past, self._aside_run = -1, -1  # run that this one shares its past with, and run that is set aside
@@ -85,7 +86,7 @@ class LiveTwin:
             "oldest": self.oldest,
             "aside": self.aside,
             "recorded": self.recorded,
-            "plant": "simulated" if robot is None else ("mirror" if robot.mirror else "zenoh"),
+            "plant": self._plant,
             "plant_text": "" if robot is None else robot.text(),
         }
 

@@ -66,17 +66,17 @@ class TwinLoop:
         server_time: Callable[[], float] = time.time,
         reference_tour: Callable[[Scene], float] | None = None,
         keeper: Keeper | None = None,
+        plant: str = "simulated",
     ) -> None:
         self._twin_name, self._sink, self._keeper = twin_name, sink, keeper
         self._play_at_start, self._server_time, self._reference_tour = playing, server_time, reference_tour
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
         self._stop, self._reload = threading.Event(), threading.Event()
-        self._pacer, self._live = Pacer(), LiveTwin(make_twin, server_time)
+        self._pacer, self._live = Pacer(), LiveTwin(make_twin, server_time, plant)
         self._wheel = Wheel(self._post, self._tell)
         self._source = SceneSource(library, first)
         self._tour: float | None = None
-        self._steps = 0  # still to do
-        self._settling = SETTLE_PERIODS
+        self._steps, self._settling = 0, SETTLE_PERIODS  # periods still to do: asked for, and after the last task
         self._play_on = playing  # once a run that was done has a task again
         self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
         self._state, self._text = "loading", "starting"

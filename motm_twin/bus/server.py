@@ -96,6 +96,7 @@ class TwinServer:
             server_time=clock,
             reference_tour=reference_tour,
             keeper=self._keeper,
+            plant="simulated" if robot is None else ("mirror" if robot.mirror else "zenoh"),
         )
         self._library = library
         self._publisher = Publisher(
