@@ -36,7 +36,7 @@ class PlayerServer:
         frames = Frames(path)
         keys = self.keys = Keys(twin)
         self.port = port or free_port(host)
-        self._session = open_server(self.port, host)
+        self._session = open_server(self.port, host, keys.own)
         self._clock = ServerClock()
         self._gate, self._encode = CommandGate(self._clock), msgspec.json.Encoder().encode
         self._values = LatestValues(self._session, keys)

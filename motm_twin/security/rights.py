@@ -46,11 +46,12 @@ def access_control(people: Named, *, by: str, local: str | None = None) -> dict[
         _rule("ask", ["ingress"], ASKING, READABLE),
         _rule("be told", ["egress"], TOLD, READABLE),
         _rule("command", ["ingress"], ["query"], COMMANDS),
+        _rule("forge", ["ingress"], TOLD, (*READABLE, *COMMANDS), permission="deny"),  # only the server says these
         _rule("be answered", ["egress"], ["reply", "declare_queryable"], COMMANDS),
     ]
     here: dict[str, Any] = {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"]}
     subjects = [here if local is None else {**here, "usernames": [local]}]
-    policies = [{"subjects": ["here"], "rules": ["everything"]}]
+    policies = [{"subjects": ["here"], "rules": ["everything", "forge"]}]
     for role, granted in (
         ("viewer", ["ask", "be told"]),
         ("driver", ["ask", "be told", "command", "be answered"]),
@@ -72,5 +73,7 @@ def access_control(people: Named, *, by: str, local: str | None = None) -> dict[
     }
 
 
-def _rule(name: str, flows: list[str], messages: list[str], keys: Sequence[str]) -> dict[str, Any]:
-    return {"id": name, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": list(keys)}
+def _rule(
+    name: str, flows: list[str], messages: list[str], keys: Sequence[str], *, permission: str = "allow"
+) -> dict[str, Any]:
+    return {"id": name, "permission": permission, "flows": flows, "messages": messages, "key_exprs": list(keys)}

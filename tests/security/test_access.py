@@ -28,7 +28,8 @@ class Place:
     @contextmanager
     def serving(self, monkeypatch):
         monkeypatch.setenv(config.VARIABLE, str(self.folder.server))
-        session = open_server(free_port())
+        port = free_port()
+        self.local, session = f"tcp/127.0.0.1:{port}", open_server(port)
         declared = [
             session.declare_queryable("motm/mine/cmd/**", self._command),
             session.declare_queryable("motm/mine/status", lambda query: query.reply(query.key_expr, b"status")),
@@ -80,7 +81,7 @@ def answers(session, key):
     return [reply.ok.payload.to_bytes() for reply in session.get(key, timeout=0.5) if reply.ok is not None]
 
 
-def arrives(place, session, key, marker="motm/mine/plant/state"):
+def arrives(place, session, key):
     """Whether the server receives what is put on a key."""
     place.arrived.clear()
     until = time.monotonic() + 0.5
@@ -201,3 +202,19 @@ def test_the_shipped_configuration_is_closed():
     assert value("adminspace/enabled") is False
     assert value("transport/shared_memory/enabled") is False
     assert value("transport/link/rx/max_message_size") == 16 * 1024 * 1024
+
+
+def test_programs_on_the_machine_itself_command_but_cannot_speak_for_the_twin(tmp_path, monkeypatch):
+    found = Place(tmp_path / "x", passwords=False)
+    with found.serving(monkeypatch) as place:
+        monkeypatch.setenv(config.VARIABLE, str(place.folder.here))
+        with open_member(place.local, wait=3.0) as session:
+            assert heard(place, session, "motm/mine/tick", place.publisher)
+            assert answers(session, "motm/mine/cmd/play") == [b"done"]
+            assert arrives(place, session, "motm/mine/plant/state")
+            assert not arrives(place, session, "motm/mine/tick")
+            false = session.declare_queryable("motm/mine/cmd/play", lambda query: query.reply(query.key_expr, b"false"))
+            assert answers(session, "motm/mine/cmd/stop") == [b"done"]
+            with open_member(place.local, wait=3.0) as other:
+                assert answers(other, "motm/mine/cmd/play") == [b"done"]
+            false.undeclare()
