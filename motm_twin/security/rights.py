@@ -22,6 +22,9 @@ STATE = (
 )
 READABLE = tuple(f"motm/*/{key}" for key in STATE)
 COMMANDS = ("motm/*/cmd/**",)
+# Key chunks that begin with @ are matched by no wildcard. Those of ROS 2: tokens of its two forms, and what advanced
+# publishers (latched topics) keep and say of themselves.
+ROS2 = ("@/*/@ros2_lv/**", "@ros2_lv/**", "**/@adv/**")
 ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 TOLD = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
 EVERYTHING = [*ASKING, *TOLD]
@@ -42,7 +45,7 @@ def access_control(people: Named, *, by: str, local: str | None = None) -> dict[
     itself, which may do everything over the loopback interface; None: whoever connects there may.
     """
     rules = [
-        _rule("everything", ["ingress", "egress"], EVERYTHING, ["**"]),
+        _rule("everything", ["ingress", "egress"], EVERYTHING, ["**", *ROS2]),
         _rule("ask", ["ingress"], ASKING, READABLE),
         _rule("be told", ["egress"], TOLD, READABLE),
         _rule("command", ["ingress"], ["query"], COMMANDS),

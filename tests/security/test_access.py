@@ -2,14 +2,18 @@
 
 import json
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 import zenoh
+import zenoh.ext
 
 from motm_twin.bus import config
 from motm_twin.bus.session import free_port, open_member, open_server
+from motm_twin.ros2.forms import BridgeForm, RmwForm
+from motm_twin.ros2.outlets import Outlets
+from motm_twin.ros2.topics import ACCEPTED, PUBLISHED
 from motm_twin.security.folder import Folder, People
 
 NAMES = {"viewer": ["ann"], "driver": ["bob"], "robot": ["mine"]}
@@ -218,3 +222,44 @@ def test_programs_on_the_machine_itself_command_but_cannot_speak_for_the_twin(tm
             with open_member(place.local, wait=3.0) as other:
                 assert answers(other, "motm/mine/cmd/play") == [b"done"]
             false.undeclare()
+
+
+FORMS = {"bridge": BridgeForm, "rmw": lambda zid: RmwForm(zid, node="motm_twin")}
+TOKENS = {"bridge": "@/*/@ros2_lv/**", "rmw": "@ros2_lv/**"}
+
+
+def tokens(session, form):
+    return {str(reply.ok.key_expr) for reply in session.liveliness().get(TOKENS[form], timeout=0.5) if reply.ok}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_ros_2_is_for_programs_on_the_machine_itself_only(place, monkeypatch, form):
+    with ExitStack() as stack:
+        monkeypatch.setenv(config.VARIABLE, str(place.folder.here))
+        bridge, other = (stack.enter_context(open_member(place.local, wait=3.0)) for _ in range(2))
+        named = FORMS[form](str(bridge.info.zid()))
+        outlets = Outlets(bridge, named, lambda topic, payload: None)
+        stack.callback(outlets.close)
+        latched = next(topic for topic in PUBLISHED if topic.name == "robot_description")
+        outlets.put(latched, {"data": "<robot/>"})
+        expected, until = len(PUBLISHED) + len(ACCEPTED) + 1, time.monotonic() + 5.0
+        while (found := len(tokens(other, form))) < expected and time.monotonic() < until:
+            time.sleep(0.02)
+        assert found == expected
+        assert late(other, named.key(latched))
+        driver = stack.enter_context(place.visitor(monkeypatch, place.folder.of("driver", "bob")))
+        assert tokens(driver, form) == set()
+        assert not late(driver, named.key(latched), 1.0)
+
+
+def late(session, key, wait=5.0):
+    """Whether one who comes late gets the last value of a latched topic."""
+    got = []
+    subscriber = zenoh.ext.declare_advanced_subscriber(
+        session, key, got.append, history=zenoh.ext.HistoryConfig(detect_late_publishers=True)
+    )
+    until = time.monotonic() + wait
+    while not got and time.monotonic() < until:
+        time.sleep(0.02)
+    subscriber.undeclare()
+    return bool(got)
