@@ -6,6 +6,7 @@
 Replace `Drives` by your robot. Its joints follow at once, its base slips never, its lidar sees nothing.
 """
 
+import contextlib
 import json
 import math
 import queue
@@ -39,7 +40,7 @@ def main() -> None:
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"]))
     config.insert_json5("scouting/multicast/enabled", "false")
-    session, drives, born = zenoh.open(config), Drives(), time.monotonic()
+    born = time.monotonic()
     base = {"version": VERSION, "life": LIFE}
     info = {**base, "name": "skeleton", "clock": "real", "step": STEP, "can": []}
     arrived: queue.SimpleQueue[tuple[float, dict]] = queue.SimpleQueue()
@@ -47,10 +48,20 @@ def main() -> None:
     def on_command(sample: zenoh.Sample) -> None:
         arrived.put((time.monotonic() - born, json.loads(sample.payload.to_bytes())))
 
-    session.declare_subscriber(KEY + "command", on_command)
-    session.declare_queryable(KEY + "info", lambda query: query.reply(KEY + "info", json.dumps(info)))
-    session.liveliness().declare_token(KEY + "alive")
-    waiting: list[dict] = []
+    # What is declared has to be undeclared, or its threads keep the program from ending: `with` does it.
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        zenoh.open(config) as session,
+        session.declare_subscriber(KEY + "command", on_command),
+        session.declare_queryable(KEY + "info", lambda query: query.reply(KEY + "info", json.dumps(info))),
+        session.liveliness().declare_token(KEY + "alive"),
+    ):
+        drive(session, base, arrived, born)
+
+
+def drive(session: zenoh.Session, base: dict, arrived: queue.SimpleQueue[tuple[float, dict]], born: float) -> None:
+    """Obey the commands that arrive, and say what became of it. ``born``: monotonic time [s] at which stamps are 0."""
+    drives, waiting = Drives(), []
     acting: dict = {"act_at": -math.inf, "seq": -1, "gripper": "open"}
     for seq in range(sys.maxsize):
         now = seq * STEP

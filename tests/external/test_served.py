@@ -103,6 +103,8 @@ def test_the_skeleton_of_a_robot_is_driven(router: Router, scene: Scene) -> None
             start = twin.advance().observation.pose
             until(lambda: abs(twin.advance().observation.pose[:2] - start[:2]).max() > 0.1)
             assert twin.plant.truth() is None
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20.0) == 0  # Ctrl-C ends it, also with Zenoh's threads
     finally:
         process.kill()
         process.wait()
