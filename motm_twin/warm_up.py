@@ -63,7 +63,8 @@ def _arm() -> None:
     manipulator, monitor = Manipulator(known), Monitor(known.robot)
     for k in range(PERIODS):
         observation = _observation(known.robot.lidar, ARM_STEP * k)
-        monitor.check(manipulator.step(_arm_inputs(observation)).actuation, observation, ARM_STEP)
+        actuation = manipulator.step(_arm_inputs(observation)).actuation
+        monitor.check(actuation, observation, ARM_STEP, scan_stamp=observation.time)
 
 
 def _observation(lidar: Lidar, time: float) -> Observation:

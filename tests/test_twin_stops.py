@@ -34,6 +34,29 @@ def test_without_lidar_the_robot_slows_then_stops_then_goes_on():
     assert not tick.truth.contacts
 
 
+@pytest.mark.parametrize("good_until", [-1, 30])
+def test_scans_that_are_no_use_are_as_if_there_were_none(good_until):
+    twin = Twin(SCENE)
+    sense = twin.plant.observe
+
+    def half_a_scan():
+        seen = sense()
+        if twin.index <= good_until:
+            return seen
+        return msgspec.structs.replace(
+            seen, scan=msgspec.structs.replace(seen.scan, ranges=seen.scan.ranges[::2], angle_step=0.01)
+        )
+
+    twin.plant.observe = half_a_scan
+    if good_until >= 0:
+        advance(twin, good_until + 1)
+    ticks = [twin.advance() for _ in range(60)]
+    assert not ticks[-1].observation.twist.any() or abs(ticks[-1].observation.twist[0]) < 1e-3
+    assert ticks[-1].stop_reason.startswith("stopped: ")
+    if good_until < 0:
+        assert math.dist(ticks[0].truth.pose[:2], ticks[-1].truth.pose[:2]) < 1e-3
+
+
 def test_a_pushed_robot_goes_on_with_its_job():
     for phase in ("stow", "final", "release"):
         twin = Twin(SHORT)

@@ -18,6 +18,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
+_DEEPER = 2e-4  # [m] that a point within the footprint may get further behind the nearest face of it
 
 
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,15 +61,11 @@ class Monitor(Stateful[MonitorState]):
         """The base moves like this although it was told something else: it was stopped while nobody commanded it."""
         self._state.twist = twist.copy()
 
-    def check(
-        self, actuation: Actuation, observation: Observation, dt: float, *, scan_stamp: float | None = None
-    ) -> Verdict:
+    def check(self, actuation: Actuation, observation: Observation, dt: float, *, scan_stamp: float | None) -> Verdict:
         """The actuation for the next dt [s], slowed where it must be.
 
-        `scan_stamp` [s] is that of the newest scan found good, where somebody checks scans; else the newest counts.
+        `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands.
         """
-        if scan_stamp is None and observation.scan is not None:
-            scan_stamp = observation.scan.stamp
         if not _healthy(observation):
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
         twist, reason = self._age(actuation.twist, observation, scan_stamp)
@@ -193,7 +190,10 @@ def points_in_stop(
     rectangle: Array,
     margin: float,
 ) -> int:
-    """Most points that are within the footprint at once while the base stops from (v, w), and are not so already.
+    """Most points that are within the footprint at once while the base stops from (v, w).
+
+    Of those that are within it already, only the ones count that get further behind the face that is nearest to them:
+    the base may leave them, or go along them, and not drive on.
 
     The stop: constant twist for the lag, then deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the
     turn goes on until the base has come to rest. `rectangle`: half length, half width, offset of the footprint [m].
@@ -220,12 +220,17 @@ def points_in_stop(
         s = math.sin(heading)
         count = 0
         for i in range(points.shape[0]):
-            px = points[i, 0]
-            py = points[i, 1]
-            if abs(px - offset) <= half_length and abs(py) <= half_width:
+            dx = points[i, 0] - x
+            dy = points[i, 1] - y
+            along, across = c * dx + s * dy - offset, c * dy - s * dx
+            if abs(along) > half_length or abs(across) > half_width:
                 continue
-            dx = px - x
-            dy = py - y
-            if abs(c * dx + s * dy - offset) <= half_length and abs(c * dy - s * dx) <= half_width:
+            ahead, beside = points[i, 0] - offset, points[i, 1]
+            from_end, from_side = half_length - abs(ahead), half_width - abs(beside)  # at the start; behind which face
+            if from_end < 0.0 or from_side < 0.0:
                 count += 1
+            elif from_end <= from_side:
+                count += half_length - math.copysign(along, along * ahead) > from_end + _DEEPER
+            else:
+                count += half_width - math.copysign(across, across * beside) > from_side + _DEEPER
         worst = max(worst, count)

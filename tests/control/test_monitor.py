@@ -49,14 +49,18 @@ def asking(v=0.0, w=0.0, rates=None):
     return Actuation(twist=np.array([v, w]), joint_velocity=rates, gripper="open")
 
 
+def check(monitor, actuation, seen):
+    return monitor.check(actuation, seen, DT, scan_stamp=seen.scan.stamp if seen.scan is not None else None)
+
+
 def speed_up(monitor, seen, v, w, periods=400):
     for _ in range(periods):
-        verdict = monitor.check(asking(v, w), seen, DT)
+        verdict = check(monitor, asking(v, w), seen)
     return verdict
 
 
 def test_a_good_actuation_passes_unchanged():
-    verdict = Monitor(RobotProfile()).check(asking(0.004, 0.01), observation(), DT)
+    verdict = check(Monitor(RobotProfile()), asking(0.004, 0.01), observation())
     assert verdict.reason == ""
     assert np.allclose(verdict.actuation.twist, [0.004, 0.01])
 
@@ -66,7 +70,7 @@ def test_speed_and_acceleration_never_exceed_the_profile():
     monitor = Monitor(profile)
     last = np.zeros(2)
     for _ in range(300):
-        twist = monitor.check(asking(9.0, -9.0), observation(), DT).actuation.twist
+        twist = check(monitor, asking(9.0, -9.0), observation()).actuation.twist
         assert abs(twist[0] - last[0]) <= profile.base.linear_acceleration * DT + 1e-12
         assert abs(twist[1] - last[1]) <= profile.base.yaw_acceleration * DT + 1e-12
         last = twist
@@ -74,7 +78,7 @@ def test_speed_and_acceleration_never_exceed_the_profile():
 
 
 def test_joint_rates_are_clipped_to_their_limits():
-    verdict = Monitor(RobotProfile()).check(asking(rates=np.full(7, 99.0)), observation(), DT)
+    verdict = check(Monitor(RobotProfile()), asking(rates=np.full(7, 99.0)), observation())
     assert np.all(verdict.actuation.joint_velocity <= DQ_MAX)
 
 
@@ -91,9 +95,9 @@ def test_a_wall_within_the_stopping_distance_brakes():
     monitor = Monitor(RobotProfile())
     speed_up(monitor, observation(), 0.5, 0.0)
     stopping = 0.5 * 0.1 + 0.5**2 / (2 * 0.5)
-    free = monitor.check(asking(0.5), observation(wall=0.35 + stopping + 0.10), DT)
+    free = check(monitor, asking(0.5), observation(wall=0.35 + stopping + 0.10))
     assert free.reason == ""
-    near = monitor.check(asking(0.5), observation(wall=0.35 + stopping - 0.05), DT)
+    near = check(monitor, asking(0.5), observation(wall=0.35 + stopping - 0.05))
     assert "braking" in near.reason
     assert near.actuation.twist[0] < 0.5
 
@@ -106,7 +110,7 @@ def test_backing_away_from_a_wall_that_touches_is_allowed():
 
 
 def test_numbers_that_are_not_finite_stop_the_robot():
-    verdict = Monitor(RobotProfile()).check(asking(0.1), observation(pose=(math.nan, 0.0, 0.0)), DT)
+    verdict = check(Monitor(RobotProfile()), asking(0.1), observation(pose=(math.nan, 0.0, 0.0)))
     assert "not finite" in verdict.reason
     assert np.all(verdict.actuation.joint_velocity == 0.0)
     assert np.all(verdict.actuation.twist == 0.0)
@@ -119,3 +123,20 @@ def test_a_base_that_turns_away_from_a_post_may_keep_turning_while_it_brakes():
     rectangle = np.array([0.35, 0.25, 0.0])
     assert points_in_stop(*stop, False, rectangle, 0.01) == 3
     assert points_in_stop(*stop, True, rectangle, 0.01) == 0
+
+
+@pytest.mark.parametrize("wall", [0.36, 0.345, 0.30, 0.2])
+def test_a_wall_that_reaches_into_the_footprint_is_not_driven_on_into(wall):
+    monitor = Monitor(RobotProfile())
+    verdict = speed_up(monitor, observation(wall=wall), 0.5, 0.0)
+    assert "braking" in verdict.reason
+    assert verdict.actuation.twist[0] < 0.005
+    monitor = Monitor(RobotProfile())
+    assert speed_up(monitor, observation(wall=wall), -0.2, 0.0).actuation.twist[0] == pytest.approx(-0.2)
+
+
+def test_without_a_scan_that_was_found_good_the_base_stands():
+    monitor = Monitor(RobotProfile())
+    verdict = monitor.check(asking(0.5), observation(), DT, scan_stamp=None)
+    assert verdict.reason == "stopped: no usable lidar scan has come yet"
+    assert not verdict.actuation.twist.any()
