@@ -69,7 +69,7 @@ class ZenohPlant(RemoteWorld):
     def text(self) -> str:
         """One sentence about the robot."""
         if self._info is None or self._origin is None:
-            return f"waiting for robot on {self.link.keys.root}/**"
+            return f"waiting for robot on {self.link.keys.root}/**{self._lacking()}"
         state: RobotState | None = self.link.newest("state")
         quiet = time.monotonic() - self.link.last_sign
         if quiet > GONE and (self._silent_since or self.mirror or not self.shared):
@@ -78,6 +78,14 @@ class ZenohPlant(RemoteWorld):
         if state is not None and not self.mirror and state.commander not in ("", self._sender):
             return f"robot {self._info.name!r} obeys somebody else: {state.commander}"
         return f"robot {self._info.name!r}, {self._info.clock} clock: {what}"
+
+    def _lacking(self) -> str:
+        """What a robot that is heard has not said yet; "" for one that is not heard."""
+        if time.monotonic() - self.link.last_sign > GONE:
+            return ""
+        if self._info is None:
+            return ": hears its state, no answer on info yet"
+        return "" if self.link.newest("scan") is not None else ": hears its state, no scan yet"
 
     def observe(self) -> Observation:
         """The robot at the time at which a command that is given now acts."""

@@ -5,9 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from motm_twin.external.convert import scan_of
 from motm_twin.external.keys import PlantKeys
 from motm_twin.external.messages import Info, RobotCommand, RobotState, ScanData
 from motm_twin.external.schemas import KINDS, path, text
+from motm_twin.model.profile import Lidar
+from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "external_robot.md").read_text(encoding="utf-8")
@@ -39,3 +42,15 @@ def test_the_examples_of_messages_can_be_read(title: str, kind: type) -> None:
     match = re.search(rf"<!-- {title} -->\n```json\n(.*?)```", PAGE, re.S)
     assert match is not None
     assert msgspec.json.decode(match[1].encode(), type=kind).version == "motm.plant/1"
+
+
+def test_the_example_of_a_scan_is_one_that_a_lidar_of_so_many_beams_makes() -> None:
+    import msgspec
+
+    match = re.search(r"<!-- scan -->\n```json\n(.*?)```", PAGE, re.S)
+    assert match is not None
+    data = msgspec.json.decode(match[1].encode(), type=ScanData)
+    scan = scan_of(data, 0.0)
+    assert isinstance(check_scan(scan, Lidar(beams=len(data.ranges)), data.stamp), CheckedScan)
+    assert isinstance(check_scan(scan, Lidar(), data.stamp), RefusedScan)
+    assert f"{Lidar().beams} for Frankie" in PAGE

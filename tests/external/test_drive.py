@@ -9,10 +9,13 @@ import pytest
 import zenoh
 from meeting import Router, driven, running_robot, until
 
+from motm_twin.bus.session import open_member
 from motm_twin.control.tick import Tick
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.keys import PlantKeys
 from motm_twin.external.messages import VERSION, RobotCommand
+from motm_twin.external.plant import ZenohPlant
+from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import AddObstacle, Announce, MoveObject
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
@@ -109,6 +112,28 @@ def test_one_silent_sensor_is_enough_to_stop(router: Router, scene: Scene, silen
         robot.muted = frozenset({silent})
         reasons = [twin.advance().stop_reason for _ in range(10)]
     assert f"stopped: the newest {names[silent]} is" in reasons[-1]
+
+
+def test_what_a_waiting_twin_lacks_is_told(router: Router, scene: Scene) -> None:
+    keys, life = PlantKeys("frankie"), {"version": VERSION, "life": "1"}
+    state = {"seq": 0, "stamp": 0.0, "pose": [0.0] * 3, "odometry": [0.0] * 3, "twist": [0.0] * 2, "q": [0.0] * 7,
+             "dq": [0.0] * 7, "gripper_width": 0.08, "gripper_moving": False}  # fmt: skip
+    link = RobotLink(router.session, "frankie")
+    plant = ZenohPlant(link, scene)
+
+    def told(text: str) -> bool:
+        robot.put(keys.state, msgspec.json.encode(life | state))
+        assert not plant.ready()
+        return plant.text() == text
+
+    with open_member(router.endpoint) as robot:
+        waiting = "waiting for robot on motm/frankie/plant/**"
+        assert plant.text() == waiting
+        until(lambda: told(f"{waiting}: hears its state, no answer on info yet"))
+        info = msgspec.json.encode(life | {"name": "blind"})
+        with robot.declare_queryable(keys.info, lambda query: query.reply(keys.info, info)):
+            until(lambda: told(f"{waiting}: hears its state, no scan yet"))
+    link.close()
 
 
 def test_a_robot_without_a_twin_stops_by_itself(router: Router, scene: Scene) -> None:
