@@ -10,6 +10,7 @@ from rich.console import Console
 from tyro.conf import Positional
 
 from motm_twin.bus.cli_bus import send, twins, watch
+from motm_twin.bus.config import ConfigError
 from motm_twin.external.cli_robot import robot
 from motm_twin.model.scene_error import SceneError
 from motm_twin.record.cli_record import info, record, recover, replay, rerun
@@ -204,7 +205,7 @@ def main() -> None:
             prog="motm-twin",
             description="Reactive manipulation on the move, as a digital twin.",
         )
-    except (SceneError, SessionError) as error:
+    except (SceneError, SessionError, ConfigError) as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)
         code = BAD_INPUT
     sys.exit(code)

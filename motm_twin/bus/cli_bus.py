@@ -26,7 +26,7 @@ def watch(
         once: Only the newest value.
         json: The messages themselves, as JSON.
         field: Only one field, as JSON; its path with dots: robot.pose.0.
-        endpoint: Address of the twin server; without it, the twin that runs on this machine.
+        endpoint: Address of the twin server; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
         twin: Name of the twin.
     """
     from motm_twin.bus.cli_watch import watch as watch_key
@@ -52,7 +52,7 @@ def send(
         fields: Fields of the command: name=crate x=1.0 y=-0.5 size=0.3,0.3,0.4
         json: Fields as JSON instead.
         timeout: Time to wait for the answer, in seconds.
-        endpoint: Address of the twin server; without it, the twin that runs on this machine.
+        endpoint: Address of the twin server; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
         twin: Name of the twin.
     """
     from motm_twin.bus.cli_send import send as send_command
@@ -61,7 +61,7 @@ def send(
 
 
 def twins(endpoint: str | None = None, json: Annotated[Flag, tyro.conf.arg(name="json")] = False) -> int:
-    """List the twins that run on this machine, or behind an endpoint.
+    """List the twins that run on this machine, or behind an endpoint (or where MOTM_ZENOH_CONFIG leads).
 
     Exit code 0: there is one that answers; 1: there is none.
 

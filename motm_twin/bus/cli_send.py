@@ -7,8 +7,8 @@ from typing import Any, get_type_hints
 import msgspec
 
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Command, HandOver, Inspect, Refused, TakeWheel
-from motm_twin.client.discover import NoTwin
-from motm_twin.client.twin import Twin, connect
+from motm_twin.client.discover import OPTIONS, NoTwin, find
+from motm_twin.client.twin import Twin
 
 OK, REFUSED, BAD_INPUT = 0, 1, 2
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in (*SERVER_COMMANDS, *EDITS)}
@@ -24,7 +24,7 @@ def send(
         print(f"motm-twin send: {error}", file=sys.stderr)
         return BAD_INPUT
     try:
-        with connect(endpoint, twin, name="motm-twin send") as handle:
+        with Twin(*find(endpoint, twin, how=OPTIONS), name="motm-twin send") as handle:
             return _sent(handle, wanted, timeout)
     except (NoTwin, TimeoutError) as error:
         print(f"motm-twin send: {error}", file=sys.stderr)

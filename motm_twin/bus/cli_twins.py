@@ -5,14 +5,18 @@ import sys
 
 import msgspec
 
-from motm_twin.client.discover import Found, running_twins
+from motm_twin.client.discover import Found, NoTwin, running_twins
 
 OK, NONE = 0, 1
 
 
 def twins(endpoint: str | None, *, as_json: bool) -> int:
     """Print who is there; the exit code."""
-    found = running_twins(endpoint)
+    try:
+        found = running_twins(endpoint)
+    except NoTwin as error:
+        print(f"motm-twin twins: {error}", file=sys.stderr)
+        return NONE
     for twin in found:
         print(msgspec.json.encode(twin).decode() if as_json else _line(twin))
     if not found and not as_json:

@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
-from motm_twin.client.discover import NoTwin
-from motm_twin.client.twin import Twin, connect
+from motm_twin.client.discover import OPTIONS, NoTwin, find
+from motm_twin.client.twin import Twin
 
 OK, NO_TWIN, BAD_INPUT = 0, 1, 2
 KEYS = ("tick", "robot", "scan", "grid", "event", "metrics", "status", "scene")
@@ -21,7 +21,7 @@ def watch(key: str, *, once: bool, as_json: bool, field: str | None, endpoint: s
         print(f"motm-twin watch: there is no key {key!r}; there are: {', '.join(KEYS)}", file=sys.stderr)
         return BAD_INPUT
     try:
-        with connect(endpoint, twin) as handle:
+        with Twin(*find(endpoint, twin, how=OPTIONS)) as handle:
             for message in _messages(handle, key, once):
                 print(_chosen(message, field) if field else _json(message) if as_json else _LINES[key](message))
                 sys.stdout.flush()

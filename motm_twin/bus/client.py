@@ -223,7 +223,7 @@ class TwinClient:
             replies = self._get(command_name(command), self._encode(envelope), timeout)
         for payload in _payloads(replies):
             return msgspec.json.decode(payload, type=Answer)
-        return Answer(ok=False, reason="the twin server does not answer")
+        return Answer(ok=False, reason="the twin server does not answer, or you have no right to command it")
 
     def query(self, name: str, payload: bytes, timeout: float = 2.0) -> list[bytes]:
         """Send raw bytes to the command key of this name; the payloads of all answers."""

@@ -73,7 +73,7 @@ def _read(path: Path) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(str(path))
     except zenoh.ZError as error:
-        reason = str(error).split(" at /")[0]
+        reason = " ".join(str(error).split(" at /")[0].split())  # a mistake is pointed at in several lines
         raise ConfigError(f"{path}: is no Zenoh configuration: {reason}") from error
 
 
@@ -81,5 +81,5 @@ def _endpoints(config: zenoh.Config, key: str) -> list[str]:
     """Endpoints under a key, which may be one list or one per mode."""
     found = json.loads(config.get_json(f"{key}/endpoints"))
     if isinstance(found, dict):
-        found = found.get("peer") or []
+        found = found.get("peer") or found.get("client") or []
     return [item if isinstance(item, str) else str(item) for item in found or []]

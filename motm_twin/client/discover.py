@@ -7,6 +7,7 @@ from typing import TypeVar
 import msgspec
 import zenoh
 
+from motm_twin.bus.config import configured_endpoint
 from motm_twin.bus.keys import PREFIX, Keys
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.running import all_running
@@ -14,6 +15,7 @@ from motm_twin.bus.session import open_client
 
 TIMEOUT = 2.0  # [s]
 AGAIN = 0.05  # [s] between two questions
+OPTIONS = "--twin or --endpoint"  # how a user of the command line says which twin is meant
 
 T = TypeVar("T")
 
@@ -36,24 +38,33 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def running_twins(endpoint: str | None = None) -> list[Found]:
-    """Every twin behind an endpoint; without one, those that this user runs on this machine."""
+    """Every twin behind an endpoint; without one, those where MOTM_ZENOH_CONFIG leads, or of this user here.
+
+    Raises ConfigError when that file can not be used.
+    """
+    endpoint = endpoint or configured_endpoint()
     if endpoint is not None:
-        with open_client(endpoint) as session:
+        with opened(endpoint) as session:
             return [_asked(session, Found(twin=name, endpoint=endpoint)) for name in _alive(session)]
     found = []
     for note in all_running():
-        with open_client(note.endpoint) as session:
+        with opened(note.endpoint) as session:
             known = Found(twin=note.twin, endpoint=note.endpoint, page_port=note.page_port)
             found.append(_asked(session, known))
     return found
 
 
-def find(endpoint: str | None, twin: str | None) -> tuple[str, str]:
-    """Endpoint and name of the twin that is meant. Raises NoTwin unless there is just one."""
+def find(endpoint: str | None, twin: str | None, *, how: str = "twin= or endpoint=") -> tuple[str, str]:
+    """Endpoint and name of the twin that is meant; ``how`` a user says which one.
+
+    A configuration that leads somewhere (MOTM_ZENOH_CONFIG) counts before what runs on this machine. Raises NoTwin
+    unless there is just one, and ConfigError when that file can not be used.
+    """
+    endpoint = endpoint or configured_endpoint()
     if endpoint is not None and twin is not None:
         return endpoint, twin
     if endpoint is not None:
-        with open_client(endpoint) as session:
+        with opened(endpoint) as session:
             names = [(endpoint, name) for name in _alive(session)]
     else:
         names = [(note.endpoint, note.twin) for note in all_running() if twin in (None, note.twin)]
@@ -64,7 +75,26 @@ def find(endpoint: str | None, twin: str | None) -> tuple[str, str]:
     if not names:
         raise NoTwin(f"no twin{called} is running {where}: start one with `motm-twin serve`, or give its endpoint")
     listed = ", ".join(f"{name} at {place}" for place, name in names)
-    raise NoTwin(f"{len(names)} twins{called} are running {where} ({listed}): say which one with twin= or endpoint=")
+    raise NoTwin(f"{len(names)} twins{called} are running {where} ({listed}): say which one with {how}")
+
+
+def opened(endpoint: str) -> zenoh.Session:
+    """A session with an endpoint. Raises NoTwin when it can not be had at once, as a configuration may want it."""
+    try:
+        return open_client(endpoint)
+    except zenoh.ZError as error:
+        raise NoTwin(f"nobody answers at {endpoint}: is the server running there, and does it know you?") from error
+
+
+def require_answer(session: zenoh.Session, twin: str, endpoint: str, *, within: float) -> None:
+    """Raise NoTwin when a twin does not tell its status within some seconds."""
+    if not _asked(session, Found(twin=twin, endpoint=endpoint), within).alive:
+        raise silent(twin, endpoint)
+
+
+def silent(twin: str, endpoint: str) -> NoTwin:
+    """What is said of a twin that does not answer."""
+    return NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there?")
 
 
 def _alive(session: zenoh.Session) -> list[str]:
@@ -77,14 +107,14 @@ def _alive(session: zenoh.Session) -> list[str]:
     return _until_connected(look) or []
 
 
-def _asked(session: zenoh.Session, found: Found) -> Found:
+def _asked(session: zenoh.Session, found: Found, within: float = TIMEOUT) -> Found:
     def ask() -> StatusMessage | None:
         for reply in session.get(Keys(found.twin).status, timeout=TIMEOUT):
             if reply.ok is not None:
                 return msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage)
         return None
 
-    status = _until_connected(ask)
+    status = _until_connected(ask, within)
     if status is None:
         return found
     return msgspec.structs.replace(
@@ -97,9 +127,9 @@ def _asked(session: zenoh.Session, found: Found) -> Found:
     )
 
 
-def _until_connected(ask: Callable[[], T]) -> T:
-    """Ask again until there is an answer, or `TIMEOUT` has passed: a session connects in the background."""
-    deadline = time.monotonic() + TIMEOUT
+def _until_connected(ask: Callable[[], T], within: float = TIMEOUT) -> T:
+    """Ask again until there is an answer, or ``within`` [s] have passed: a session connects in the background."""
+    deadline = time.monotonic() + within
     while not (answer := ask()) and time.monotonic() < deadline:
         time.sleep(AGAIN)
     return answer

@@ -7,6 +7,8 @@ import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import zenoh
+
 from motm_twin.bus.client import Grid, TwinClient
 from motm_twin.bus.commands import (
     NAME_MAX,
@@ -30,7 +32,7 @@ from motm_twin.bus.messages import (
     TickMessage,
 )
 from motm_twin.client.commanding import Commanding
-from motm_twin.client.discover import NoTwin, find
+from motm_twin.client.discover import find, silent
 from motm_twin.client.events import EventReader
 from motm_twin.model.scene import Scene
 
@@ -40,7 +42,7 @@ _SLICE = 0.5  # [s] of one wait
 
 
 def connect(endpoint: str | None = None, twin: str | None = None, *, name: str = "", timeout: float = 5.0) -> "Twin":
-    """The running twin; with no arguments, the one that this user runs on this machine.
+    """The running twin; with no arguments, the one where MOTM_ZENOH_CONFIG leads, or that this user runs here.
 
     Args:
         endpoint: Address of the twin server, "tcp/127.0.0.1:7447".
@@ -50,6 +52,7 @@ def connect(endpoint: str | None = None, twin: str | None = None, *, name: str =
 
     Raises:
         NoTwin: None answers, or several are running and it is not said which one is meant.
+        ConfigError: The file of MOTM_ZENOH_CONFIG can not be used; a ValueError.
     """
     return Twin(*find(endpoint, twin), name=name, timeout=timeout)
 
@@ -59,13 +62,16 @@ class Twin(Commanding[Answer]):
 
     def __init__(self, endpoint: str, twin: str, *, name: str = "", timeout: float = 5.0) -> None:
         """Connect; use `connect` to find the twin as well. Raises NoTwin."""
-        self.client = TwinClient(endpoint, twin)
+        try:
+            self.client = TwinClient(endpoint, twin)
+        except zenoh.ZError as error:  # a configuration of mode "client" wants somebody there at once
+            raise silent(twin, endpoint) from error
         self._name = (name or Path(sys.argv[0]).name.removeprefix("-c") or "program")[:NAME_MAX]
         self._readers: weakref.WeakSet[EventReader] = weakref.WeakSet()
         atexit.register(self._close_at_exit, weakref.ref(self.client))
         if not self._within(timeout, lambda: self.client.status() is not None):
             self.close()
-            raise NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there?")
+            raise silent(twin, endpoint)
 
     @property
     def name(self) -> str:

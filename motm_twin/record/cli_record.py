@@ -14,6 +14,7 @@ from tyro.conf import Positional
 from motm_twin.record.session import SessionError
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
+ANSWER = 5.0  # [s] in which the twin must answer once its server does
 _File = Annotated[Positional[str], tyro.conf.arg(metavar="FILE")]
 _Json = Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")]
 _Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
@@ -22,8 +23,8 @@ _Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 def record(
     out: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
     /,
-    twin: str = "frankie",
-    endpoint: str = "tcp/127.0.0.1:7447",
+    twin: str | None = None,
+    endpoint: str | None = None,
     seconds: float | None = None,
     wait: float = 30.0,
 ) -> int:
@@ -33,12 +34,19 @@ def record(
 
     Args:
         out: File to be written, FILE.mcap; it must not exist.
-        twin: Name of the twin in the Zenoh keys.
-        endpoint: Where its server listens.
+        twin: Name of the twin in the Zenoh keys; without it, the only one that runs.
+        endpoint: Where its server listens; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
         seconds: Time to record; without it until Ctrl-C.
-        wait: Time in seconds to wait for the server.
+        wait: Time in seconds to wait for the server, when both --twin and --endpoint are given.
     """
-    arguments = ["--twin", twin, "--endpoint", endpoint, "--out", out, "--wait", str(wait)]
+    from motm_twin.client.discover import OPTIONS, NoTwin, find
+
+    try:
+        endpoint, twin = find(endpoint, twin, how=OPTIONS)
+    except NoTwin as error:
+        _tell_refused(str(error))
+        return BAD_INPUT
+    arguments = ["--twin", twin, "--endpoint", endpoint, "--out", out, "--wait", str(wait), "--answer", str(ANSWER)]
     arguments += [] if seconds is None else ["--seconds", str(seconds)]
     console = Console(highlight=False, soft_wrap=True)
     command = [sys.executable, "-m", "motm_twin.record.recorder_process", *arguments]
@@ -72,8 +80,12 @@ def _tell(console: Console, event: dict) -> None:
             text = f"the recording has stopped: {event['text']}; the {size} before can be read"
             Console(stderr=True, highlight=False, soft_wrap=True).print(text, style="red", markup=False)
         case "refused":
-            text = f"motm-twin record: {event['text']}"
-            Console(stderr=True, highlight=False, soft_wrap=True).print(text, style="red", markup=False)
+            _tell_refused(event["text"])
+
+
+def _tell_refused(text: str) -> None:
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console.print(f"motm-twin record: {text}", style="red", markup=False)
 
 
 def replay(

@@ -6,6 +6,7 @@ import sys
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.session import LOOPBACK, open_member
+from motm_twin.client.discover import NoTwin, require_answer
 from motm_twin.record.recorder import Recorder, RecordingFailed
 from motm_twin.record.session import SessionError
 
@@ -18,8 +19,10 @@ def main() -> None:
     report, stop = Reporter(options.report), stop_event(options.report is not None)
     try:
         session = open_member(options.endpoint, wait=options.wait, stop=stop)
+        if options.answer is not None:
+            require_answer(session, options.twin, options.endpoint, within=options.answer)
         recorder = Recorder(session, options.twin, options.out)
-    except (SessionError, TimeoutError, ValueError) as error:
+    except (SessionError, NoTwin, TimeoutError, ValueError) as error:
         report("refused", text=str(error))
         leave(BAD_INPUT)
         return
@@ -43,6 +46,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--out", required=True, help="file to be written; it must not exist")
     parser.add_argument("--seconds", type=float, help="time to record; without it until a signal")
     parser.add_argument("--wait", type=float, default=30.0, help="time to wait for the server")
+    parser.add_argument("--answer", type=float, help="refuse when the twin does not answer within this time")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])
 

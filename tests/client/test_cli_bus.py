@@ -1,8 +1,10 @@
 """`motm-twin watch | send | twins`, as a user calls them."""
 
 import json
+import os
 import subprocess
 import sys
+import tempfile
 import threading
 
 import pytest
@@ -11,6 +13,7 @@ from waiting import until
 
 from motm_twin.bus.cli_send import parse
 from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetParameter, Step
+from motm_twin.bus.running import Running, note
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port
 from motm_twin.client import connect
@@ -27,10 +30,22 @@ def server(tmp_path_factory):
         yield running
 
 
-def call(server, *arguments):
+def call(server, *arguments, **variables):
     where = [] if server is None else ["--endpoint", server.endpoint]
     command = [sys.executable, "-m", "motm_twin.cli", *arguments, *where]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    environment = {**os.environ, **variables}
+    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, env=environment)
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """A machine on which two twins seem to run, where nobody answers."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    for name, pid in (("one", os.getpid()), ("two", os.getppid())):
+        note(Running(pid=pid, twin=name, endpoint=endpoint, page_port=None))
+    return tmp_path
 
 
 @pytest.mark.parametrize(
@@ -139,3 +154,52 @@ def test_twins_lists_who_is_alive(server):
     assert "frankie" in call(server, "twins").stdout
     nobody = call(None, "twins", "--endpoint", f"tcp/127.0.0.1:{free_port()}")
     assert (nobody.returncode, nobody.stdout) == (1, "")
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])
+def test_a_configuration_that_leads_somewhere_counts_before_the_twins_of_this_machine(server, elsewhere, mode):
+    file, recording = elsewhere / "there.json5", elsewhere / "x.mcap"
+    settings = {
+        "mode": mode,
+        "connect": {"endpoints": [server.endpoint]},
+        "scouting": {"multicast": {"enabled": False}},
+    }
+    file.write_text(json.dumps(settings))
+    there = {"MOTM_ZENOH_CONFIG": str(file)}
+    assert json.loads(call(None, "watch", "status", "--once", "--json", **there).stdout)["twin"] == "frankie"
+    assert json.loads(call(None, "twins", "--json", **there).stdout)["endpoint"] == server.endpoint
+    assert call(None, "send", "pause", **there).returncode == 0
+    recorded = call(None, "record", str(recording), "--seconds", "0.5", **there)
+    assert recorded.returncode == 0, recorded.stderr
+    assert recording.exists()
+
+
+@pytest.mark.parametrize("words", [["watch"], ["twins"], ["send", "play"], ["record", "never.mcap"]])
+@pytest.mark.parametrize("content", [None, "{ mode: [[\n"])
+def test_a_configuration_that_can_not_be_used_is_one_line(elsewhere, words, content):
+    file = elsewhere / "wrong.json5"
+    if content is not None:
+        file.write_text(content)
+    wrong = call(None, *words, MOTM_ZENOH_CONFIG=str(file))
+    assert wrong.returncode == 2
+    assert len(wrong.stderr.splitlines()) == 1
+    assert "is no Zenoh configuration" in wrong.stderr
+
+
+@pytest.mark.parametrize(("words", "code"), [(["watch"], 1), (["send", "play"], 1), (["record", "never.mcap"], 2)])
+def test_which_twin_is_meant_must_be_said(elsewhere, words, code):
+    several = call(None, *words)
+    assert several.returncode == code
+    assert "2 twins are running on this machine" in several.stderr
+    assert "with --twin or --endpoint" in several.stderr
+    assert "no twin called 'three' is running" in call(None, *words, "--twin", "three").stderr
+
+
+def test_a_twin_that_does_not_answer_is_not_recorded(server, tmp_path):
+    file = tmp_path / "x.mcap"
+    nobody = call(server, "record", str(file), "--twin", "ghost", "--seconds", "1")
+    assert nobody.returncode == 2
+    assert "no twin 'ghost' answers at" in nobody.stderr
+    assert not file.exists()
+    found = call(server, "record", str(file), "--seconds", "0.5")  # the only one there
+    assert found.returncode == 0, found.stderr
