@@ -198,6 +198,18 @@ def test_late_joiners_get_what_is_latched(served, ear, topic):
     assert getattr(message, next(iter(message.__dataclass_fields__)))
 
 
+@pytest.mark.parametrize("topic", LATCHED, ids=lambda topic: topic.name)
+def test_the_cache_of_what_is_latched_can_be_asked(served, ear, topic):
+    key = ear.form.key(topic)
+
+    def asked():
+        replies = [reply.ok for reply in served.session.get(f"{key}/@adv/**?_anyke", timeout=2.0)]
+        return [sample for sample in replies if sample is not None and str(sample.key_expr) == key]
+
+    assert decode(topic.message, until(asked, "the cache did not answer")[0].payload.to_bytes())
+    assert [reply.ok for reply in served.session.get(key, timeout=1.0) if reply.ok is not None] == []
+
+
 def test_the_robot_description_is_a_robot(served, ear):
     urdf = latest(served, ear.form, topics.ROBOT_DESCRIPTION).data
     model = pinocchio.buildModelFromXML(urdf)
