@@ -71,6 +71,11 @@ class LiveTwin:
         self._here = self._robot is None or self._robot.ready()
         return self._here
 
+    def require_commanded(self) -> None:
+        """Raise Refused when the robot is only shown."""
+        if self.mirror:
+            raise Refused("a mirror only shows the robot: nothing can be changed from here")
+
     def require_speed(self, factor: float) -> None:
         """Raise Refused for a speed that time can not have."""
         if self.real_time and factor != 1.0:
@@ -160,8 +165,7 @@ class LiveTwin:
     def post(self, edit: Edit) -> None:
         """Take an edit for the next period. Raises Refused."""
         assert self.twin is not None
-        if self.mirror:
-            raise Refused("a mirror only shows the robot: nothing can be changed from here")
+        self.require_commanded()
         if isinstance(edit, AddObstacle) and self._added() >= MAX_ADDED:
             raise Refused(f"{MAX_ADDED} obstacles were added already; remove one first")
         try:

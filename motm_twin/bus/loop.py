@@ -210,8 +210,8 @@ class TwinLoop:
                 self._set_state("paused", "")
             case Reset():
                 self._require_scene()
-                play = self._state in ("playing", "done")
-                return lambda: self._restart(play)
+                self._live.require_commanded()
+                return lambda play=self._state in ("playing", "done"): self._restart(play)
             case Speed(factor=factor):
                 self._live.require_speed(factor)
                 self._pacer.speed = factor

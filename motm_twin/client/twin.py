@@ -38,6 +38,7 @@ from motm_twin.model.scene import Scene
 
 LOADING = 120.0  # [s] for a load, which may compile the control loop
 STEPPING = 60.0  # [s] for steps
+FIRST_TICK = 1.0  # [s] after the begin of a run with an external robot, which may not be there
 _SLICE = 0.5  # [s] of one wait
 
 
@@ -81,7 +82,8 @@ class Twin(Commanding[Answer]):
     def send(self, command: Command, timeout: float = 2.0) -> Answer:
         """Send a command and wait for what it does: a new run has begun, steps are made. Raises Refused, TimeoutError.
 
-        Everything else holds from the period after ``index`` of the answer.
+        Everything else holds from the period after ``index`` of the answer. ``timeout`` [s] is for the answer; a run
+        that waits for an external robot has begun as well, without a first period.
         """
         before = self.client.status()
         answer = self.client.command(command, timeout, name=self._name)
@@ -185,8 +187,14 @@ class Twin(Commanding[Answer]):
                 yield message
 
     def _wait_run(self, run: int, timeout: float) -> None:
+        settled: list[float] = []  # [s] when the run of an external robot was seen to have begun
+
         def began() -> bool:
             status, tick = self.client.status(), self.client.tick()
+            if status is not None and status.run > run and status.state in ("playing", "paused"):
+                settled.append(time.monotonic())
+                if status.plant in ("zenoh", "mirror") and settled[-1] > settled[0] + FIRST_TICK:
+                    return True
             if status is not None and status.state == "error" and status.run >= run:
                 raise Refused(status.text)
             return tick is not None and tick.run > run

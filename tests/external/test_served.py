@@ -11,11 +11,12 @@ import pytest
 from meeting import Router, driven, running_robot, until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import AddObstacle, Branch, Load, Speed
+from motm_twin.bus.commands import AddObstacle, Branch, Load, Refused, Speed
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.bus.server_process import make_external_twin
+from motm_twin.client import connect
 from motm_twin.model.scene import Scene
 from motm_twin.planning.types import SearchBudget
 
@@ -42,16 +43,19 @@ def robot_process(endpoint: str) -> subprocess.Popen[bytes]:
 @pytest.fixture
 def served(tmp_path: Path, router: Router) -> Iterator[TwinServer]:
     """A server whose robot is met at a router of its own."""
+    with serving(tmp_path, router) as server:
+        yield server
+
+
+def serving(data: Path, router: Router, *, mirror: bool = False) -> TwinServer:
     make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
-    server = TwinServer(
+    return TwinServer(
         library=FileLibrary("exp1"),
         make_twin=lambda scene: pytest.fail("the simulated robot was asked for"),
         first=Load(scene="exp1", variant="trial1"),
-        data=tmp_path,
-        robot=RobotChoice(make_twin=make, session=router.session),
+        data=data,
+        robot=RobotChoice(make_twin=make, mirror=mirror, session=router.session),
     )
-    with server:
-        yield server
 
 
 def test_the_robot_is_waited_for_driven_and_found_again_after_it_was_killed(served: TwinServer, router: Router) -> None:
@@ -94,6 +98,19 @@ def test_a_reset_puts_a_simulated_robot_back_to_the_start(served: TwinServer, ro
         assert client.command(Reset()).ok
         until(lambda: (now := client.tick()) is not None and now.run > before and now.index > 2)
         assert robot.robot.life != life
+
+
+def test_without_a_robot_a_mirror_is_not_reset_and_a_new_run_is_not_waited_for(tmp_path: Path, router: Router) -> None:
+    for mirror in (True, False):
+        with serving(tmp_path, router, mirror=mirror) as server, connect(server.endpoint) as twin:
+            until(lambda: (now := twin.status()) is not None and now.text.startswith("waiting for robot"))
+            if mirror:
+                with pytest.raises(Refused, match="a mirror only shows the robot"):
+                    twin.reset()
+            else:
+                assert twin.reset().ok
+            assert twin.seed(3).ok  # the run has begun, and there is no first period
+            assert twin.latest_tick() is None
 
 
 def test_the_skeleton_of_a_robot_is_driven(router: Router, scene: Scene) -> None:
