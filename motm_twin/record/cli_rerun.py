@@ -77,7 +77,7 @@ def _print_run(console: Console, run: RunReport) -> None:
     for line in run.fields:
         console.print(f"  {line}", markup=False)
     for line in run.differences:
-        console.print(f"  made with other versions: {line}", markup=False)
+        console.print(f"  also different: {line}", markup=False)
 
 
 def write_json(report: dict[str, Any], target: str) -> None:
@@ -96,7 +96,7 @@ def explain(again: Rerun) -> str:
     """Why the states differ, as far as it can be told; "" when they are equal."""
     if again.ok:
         return ""
-    made = "; made with other versions: " + ", ".join(again.differences) if again.differences else ""
+    made = "; also different: " + ", ".join(again.differences) if again.differences else ""
     return f"recorded {again.recorded_hash or 'nothing'}, now {again.state_hash}; {again.first_sign}{made}"
 
 

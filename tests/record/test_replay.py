@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from motm_twin.model.edits import MoveBody
+from motm_twin.record.made_with import SOURCE, differences, made_with, source_hash
 from motm_twin.record.replay import TRACK_PERIODS, player, rerun, updated
 from motm_twin.record.session import LoggedEdit, SessionError, decode_session, encode_session
 
@@ -66,3 +67,18 @@ def test_an_unknown_parameter_is_refused(recorded):
 def test_a_session_of_no_periods_is_its_start(recorded):
     empty = replace(recorded.session, edits=(), cuts=(), periods=0, state_hash=recorded.hashes[0])
     assert rerun(empty).ok
+
+
+def test_another_state_of_the_code_is_named(tmp_path):
+    assert differences(made_with()) == ()
+    assert differences({name: said for name, said in made_with().items() if name != SOURCE}) == ()  # not known
+    assert differences(made_with() | {SOURCE: "0123456789ab"}) == (
+        f"recorded with another motm_twin (0123456789ab → {made_with()[SOURCE]})",
+    )
+    (tmp_path / "part").mkdir()
+    (tmp_path / "part" / "a.py").write_text("x = 1\n")
+    first = source_hash(tmp_path)
+    (tmp_path / "notes.txt").write_text("no source")
+    assert source_hash(tmp_path) == first
+    (tmp_path / "part" / "a.py").write_text("x = 2\n")
+    assert source_hash(tmp_path) != first
