@@ -1,6 +1,5 @@
 """`motm-twin send`: a command from words."""
 
-import difflib
 import sys
 from typing import Any, get_type_hints
 
@@ -9,6 +8,7 @@ import msgspec
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Command, HandOver, Inspect, Refused, TakeWheel
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
+from motm_twin.model.names import hint
 
 OK, REFUSED, BAD_INPUT = 0, 1, 2
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in (*SERVER_COMMANDS, *EDITS)}
@@ -35,8 +35,7 @@ def parse(command: str, fields: list[str], json: str | None = None) -> Command:
     """The command of this name with fields "name=value", or as JSON. Raises ValueError with what is allowed."""
     kind = KINDS.get(command)
     if kind is None:
-        near = difflib.get_close_matches(command, KINDS, 3, 0.4) or list(KINDS)
-        raise ValueError(f"there is no command {command!r}; there are: {', '.join(near)}")
+        raise ValueError(f"there is no command {command!r}; {hint(command, KINDS)}")
     types = get_type_hints(kind)
     values: dict[str, Any] = {}
     if json is not None:

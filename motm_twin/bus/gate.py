@@ -6,6 +6,7 @@ import msgspec
 
 from motm_twin.bus.commands import COMMAND_NAMES, MAX_COMMAND_BYTES, NAME_MAX, Envelope, Refused, command_name
 from motm_twin.bus.ranges import MAX_NAME, check_command
+from motm_twin.model.names import hint
 
 MAX_SENDERS = 1000
 MAX_LIFETIME = 60.0  # [s] an expiry further away does not bound a replay
@@ -22,7 +23,7 @@ class CommandGate:
     def admit(self, name: str, payload: bytes) -> Envelope:
         """The envelope of a command sent to ``cmd/<name>``. Raises Refused."""
         if name not in COMMAND_NAMES:
-            raise Refused(f"unknown command {name[:MAX_NAME]!r}; there are: {', '.join(COMMAND_NAMES)}")
+            raise Refused(f"unknown command {name[:MAX_NAME]!r}; {hint(name, COMMAND_NAMES)}")
         if len(payload) > MAX_COMMAND_BYTES:
             raise Refused(f"oversized: {len(payload)} bytes, at most {MAX_COMMAND_BYTES}")
         try:

@@ -1,9 +1,9 @@
 """The scenes that a server offers: the shipped ones, and the file it was started with. No command names other files."""
 
-import difflib
 from pathlib import Path
 
 from motm_twin.bus.messages import SceneChoice
+from motm_twin.model.names import hint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import SceneListing, list_scenes, listing, load_scene
 from motm_twin.model.scene_load import find_scene, load_document
@@ -34,8 +34,7 @@ class FileLibrary:
     def load(self, scene: str, variant: str | None, seed: int | None) -> Scene:
         """Resolve a scene by name, and watch its file from now on. Raises ValueError (SceneError) with the reason."""
         if scene not in self._paths:
-            near = difflib.get_close_matches(scene, self._paths, 3, 0.3) or list(self._paths)
-            raise ValueError(f"no scene is called {scene[:64]!r}; there are: {', '.join(near)}")
+            raise ValueError(f"no scene is called {scene[:64]!r}; {hint(scene, self._paths)}")
         path = self._paths[scene]
         marks = _marks(file := find_scene(path)[0])  # before it is read: a change in between must be seen
         resolved = load_scene(path, variant, seed)

@@ -4,7 +4,6 @@ Tasks that have ended stay. A pick and its place belong together, with whatever 
 is at work on (final approach to lift, release) is finished first: a task put before it comes after it instead.
 """
 
-import difflib
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ from typing import cast
 
 from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.names import hint
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 
 MOST_TASKS = 60
@@ -190,8 +190,7 @@ def _check_task(task: Task, known: KnownWorld) -> None:
 
 def _check_name(name: str, names: Collection[str], kind: str) -> None:
     if name not in names:
-        near = difflib.get_close_matches(name, names, 3, 0.4) or sorted(names)[:5]
-        raise ValueError(f"there is no {kind} {name!r}; there are: {', '.join(near) or 'none'}")
+        raise ValueError(f"there is no {kind} {name!r}; {hint(name, sorted(names))}")
 
 
 def _check_drive(task: DriveTo, bounds: tuple[float, float, float, float]) -> None:

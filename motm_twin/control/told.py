@@ -1,6 +1,5 @@
 """What a person has told the robot during a run: parameters, and where pieces of furniture stand now."""
 
-import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.model.furniture import moved_scene, pieces, relative, rigid
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld, known_world
+from motm_twin.model.names import hint
 from motm_twin.model.plant import Truth
 from motm_twin.model.scene import PlanarPose, Scene
 from motm_twin.model.state import Stateful
@@ -103,7 +103,6 @@ def check_announce(scene: Scene, name: str) -> None:
         return
     if name in {solid.name for solid in scene.solids} | {solid.group for solid in scene.solids}:
         raise ValueError(f"{name!r} is not a piece of furniture of the map: the robot sees it with its lidar only")
-    near = difflib.get_close_matches(name, known, 3, 0.4) or sorted(known)
     raise ValueError(
-        f"{name!r} is not a piece of furniture, and only furniture is announced; there are: {', '.join(near) or 'none'}"
+        f"{name!r} is not a piece of furniture, and only furniture is announced; {hint(name, sorted(known))}"
     )

@@ -5,7 +5,6 @@ clear of what it knows and sees, and the period keeps its time. The monitor's li
 """
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -14,6 +13,7 @@ import msgspec
 
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.model.edits import ParameterValue
+from motm_twin.model.names import hint
 from motm_twin.planning.parameters import DEG, PENALTIES, TERMINATIONS, PlanningParameters
 
 GROUPS = ("Base placement", "Base control", "Modifications", "Arm", "Obstacle avoidance", "Safety")
@@ -211,11 +211,10 @@ PRESETS: dict[str, dict[str, ParameterValue]] = {
 
 
 def parameter(name: str) -> Parameter:
-    """The entry of a name; ValueError with near names when there is none."""
+    """The entry of a name; ValueError with the names there are when there is none."""
     if name in _BY_NAME:
         return _BY_NAME[name]
-    near = difflib.get_close_matches(name, _BY_NAME, 3, 0.4)
-    raise ValueError(f"there is no parameter {name!r}; " + _listed(near or list(_BY_NAME)))
+    raise ValueError(f"there is no parameter {name!r}; {hint(name, _BY_NAME)}")
 
 
 def check(name: str, value: ParameterValue) -> ParameterValue:
@@ -277,7 +276,3 @@ def _changed(owner: Any, path: tuple[str, ...], value: ParameterValue) -> Any:
 def _range(entry: Parameter) -> str:
     unit = f" {entry.unit}" if entry.unit else ""
     return f"{entry.low:g} to {entry.high:g}{unit}"
-
-
-def _listed(names: list[str]) -> str:
-    return "there are: " + ", ".join(names)

@@ -1,6 +1,5 @@
 """What a person may change in the simulated world: every edit is checked here before it is applied."""
 
-import difflib
 import math
 from collections.abc import Iterable, Sequence
 
@@ -20,6 +19,7 @@ from motm_twin.model.edits import (
     WorldEdit,
 )
 from motm_twin.model.geometry import wrap_angle
+from motm_twin.model.names import hint
 from motm_twin.sim.bodies import Outline, disc_outline
 from motm_twin.sim.faults import LONGEST, LONGEST_DELAY, SHORTEST
 from motm_twin.sim.layout import STILL, STILL_TURN, Furnishings
@@ -40,7 +40,6 @@ FARTHEST_PUSH = 0.5  # [m]
 LARGEST_TURN = 1.0  # [rad] of a push
 _PUSH_LOOKS = 10  # places on the way of a push that are looked at
 _TOUCHED = 0.01  # [m] about a point in which somebody else must not be
-_LISTED = 12  # names in a message
 _QUOTED = 40  # characters of a wrong name that are shown
 
 
@@ -99,12 +98,10 @@ class Names:
     def require(
         name: str, names: Iterable[str], kind: str = "an agent, a loose obstacle or a piece of furniture"
     ) -> None:
-        """Raise `EditError` for a name that is not among the names; lists the near ones."""
+        """Raise `EditError` for a name that is not among the names; says which were meant, or all."""
         known = sorted(names)
         if name not in known:
-            near = difflib.get_close_matches(name[:LONGEST_NAME], known, n=3) or known
-            shown = near if len(near) <= _LISTED else [*near[:_LISTED], "..."]
-            raise EditError(f"{_quoted(name)} is not {kind} here: there is {', '.join(shown) if shown else 'none'}")
+            raise EditError(f"{_quoted(name)} is not {kind} here; {hint(name, known)}")
 
 
 def _quoted(name: str) -> str:

@@ -79,7 +79,7 @@ def test_words_become_a_command(words, command):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["plya"], "there are: play"),
+        (["plya"], "did you mean play"),
         (["step", "3"], "name=value"),
         (["step", "counts=3"], "it has: count"),
         (["step", "count=much"], "count"),

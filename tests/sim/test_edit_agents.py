@@ -76,7 +76,7 @@ def test_nobody_is_sent_into_furniture_and_only_agents_are_sent():
     plant = SimulatedPlant(room())
     with pytest.raises(ValueError, match="'cabinet' stands there"):
         plant.apply(SendAgent(name="temi", x=-2.0, y=2.0))
-    with pytest.raises(ValueError, match="not an agent here: there is temi"):
+    with pytest.raises(ValueError, match="not an agent here; did you mean temi"):
         plant.apply(SendAgent(name="temmi", x=0.0, y=2.0))
     with pytest.raises(ValueError, match="not an agent"):
         plant.apply(SendAgent(name="crate", x=0.0, y=2.0))

@@ -154,7 +154,7 @@ def test_parts_of_a_piece_are_not_moved_alone_and_near_names_are_given():
     plant = SimulatedPlant(room())
     with pytest.raises(ValueError, match="not an agent"):
         plant.apply(MoveBody(name="slab", x=0.0, y=0.0))
-    with pytest.raises(ValueError, match="there is table"):
+    with pytest.raises(ValueError, match="did you mean table"):
         plant.apply(MoveBody(name="tabel", x=0.0, y=0.0))
 
 

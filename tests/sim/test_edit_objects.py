@@ -54,7 +54,7 @@ def test_a_cube_is_not_put_into_an_agent_nor_into_the_robot():
         plant.apply(MoveObject(name="cube1", x=0.2, y=3.5))
     with pytest.raises(ValueError, match="the robot's base"):
         plant.apply(MoveObject(name="cube1", x=0.3, y=0.1))
-    with pytest.raises(ValueError, match="'cube' is not an object here: there is cube2, cube1"):
+    with pytest.raises(ValueError, match="'cube' is not an object here; did you mean cube2 or cube1"):
         plant.apply(MoveObject(name="cube", x=0.3, y=2.0))
 
 
