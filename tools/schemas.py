@@ -13,8 +13,11 @@ import sys
 from pathlib import Path
 
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS
+from motm_twin.bus.ranges import ALLOWED
 from motm_twin.bus.schema_rule import breaking_changes
 from motm_twin.bus.schemas import MESSAGES, file_name, schema
+from motm_twin.control.tuning import PARAMETERS
+from motm_twin.model.edits import ParameterValue
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER, PAGE = ROOT / "docs" / "schemas", ROOT / "docs" / "zenoh.md"
@@ -47,9 +50,11 @@ def wanted() -> dict[Path, str]:
 
 
 def table(name: str) -> str:
-    """Fields of a message, and of the structs in it, as Markdown; "commands" is the list of all commands."""
+    """Fields of a message, and of the structs in it, as Markdown; or the list of all "commands" or "parameters"."""
     if name == "commands":
         return commands_table()
+    if name == "parameters":
+        return parameters_table()
     made = schema(name)
     root = made["$ref"].rsplit("/", 1)[-1]
     parts = [f"`{made['$id']}`\n\n{_fields(made['$defs'][root])}"]
@@ -65,14 +70,39 @@ def commands_table() -> str:
         name = str(kind.__struct_config__.tag)
         part = schema(f"cmd/{name}")["$defs"][kind.__name__]
         required = part.get("required", [])
-        fields = ", ".join(
-            f"`{field}` {_type(about)}" if field in required else f"[`{field}` {_type(about)}]"
+        fields = "<br>".join(
+            _field(name, field, about) if field in required else f"[{_field(name, field, about)}]"
             for field, about in part["properties"].items()
             if field != "type"
         )
         first = " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())
         lines.append(f"| `{name}` | {fields} | {first} |")
     return "\n".join(lines) + "\n\n"
+
+
+def _field(command: str, field: str, about: dict) -> str:
+    """A field of a command: its type, what is taken when it is left out, what is allowed, and what it means."""
+    default = f" = {json.dumps(about['default'])}" if "default" in about else ""
+    notes = (ALLOWED.get((command, field), ""), about.get("description", "").replace(" | ", ", "))
+    said = "; ".join(note for note in notes if note)
+    return f"`{field}` {_type(about)}{default}{': ' + said if said else ''}"
+
+
+def parameters_table() -> str:
+    """One row for each parameter of `set_parameter`."""
+    lines = ["", "| name | what | allowed | default | unit | paper |", "|---|---|---|---|---|---|"]
+    for entry in PARAMETERS:
+        values = {"switch": "true, false", "choice": ", ".join(entry.choices)}
+        allowed = values.get(entry.kind, f"{entry.low:g} to {entry.high:g}{', whole' if entry.whole else ''}")
+        row = (f"`{entry.name}`", entry.title, allowed, _value(entry.default), entry.unit, _value(entry.paper))
+        lines.append(f"| {' | '.join(row)} |")
+    return "\n".join(lines) + "\n\n"
+
+
+def _value(value: ParameterValue | None) -> str:
+    if value is None or isinstance(value, bool):
+        return "" if value is None else str(value).lower()
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _reached(made: dict, root: str) -> list[str]:

@@ -56,6 +56,36 @@ MAX_VALUE = 1e6  # of a parameter
 MAX_SEED = 2**31 - 1
 _FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}\Z")
 
+_COORDINATE = f"at most {MAX_COORDINATE:g} either way"
+_NAME, _FILE_NAME = f"1 to {MAX_NAME} characters", "1 to 64 letters, digits, '.', '_' or '-'"
+_COUNT = f"0 to {MAX_INDEX}"
+ALLOWED: dict[tuple[str, str], str] = {  # what docs/zenoh.md says of (command, field)
+    ("step", "count"): f"1 to {MAX_STEPS}",
+    ("speed", "factor"): f"{SPEED_MIN:g} to {SPEED_MAX:g}",
+    ("load", "scene"): "a name of `status.scenes`",
+    ("load", "seed"): f"0 to {MAX_SEED}",
+    ("seed", "seed"): f"0 to {MAX_SEED}",
+    ("drive_to", "x"): _COORDINATE,
+    ("save", "name"): _FILE_NAME,
+    ("record", "name"): _FILE_NAME,
+    ("branch", "index"): "`status.oldest` to the last period",
+    ("inspect", "candidate"): f"-1 to {MAX_CANDIDATES}",
+    ("hand_over", "to"): f"at most {MAX_NAME} characters",
+    ("hand_over", "name"): f"at most {NAME_MAX} characters",
+    ("add_obstacle", "name"): _NAME,
+    ("add_obstacle", "x"): _COORDINATE,
+    ("add_obstacle", "size"): f"each {SIZE_RANGE[0]:g} to {SIZE_RANGE[1]:g}",
+    ("release_body", "velocity"): f"its length at most {MAX_THROW:g}",
+    ("push_robot", "dx"): f"length with dy at most {MAX_PUSH:g}",
+    ("push_robot", "turn"): "at most pi either way",
+    ("inject_fault", "seconds"): f"more than 0, at most {MAX_FAULT:g}",
+    ("inject_fault", "delay"): f"0 to {MAX_DELAY:g}",
+    ("insert_task", "tasks"): f"1 to {MAX_TASKS}",
+    ("insert_task", "index"): _COUNT,
+    ("drive", "v"): f"-{MAX_DRIVE:g} to {MAX_DRIVE:g}",
+    ("drive", "w"): f"-{MAX_TURN:g} to {MAX_TURN:g}",
+}
+
 
 def check_command(command: Command) -> None:
     """Raise Refused, saying what is allowed, unless every number, name and list is within its range."""
