@@ -78,6 +78,10 @@ class Served:
     def tick(self):
         return self.client.tick()
 
+    def say(self, key, payload):
+        """As a twin server of another version would: nobody else can speak on its keys."""
+        self.server._session.put(key, payload)
+
     def publish(self, form, topic, payload):
         """As a ROS 2 program would."""
         self.session.put(self.forms[form].key(topic), payload)

@@ -132,13 +132,13 @@ def test_wrong_bytes_of_the_twin_are_counted_and_the_bridge_goes_on(served, form
     for key in (keys.robot, keys.scan):
         before = bridge.unreadable[key]
         for payload in (b"", b"{", b'{"version": "motm.robot/9"}', b"\xff\xfe"):
-            served.session.put(key, payload)
+            served.say(key, payload)
         until(lambda k=key, b=before: bridge.unreadable[k] >= b + 4, "not counted")
     robot = served.client.robot() or until(served.client.robot, "no robot")
     odd = [{"pose": []}, {"odometry": [1.0]}, {"joint_names": ["a"] * 7}, {"q": [0.0]}, {"time": 1e300}]
     before = bridge.unreadable[keys.robot]
     for change in odd:
-        served.session.put(keys.robot, msgspec.json.encode(msgspec.structs.replace(robot, **change)))
+        served.say(keys.robot, msgspec.json.encode(msgspec.structs.replace(robot, **change)))
     until(lambda: bridge.unreadable[keys.robot] >= before + len(odd), "not counted")
     sent = bridge.sent["tf"]
     until(lambda: bridge.sent["tf"] > sent, "the bridge has stopped")
