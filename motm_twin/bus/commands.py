@@ -126,7 +126,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True, tag="hand_over", forbi
     """Give the wheel to another sender; an empty one leaves it to whoever acts next."""
 
     to: str = ""
-    name: str = ""  # shown name of the new driver
+    name: str = ""  # shown name of the new driver; "": the one under which it was heard last
 
 
 ServerCommand = (

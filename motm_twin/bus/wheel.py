@@ -8,6 +8,8 @@ from motm_twin.bus.holds import Holds
 from motm_twin.bus.lease import Lease
 from motm_twin.model.edits import Edit, ReleaseBody
 
+NAMES_KEPT = 1000  # senders
+
 
 class Wheel:
     """Lets one person at a time change things; all times [s] are on one monotonic clock."""
@@ -16,6 +18,7 @@ class Wheel:
         """``release`` lets a body go, ``changed`` tells everybody about a new driver."""
         self._release, self._changed = release, changed
         self._lease, self._holds = Lease(), Holds()
+        self._names: dict[str, str] = {}  # shown name of each sender that was heard, the latest last
 
     def shown(self, now: float) -> dict[str, Any]:
         """What a status says of the driver."""
@@ -24,6 +27,7 @@ class Wheel:
 
     def require(self, envelope: Envelope, arrived: float) -> None:
         """Raise Refused when a command needs the wheel and somebody else has it."""
+        self._remember(envelope)
         if not isinstance(envelope.command, Inspect):
             self._expire(arrived)
             self._lease.require(envelope.sender, arrived)
@@ -35,7 +39,7 @@ class Wheel:
             case Inspect():
                 return
             case HandOver(to=to, name=name):
-                self._lease.hand_over(to, name, arrived)
+                self._lease.hand_over(to, name.strip() or self._names.get(to, ""), arrived)
             case _:
                 self._lease.take(envelope.sender, envelope.name, arrived)
         self._tell(before)
@@ -57,6 +61,14 @@ class Wheel:
         for release in self._holds.expired(now):
             self._release(release)
         self._expire(now)
+
+    def _remember(self, envelope: Envelope) -> None:
+        """Others shall read the name of whoever is handed the wheel, who may only have asked for it."""
+        if name := envelope.name.strip():
+            self._names.pop(envelope.sender, None)
+            self._names[envelope.sender] = name
+            if len(self._names) > NAMES_KEPT:
+                del self._names[next(iter(self._names))]
 
     def _expire(self, now: float) -> None:
         before = (self._lease.driver, self._lease.name)

@@ -158,6 +158,16 @@ def test_one_drives_others_look_until_the_wheel_is_handed_over():
         assert running.loop.status().driver == ""
 
 
+def test_a_wheel_that_is_handed_over_without_a_name_shows_the_one_that_was_heard():
+    with Running() as running:
+        assert running.ask(Speed(factor=2.0)) == ""
+        assert "Ann is driving" in running.ask(Play(), sender="bob", name="Bob")
+        assert running.ask(HandOver(to="bob")) == ""
+        assert running.loop.status().driver_name == "Bob"
+        assert running.ask(HandOver(to="cid"), sender="bob", name="Bob") == ""
+        assert running.loop.status().driver_name == "cid"  # nobody has heard of him
+
+
 def test_a_refused_command_and_an_inspection_take_no_wheel():
     with Running() as running:
         assert "to move" in running.ask(MoveBody(name="ghost", x=0.0, y=0.0))
