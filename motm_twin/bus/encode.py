@@ -33,6 +33,12 @@ from motm_twin.planning.types import BasePlan, Placement
 
 _DRAWN = 4  # digits after the point of what is only drawn: 0.1 mm
 _EXACT = 9
+_TIME = 6  # simulated time in steps of 1 us: 1.97, not 1.9700000000000015
+
+
+def seconds(time: float) -> float:
+    """A simulated time [s] as it is sent."""
+    return round(float(time), _TIME)
 
 
 def numbers(values: object, digits: int = _DRAWN) -> list:
@@ -102,7 +108,7 @@ def _plan(plan: BasePlan) -> PlanMessage:
 
 def _arm(step: ArmStep) -> ArmMessage:
     return ArmMessage(
-        time=float(step.time),
+        time=seconds(step.time),
         phase=step.phase,
         base_twist=numbers(step.actuation.twist),
         joint_velocity=numbers(step.actuation.joint_velocity),
@@ -177,7 +183,7 @@ def tick_message(
         past=past,
         server_time=server_time,
         index=tick.index,
-        time=float(tick.time),
+        time=seconds(tick.time),
         robot=_robot(tick.observation, truth),
         **(_NO_BODIES if truth is None else bodies(truth)),
         announced={name: [*numbers(pose[:2]), float(pose[2])] for name, pose in (announced or {}).items()},
@@ -198,7 +204,7 @@ def tick_message(
         plan=_plan(tick.plan),
         arm=[_arm(step) for step in tick.arm],
         stop_reason=tick.stop_reason,
-        events=[EventMessage(time=event.time, kind=event.kind, text=event.text) for event in tick.events],
+        events=[EventMessage(time=seconds(event.time), kind=event.kind, text=event.text) for event in tick.events],
         stage_ms={name: round(float(value), 3) for name, value in tick.stage_ms.items()},
         score=None if truth is None else _score(truth),
         done=bool(tick.done),
@@ -226,5 +232,5 @@ def grid_info(world: WorldMap, run: int) -> GridInfo:
         origin=[float(world.origin[0]), float(world.origin[1])],
         width=int(width),
         height=int(height),
-        stamp=float(world.stamp),
+        stamp=seconds(world.stamp),
     )

@@ -109,7 +109,7 @@ class Player:
             scene=chosen,
             variant=variant,
             seed=0 if scene is None else scene.seed,
-            time=frame.time,
+            time=round(frame.time, 6),
             speed=self._speed,
             actual_speed=self._speed if self._state == "playing" else 0.0,
             capped=False,

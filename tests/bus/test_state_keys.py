@@ -185,6 +185,11 @@ def test_events_tell_of_edits_runs_and_stops_and_their_numbers_have_no_gaps(serv
     assert "reset" in [event.kind for event in kept.events]
 
 
+def test_simulated_time_is_sent_in_microseconds():
+    tick = msgspec.structs.replace(fake_tick(FakeTwin(fake_scene()), ()), time=1.9700000000000015)
+    assert tick_message(tick, run=1, server_time=0.0).time == 1.97
+
+
 def test_a_body_that_is_dragged_is_one_event():
     told = []
     watch = EventWatch(EventLog(lambda: 0.0, told.append))

@@ -127,6 +127,18 @@ def test_the_first_period_that_differs_is_named_with_its_fields(whole, tmp_path,
     assert "first in period 17" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("error", "ok"), [(1.5e-15, True), (1e-3, False)])
+def test_times_with_all_their_digits_are_the_same_times(whole, tmp_path, error, ok):
+    def unrounded(topic, message):
+        if topic == "/motm/tick":
+            for timed in (message, *message["arm"], *message["events"]):
+                timed["time"] += error
+        return message
+
+    recording = load_recording(changed(whole, tmp_path / "x.mcap", unrounded))
+    assert rerun_run(recording, recording.runs[0]).ok is ok
+
+
 def test_another_state_behind_equal_periods_is_found_by_its_hash(whole, tmp_path):
     def other(topic, message):
         if topic == "/motm/session":
