@@ -31,7 +31,10 @@ def test_every_shipped_scene_is_chosen_by_mouse_and_runs():
                 visitor.choose("Variant", variant)
                 visitor.press("Load")
                 loaded = f"{choice.name} / {variant}"
-                until(lambda run=run: client.tick().run > run and client.tick().index > PERIODS, 60.0, f"no {loaded}")
+                try:
+                    until(lambda run=run: client.tick().run > run and client.tick().index > PERIODS, 60.0, "not loaded")
+                except AssertionError as error:
+                    raise AssertionError(f"{loaded}: {client.status()}\n{page.inner_text('body')}") from error
                 assert (client.status().scene, client.status().variant) == (choice.name, variant)
                 visitor.says(loaded)
             visitor.state("Running")
