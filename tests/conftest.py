@@ -1,6 +1,5 @@
-"""For all tests: their helpers by name (twin_steps), and an order in which no worker is left with the long ones."""
+"""For all tests: their helpers by name (twin_steps), and an order that leaves no worker alone with the long ones."""
 
-import os
 import sys
 from pathlib import Path
 
@@ -8,21 +7,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 
 def pytest_collection_modifyitems(items):
-    """The long tests, those in a browser, come first in the share of each worker; a file stays in one share.
+    """The long tests, those in a browser, come first.
 
-    `--dist worksteal` begins with a contiguous share for each worker, and a worker that is done steals from the end of
-    another's.
+    `--dist worksteal` begins with a contiguous share for each worker: so they fall to one, which runs one browser at a
+    time (each draws with all processors), while the others take the short ones, and then those that are left to it.
     """
-    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    long = [item for item in items if item.get_closest_marker("browser")]
-    short = [item for item in items if not item.get_closest_marker("browser")]
-    files = {file: place for place, file in enumerate(dict.fromkeys(item.path for item in long))}
-    size = -(-len(short) // workers)
-    items[:] = [
-        item
-        for worker in range(workers)
-        for item in (
-            *(one for one in long if files[one.path] % workers == worker),
-            *short[worker * size : (worker + 1) * size],
-        )
-    ]
+    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
