@@ -18,7 +18,6 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
-_DEEPER = 2e-4  # [m] that a point within the footprint may get further behind the nearest face of it
 
 
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -190,10 +189,7 @@ def points_in_stop(
     rectangle: Array,
     margin: float,
 ) -> int:
-    """Most points that are within the footprint at once while the base stops from (v, w).
-
-    Of those that are within it already, only the ones count that get further behind the face that is nearest to them:
-    the base may leave them, or go along them, and not drive on.
+    """Most points that are within the footprint at once while the base stops from (v, w), and are not so already.
 
     The stop: constant twist for the lag, then deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the
     turn goes on until the base has come to rest. `rectangle`: half length, half width, offset of the footprint [m].
@@ -220,17 +216,12 @@ def points_in_stop(
         s = math.sin(heading)
         count = 0
         for i in range(points.shape[0]):
-            dx = points[i, 0] - x
-            dy = points[i, 1] - y
-            along, across = c * dx + s * dy - offset, c * dy - s * dx
-            if abs(along) > half_length or abs(across) > half_width:
+            px = points[i, 0]
+            py = points[i, 1]
+            if abs(px - offset) <= half_length and abs(py) <= half_width:
                 continue
-            ahead, beside = points[i, 0] - offset, points[i, 1]
-            from_end, from_side = half_length - abs(ahead), half_width - abs(beside)  # at the start; behind which face
-            if from_end < 0.0 or from_side < 0.0:
+            dx = px - x
+            dy = py - y
+            if abs(c * dx + s * dy - offset) <= half_length and abs(c * dy - s * dx) <= half_width:
                 count += 1
-            elif from_end <= from_side:
-                count += half_length - math.copysign(along, along * ahead) > from_end + _DEEPER
-            else:
-                count += half_width - math.copysign(across, across * beside) > from_side + _DEEPER
         worst = max(worst, count)

@@ -125,16 +125,6 @@ def test_a_base_that_turns_away_from_a_post_may_keep_turning_while_it_brakes():
     assert points_in_stop(*stop, True, rectangle, 0.01) == 0
 
 
-@pytest.mark.parametrize("wall", [0.36, 0.345, 0.30, 0.2])
-def test_a_wall_that_reaches_into_the_footprint_is_not_driven_on_into(wall):
-    monitor = Monitor(RobotProfile())
-    verdict = speed_up(monitor, observation(wall=wall), 0.5, 0.0)
-    assert "braking" in verdict.reason
-    assert verdict.actuation.twist[0] < 0.005
-    monitor = Monitor(RobotProfile())
-    assert speed_up(monitor, observation(wall=wall), -0.2, 0.0).actuation.twist[0] == pytest.approx(-0.2)
-
-
 def test_without_a_scan_that_was_found_good_the_base_stands():
     monitor = Monitor(RobotProfile())
     verdict = monitor.check(asking(0.5), observation(), DT, scan_stamp=None)

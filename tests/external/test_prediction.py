@@ -114,7 +114,7 @@ def test_a_prediction_of_120_ms_is_where_the_simulated_robot_comes_to(scene: Sce
 def test_the_arm_slows_and_stands_too_when_the_state_is_old(scene: Scene, age: float, share: float) -> None:
     seen = msgspec.structs.replace(SimulatedPlant(scene).observe(), age=age)
     asked = Actuation(twist=np.zeros(2), joint_velocity=np.full(7, 0.1), gripper="open")
-    told = Monitor(scene.robot).check(asked, seen, 0.01)
+    told = Monitor(scene.robot).check(asked, seen, 0.01, scan_stamp=seen.scan.stamp if seen.scan else seen.time)
     assert told.actuation.joint_velocity == pytest.approx(0.1 * share)
     assert ("state of the robot" in told.reason) == (share < 1.0)
 

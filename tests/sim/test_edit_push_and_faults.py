@@ -181,7 +181,7 @@ def test_a_fault_of_one_kind_replaces_the_one_before_and_others_last():
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        (InjectFault(fault="lidar_of"), "there is lidar_off"),
+        (InjectFault(fault="lidar_of"), "did you mean lidar_off"),
         (InjectFault(fault="lidar_off", seconds=0.01), "0.05 to 30 s"),
         (InjectFault(fault="lidar_off", seconds=math.nan), "0.05 to 30 s"),
         (InjectFault(fault="camera_delay", delay=3.5), "0 to 3 s"),
