@@ -93,7 +93,7 @@ def test_a_reset_puts_a_simulated_robot_back_to_the_start(served: TwinServer, ro
     from motm_twin.bus.commands import Reset
 
     with running_robot(router, scene, clock="shared") as robot, TwinClient(served.endpoint) as client:
-        until(lambda: client.tick() and tick(client).index > 5)
+        until(lambda: client.status() and client.tick() and tick(client).index > 5)
         before, life = status(client).run, robot.robot.life
         assert client.command(Reset()).ok
         until(lambda: (now := client.tick()) is not None and now.run > before and now.index > 2)
