@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 HIT = 3  # evidence of one hit: a cell seen once is cleared by 3 free scans, 0.15 s at 20 Hz
 EVIDENCE_MAX = 6  # at most 6 free scans, 0.3 s at 20 Hz, to clear: a moved obstacle is gone at once for the eye
-STATIC_MS = 3000  # occupied unbroken this long is static (issue: 3 s)
+STATIC_MS = 3000  # occupied unbroken this long is static (3 s)
 GRACE_MS = 300  # a break shorter than this is noise at a cell border
 HIDDEN_MS = 1000  # what hides behind a newer hit this long and is not static has come closer, or was noise
 SHADOW = 0.6  # [m] depth behind a hit in which that is so: a little more than an agent

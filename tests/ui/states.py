@@ -17,9 +17,7 @@ SIZE = (960, 600)  # [px]
 REDUCED = (240, 150)  # [px] at which pictures are compared: letters and edges are smoothed away
 PANEL = 630  # [px] where the panel begins
 CLEAR = 40.0  # [grey levels] of difference that anybody sees
-# Grey levels on average, and share of clearly different pixels. The panel is mostly letters, whose shapes and breaks
-# depend on the fonts of the machine.
-LIMITS = {"scene": (4.0, 0.03), "panel": (16.0, 0.15)}
+MEAN, SHARE = 4.0, 0.03  # [grey levels] on average, and share of clear pixels, that whole and scene may differ by
 START, DRIVEN, BACK = 1, 40, 4  # periods
 
 
@@ -60,21 +58,19 @@ def screenshot(person):
 
 
 def difference(picture, reference):
-    """For scene and panel of two pictures: mean difference [grey levels] and share of clearly different pixels."""
+    """For two pictures and their scenes: mean difference [grey levels] and share of clearly different pixels."""
     first, second = (
         np.asarray(each.resize(REDUCED, Image.Resampling.BOX), dtype=float) for each in (picture, reference)
     )
     apart = np.abs(first - second)
     edge = PANEL * REDUCED[0] // SIZE[0]
-    parts = {"scene": apart[:, :edge], "panel": apart[:, edge:]}
+    parts = {"whole": apart, "scene": apart[:, :edge]}
     return {name: (float(part.mean()), float((part.max(axis=2) > CLEAR).mean())) for name, part in parts.items()}
 
 
 def alike(difference):
     """Whether a difference is small enough to be nobody's doing."""
-    return all(
-        value < limit for name, found in difference.items() for value, limit in zip(found, LIMITS[name], strict=True)
-    )
+    return all(mean < MEAN and share < SHARE for mean, share in difference.values())
 
 
 def overview(person):
