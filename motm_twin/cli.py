@@ -12,6 +12,7 @@ from tyro.conf import Positional
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
 from motm_twin.external.cli_robot import robot
+from motm_twin.methods.error import MethodError
 from motm_twin.model.scene_error import SceneError
 from motm_twin.record.cli_record import info, record, recover, replay, rerun
 from motm_twin.record.session import SessionError
@@ -27,6 +28,7 @@ def run(
     seed: int | None = None,
     json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
     save: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
+    method: str = "motm",
 ) -> int:
     """Run a scene headless, as fast as the processor allows.
 
@@ -38,15 +40,19 @@ def run(
         seed: Seed of noise and random arrangements.
         json: Write the report to a file, or to standard output with '-'.
         save: Write the session to a file, for `rerun` and `what-if`.
+        method: Who decides: motm, or another of docs/method.md, or FILE.py:NAME of your own.
     """
+    from motm_twin.methods.registry import find_method
+
+    chosen = find_method(method)
     if save is not None:
         from motm_twin.record.cli_run import run_and_save
 
-        result = run_and_save(scene, variant, seed, save)
+        result = run_and_save(scene, variant, seed, save, chosen)
     else:
         from motm_twin.trial import run_trial
 
-        result = run_trial(scene, variant, seed)
+        result = run_trial(scene, variant, seed, chosen)
     if json is not None:
         _write(result, json)
     if json != "-":
@@ -205,7 +211,7 @@ def main() -> None:
             prog="motm-twin",
             description="Reactive manipulation on the move, as a digital twin.",
         )
-    except (SceneError, SessionError, ConfigError) as error:
+    except (SceneError, SessionError, ConfigError, MethodError) as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)
         code = BAD_INPUT
     sys.exit(code)

@@ -11,6 +11,9 @@ import numpy as np
 from motm_twin.bench.reference_tour import reference_tour_s
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
+from motm_twin.methods.method import Method
+from motm_twin.methods.modifications import MOTM
+from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import to_frame
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene
@@ -61,9 +64,9 @@ class Tally:
                 self.meeting.discard(agent.name)
 
 
-def run_trial(scene: str, variant: str | None = None, seed: int | None = None) -> dict[str, Any]:
+def run_trial(scene: str, variant: str | None = None, seed: int | None = None, method: Method = MOTM) -> dict[str, Any]:
     """Load and run a scene; the dictionary that `motm-twin run --json` prints."""
-    return run_scene(load_scene(scene, variant, seed))
+    return run_scene(load_scene(scene, variant, seed), method=method)
 
 
 def run_scene(
@@ -71,9 +74,14 @@ def run_scene(
     budget: SearchBudget | None = None,
     on_tick: Callable[[Tick], None] | None = None,
     plant: ExternalPlant | None = None,
+    method: Method = MOTM,
+    parameters: dict[str, ParameterValue] | None = None,
 ) -> dict[str, Any]:
-    """Run a scene to the end of its task list or its time limit; ``plant``: an external robot."""
-    twin = Twin(scene, budget=budget, clock=time.perf_counter, plant=plant)
+    """Run a scene to the end of its task list or its time limit; ``plant``: an external robot.
+
+    ``parameters``: of `control.tuning`, on top of the method's.
+    """
+    twin = Twin(scene, method=method, parameters=parameters, budget=budget, clock=time.perf_counter, plant=plant)
     if plant is not None:
         _wait_for(plant)
     tally = Tally()
@@ -113,6 +121,7 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, An
     attempts = sum(task.attempts for task in tick.tasks if task.kind == "pick")
     return {
         "scene": scene.name,
+        "method": twin.method.name,
         "variant": scene.variant,
         "seed": scene.seed,
         "success": bool(completed and not caused),

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from motm_twin.control.loop import PERIOD, ControlLoop, Settings
-from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.task_list import TaskEdit, TaskList, edited
 from motm_twin.control.tick import Tick
 from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
+from motm_twin.methods.method import ArmParts, Method, PlannerParts
+from motm_twin.methods.modifications import MOTM
 from motm_twin.model.edits import (
     Announce,
     Drive,
@@ -27,9 +28,11 @@ from motm_twin.model.edits import (
     WorldEdit,
 )
 from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.known import KnownWorld
 from motm_twin.model.scene import Pick, PlanarPose, Scene
 from motm_twin.model.state import HasState, state_hash
 from motm_twin.model.twin_plant import ExternalPlant, TwinPlant, WorldRehearsal
+from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
@@ -47,6 +50,7 @@ class Twin:
         self,
         scene: Scene,
         *,
+        method: Method = MOTM,
         parameters: dict[str, ParameterValue] | None = None,
         budget: SearchBudget | None = None,
         planning: PlanningParameters | None = None,
@@ -56,12 +60,14 @@ class Twin:
     ) -> None:
         """``plant``: a robot in another program instead of the simulated one; such a run is neither copied nor rerun.
 
-        ``parameters``: of `control.tuning`, on top of ``planning`` and ``arm``; ValueError when one is not allowed.
+        ``parameters``: of `control.tuning`, on top of the method's, ``planning`` and ``arm``; ValueError when one is
+        not allowed.
 
         ``clock`` [s]: bounds the searches when the budget has seconds, and measures the stages of a period.
         """
-        self.scene = scene
-        self._start = {name: check(name, value) for name, value in (parameters or {}).items()}
+        self.scene, self.method = scene, method
+        start = {**method.parameters, **(parameters or {})}
+        self._start = {name: check(name, value) for name, value in start.items()}
         self._start = {name: value for name, value in self._start.items() if value != parameter(name).default}
         self._given = planning is not None or arm is not None
         self._planning = planning or PlanningParameters()
@@ -187,6 +193,7 @@ class Twin:
         return Session(
             title=title if whole else f"{title} (until period {self._broken}, which broke off: no state hash)".lstrip(),
             scene=self.scene,
+            method=self.method.name,
             parameters=dict(self._start),
             edits=tuple(self.edits),
             cuts=tuple(self.cuts),
@@ -245,12 +252,18 @@ class Twin:
         self.loop = ControlLoop(
             known,
             self.plant,
-            BasePlanner(self.scene.robot, planning, clock=self._search_clock()),
-            Manipulator(known, arm),
+            self._planner(known, planning),
+            self.method.arm(ArmParts(known=known, parameters=arm)),
             settings=Settings(budget=self._budget),
             truth=self.plant.truth,
             clock=self._clock or (lambda: 0.0),
         )
+
+    def _planner(
+        self, known: KnownWorld, planning: PlanningParameters, graphs: GraphCache | None = None
+    ) -> BasePlanner:
+        parts = PlannerParts(known=known, parameters=planning, clock=self._search_clock(), graphs=graphs)
+        return self.method.planner(parts)
 
     def _search_clock(self) -> Callable[[], float] | None:
         return self._clock if self._budget.seconds is not None else None
@@ -260,10 +273,10 @@ class Twin:
         planning, arm = tuned(self.parameters, self._planning, self._arm)
         loop, planner, manipulator = self.loop, self.loop.planner, self.loop.manipulator
         if planning != planner.parameters:
-            loop.planner = BasePlanner(self.scene.robot, planning, clock=self._search_clock(), graphs=planner.graphs)
+            loop.planner = self._planner(loop.known, planning, planner.graphs)
             loop.planner.restore(planner.snapshot())
         if arm != manipulator.parameters:
-            loop.manipulator = Manipulator(loop.known, arm)
+            loop.manipulator = self.method.arm(ArmParts(known=loop.known, parameters=arm))
             loop.manipulator.restore(manipulator.snapshot())
 
     def _apply(self, edit: Edit) -> None:

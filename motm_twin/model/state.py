@@ -8,7 +8,7 @@ import copy
 import dataclasses
 import hashlib
 import struct
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -30,6 +30,7 @@ class Stateful(Generic[S]):
         self._state = copy.deepcopy(state)
 
 
+@runtime_checkable
 class HasState(Protocol):
     """Whatever can be copied and restored, be it one `Stateful` or several together."""
 

@@ -111,24 +111,3 @@ class PlanningParameters:
     placement: PlacementParameters = PlacementParameters()
     staa: StaaParameters = StaaParameters()
     reach: ReachParameters = ReachParameters()
-
-
-def paper_literal() -> PlanningParameters:
-    """The paper's words and nothing else: finishes when a path passes the candidate, STAA*'s grid weight."""
-    return PlanningParameters(staa=StaaParameters(termination="pass", drive_on=False, grid_weight=1.0, penalty="grid"))
-
-
-def unmodified_staa() -> PlanningParameters:
-    """STAA* without any of the paper's modifications."""
-    return PlanningParameters(
-        staa=StaaParameters(
-            termination="reach_goal",
-            goal_orientation=False,
-            rotation_cost=False,
-            bezier=False,
-            scale_penalty=False,
-            drive_on=False,
-            grid_weight=1.0,
-            penalty="grid",
-        )
-    )

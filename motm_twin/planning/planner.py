@@ -1,13 +1,15 @@
 """Placement and control of the base in one call, on one visibility graph."""
 
 from collections.abc import Callable
+from typing import Any
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import HasState
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.placement import NextTargetPlacement, PlacementState
+from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.types import (
     BaseController,
     BasePlan,
@@ -66,11 +68,16 @@ class BasePlanner:
         controller = self.controller
         return controller.staa_path() if isinstance(controller, StaaController) else empty_path()
 
-    def snapshot(self) -> PlacementState | None:
+    def snapshot(self) -> dict[str, Any]:
         """A deep copy of everything that changes between periods."""
-        return self.placement.snapshot() if hasattr(self.placement, "snapshot") else None
+        return {name: part.snapshot() for name, part in self._stateful().items()}
 
-    def restore(self, state: PlacementState | None) -> None:
+    def restore(self, state: dict[str, Any]) -> None:
         """Continue from a snapshot."""
-        if hasattr(self.placement, "restore"):
-            self.placement.restore(state)
+        for name, part in self._stateful().items():
+            part.restore(state[name])
+
+    def _stateful(self) -> dict[str, HasState]:
+        """The strategies that remember something between periods."""
+        both = {"placement": self.placement, "controller": self.controller}
+        return {name: part for name, part in both.items() if isinstance(part, HasState)}

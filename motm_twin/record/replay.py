@@ -6,6 +6,9 @@ from collections.abc import Iterator
 import msgspec
 
 from motm_twin.control.tick import Tick
+from motm_twin.methods.method import Method
+from motm_twin.methods.registry import METHODS
+from motm_twin.model.names import hint
 from motm_twin.model.state import state_hash
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.record.log import Log
@@ -33,13 +36,18 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
     differences: tuple[str, ...]  # what is not here as it was where the session was made
 
 
-def begin(session: Session, plant: ExternalPlant | None = None) -> Twin:
+def begin(session: Session, plant: ExternalPlant | None = None, method: Method | None = None) -> Twin:
     """A twin at the start of the session, of another than the simulated robot when one is given.
 
-    Raises SessionError when a parameter cannot be.
+    ``method``: of a user's file, for a session that was made with one. Raises SessionError when a parameter cannot be,
+    or the method is not here: a name in a session is never a file to run.
     """
+    method = method or METHODS.get(session.method)
+    if method is None:
+        known = hint(session.method, METHODS)
+        raise SessionError(f"it was made with the method {session.method!r}, which is not shipped; {known}")
     try:
-        return Twin(session.scene, parameters=session.parameters, plant=plant)
+        return Twin(session.scene, method=method, parameters=session.parameters, plant=plant)
     except ValueError as error:
         raise SessionError(f"the run cannot be started: {error}") from error
 

@@ -55,7 +55,10 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     title: str = ""
     made_with: dict[str, str] = msgspec.field(default_factory=made_with)  # versions, to explain another hash
     scene: Scene  # resolved: a later change of the scene file does not change the session
-    parameters: dict[str, ParameterValue] = {}  # of `control.tuning`, set before the first period
+    method: str = "motm"  # of `methods.registry`; a user's own is named by its `Method.name`, and given for a rerun
+    parameters: dict[
+        str, ParameterValue
+    ] = {}  # of `control.tuning`, the method's included, set before the first period
     edits: tuple[LoggedEdit, ...] = ()
     cuts: tuple[Cut, ...] = ()
     periods: int = 0

@@ -1,12 +1,13 @@
 """The table of parameters that can be changed while the twin runs."""
 
+import dataclasses
 import math
 
 import pytest
 
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.tuning import GROUPS, PARAMETERS, PRESETS, check, parameter, tuned
-from motm_twin.planning.parameters import PlanningParameters, paper_literal, unmodified_staa
+from motm_twin.planning.parameters import PlanningParameters, StaaParameters
 
 BY_NAME = {entry.name: entry for entry in PARAMETERS}
 
@@ -104,10 +105,13 @@ def test_ranges_of_values_that_must_not_cross_do_not_overlap():
 
 def test_the_paper_s_values_are_those_of_its_literal_reading():
     values = {entry.name: entry.paper for entry in PARAMETERS if entry.paper is not None}
-    assert tuned(values) == (paper_literal(), ArmParameters())
+    assert tuned(values) == tuned(PRESETS["The paper's words"])
 
 
 def test_presets_are_the_variants_that_are_compared():
-    assert tuned(PRESETS["The paper's words"])[0] == paper_literal()
-    assert tuned(PRESETS["Unmodified STAA*"])[0] == unmodified_staa()
+    literal = StaaParameters(termination="pass", drive_on=False, grid_weight=1.0, penalty="grid")
+    assert tuned(PRESETS["The paper's words"]) == (PlanningParameters(staa=literal), ArmParameters())
+    switches = ("goal_orientation", "rotation_cost", "bezier", "scale_penalty")
+    plain = dataclasses.replace(literal, termination="reach_goal", **dict.fromkeys(switches, False))
+    assert tuned(PRESETS["Unmodified STAA*"]) == (PlanningParameters(staa=plain), ArmParameters())
     assert tuned(PRESETS["As shipped"]) == tuned({})

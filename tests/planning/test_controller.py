@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from idealised import TRIALS, polygons, rectangle, run, step_unicycle, tasks_of, world_of
 
+from motm_twin.control.tuning import PRESETS, tuned
 from motm_twin.model.profile import BaseLimits, Footprint, RobotProfile
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import body_of, clearance, field_of
-from motm_twin.planning.parameters import PlanningParameters, StaaParameters, paper_literal, unmodified_staa
+from motm_twin.planning.parameters import PlanningParameters, StaaParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
@@ -248,7 +249,7 @@ def test_k_shrinks_towards_the_goal_and_stays_one_without_the_modification() -> 
     assert plain.k == 1.0
 
 
-@pytest.mark.parametrize("parameters", [unmodified_staa(), paper_literal()])
+@pytest.mark.parametrize("parameters", [tuned(PRESETS[name])[0] for name in ("Unmodified STAA*", "The paper's words")])
 def test_unmodified_staa_and_the_literal_paper_are_the_same_code_by_configuration(
     parameters: PlanningParameters,
 ) -> None:

@@ -17,6 +17,7 @@ ROOMS_SEEN_BY = {
     "perception": {"model"},
     "planning": {"perception", "model"},
     "control": {"planning", "perception", "model"},
+    "methods": {"control", "planning", "perception", "model"},
 }
 NO_CLOCK_NO_WIRE = {"viser", "zenoh", "time", "random", "datetime", "secrets", "uuid", "threading", "asyncio", "socket"}
 FILES = sorted(PACKAGE.rglob("*.py"))
