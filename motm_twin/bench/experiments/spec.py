@@ -1,0 +1,74 @@
+"""A trial: a scene, a seed, a method, and what is changed in either. An experiment: a list of them."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from motm_twin.bench.experiments.changes import changed
+from motm_twin.control.tuning import check
+from motm_twin.methods.method import Method
+from motm_twin.methods.registry import find_method
+from motm_twin.model.edits import ParameterValue
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_scene
+
+KEY_DIGITS = 16
+
+
+class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One trial: everything that its result depends on, besides the source.
+
+    ``parameters`` are of `control.tuning`, on top of the method's; ``changes`` are dotted fields of the resolved scene
+    with their new values, as ``{"noise.lidar_range_sd": 0.05, "agents.temi_1.speed": 0.6}``.
+    """
+
+    scene: str
+    variant: str | None = None  # None: the scene's default one
+    seed: int | None = None  # None: the seed of the scene file
+    method: str = "motm"
+    parameters: dict[str, ParameterValue] = {}
+    changes: dict[str, Any] = {}
+
+
+class Experiment(msgspec.Struct, frozen=True):
+    """Trials that belong together, under a name that is also the folder of their results."""
+
+    name: str
+    title: str
+    specs: tuple[TrialSpec, ...]
+
+
+class Job(msgspec.Struct, frozen=True, kw_only=True):
+    """A spec that was checked, with its scene as it will be run: what a worker is sent."""
+
+    spec: TrialSpec
+    scene: Scene
+    method_text: str = ""  # contents of the user's own file when the method is FILE.py:NAME
+
+    def key(self, source: str) -> str:
+        """Name of this trial in the store: another scene, parameter, method or source gives another one."""
+        whole = hashlib.sha256(source.encode())
+        for part in (self.spec, self.scene, self.method_text):
+            whole.update(b"\0" + msgspec.json.encode(part, order="deterministic"))
+        return whole.hexdigest()[:KEY_DIGITS]
+
+
+def job_of(spec: TrialSpec) -> Job:
+    """The checked job of a spec. Raises ValueError (SceneError, MethodError) that names what is wrong."""
+    find_method(spec.method)
+    for name, value in spec.parameters.items():
+        check(name, value)
+    scene = changed(load_scene(spec.scene, spec.variant, spec.seed), spec.changes)
+    return Job(spec=spec, scene=scene, method_text=_text_of(spec.method))
+
+
+def method_of(job: Job) -> Method:
+    """The method of a job. Raises MethodError."""
+    return find_method(job.spec.method)
+
+
+def _text_of(method: str) -> str:
+    file, colon, _ = method.rpartition(":")
+    return Path(file).read_text(encoding="utf-8") if colon else ""
