@@ -21,8 +21,13 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """What a worker sends back."""
 
     result: dict[str, Any]
-    source: str  # hash of the source that the worker had
+    made_with: dict[str, str]  # what the worker ran it with
     session: Session | None  # of a trial without success
+
+    @property
+    def source(self) -> str:
+        """Hash of the source that the worker had."""
+        return self.made_with[SOURCE]
 
 
 def run_job(job: Job) -> Outcome:
@@ -43,10 +48,18 @@ def run_job(job: Job) -> Outcome:
         reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
         result = broken(job, reason, time_s=periods / PERIODS_PER_S)
     result = parted(job, result, time.perf_counter() - began)
-    source = made_with()[SOURCE]
-    if result["success"]:
-        return Outcome(result=result, source=source, session=None)
-    return Outcome(result=result, source=source, session=session_of(job, periods, result.get("state_hash", "")))
+    session = None if result["success"] else session_of(job, periods, result.get("state_hash", ""))
+    return Outcome(result=result, made_with=made_with(), session=session)
+
+
+def given_up(job: Job, reason: str, source: str) -> Outcome:
+    """The outcome of a trial whose process died: its session is as long as the scene allows, without a hash."""
+    periods = round(job.scene.time_limit * PERIODS_PER_S)
+    return Outcome(
+        result=parted(job, broken(job, reason), 0.0),
+        made_with={**made_with(), SOURCE: source},
+        session=session_of(job, periods, ""),
+    )
 
 
 def parted(job: Job, result: dict[str, Any], seconds: float) -> dict[str, Any]:

@@ -1,0 +1,118 @@
+"""Calls on many processes, here or on a cluster: results as they come, and no call is lost with the process it ran in.
+
+A process that dies (killed, out of memory, a crash in compiled code, a machine that is gone) takes with it every call
+that was under way. These are begun again. Which of them was to blame cannot be seen, so after `patience` losses a call
+is run alone, and only one that dies alone is given up. Calls must give the same again for the same arguments.
+"""
+
+import signal
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import joblib
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+BACKENDS = ("loky", "ray")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pool:
+    """Where calls run. ``processes`` says how many can run now: a cluster may have lost a machine."""
+
+    backend: str  # of joblib
+    processes: Callable[[], int]
+    lost: tuple[type[Exception], ...]  # what is raised for a process that died
+    patience: int  # losses after which a call is run alone
+    options: dict[str, Any] = field(default_factory=dict)  # of the joblib backend
+
+
+@dataclass(frozen=True)
+class Lost:
+    """In place of a result: the process died, also when nothing else ran."""
+
+    reason: str
+
+
+def local_pool(workers: int) -> Pool:
+    """Processes on this machine. Raises ValueError for less than one."""
+    if workers < 1:
+        raise ValueError(f"{workers} workers: at least 1 is needed")
+    return Pool(backend="loky", processes=lambda: workers, lost=(TerminatedWorkerError,), patience=1)
+
+
+def make_pool(workers: int, backend: str = "loky", address: str | None = None) -> Pool:
+    """The pool of a backend; ``address`` is that of a Ray cluster. Raises ValueError."""
+    if backend not in BACKENDS:
+        raise ValueError(f"backend {backend!r}: use one of {', '.join(BACKENDS)}")
+    if backend == "ray":
+        from motm_twin.bench.experiments.cluster import ray_pool
+
+        return ray_pool(workers, address)
+    if address is not None:
+        raise ValueError(f"address {address!r}: only the backend ray has one; add --backend ray")
+    return local_pool(workers)
+
+
+def outcomes(
+    call: Callable[..., Any], items: Sequence[Any], pool: Pool, told: Callable[[str], None] = lambda text: None
+) -> Iterator[tuple[int, Any]]:
+    """``(index, call(items[index]))`` of all items as they are done, in any order; `Lost` where it was given up.
+
+    ``told`` hears in one sentence when processes were lost. What ``call`` raises is raised here.
+    """
+    waiting, losses = list(range(len(items))), Counter[int]()
+    while waiting:
+        alone = next((index for index in waiting if losses[index] >= pool.patience), None)
+        chosen = waiting if alone is None else [alone]
+        begun: list[int] = []
+        done: set[int] = set()
+        try:
+            for index, outcome in _round(call, items, chosen, begun, pool):
+                done.add(index)
+                yield index, outcome
+        except pool.lost as error:
+            under_way = [index for index in begun if index not in done]
+            losses.update(under_way)
+            reason = _short(error)
+            if alone is not None:
+                done.add(alone)
+                yield alone, Lost(f"the process died, {losses[alone]} times, alone at last: {reason}")
+            else:
+                told(f"a process died: {len(under_way)} trials that were under way are begun again ({reason})")
+        waiting = [index for index in waiting if index not in done]
+
+
+def _round(
+    call: Callable[..., Any], items: Sequence[Any], chosen: list[int], begun: list[int], pool: Pool
+) -> Iterator[tuple[int, Any]]:
+    """Results until all are there or a process dies; ``begun`` is told what was handed out."""
+
+    def calls() -> Iterator[Any]:
+        for index in chosen:
+            begun.append(index)
+            yield joblib.delayed(_one)(call, index, items[index])
+
+    processes = pool.processes()
+    # At least two, because joblib runs the calls of one in this process, which a crash would end too.
+    with joblib.parallel_config(backend=pool.backend, n_jobs=max(2, processes), **pool.options):
+        options: dict[str, Any] = {"batch_size": 1, "pre_dispatch": min(processes, len(chosen)), "max_nbytes": None}
+        parallel = joblib.Parallel(return_as="generator_unordered", **options)
+        results: Any = parallel(calls())
+    yield from results
+
+
+def _one(call: Callable[..., Any], index: int, item: Any) -> tuple[int, Any]:
+    """In the worker. Ctrl-C is for the process that waits for all of them."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return index, call(item)
+
+
+def _short(error: Exception) -> str:
+    """The part of a message that tells something: an exit code, or which actor."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    codes = [line for line in lines if "exit codes" in line]
+    return f"{type(error).__name__}: {(codes or lines or [''])[0]}"
