@@ -7,9 +7,19 @@ from pathlib import Path
 from motm_twin.methods.error import MethodError
 from motm_twin.methods.method import Method
 from motm_twin.methods.modifications import ABLATIONS, MOTM, PAPER_LITERAL, STAA
+from motm_twin.methods.motm2022 import MOTM2022
 from motm_twin.model.names import hint
 
-METHODS: dict[str, Method] = {method.name: method for method in (MOTM, PAPER_LITERAL, *ABLATIONS, STAA)}
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        MOTM,
+        PAPER_LITERAL,
+        *ABLATIONS,
+        STAA,
+        MOTM2022,
+    )
+}
 
 
 def find_method(name: str) -> Method:
