@@ -77,6 +77,7 @@ def serve(
     data: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     plant: Literal["simulated", "zenoh", "mirror"] = "simulated",
     connect: Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT")] = None,
+    method: str = "motm",
 ) -> int:
     """Serve the twin in the browser, and its state on Zenoh.
 
@@ -96,6 +97,7 @@ def serve(
         data: Folder of the files that the commands save and record write; without it ./recordings.
         plant: zenoh: drive a robot in another program (docs/external_robot.md); mirror: only show it.
         connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
+        method: Who decides at the start: motm, or another of docs/method.md, or FILE.py:NAME of your own.
     """
     from motm_twin.cli_serve import serve as serve_twin
 
@@ -115,6 +117,7 @@ def serve(
         data=data,
         plant=plant,
         connect=connect,
+        method=method,
     )
 
 
@@ -127,6 +130,7 @@ def what_if(
     seconds: Annotated[float, tyro.conf.arg(name="from", metavar="SECONDS")] = 0.0,
     json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
     stream: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    method: Annotated[str | None, tyro.conf.arg(metavar="FILE.py:NAME")] = None,
 ) -> int:
     """Run a saved session as it was and with other parameters, both to the end of the task.
 
@@ -138,10 +142,11 @@ def what_if(
         seconds: Simulated time from which the parameters are others; 0 for the whole run.
         json: Write the report to a file, or to standard output with '-'.
         stream: Write the poses of both robots at 10 Hz and their ends as JSON lines instead.
+        method: For a session that was made with a method of your own: its file.
     """
     from motm_twin.record.cli_what_if import what_if as compare
 
-    return compare(file, list(changes), seconds=seconds, report=json, lines=stream)
+    return compare(file, list(changes), seconds=seconds, report=json, lines=stream, method=method)
 
 
 def scene(action: Positional[Literal["list", "check", "schema"]], path: Positional[str | None] = None, /) -> int:

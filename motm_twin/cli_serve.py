@@ -12,8 +12,10 @@ from pathlib import Path
 from rich.console import Console
 
 from motm_twin.bus.children import Child, end_all
+from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.bus.config import VARIABLE
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
+from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.running import Running, note
 from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.model.scene_file import load_scene
@@ -42,14 +44,17 @@ def serve(
     data: Path | None = None,
     plant: str = "simulated",
     connect: str | None = None,
+    method: str = DEFAULT_METHOD,
 ) -> int:
-    """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError for a scene that can not be used.
+    """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError and MethodError for what can not be used.
 
     0: ended on request. 1: a process died again and again. 2: bad input, such as a port that is taken.
     """
     console = Console(highlight=False, soft_wrap=True)
     token = token or os.environ.get("MOTM_TOKEN") or None
     load_scene(scene, variant, seed)
+    methods = MethodLibrary(method)
+    methods.find(methods.own_name)
     try:
         Keys(twin)
         check_token(host, token)
@@ -68,12 +73,14 @@ def serve(
     server = ["--port", str(supervisor.zenoh_port), "--twin", twin]
     server += [] if variant is None else ["--variant", variant]
     server += [] if seed is None else ["--seed", str(seed)]
+    server += ["--method", method]
     server += [] if data is None else ["--data", str(data)]
     server += [] if record is None else ["--record", str(record.resolve())]
     server += ["--plant", plant] + ([] if connect is None else ["--connect", connect])
     supervisor.add(SERVER, "motm_twin.bus.server_process", [scene, *server])
     if not headless:
         page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
+        page += [] if methods.own_name == method else ["--own-method", methods.own_name, method]
         supervisor.add("page", "motm_twin.ui.viewer_process", page, token)
     if ros2 is not None:
         bridge = ["--endpoint", supervisor.endpoint, "--twin", twin, "--form", ros2]

@@ -36,6 +36,7 @@ COMMAND_VERSION = "motm.command/1"
 ANSWER_VERSION = "motm.answer/1"
 MAX_COMMAND_BYTES = 64 * 1024
 NAME_MAX = 40  # characters of a person's name
+DEFAULT_METHOD = "motm"
 SPEED_MIN, SPEED_MAX = 0.125, 8.0
 
 
@@ -64,15 +65,16 @@ class Speed(msgspec.Struct, frozen=True, kw_only=True, tag="speed", forbid_unkno
 
 
 class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown_fields=True):
-    """Another scene, variant or seed; None keeps what the scene file says."""
+    """Another scene, variant, seed or method; None keeps what the scene file says."""
 
     scene: str
     variant: str | None = None
     seed: int | None = None
+    method: str = DEFAULT_METHOD  # who decides how the base drives and the arm reaches
 
 
 class Seed(msgspec.Struct, frozen=True, kw_only=True, tag="seed", forbid_unknown_fields=True):
-    """The loaded scene and variant again, with another seed."""
+    """The loaded scene, variant and method again, with another seed."""
 
     seed: int
 
@@ -186,6 +188,7 @@ __all__ = [
     "ANSWER_VERSION",
     "COMMAND_NAMES",
     "COMMAND_VERSION",
+    "DEFAULT_METHOD",
     "EDITS",
     "MAX_COMMAND_BYTES",
     "NAME_MAX",

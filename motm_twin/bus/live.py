@@ -21,6 +21,7 @@ from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import LoggedEdit
 
 if TYPE_CHECKING:
+    from motm_twin.methods.method import Method
     from motm_twin.record.branches import Branches
 
 MAX_ADDED = 30
@@ -115,11 +116,11 @@ class LiveTwin:
         self.scene, self.twin, self.message, self.tick, self._preview = scene, None, None, None, None
         self.aside = None
 
-    def build(self, scene: Scene) -> None:
-        """Make the twin of a scene."""
+    def build(self, scene: Scene, method: "Method") -> None:
+        """Make the twin of a scene under a method."""
         from motm_twin.record.branches import Branches  # imports the twin: slow, only once the server listens
 
-        self.twin, self._branches = self._make_twin(scene), Branches()
+        self.twin, self._branches = self._make_twin(scene, method=method), Branches()
         self._robot = getattr(self.twin, "external", None)
         self._begin(self._server_time(), 0)
 

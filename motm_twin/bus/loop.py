@@ -35,8 +35,9 @@ from motm_twin.bus.holds import Holds
 from motm_twin.bus.keeping import Keeper
 from motm_twin.bus.live import LiveTwin
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
+from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.pacing import PERIOD, Pacer
-from motm_twin.bus.ports import MakeTwin, Reply, SceneLibrary, SessionReply, Sink
+from motm_twin.bus.ports import MakeTwin, Methods, Reply, SceneLibrary, SessionReply, Sink
 from motm_twin.bus.said import said
 from motm_twin.bus.source import SceneSource
 from motm_twin.bus.wheel import Wheel
@@ -66,6 +67,7 @@ class TwinLoop:
         server_time: Callable[[], float] = time.time,
         reference_tour: Callable[[Scene], float] | None = None,
         keeper: Keeper | None = None,
+        methods: Methods | None = None,
         plant: str = "simulated",
     ) -> None:
         self._twin_name, self._sink, self._keeper = twin_name, sink, keeper
@@ -74,7 +76,7 @@ class TwinLoop:
         self._stop, self._reload = threading.Event(), threading.Event()
         self._pacer, self._live = Pacer(), LiveTwin(make_twin, server_time, plant)
         self._wheel = Wheel(self._post, self._tell)
-        self._source = SceneSource(library, first)
+        self._source = SceneSource(library, methods or MethodLibrary(), first)
         self._tour: float | None = None
         self._steps, self._settling = 0, SETTLE_PERIODS  # periods still to do: asked for, and after the last task
         self._play_on = playing  # once a run that was done has a task again
@@ -121,13 +123,10 @@ class TwinLoop:
             server_time=self._server_time(),
             state=self._state,
             text=self._text if busy else (source.error or self._text or (live.waiting if playing else "")),
-            scene=scene.name if scene else source.loaded.scene,
-            variant=scene.variant if scene else (source.loaded.variant or ""),
-            seed=scene.seed if scene else (source.loaded.seed or 0),
             speed=self._pacer.speed,
             actual_speed=round(self._pacer.actual_speed(now), 2) if playing else 0.0,
             capped=playing and self._pacer.capped(now),
-            scenes=source.choices,
+            **source.shown(scene),
             **self._wheel.shown(now),
             **live.status(),
             reference_tour=self._tour,
@@ -333,7 +332,7 @@ class TwinLoop:
         self._live.clear(scene)
         self._sink.scene(scene)
         self._set_state("loading", "preparing the control loop (the first start compiles it, up to half a minute)")
-        self._live.build(scene)
+        self._live.build(scene, self._source.method())
         self._tour = None if self._reference_tour is None else self._reference_tour(scene)
         self._begin(play, text)
 

@@ -212,6 +212,14 @@ class SceneChoice(msgspec.Struct, frozen=True, kw_only=True):
     variants: list[str]  # for `load`
 
 
+class MethodChoice(msgspec.Struct, frozen=True, kw_only=True):
+    """One method that can drive."""
+
+    name: str  # for `load`
+    title: str  # a few words, to be shown
+    summary: str  # one sentence: what it does otherwise than the paper's
+
+
 class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     """The server itself: sent on every change, and twice a second as a sign of life."""
 
@@ -241,6 +249,8 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     plant_text: str = ""  # one sentence about the external robot or the recording; "" for a simulated one
     recording: str = ""  # file that the server writes now; "" when it writes none
     span: Vector = []  # [s] first and last period of the recording that is played; empty: no recording is played
+    method: str = "motm"  # that drives: the name of one of `methods`
+    methods: list[MethodChoice] = []  # that can be loaded
 
 
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,15 +1,18 @@
 """What the loop of the server needs from others: a twin, scenes, and somewhere to send what it computes."""
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from motm_twin.bus.messages import SceneChoice, TickMessage
+from motm_twin.bus.messages import MethodChoice, SceneChoice, TickMessage
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import PlanarPose, Scene
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import LoggedEdit, Session
+
+if TYPE_CHECKING:
+    from motm_twin.methods.method import Method
 
 
 class TwinLike(Protocol):
@@ -97,7 +100,24 @@ class Sink(Protocol):
         ...
 
 
-MakeTwin = Callable[[Scene], TwinLike]
+class Methods(Protocol):
+    """Methods that may be loaded."""
+
+    def choices(self) -> list[MethodChoice]:
+        """What there is."""
+        ...
+
+    def find(self, name: str) -> "Method":
+        """One of them. Raises ValueError with a reason."""
+        ...
+
+
+class MakeTwin(Protocol):
+    """Makes the twin of a scene under a method."""
+
+    def __call__(self, scene: Scene, *, method: "Method") -> TwinLike:
+        """At its start."""
+        ...
 
 
 class Reply(Protocol):

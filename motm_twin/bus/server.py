@@ -19,7 +19,7 @@ from motm_twin.bus.gate import CommandGate
 from motm_twin.bus.keeping import DEFAULT_FOLDER, Keeper
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.loop import TwinLoop
-from motm_twin.bus.ports import MakeTwin, SceneLibrary, TwinLike
+from motm_twin.bus.ports import MakeTwin, Methods, SceneLibrary, TwinLike
 from motm_twin.bus.publisher import Publisher
 from motm_twin.bus.schemas import names, schema
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
@@ -35,7 +35,7 @@ LAST_WAIT = 1.0  # [s] for the current period to end when the server stops
 class RobotChoice:
     """A robot in another program."""
 
-    make_twin: Callable[[RobotLink, Scene], TwinLike]
+    make_twin: Callable[..., TwinLike]  # (link, scene, *, method)
     mirror: bool = False  # it is shown, and never commanded
     session: zenoh.Session | None = None  # where it is met; None: on the server's own
 
@@ -66,6 +66,7 @@ class TwinServer:
         playing: bool = True,
         reference_tour: Callable[[Scene], float] | None = None,
         data: Path = DEFAULT_FOLDER,
+        methods: Methods | None = None,
         robot: RobotChoice | None = None,
     ) -> None:
         """``robot``: one in another program instead of the simulated one; ``make_twin`` is not used then."""
@@ -96,6 +97,7 @@ class TwinServer:
             server_time=clock,
             reference_tour=reference_tour,
             keeper=self._keeper,
+            methods=methods,
             plant="simulated" if robot is None else ("mirror" if robot.mirror else "zenoh"),
         )
         self._library = library

@@ -7,13 +7,15 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from motm_twin.bus.commands import Load
+from motm_twin.bus.commands import DEFAULT_METHOD, Load
 from motm_twin.bus.keeping import DEFAULT_FOLDER
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.ports import TwinLike
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.server import RobotChoice, TwinServer
@@ -23,21 +25,26 @@ from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
 
+if TYPE_CHECKING:
+    from motm_twin.methods.method import Method
+
 BAD_INPUT = 2
 SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period is 0.05 s
 WATCH = 0.1  # [s] between looks at the state for the report
 
 
-def make_twin(scene: Scene, budget: SearchBudget) -> TwinLike:
+def make_twin(scene: Scene, *, budget: SearchBudget, method: "Method") -> TwinLike:
     """A twin whose searches are bounded by the clock as well."""
     from motm_twin.twin import Twin  # slow to import: only once the server listens
     from motm_twin.warm_up import compile_kernels
 
     compile_kernels()
-    return Twin(scene, budget=budget, clock=time.perf_counter)
+    return Twin(scene, method=method, budget=budget, clock=time.perf_counter)
 
 
-def make_external_twin(robot: RobotLink, scene: Scene, budget: SearchBudget, sender: str) -> TwinLike:
+def make_external_twin(
+    robot: RobotLink, scene: Scene, *, budget: SearchBudget, sender: str, method: "Method"
+) -> TwinLike:
     """A twin of a robot in another program; one that is only shown has nothing to do."""
     from motm_twin.external.plant import ZenohPlant
     from motm_twin.twin import Twin
@@ -45,7 +52,8 @@ def make_external_twin(robot: RobotLink, scene: Scene, budget: SearchBudget, sen
 
     compile_kernels()
     scene = msgspec.structs.replace(scene, tasks=()) if robot.listen_only else scene
-    return Twin(scene, budget=budget, clock=time.perf_counter, plant=ZenohPlant(robot, scene, sender=sender))
+    plant = ZenohPlant(robot, scene, sender=sender)
+    return Twin(scene, method=method, budget=budget, clock=time.perf_counter, plant=plant)
 
 
 def reference_tour(scene: Scene) -> float:
@@ -61,7 +69,8 @@ def main() -> None:
     report, stop = Reporter(options.report), stop_event(options.report is not None)
     try:
         library = FileLibrary(options.scene)
-        first = Load(scene=library.own_name, variant=options.variant, seed=options.seed)
+        methods = MethodLibrary(options.method)
+        first = Load(scene=library.own_name, variant=options.variant, seed=options.seed, method=methods.own_name)
         budget = SearchBudget(seconds=SEARCH_SECONDS)
         server = TwinServer(
             library=library,
@@ -72,6 +81,7 @@ def main() -> None:
             playing=not options.paused,
             reference_tour=reference_tour,
             data=options.data,
+            methods=methods,
             robot=_robot(options, budget, stop),
         )
     except TimeoutError:  # stopped before the router was there
@@ -112,6 +122,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("scene")
     parser.add_argument("--variant")
     parser.add_argument("--seed", type=int)
+    parser.add_argument("--method", default=DEFAULT_METHOD, help="shipped name, or FILE.py:NAME")
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port of Zenoh, 0 takes any free one")
     parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
     parser.add_argument("--data", type=Path, default=DEFAULT_FOLDER, help="folder of saved sessions and recordings")

@@ -4,6 +4,7 @@ from abc import abstractmethod
 from typing import Generic, TypeVar
 
 from motm_twin.bus.commands import (
+    DEFAULT_METHOD,
     AddObstacle,
     Announce,
     Branch,
@@ -49,12 +50,14 @@ class Commanding(Generic[Result]):
     def send(self, command: Command, timeout: float = 2.0) -> Result:
         """Send any command."""
 
-    def load(self, scene: str, variant: str | None = None, seed: int | None = None) -> Result:
-        """Load a scene; done when its first period is there."""
-        return self.send(Load(scene=scene, variant=variant, seed=seed))
+    def load(
+        self, scene: str, variant: str | None = None, seed: int | None = None, method: str = DEFAULT_METHOD
+    ) -> Result:
+        """Load a scene, to be done by a method of ``status().methods``; done when its first period is there."""
+        return self.send(Load(scene=scene, variant=variant, seed=seed, method=method))
 
     def seed(self, seed: int) -> Result:
-        """The loaded scene again with another seed."""
+        """The loaded scene and method again with another seed."""
         return self.send(Seed(seed=seed))
 
     def play(self) -> Result:

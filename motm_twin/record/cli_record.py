@@ -17,6 +17,7 @@ OK, FAILED, BAD_INPUT = 0, 1, 2
 ANSWER = 5.0  # [s] in which the twin must answer once its server does
 _File = Annotated[Positional[str], tyro.conf.arg(metavar="FILE")]
 _Json = Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")]
+_Method = Annotated[str | None, tyro.conf.arg(metavar="FILE.py:NAME")]
 _Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
@@ -132,7 +133,7 @@ def replay(
     )
 
 
-def rerun(file: _File, /, update: _Flag = False, json: _Json = None) -> int:
+def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Method = None) -> int:
     """Compute a saved session or a recording again and compare it bit for bit.
 
     Of a recording, every period and state hash is compared, and the first period that differs is named.
@@ -143,10 +144,11 @@ def rerun(file: _File, /, update: _Flag = False, json: _Json = None) -> int:
         file: A saved session (.json) or a recording (.mcap).
         update: Write the new state into the session, after showing the difference: the change of behaviour is meant.
         json: Write the report to a file, or to standard output with '-'.
+        method: For what was made with a method of your own: its file.
     """
     from motm_twin.record.cli_rerun import rerun_file
 
-    return rerun_file(file, update=update, report=json)
+    return rerun_file(file, update=update, report=json, method=method)
 
 
 def info(file: _File, /, json: _Json = None) -> int:

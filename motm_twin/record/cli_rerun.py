@@ -8,6 +8,8 @@ from typing import Any
 import msgspec
 from rich.console import Console
 
+from motm_twin.methods.method import Method
+from motm_twin.methods.registry import find_method
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, rerun, updated
 from motm_twin.record.rerun_file import RunReport, rerun_run
@@ -16,19 +18,21 @@ from motm_twin.record.session import Session, SessionError, load_session, save_s
 OK, DIFFERENT = 0, 1
 
 
-def rerun_file(file: str, *, update: bool = False, report: str | None = None) -> int:
+def rerun_file(file: str, *, update: bool = False, report: str | None = None, method: str | None = None) -> int:
     """Rerun a session or a recording; the exit code: 0 equal (or updated), 1 different or nothing to compare with.
 
-    ``update`` writes the new hash into the file; ``report``: file of the JSON report, '-' for standard output. Raises
-    SessionError for a file that cannot be used.
+    ``update`` writes the new hash into the file; ``report``: file of the JSON report, '-' for standard output;
+    ``method``: FILE.py:NAME of a user's, for what was made with it. Raises SessionError for a file that cannot be used,
+    MethodError for such a method.
     """
+    own = None if method is None else find_method(method)
     if file.endswith(".mcap"):
         if update:
             raise SessionError("--update is for saved sessions: a recording stays as it was", file=file)
-        return _rerun_recording(file, report)
+        return _rerun_recording(file, report, own)
     session = load_session(file)
     try:
-        again = rerun(session)
+        again = rerun(session, own)
     except SessionError as error:
         raise SessionError(error.problem, file=file) from error
     if report != "-":
@@ -42,7 +46,7 @@ def rerun_file(file: str, *, update: bool = False, report: str | None = None) ->
     return OK if again.ok or update else DIFFERENT
 
 
-def _rerun_recording(file: str, report: str | None) -> int:
+def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
     """Every run of a recording."""
     recording = load_recording(file)
     console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
@@ -51,7 +55,7 @@ def _rerun_recording(file: str, report: str | None) -> int:
     found: list[RunReport] = []
     for run in recording.runs:
         try:
-            found.append(rerun_run(recording, run))
+            found.append(rerun_run(recording, run, own))
         except SessionError as error:
             raise SessionError(error.problem, file=file) from error
         if report != "-":
@@ -106,7 +110,7 @@ def _print(session: Session, again: Rerun) -> None:
     name = f"{scene.name} / {scene.variant}, seed {scene.seed}" + (f": {session.title}" if session.title else "")
     console.print(name, style="bold", markup=False)
     console.print(
-        f"{again.periods} periods, {again.periods / 20:.2f} s, {len(session.edits)} edits, "
+        f"method {session.method}, {again.periods} periods, {again.periods / 20:.2f} s, {len(session.edits)} edits, "
         f"{len(session.cuts)} searches cut by the clock"
     )
     if again.ok:

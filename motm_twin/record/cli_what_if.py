@@ -16,18 +16,26 @@ from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome
 
 
 def what_if(
-    file: str, changes: list[str], *, seconds: float = 0.0, report: str | None = None, lines: bool = False
+    file: str,
+    changes: list[str],
+    *,
+    seconds: float = 0.0,
+    report: str | None = None,
+    lines: bool = False,
+    method: str | None = None,
 ) -> int:
     """Run both and print them; the exit code. ``lines``: JSON lines of both runs instead, see `record.what_if`.
+
+    ``method``: FILE.py:NAME of a user's, for a session that was made with it.
 
     Raises SessionError for a file, a parameter or a time that cannot be used.
     """
     if lines:
-        return stream(file, changes, seconds)
+        return stream(file, changes, seconds, method)
     session = load_session(file)
     values, start = parse_changes(changes), start_period(session, seconds)
     try:
-        ends = {line.run: line for line in compare(session, values, start) if isinstance(line, Outcome)}
+        ends = {line.run: line for line in compare(session, values, start, method) if isinstance(line, Outcome)}
     except SessionError as error:
         raise SessionError(error.problem, file=file) from error
     except RunBroke as error:

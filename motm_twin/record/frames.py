@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.bus.messages import GridInfo
 from motm_twin.record import channels as ch
 from motm_twin.record.reader import Entry, Health, read
@@ -27,6 +28,18 @@ class _GridText(msgspec.Struct):
 
 class _SceneText(msgspec.Struct):
     scene: msgspec.Raw
+
+
+class _Driven(msgspec.Struct):
+    """What a status or a session tells of the method."""
+
+    method: str = DEFAULT_METHOD
+
+
+class _SessionText(msgspec.Struct):
+    run: int
+    began: float
+    session: _Driven
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +69,7 @@ class Frames:
         self._open: tuple[TickPart, list[Sent]] | None = None
         self._before: list[Sent] = []  # what came before the first tick
         self._scene = self._grid = -1
+        self._method, self._methods = DEFAULT_METHOD, dict[RunKey, str]()
         self._decode = msgspec.json.Decoder(TickPart).decode
         try:
             for entry in read(path, self.health):
@@ -76,6 +90,10 @@ class Frames:
     def __iter__(self) -> Iterator[Frame]:
         return iter(self._frames)
 
+    def method(self, frame: Frame) -> str:
+        """Name of the method that drove in a frame."""
+        return self._methods.get(frame.run, DEFAULT_METHOD)
+
     def find(self, index: int, near: int) -> int | None:
         """Number of the frame of period ``index`` that is nearest to frame ``near``: of its run if there is one."""
         began = self._frames[near].run[0]
@@ -89,8 +107,14 @@ class Frames:
             if part.preview or (last is not None and part.key == last.key and part.index <= last.index):
                 return  # no period that was, or one that is there
             self._close()
+            self._methods.setdefault(part.key, self._method)
             self._open = part, [(ch.TICK.topic, entry.data, None), *self._before]
             self._before = []
+        elif entry.topic == ch.STATUS.topic:
+            self._method = msgspec.json.decode(entry.data, type=_Driven).method
+        elif entry.topic == ch.SESSION.topic:
+            kept = msgspec.json.decode(entry.data, type=_SessionText)
+            self._methods[kept.began, kept.run] = kept.session.method
         elif (sent := _sent(entry)) is not None:
             (self._before if self._open is None else self._open[1]).append(sent)
 

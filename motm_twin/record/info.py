@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
 
@@ -37,6 +38,7 @@ class RunInfo(msgspec.Struct, frozen=True, kw_only=True):
     cuts: int
     hashes: int  # states whose hash a rerun compares
     plant: str
+    method: str = DEFAULT_METHOD
 
 
 class Info(msgspec.Struct, frozen=True, kw_only=True):
@@ -102,6 +104,7 @@ def _runs(path: str | Path) -> list[RunInfo]:
                 cuts=len(run.cuts),
                 hashes=len(run.hashes),
                 plant=run.plant,
+                method=run.method,
             )
         )
     return found
@@ -121,10 +124,10 @@ def show(found: Info) -> None:
         + ("complete" if found.complete else f"not complete: {found.text}; `motm-twin recover` writes a whole one"),
         markup=False,
     )
-    runs = Table("run", "scene", "simulated", "periods", "missing", "edits", "hashes", "plant")
+    runs = Table("run", "scene", "simulated", "periods", "missing", "edits", "hashes", "plant", "method")
     for run in found.runs:
         span = f"{run.from_s:.2f} to {run.to_s:.2f} s"
-        row = (run.run, run.scene, span, run.periods, run.missing, run.edits, run.hashes, run.plant)
+        row = (run.run, run.scene, span, run.periods, run.missing, run.edits, run.hashes, run.plant, run.method)
         runs.add_row(*(escape(str(value)) for value in row))
     console.print(runs)
     channels = Table("topic", "schema", "messages", "1/s", "MB")

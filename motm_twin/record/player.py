@@ -22,7 +22,8 @@ from motm_twin.bus.commands import (
     Step,
     TakeWheel,
 )
-from motm_twin.bus.messages import STATUS_VERSION, SceneChoice, StatusMessage
+from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, SceneChoice, StatusMessage
+from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.pacing import PERIOD
 from motm_twin.bus.wheel import Wheel
 from motm_twin.model.scene import Scene
@@ -66,6 +67,7 @@ class Player:
         self._due = time.monotonic()
         self._run, self._began, self._first, self._past = 0, 0.0, 0, -1
         self._scene: Scene | None = None
+        self._choices = MethodLibrary().choices()
 
     def request(self, envelope: Envelope, reply: Callable[[str, int], None]) -> None:
         """Hand a checked command over; ``reply`` is called once, with a reason or "". Raises Refused when full."""
@@ -119,7 +121,14 @@ class Player:
             plant="recording",
             plant_text=about,
             span=self._span_of(frame),
+            method=self._frames.method(frame),
+            methods=[self._method_of(frame)],
         )
+
+    def _method_of(self, frame: Frame) -> MethodChoice:
+        name = self._frames.method(frame)
+        unknown = MethodChoice(name=name, title=name, summary="")  # of a file of whoever recorded it
+        return next((choice for choice in self._choices if choice.name == name), unknown)
 
     def _answer(self, envelope: Envelope, arrived: float, reply: Callable[[str, int], None]) -> None:
         index = self._frames[max(self._at, 0)].index

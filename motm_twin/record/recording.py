@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.model.edits import Edit
 from motm_twin.model.scene import Scene
@@ -51,6 +52,7 @@ class Run:
     past: int
     scene: Scene | None  # that was loaded when it began
     plant: str = "simulated"
+    method: str = DEFAULT_METHOD
     indices: list[int] = field(default_factory=list)  # recorded periods, rising
     edits: list[LoggedEdit] = field(default_factory=list)
     cuts: list[Cut] = field(default_factory=list)
@@ -94,7 +96,7 @@ class Recording:
     def _start_of(self, run: Run) -> Session:
         """The session of a run that was recorded without one."""
         if run.first == 0 and run.scene is not None:
-            return Session(scene=run.scene)
+            return Session(scene=run.scene, method=run.method)
         past = next((other for other in self.runs if other.key == (run.key[0], run.past)), None)
         if past is None or past is run:
             raise SessionError(f"run {run.key[1]}: the file does not tell how it began")
@@ -147,7 +149,7 @@ class _Builder:
     def __init__(self) -> None:
         self.runs: dict[RunKey, Run] = {}
         self._scene: Scene | None = None
-        self._plant = "simulated"
+        self._plant, self._method = "simulated", DEFAULT_METHOD
         self._tick = msgspec.json.Decoder(TickPart).decode
 
     def take(self, entry: Entry) -> None:
@@ -157,7 +159,8 @@ class _Builder:
             case ch.SCENE.topic:
                 self._scene = msgspec.json.decode(entry.data, type=RecordedScene).scene
             case ch.STATUS.topic:
-                self._plant = msgspec.json.decode(entry.data, type=StatusMessage).plant
+                status = msgspec.json.decode(entry.data, type=StatusMessage)
+                self._plant, self._method = status.plant, status.method
             case ch.SESSION.topic:
                 self._on_session(msgspec.json.decode(entry.data, type=RecordedSession))
 
@@ -166,7 +169,8 @@ class _Builder:
             return
         run = self.runs.get(tick.key)
         if run is None:
-            run = self.runs[tick.key] = Run(tick.key, tick.first, tick.past, self._scene, self._plant)
+            run = Run(tick.key, tick.first, tick.past, self._scene, self._plant, self._method)
+            self.runs[tick.key] = run
         if run.indices and tick.index <= run.indices[-1]:
             return  # sent again: something else was asked to be shown
         run.indices.append(tick.index)
@@ -177,6 +181,6 @@ class _Builder:
     def _on_session(self, recorded: RecordedSession) -> None:
         run = self.runs.get((recorded.began, recorded.run))
         if run is not None:
-            run.session = recorded.session
+            run.session, run.method = recorded.session, recorded.session.method
             if recorded.session.state_hash:
                 run.hashes[recorded.session.periods] = recorded.session.state_hash

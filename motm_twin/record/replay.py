@@ -42,35 +42,39 @@ def begin(session: Session, plant: ExternalPlant | None = None, method: Method |
     ``method``: of a user's file, for a session that was made with one. Raises SessionError when a parameter cannot be,
     or the method is not here: a name in a session is never a file to run.
     """
+    if method is not None and method.name != session.method:
+        raise SessionError(f"it was made with the method {session.method!r}, not with {method.name!r}")
     method = method or METHODS.get(session.method)
     if method is None:
         known = hint(session.method, METHODS)
-        raise SessionError(f"it was made with the method {session.method!r}, which is not shipped; {known}")
+        raise SessionError(
+            f"it was made with the method {session.method!r}, which is not shipped: give its file, --method ({known})"
+        )
     try:
         return Twin(session.scene, method=method, parameters=session.parameters, plant=plant)
     except ValueError as error:
         raise SessionError(f"the run cannot be started: {error}") from error
 
 
-def player(session: Session, *, until: int | None = None) -> Iterator[tuple[Twin, Tick]]:
+def player(session: Session, *, until: int | None = None, method: Method | None = None) -> Iterator[tuple[Twin, Tick]]:
     """The twin and its Tick after each period of the session, or of the periods before ``until``.
 
     Edits are posted at the periods they were logged with; where the clock cut a search, it ends after as many
     expansions. Raises SessionError for an edit that the run refuses.
     """
-    twin, log = begin(session), Log(session.edits, session.cuts)
+    twin, log = begin(session, method=method), Log(session.edits, session.cuts)
     for index in range(session.periods if until is None else min(until, session.periods)):
         tick = log.advance(twin, index)
         yield twin, tick
 
 
-def rerun(session: Session) -> Rerun:
-    """Run a session again and compare. Raises SessionError for a session that cannot be run."""
+def rerun(session: Session, method: Method | None = None) -> Rerun:
+    """Run a session again and compare; ``method`` as of `begin`. Raises SessionError when it cannot be run."""
     tracker, twin, time = Tracker(), None, 0.0
-    for twin, tick in player(session):  # noqa: B007 - the last one is used
+    for twin, tick in player(session, method=method):  # noqa: B007 - the last one is used
         tracker.add(tick)
         time = tick.time
-    twin = twin or begin(session)
+    twin = twin or begin(session, method=method)
     now, parts = twin.state_hash(), part_hashes(twin)
     ok = now == session.state_hash
     return Rerun(

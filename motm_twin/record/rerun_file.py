@@ -6,6 +6,7 @@ import msgspec
 
 from motm_twin.bus.encode import seconds, tick_message
 from motm_twin.control.tick import Tick
+from motm_twin.methods.method import Method
 from motm_twin.record.log import Log
 from motm_twin.record.made_with import differences
 from motm_twin.record.observations import RecordedPlant
@@ -39,11 +40,17 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     text: str = ""  # what could not be compared
 
 
-def rerun_run(recording: Recording, run: Run) -> RunReport:
-    """Compute one run again. Raises SessionError when the file does not tell how, or the run refuses an edit."""
+def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> RunReport:
+    """Compute one run again; ``method`` of a user's file, for runs that were made with it.
+
+    Raises SessionError when the file does not tell how, or the run refuses an edit.
+    """
     session = recording.session_of(run)
     plant = None if run.plant == "simulated" else _recorded_robot(recording, run)
-    twin, log = begin(session, plant), Log(session.edits, session.cuts)
+    twin, log = (
+        begin(session, plant, method if method and method.name == session.method else None),
+        Log(session.edits, session.cuts),
+    )
     recorded = ticks_of(recording.path, run.key)
     waiting = next(recorded, None)
     compared, hashes, period, fields = 0, 0, -1, []

@@ -118,7 +118,7 @@ class Stream:
     def _on_status(self, payload: bytes, _: bytes | None) -> None:
         status = msgspec.json.decode(payload, type=StatusMessage)
         self.plant, self.now = status.plant, max(self.now, status.server_time)
-        said = (status.run, status.state, status.text, status.speed, status.driver, status.plant_text)
+        said = (status.run, status.state, status.text, status.speed, status.driver, status.plant_text, status.method)
         if said != self._said or abs(status.server_time - self._said_at) >= STATUS_INTERVAL:
             self._said, self._said_at = said, status.server_time
             self._add(ch.STATUS, status.server_time, payload)

@@ -20,6 +20,8 @@ from multiprocessing.connection import Connection, wait
 
 import msgspec
 
+from motm_twin.methods.error import MethodError
+from motm_twin.methods.registry import find_method
 from motm_twin.record.changes import Changes, parse_changes, start_period
 from motm_twin.record.session import Session, SessionError, decode_session, encode_session, load_session
 from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, run_one
@@ -45,8 +47,10 @@ class RunBroke(RuntimeError):
 Line = Sample | Outcome
 
 
-def compare(session: Session, changes: Changes, start: int) -> Iterator[Line]:
+def compare(session: Session, changes: Changes, start: int, method: str | None = None) -> Iterator[Line]:
     """The lines of both runs as they come; ``start`` is the period from which the changes apply.
+
+    ``method``: FILE.py:NAME of a user's, for a session that was made with it.
 
     Raises SessionError when the session cannot be run, RunBroke when a process died. Ends its processes in any case.
     """
@@ -58,7 +62,9 @@ def compare(session: Session, changes: Changes, start: int) -> Iterator[Line]:
     try:
         for name, values in ((AS_IT_WAS, {}), (CHANGED, changes)):
             read, write = context.Pipe(duplex=False)
-            process = context.Process(target=_work, args=(data, values, start, name, write), daemon=True, name=name)
+            process = context.Process(
+                target=_work, args=(data, values, start, name, method, write), daemon=True, name=name
+            )
             process.start()
             write.close()
             readers[read] = name
@@ -93,14 +99,15 @@ def _lines(readers: dict[Connection, str]) -> Iterator[Line]:
                 del open_readers[read]
 
 
-def _work(data: bytes, changes: Changes, start: int, name: str, write: Connection) -> None:
+def _work(data: bytes, changes: Changes, start: int, name: str, method: str | None, write: Connection) -> None:
     """One run, in its own process, which ends with its parent."""
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     os.nice(NICE)
     try:
-        for line in run_one(decode_session(data), changes=changes, start=start):
+        own = None if method is None else find_method(method)
+        for line in run_one(decode_session(data), changes=changes, start=start, method=own):
             write.send(line)
-    except SessionError as error:
+    except (SessionError, MethodError) as error:
         write.send(_Broken(run=name, error=str(error), bad_input=True))
     except BrokenPipeError:
         return
@@ -116,13 +123,13 @@ def _end_with_parent() -> None:
         os._exit(FAILED)
 
 
-def stream(file: str, changes: list[str], seconds: float) -> int:
+def stream(file: str, changes: list[str], seconds: float, method: str | None = None) -> int:
     """Write the JSON lines of both runs to standard output; the exit code."""
     _end_with_input()
     try:
         session = load_session(file)
         values, start = parse_changes(changes), start_period(session, seconds)
-        for line in compare(session, values, start):
+        for line in compare(session, values, start, method):
             _print(line)
     except SessionError as error:
         _print({"error": str(error)})
@@ -164,9 +171,10 @@ def main() -> None:
     parser.add_argument("file", metavar="FILE", help="a saved session")
     parser.add_argument("--set", dest="changes", action="append", default=[], metavar="NAME=VALUE")
     parser.add_argument("--from", dest="seconds", type=float, default=0.0, metavar="SECONDS")
+    parser.add_argument("--method", metavar="FILE.py:NAME", help="of the session, when it is not shipped")
     parser.add_argument("--stream", action="store_true", help="write JSON lines (always done)")
     options = parser.parse_args()
-    sys.exit(stream(options.file, options.changes, options.seconds))
+    sys.exit(stream(options.file, options.changes, options.seconds, options.method))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.control.tick import Tick
+from motm_twin.methods.method import Method
 from motm_twin.model.edits import Edit, InsertTask, SetParameter
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.changes import PERIODS_PER_SECOND, Changes
@@ -47,7 +48,9 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     forecast_from_s: float | None = None  # [s] `time_s` is a forecast that begins here; None: it is as recorded
 
 
-def run_one(session: Session, *, changes: Changes, start: int) -> Iterator[Sample | Outcome]:
+def run_one(
+    session: Session, *, changes: Changes, start: int, method: Method | None = None
+) -> Iterator[Sample | Outcome]:
     """Samples at 10 Hz, then the Outcome. Without changes it is the run as it was. Raises SessionError.
 
     The run goes on after the recorded periods until its tasks are done, its time is over, or nothing is achieved for
@@ -56,7 +59,7 @@ def run_one(session: Session, *, changes: Changes, start: int) -> Iterator[Sampl
     the recorded time, exactly. Edits that the recorded run took and this one cannot are left out and named in the
     Outcome.
     """
-    side = _Side(session, changes, start)
+    side = _Side(session, changes, start, method)
     index = 0
     while True:
         tick = side.advance(index)
@@ -72,10 +75,10 @@ def run_one(session: Session, *, changes: Changes, start: int) -> Iterator[Sampl
 class _Side:
     """The twin of one run, what it is told, and how far it got."""
 
-    def __init__(self, session: Session, changes: Changes, start: int) -> None:
+    def __init__(self, session: Session, changes: Changes, start: int, method: Method | None) -> None:
         self.name = CHANGED if changes else AS_IT_WAS
         self._session, self._changes, self._start = session, changes, start
-        self._twin: Twin = begin(session)
+        self._twin: Twin = begin(session, method=method)
         self._log = Log(session.edits, session.cuts)
         self._last_insert = max((e.index for e in session.edits if isinstance(e.edit, InsertTask)), default=-1)
         self._recorded = session.periods / PERIODS_PER_SECOND

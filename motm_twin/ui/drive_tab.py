@@ -1,9 +1,11 @@
 """Driving: play, step, speed, tasks, scene, camera; what the robot is doing."""
 
+import html
+
 import viser
 
-from motm_twin.bus.commands import Command, Load, Pause, Play, Reset, Speed, Step
-from motm_twin.bus.messages import SceneChoice, StatusMessage, TickMessage
+from motm_twin.bus.commands import DEFAULT_METHOD, Command, Load, Pause, Play, Reset, Speed, Step
+from motm_twin.bus.messages import MethodChoice, SceneChoice, StatusMessage, TickMessage
 from motm_twin.ui.camera import PRESETS
 from motm_twin.ui.hub import LAYERS, Hub, Shown, Visitor
 from motm_twin.ui.score_card import result_card
@@ -11,7 +13,9 @@ from motm_twin.ui.stage import Stage
 from motm_twin.ui.task_list import TaskBlock
 from motm_twin.ui.why_cards import now_card
 from motm_twin.ui.widgets import Changing, Html, buttons
+from motm_twin.ui.words import method_title
 
+_SMALL = "font-size:12px;line-height:1.4;color:#6b7280"
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
 
 
@@ -24,7 +28,13 @@ class DriveTab:
         self._playing = False
         self._choices: list[SceneChoice] = []
         self._loaded: tuple = ()
-        self._filled: tuple = ("", "", 0)  # scene, variant and seed as this program or a press of Load left them
+        self._methods: list[MethodChoice] = []
+        self._filled: tuple = (
+            "",
+            "",
+            0,
+            "",
+        )  # scene, variant, seed and method as this program or a press of Load left them
         self._shown_speed = "1x"
         self._play = self._changing(gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="space"))
         self._play.on_click(hub.driving(lambda *_: self.toggle()))
@@ -42,6 +52,10 @@ class DriveTab:
             self._scene: viser.GuiDropdownHandle[str] = self._changing(gui.add_dropdown("Scene", ("",)))
             self._variant: viser.GuiDropdownHandle[str] = self._changing(gui.add_dropdown("Variant", ("",)))
             self._seed = self._changing(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1))
+            self._method: viser.GuiDropdownHandle[str] = self._changing(
+                gui.add_dropdown("Method", ("",), hint="who decides how the base drives and the arm reaches")
+            )
+            self._about = Html(gui)
             self._load = self._changing(gui.add_button("Load", icon=viser.Icon.REFRESH))
         self._scene.on_update(hub.driving(lambda *_: self._offer_variants()))
         self._load.on_click(hub.driving(lambda *_: self._load_scene()))
@@ -65,7 +79,7 @@ class DriveTab:
         if shown.status is not None:
             self._show_status(shown.status)
         if shown.tick is not None:
-            now = now_card(shown.tick, shown.scene)
+            now = now_card(shown.tick, shown.scene, shown.status)
             self._progress.set(now + count_line(shown.tick) + result_card(shown.tick, shown.status))
         for name, box in self._layers.items():
             box.value = shown.view.layers.get(name, True)
@@ -95,11 +109,15 @@ class DriveTab:
         if status.scenes != self._choices:
             self._choices = status.scenes
             self._scene.options = tuple(choice.name for choice in status.scenes) or ("",)
-        loaded = (status.scene, status.variant, status.seed)
+        if status.methods != self._methods:
+            self._methods = status.methods
+            self._method.options = tuple(method_title(status, choice.name) for choice in status.methods) or ("",)
+        loaded = (status.scene, status.variant, status.seed, status.method)
         if loaded != self._loaded and status.scene in self._scene.options:
             self._loaded = loaded
             if not choosing:
                 self._fill(status)
+        self._about.set(method_line(self._chosen_method()))
         speed = next((name for name, factor in SPEEDS.items() if factor == status.speed), None)
         if speed is not None and speed != self._shown_speed:
             self._shown_speed = speed
@@ -111,10 +129,13 @@ class DriveTab:
         if status.variant in self._variant.options:
             self._variant.value = status.variant
         self._seed.value = status.seed
+        title = method_title(status, status.method)
+        if title in self._method.options:
+            self._method.value = title
         self._filled = self._chosen()
 
     def _chosen(self) -> tuple:
-        return self._scene.value, self._variant.value, self._seed.value
+        return self._scene.value, self._variant.value, self._seed.value, self._method.value
 
     def _send(self, command: Command) -> None:
         self._hub.send(self._visitor, command)
@@ -123,10 +144,22 @@ class DriveTab:
         chosen = next((choice for choice in self._choices if choice.name == self._scene.value), None)
         self._variant.options = tuple(chosen.variants) if chosen and chosen.variants else ("",)
 
+    def _chosen_method(self) -> MethodChoice | None:
+        place = self._method.options.index(self._method.value)
+        return self._methods[place] if place < len(self._methods) else None
+
     def _load_scene(self) -> None:
         self._filled = self._chosen()
-        variant = self._variant.value or None
-        self._send(Load(scene=self._scene.value, variant=variant, seed=int(self._seed.value)))
+        variant, chosen = self._variant.value or None, self._chosen_method()
+        method = DEFAULT_METHOD if chosen is None else chosen.name
+        self._send(Load(scene=self._scene.value, variant=variant, seed=int(self._seed.value), method=method))
+
+
+def method_line(method: MethodChoice | None) -> str:
+    """What a method does otherwise than the paper's, as HTML."""
+    return (
+        "" if method is None else f'<div style="{_SMALL};padding:0 12px 4px 12px">{html.escape(method.summary)}</div>'
+    )
 
 
 def count_line(tick: TickMessage) -> str:

@@ -34,7 +34,7 @@ from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import PERIOD, History, Span
 from motm_twin.ui.playback import Playback
-from motm_twin.ui.what_if import WhatIf
+from motm_twin.ui.what_if import OwnMethod, WhatIf
 
 LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodified STAA* path")
 OFF_AT_FIRST = ("Unmodified STAA* path",)
@@ -95,11 +95,12 @@ class Shown:
 class Hub:
     """Between the widgets of all visitors and the twin."""
 
-    def __init__(self, server: viser.ViserServer, client: TwinClient) -> None:
+    def __init__(self, server: viser.ViserServer, client: TwinClient, own_method: OwnMethod | None = None) -> None:
+        """``own_method``: one that is not shipped, for comparisons."""
         self.server, self.client = server, client
         self.view = View()
         self.history: History | None = None  # set by the viewer
-        self.what_if = WhatIf(client.session)
+        self.what_if = WhatIf(client.session, own_method=own_method)
         self.playback = Playback(self.view)
         self._asking: dict[str, Visitor] = {}
         self._speaking = threading.Lock()

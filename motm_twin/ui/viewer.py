@@ -17,6 +17,7 @@ from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.stage import Stage
 from motm_twin.ui.visitors import Visitors
+from motm_twin.ui.what_if import OwnMethod
 
 FRAME = 1.0 / 30.0  # [s] at most thirty pictures a second
 SLOW = 0.1  # [s] between updates of ghosts, candidates and panels
@@ -25,10 +26,11 @@ SLOW = 0.1  # [s] between updates of ghosts, candidates and panels
 class Viewer:
     """Draws one twin on one Viser server. `run` returns after `stop`."""
 
-    def __init__(self, server: viser.ViserServer, client: TwinClient) -> None:
+    def __init__(self, server: viser.ViserServer, client: TwinClient, own_method: OwnMethod | None = None) -> None:
+        """``own_method``: one that is not shipped, for comparisons."""
         self._client = client
         self._stop = threading.Event()
-        self._hub = Hub(server, client)
+        self._hub = Hub(server, client, own_method)
         self._hub.history = self._history = History()
         self._feed = Feed(client, self._history)
         self._stage = Stage(server, self._hub)

@@ -31,7 +31,7 @@ def main() -> None:
         leave(BAD_INPUT)
         return
     client = TwinClient(options.endpoint, options.twin)
-    viewer = Viewer(server, client)
+    viewer = Viewer(server, client, None if options.own_method is None else tuple(options.own_method))
     drawing = threading.Thread(target=viewer.run, name="viewer", daemon=True)
     drawing.start()
     report("page", url=page_url(options.host, server.get_port(), token), port=server.get_port())
@@ -49,6 +49,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
     parser.add_argument("--host", default=LOOPBACK, help="address of the page; others than loopback need MOTM_TOKEN")
     parser.add_argument("--port", type=int, default=8080, help="TCP port of the page, 0 takes any free one")
+    parser.add_argument("--own-method", nargs=2, metavar=("NAME", "FILE.py:NAME"), help="method that is not shipped")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])
 

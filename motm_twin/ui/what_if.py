@@ -29,6 +29,7 @@ WATCH_END = 3.0  # [s] the ends are shown before both follow the twin again
 BEHIND = 0.3  # [s] from which on robots that are not yet computed up to what is shown say where they are
 MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
 Values = Mapping[str, ParameterValue]
+OwnMethod = tuple[str, str]  # name of a method that is not shipped, and its FILE.py:NAME from the command line
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,6 +58,12 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     def clock(self) -> str:
         """The time, with a word when it is a forecast."""
         return f"{self.time_s:.1f} s" + ("" if self.forecast_from_s is None else " (forecast)")
+
+
+class _Driven(msgspec.Struct):
+    """What of a session tells who drove."""
+
+    method: str = ""
 
 
 class _Line(msgspec.Struct, frozen=True, kw_only=True):
@@ -160,8 +167,13 @@ def _mix(a: float, b: float, part: float) -> float:
 class WhatIf:
     """At most one comparison at a time. ``session`` gives the run so far as JSON."""
 
-    def __init__(self, session: Callable[[], bytes], now: Callable[[], float] = clock.monotonic) -> None:
-        self._session, self._now = session, now
+    def __init__(
+        self,
+        session: Callable[[], bytes],
+        now: Callable[[], float] = clock.monotonic,
+        own_method: OwnMethod | None = None,
+    ) -> None:
+        self._session, self._own_method, self._now = session, own_method, now
         self._watch_from: float | None = None  # on that clock
         self._lock = threading.Lock()
         self._runs, self._state, self._job = Runs(), State(), 0
@@ -236,11 +248,18 @@ class WhatIf:
             with tempfile.TemporaryDirectory(prefix="motm-what-if-") as folder:
                 file = Path(folder) / "session.json"
                 file.write_bytes(data)
-                self._run(job, [str(file), *arguments(values, from_index)])
+                self._run(job, [str(file), *arguments(values, from_index), *self._method_of(data)])
         except Exception as error:
             if not isinstance(error, (OSError, ValueError, RuntimeError)):
                 traceback.print_exc()
             self._set(job, phase="failed", text=f"{error}" or type(error).__name__)
+
+    def _method_of(self, session: bytes) -> list[str]:
+        """The option that tells where the method of a session is, when it is not shipped."""
+        own = self._own_method
+        if own is None or msgspec.json.decode(session, type=_Driven).method != own[0]:
+            return []
+        return ["--method", own[1]]
 
     def _run(self, job: int, options: list[str]) -> None:
         with self._lock:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from motm_twin.bus.messages import ArmMessage, EventMessage, TickMessage
+from motm_twin.bus.messages import ArmMessage, EventMessage, StatusMessage, TickMessage
 from motm_twin.control.parameters import AvoidanceParameters
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import Scene
@@ -47,8 +47,8 @@ _EVENT_COLOURS = {
 }  # fmt: skip
 
 
-def now_card(tick: TickMessage, scene: Scene | None = None) -> str:
-    """One big sentence, and what the robot waits for; with the scene, also whom it keeps off."""
+def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessage | None = None) -> str:
+    """One big sentence, and what the robot waits for; with the scene whom it keeps off, with the status who drives."""
     speed, turn = tick.robot.twist
     colour = GREEN if tick.done and tick.success else "#111827"
     near = avoided(tick, scene)
@@ -62,13 +62,22 @@ def now_card(tick: TickMessage, scene: Scene | None = None) -> str:
         if why.lower() != said
     ]
     if tick.done and words.stands(tick):
-        return card(*rows)
+        return card(*rows, _driven_by(status))
     motion = f"base {speed:+.2f} m/s, {math.degrees(turn):+.0f}&deg;/s"
     reach = tick.plan.time_to_range
     if reach is not None and words.active_task(tick) is not None and not tick.done:
         motion += " &middot; target in reach" + (f" in {reach:.1f} s" if reach > 0.0 else " <b>now</b>")
     rows.append(f'<div class="mu" style="margin-top:4px">{motion}</div>')
-    return card(*rows)
+    return card(*rows, _driven_by(status))
+
+
+def _driven_by(status: StatusMessage | None) -> str:
+    """Which method decides, HTML."""
+    if status is None or not status.method:
+        return ""
+    about = next((choice.summary for choice in status.methods if choice.name == status.method), "")
+    title = f"<b>{text(words.method_title(status, status.method))}</b>"
+    return f'<div class="mu">method {explained(title, about) if about else title}</div>'
 
 
 def task_card(tick: TickMessage) -> str:

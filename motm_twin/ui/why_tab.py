@@ -40,7 +40,7 @@ class WhyTab:
         view, parameters = shown.view, {} if shown.status is None else shown.status.parameters
         if self._count % FAST == 0 and (tick is not self._tick or view.picked != self._picked):
             self._tick, self._picked = tick, view.picked
-            self._now.set(now_card(tick, shown.scene))
+            self._now.set(now_card(tick, shown.scene, shown.status))
             self._task.set(task_card(tick))
             weight = float(parameters.get(NEXT_WEIGHT, 1.05))
             self._candidate.set(candidate_card(tick.placement, view.picked, weight))

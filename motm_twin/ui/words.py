@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 
-from motm_twin.bus.messages import ArmMessage, TaskMessage, TickMessage
+from motm_twin.bus.messages import ArmMessage, StatusMessage, TaskMessage, TickMessage
 from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
 
 PLANS = {
@@ -24,6 +24,13 @@ STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 _ORDINAL = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 _NEAR_END = 0.25  # [rad] from a joint's end where its damper begins
 _AT_SPEED = 0.97  # of the largest rate
+
+
+def method_title(status: StatusMessage, name: str) -> str:
+    """A method in a few words; its name, where the server does not offer it."""
+    titles = {choice.name: choice.title for choice in status.methods}
+    title = titles.get(name, name)
+    return title if sum(other == title for other in titles.values()) < 2 else f"{title} ({name})"
 
 
 def active_task(tick: TickMessage) -> TaskMessage | None:

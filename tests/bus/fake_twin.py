@@ -135,8 +135,8 @@ class FakeTwin:
     parameters: typing.ClassVar = {}
     announced: typing.ClassVar = {}
 
-    def __init__(self, scene, *, periods=100_000, fail_at=None):
-        self.scene, self.periods, self.fail_at = scene, periods, fail_at
+    def __init__(self, scene, *, method=None, periods=100_000, fail_at=None):
+        self.scene, self.method, self.periods, self.fail_at = scene, method, periods, fail_at
         self.reset()
 
     def reset(self):
@@ -153,7 +153,8 @@ class FakeTwin:
         self.queue.append(edit)
 
     def session(self):
-        return Session(scene=self.scene, periods=self.index)
+        method = "motm" if self.method is None else self.method.name
+        return Session(scene=self.scene, method=method, periods=self.index)
 
     def snapshot(self):
         return {"plant": SimulatedPlant(self.scene).snapshot()}

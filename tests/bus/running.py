@@ -33,8 +33,8 @@ class Running:
         self.sink, self.library = Sink(), library or FakeLibrary()
         self.twins = []
 
-        def make(scene):
-            self.twins.append(make_twin(scene))
+        def make(scene, *, method):
+            self.twins.append(make_twin(scene, method=method))
             return self.twins[-1]
 
         self.loop = TwinLoop(

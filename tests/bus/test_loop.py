@@ -81,7 +81,7 @@ def test_an_edit_that_the_twin_does_not_take_is_refused_in_its_words_and_forgott
 
 
 def test_an_error_in_a_period_stops_time_and_is_told_and_reset_recovers(capsys):
-    with Running(lambda scene: FakeTwin(scene, fail_at=5), playing=True) as running:
+    with Running(lambda scene, method: FakeTwin(scene, method=method, fail_at=5), playing=True) as running:
         until(lambda: running.loop.status().state == "error", "the error is not told")
         assert running.loop.status().text == "RuntimeError: the fake twin was told to fail"
         assert "stopped with an error" in running.ask(Play())
@@ -92,7 +92,7 @@ def test_an_error_in_a_period_stops_time_and_is_told_and_reset_recovers(capsys):
 
 
 def test_a_run_ends_after_settling_and_play_starts_it_again():
-    with Running(lambda scene: FakeTwin(scene, periods=3)) as running:
+    with Running(lambda scene, method: FakeTwin(scene, method=method, periods=3)) as running:
         running.ask(Step(count=3 + SETTLE_PERIODS))
         until(lambda: running.loop.status().state == "done", "the run does not end")
         assert "ended" in running.ask(Step())

@@ -6,6 +6,7 @@ import pytest
 
 from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, MoveBody, SendAgent
 from motm_twin.bus.live import LiveTwin
+from motm_twin.methods.modifications import MOTM
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
@@ -16,7 +17,7 @@ def live():
     scene = load_scene("exp1", "trial1", 0)
     live = LiveTwin(Twin, time.time)
     live.clear(scene)
-    live.build(scene)
+    live.build(scene, MOTM)
     live.advance(by_the_clock=False)
     return live
 

@@ -53,6 +53,13 @@ def test_steps_and_loads_are_there_when_the_call_is_back(twin):
     assert twin.latest_tick().run == run + 2
 
 
+def test_a_load_names_the_method(twin):
+    twin.load("other", method="no_bezier")
+    assert twin.status().method == "no_bezier"
+    twin.load("fake")
+    assert twin.status().method == "motm"
+
+
 def test_a_refusal_is_an_exception_with_the_reason_of_the_server(twin):
     with pytest.raises(Refused, match="there is no 'ghost'"):
         twin.move("ghost", 0.0, 0.0)

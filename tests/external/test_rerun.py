@@ -33,8 +33,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
     server = TwinServer(
         library=FileLibrary("exp1"),
-        make_twin=lambda scene: pytest.fail("the simulated robot was asked for"),
-        first=Load(scene="exp1", variant="trial1"),
+        make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
+        first=Load(scene="exp1", variant="trial1", method="staa"),
         data=folder,
         robot=RobotChoice(make_twin=make, session=router.session),
     )

@@ -51,7 +51,7 @@ def serving(data: Path, router: Router, *, mirror: bool = False) -> TwinServer:
     make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
     return TwinServer(
         library=FileLibrary("exp1"),
-        make_twin=lambda scene: pytest.fail("the simulated robot was asked for"),
+        make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
         first=Load(scene="exp1", variant="trial1"),
         data=data,
         robot=RobotChoice(make_twin=make, mirror=mirror, session=router.session),

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from motm_twin.methods.modifications import MOTM
 from motm_twin.model.edits import (
     AddObstacle,
     Announce,
@@ -65,7 +66,7 @@ def disturbances():
 @pytest.fixture(scope="session")
 def clocked():
     """Makes the twin of a scene as the server has it: the clock ends some of its searches."""
-    return lambda scene: Twin(scene, budget=SearchBudget(seconds=0.004), clock=Clock())
+    return lambda scene, method=MOTM: Twin(scene, method=method, budget=SearchBudget(seconds=0.004), clock=Clock())
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ LAST = 60
 def path(tmp_path_factory):
     """A minute's twentieth of the stand-in, an obstacle in it."""
     folder = tmp_path_factory.mktemp("recordings")
-    first, out = Load(scene="fake"), folder / "x.mcap"
+    first, out = Load(scene="fake", method="staa"), folder / "x.mcap"
     with (
         TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=first, playing=False, data=folder) as server,
         TwinClient(server.endpoint) as client,
@@ -47,6 +47,7 @@ def client(path):
 def test_a_recording_looks_like_a_twin(client):
     status = client.status()
     assert (status.state, status.plant, status.scene) == ("paused", "recording", "fake")
+    assert (status.method, [choice.title for choice in status.methods]) == ("staa", ["STAA*, unmodified"])
     assert "x.mcap, 0.0 of 3.0 s" in status.plant_text
     assert (client.scene().name, client.tick().index, client.grid().info.run) == ("fake", 0, status.run)
 

@@ -42,7 +42,7 @@ class Library:
 def files(tmp_path_factory, clocked):
     """Two recordings of one run with a branch: from the start, and from its middle on."""
     folder = tmp_path_factory.mktemp("recordings")
-    first = Load(scene="exp1", variant="trial2", seed=1)
+    first = Load(scene="exp1", variant="trial2", seed=1, method="no_rotation_cost")
     server = TwinServer(library=Library(), make_twin=clocked, first=first, playing=False, data=folder)
     whole = Recording(server.endpoint, folder / "whole.mcap")  # before there is anything to be recorded
     assert whole.event()["event"] == "recording"
@@ -85,6 +85,7 @@ def test_a_recording_tells_what_is_in_it(whole):
     ]
     assert [run.edits for run in found.runs] == [3, 0]
     assert all(run.hashes for run in found.runs)
+    assert {run.method for run in found.runs} == {"no_rotation_cost"}
     topics = {channel.topic: channel for channel in found.channels}
     assert topics["/motm/tick"].messages >= BRANCHED + 11 + ENDED - BRANCHED
     assert set(topics) >= {channel.topic for channel in ch.OURS} - {"/motm/metrics", "/motm/observations"}

@@ -45,7 +45,9 @@ class Served:
     def __enter__(self):
         self.server = TwinServer(
             library=FileLibrary("exp1"),
-            make_twin=lambda scene: Twin(scene, budget=SearchBudget(seconds=0.02), clock=time.perf_counter),
+            make_twin=lambda scene, method: Twin(
+                scene, method=method, budget=SearchBudget(seconds=0.02), clock=time.perf_counter
+            ),
             first=Load(scene="exp1"),
             playing=True,
         )
