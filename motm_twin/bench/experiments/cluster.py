@@ -1,5 +1,6 @@
 """Ray behind joblib: the same calls on the machines of a cluster. Needs the extra ``cluster``."""
 
+import os
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +27,11 @@ def ray_pool(workers: int, address: str | None) -> Pool:
         raise ValueError(f"{workers} workers: at least 1 is needed")
     if not ray.is_initialized():
         try:
-            ray.init(address=address, log_to_driver=False, num_cpus=None if address else workers)
+            ray.init(
+                address=address,
+                log_to_driver=False,
+                num_cpus=None if address or "RAY_ADDRESS" in os.environ else workers,
+            )
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise ValueError(f"no Ray cluster is reached at {address!r}: {error}") from error
     register_ray()
@@ -47,27 +52,32 @@ def _processors(ray: Any) -> int:
 
 
 def _idle_first() -> type:
-    """Ray's backend of joblib, with two differences: results are given as they come, and idle actors work first.
+    """Ray's backend of joblib, with three differences.
 
-    Ray's own hands calls to its actors in turn, so that one with a long call makes others wait.
+    Results are given as they come. Idle actors work first: Ray's own hands calls to its actors in turn, so that one
+    with a long call makes others wait. And there may be one actor only, when one machine of two is gone.
     """
+    import ray
     from ray.util.joblib.ray_backend import RayBackend
+    from ray.util.multiprocessing.pool import Pool as Actors
 
     class IdleFirst(RayBackend):
         supports_return_generator = True
 
-        def configure(self, *arguments: Any, **options: Any) -> int:
+        def configure(self, n_jobs: int = 1, parallel: Any = None, *_: Any, **options: Any) -> int:
+            count = min(n_jobs, _processors(ray))
+            self._pool: Any = Actors(count, ray_remote_args=options.get("ray_remote_args") or self.ray_remote_args)
             self._busy: set[int] = set()
             self._choosing = threading.Lock()
-            return super().configure(*arguments, **options)
+            self.parallel = parallel
+            return n_jobs
 
         def submit(self, func: Any, callback: Callable[[Any], None] | None = None) -> Any:
-            pool: Any = self._get_pool()
             with self._choosing:
-                actors = range(len(pool._actor_pool))
+                actors = range(len(self._pool._actor_pool))
                 chosen = next((actor for actor in actors if actor not in self._busy), 0)
                 self._busy.add(chosen)
-                pool._current_index = chosen - 1  # it takes the next one
+                self._pool._current_index = chosen - 1  # it takes the next one
 
                 def done(result: Any) -> None:
                     self._busy.discard(chosen)

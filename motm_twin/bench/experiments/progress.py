@@ -67,7 +67,7 @@ class Bar:
 
     def say(self, text: str) -> None:
         """A line above the bar."""
-        self.console.print(f"  {text}", style="yellow", markup=False)
+        self.console.print(f"  {text}", style="yellow", markup=False, soft_wrap=True)
 
 
 def left_text(seconds: float | None) -> str:
