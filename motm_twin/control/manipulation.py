@@ -46,7 +46,7 @@ _GRASPING = ("transit", "final", "closing", "lift", "retry")
 
 
 @dataclass(frozen=True)
-class _Rows:
+class Rows:
     """Inequality rows of one step."""
 
     G: Array  # shape (k, 17)
@@ -95,7 +95,7 @@ class Manipulator(Stateful[ManipulatorState]):
             return self._damped_stop(inputs, None, f"{bad} is not finite")
         view = look(inputs, self._mount, lag_factor(inputs.dt, self.profile), self.parameters)
         outcome, reason = advance(self._state, view, inputs, self._rules)
-        motion = hand_motion(self._state, view, inputs, self._mount, self.parameters)
+        motion = self._motion(view, inputs)
         self._anchor_commands(inputs)
         rows = self._rows(view, inputs)
         program = self._program(view, inputs, motion, rows)
@@ -118,6 +118,10 @@ class Manipulator(Stateful[ManipulatorState]):
             reason=reason,
         )
 
+    def _motion(self, view: View, inputs: ArmInputs) -> Motion:
+        """What the hand should do in this step."""
+        return hand_motion(self._state, view, inputs, self._mount, self.parameters)
+
     def _anchor_commands(self, inputs: ArmInputs) -> None:
         """Keep the remembered commands near what the robot does, should somebody else have commanded it."""
         state, limits = self._state, self.profile.base
@@ -127,7 +131,7 @@ class Manipulator(Stateful[ManipulatorState]):
         dq = inputs.observation.dq
         state.rates = np.clip(np.clip(state.rates, dq - follow, dq + follow), -DQ_MAX, DQ_MAX)
 
-    def _rows(self, view: View, inputs: ArmInputs) -> _Rows:
+    def _rows(self, view: View, inputs: ArmInputs) -> Rows:
         """Speed limits towards lidar obstacles and furniture."""
         p = self.parameters.avoidance
         beta = lag_factor(inputs.dt, self.profile)
@@ -140,9 +144,9 @@ class Manipulator(Stateful[ManipulatorState]):
         )
         seen = len(towards) + np.flatnonzero(which >= SEEN)  # these give way together with the gripper's lidar rows:
         G[seen, FURNITURE_ELASTIC], G[seen, LIDAR_ELASTIC] = 0.0, -1.0  # mapped furniture must not give way for them
-        return _Rows(G, h, which, lidar)
+        return Rows(G, h, which, lidar)
 
-    def _active(self, program: Program, rows: _Rows, x: Array) -> tuple[str, ...]:
+    def _active(self, program: Program, rows: Rows, x: Array) -> tuple[str, ...]:
         """Names of rows and bounds that hold with equality."""
         found = []
         for k in np.flatnonzero(program.G @ x >= program.h - _ACTIVE):
@@ -170,7 +174,7 @@ class Manipulator(Stateful[ManipulatorState]):
             return np.vstack([state.relaxed, view.target[None, :2]])
         return state.relaxed
 
-    def _program(self, view: View, inputs: ArmInputs, motion: Motion, rows: _Rows) -> Program:
+    def _program(self, view: View, inputs: ArmInputs, motion: Motion, rows: Rows) -> Program:
         """min 1/2 x'Px + c'x: track v_B, small arm rates, manipulability, little slack; s.t. the hand's velocity."""
         p = self.parameters.qp
         beta = lag_factor(inputs.dt, self.profile)

@@ -125,7 +125,7 @@ class TangentPlacement(Stateful[TangentState]):
             chosen=chosen,
             goal=frozen(poses[chosen]),
             goal_has_heading=target.kind != "drive" or target.heading is not None,
-            reason=f"tangent point {lines[chosen].rho:.2f} m away, {math.degrees(swing[chosen]):.0f} deg off the heading",
+            reason=f"tangent point {lines[chosen].rho:.2f} m away, {math.degrees(swing[chosen]):.0f} deg off heading",
             next_goal=None if problem.next_target is None else frozen(problem.next_target.position[:2]),
         )  # fmt: skip
 

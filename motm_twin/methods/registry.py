@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from motm_twin.methods.error import MethodError
+from motm_twin.methods.holistic import HOLISTIC
 from motm_twin.methods.method import Method
 from motm_twin.methods.modifications import ABLATIONS, MOTM, PAPER_LITERAL, STAA
 from motm_twin.methods.motm2022 import MOTM2022
@@ -18,6 +19,7 @@ METHODS: dict[str, Method] = {
         *ABLATIONS,
         STAA,
         MOTM2022,
+        HOLISTIC,
     )
 }
 
