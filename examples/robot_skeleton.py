@@ -6,11 +6,13 @@
 Replace `Drives` by your robot. Its joints follow at once, its base slips never, its lidar sees nothing.
 """
 
-import contextlib
+import itertools
 import json
 import math
 import queue
+import signal
 import sys
+import threading
 import time
 import uuid
 
@@ -45,25 +47,34 @@ def main() -> None:
     info = {**base, "name": "skeleton", "clock": "real", "step": STEP, "can": []}
     arrived: queue.SimpleQueue[tuple[float, dict]] = queue.SimpleQueue()
 
+    stop = threading.Event()  # an exception could come anywhere, and be lost there
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+
     def on_command(sample: zenoh.Sample) -> None:
         arrived.put((time.monotonic() - born, json.loads(sample.payload.to_bytes())))
 
     # What is declared has to be undeclared, or its threads keep the program from ending: `with` does it.
     with (
-        contextlib.suppress(KeyboardInterrupt),
         zenoh.open(config) as session,
         session.declare_subscriber(KEY + "command", on_command),
         session.declare_queryable(KEY + "info", lambda query: query.reply(KEY + "info", json.dumps(info))),
         session.liveliness().declare_token(KEY + "alive"),
     ):
-        drive(session, base, arrived, born)
+        drive(session, base, arrived, born, stop)
 
 
-def drive(session: zenoh.Session, base: dict, arrived: queue.SimpleQueue[tuple[float, dict]], born: float) -> None:
+def drive(
+    session: zenoh.Session,
+    base: dict,
+    arrived: queue.SimpleQueue[tuple[float, dict]],
+    born: float,
+    stop: threading.Event,
+) -> None:
     """Obey the commands that arrive, and say what became of it. ``born``: monotonic time [s] at which stamps are 0."""
     drives, waiting = Drives(), []
     acting: dict = {"act_at": -math.inf, "seq": -1, "gripper": "open"}
-    for seq in range(sys.maxsize):
+    for seq in itertools.takewhile(lambda _: not stop.is_set(), itertools.count()):
         now = seq * STEP
         time.sleep(max(0.0, born + now - time.monotonic()))
         new = [arrived.get() for _ in range(arrived.qsize())]

@@ -47,9 +47,9 @@ def initial(x, y, yaw, frame="map"):
 @pytest.fixture(autouse=True)
 def start(served):
     assert served.client.command(Speed(factor=1.0)).ok
-    assert served.client.command(Reset()).ok
+    assert served.client.command(Reset(), timeout=20.0).ok
     until(lambda: served.tick.index < 200 and served.client.status().state in ("playing", "paused"), "no new run")
-    assert served.client.command(Play()).ok
+    assert served.client.command(Play(), timeout=20.0).ok
     served.refused.clear()
 
 
@@ -78,7 +78,8 @@ def test_a_goal_is_driven_to_and_then_the_tasks_go_on(served, form):
     until(lambda: served.tick.tasks[served.tick.task_index].kind == "drive_to", "the goal is no task")
     task = until(lambda: [t for t in served.tick.tasks if t.kind == "drive_to" and t.status == "done"], "not reached")
     assert len(task) == 1
-    assert served.tick.tasks[served.tick.task_index].kind == "pick"
+    picks = [t for t in served.tick.tasks if t.kind == "pick"]
+    assert picks[0].status in ("active", "done")  # done: the tick that was seen came late
 
 
 @pytest.mark.parametrize("form", FORMS)
