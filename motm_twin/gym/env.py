@@ -1,0 +1,204 @@
+"""The twin as a Gymnasium environment: one step is one control period of 50 ms, of the same loop that `run` runs."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.control.tick import Tick
+from motm_twin.gym.arm_action import ArmAction
+from motm_twin.gym.base_action import BaseAction
+from motm_twin.gym.library import gymnasium, spaces
+from motm_twin.gym.method import agent_method
+from motm_twin.gym.observation import ObservationReader, Observed
+from motm_twin.gym.picture import TopView
+from motm_twin.gym.reward import RewardWeights, Score, reward, score_of
+from motm_twin.gym.view import AgentView, view_of
+from motm_twin.methods.registry import find_method
+from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.plant import Truth
+from motm_twin.model.profile import BaseLimits
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_scene
+from motm_twin.twin import Twin
+
+SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest, as `motm-twin run` grants
+MOST_SEED = 2**31  # scene seeds are drawn below this when a reset names none
+Action = NDArray[np.float32]
+
+
+class MotmEnv(gymnasium.Env[Observed, Action]):
+    """Manipulation on the move for an agent. docs/gym.md has the actions, the observations and the reward."""
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - as Gymnasium has it
+
+    def __init__(
+        self,
+        scene: str = "exp1",
+        *,
+        variant: str | None = "random",
+        actions: str = "base",
+        arm: str = "motm",
+        guard: bool = False,
+        weights: RewardWeights | None = None,
+        beams: int = 72,
+        time_limit: float | None = None,
+        stop_on_contact: bool = False,
+        on_tick: Callable[[Tick], None] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Nothing runs before `reset`.
+
+        ``scene``: a shipped scene or a file; ``variant``: one of it, None for its default. ``actions``: "base" or
+        "whole_body"; ``arm``: the method whose arm reaches in the mode "base". ``guard``: the
+        base is slowed before whatever the map shows, as when a person drives it. ``beams``: lidar sectors observed.
+        ``time_limit`` [s], None: the scene's. ``stop_on_contact``: a contact that the robot caused ends the episode.
+        ``on_tick``: reads every Tick, as with `motm_twin.trial.run_scene`. Raises ValueError.
+        """
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render mode {render_mode!r}: use 'rgb_array' or None")
+        if time_limit is not None and not time_limit > 0.0:
+            raise ValueError(f"time limit {time_limit} s: it has to be positive, or None for the scene's own")
+        self.render_mode = render_mode
+        self.weights = weights or RewardWeights()
+        self._name, self._variant, self._time_limit = scene, variant, time_limit
+        self._stop_on_contact, self._on_tick = stop_on_contact, on_tick
+        self._method = agent_method(actions, find_method(arm), guard=guard)
+        self._whole_body = actions == "whole_body"
+        robot = load_scene(scene, variant).robot
+        self._base: BaseLimits = robot.base
+        self._reader = ObservationReader(robot, beams)
+        self.observation_space = self._reader.space
+        self._numbers = 10 if self._whole_body else 2
+        self.action_space = spaces.Box(-1.0, 1.0, (self._numbers,), dtype=np.float32)
+        self._twin: Twin | None = None
+        self._picture: TopView | None = None
+
+    @property
+    def twin(self) -> Twin:
+        """The twin that runs; edits posted to it disturb the world as a person does. RuntimeError before `reset`."""
+        if self._twin is None:
+            raise RuntimeError("nothing runs yet: reset the environment first")
+        return self._twin
+
+    @property
+    def view(self) -> AgentView:
+        """What the robot knows now, in the loop's own types."""
+        self.twin  # noqa: B018 - raises before a reset
+        return self._view
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observed, dict]:
+        """Begin an episode. ``seed`` is the scene's seed, as of `motm-twin run --seed`; without it, one is drawn.
+
+        ``options``: {"variant": NAME} for this episode, {"scene": Scene} to run one of your own making as it is.
+        """
+        super().reset(seed=seed)
+        scene = self._scene(seed, dict(options or {}))
+        if scene.robot.base != self._base or scene.robot.lidar.range_max > self._reader.range_max:
+            raise ValueError(f"scene {scene.name} has another robot than the environment was made with")
+        self._twin = Twin(scene, method=self._method)
+        self._score, self._settle = Score(), SETTLE_PERIODS
+        self._limit = self._time_limit or scene.time_limit
+        self._view = view_of(self._twin, None)
+        if self.render_mode is not None:
+            self._picture = TopView(scene)
+        return self._observed(), self._info()
+
+    def step(self, action: Action) -> tuple[Observed, float, bool, bool, dict]:
+        """One period under this action, clipped to -1 .. 1. Raises ValueError for one that is none."""
+        twin = self.twin
+        self._take(action)
+        tick = twin.advance()
+        if self._on_tick is not None:
+            self._on_tick(tick)
+        assert tick.truth is not None
+        self._view = view_of(twin, tick)
+        before, time = self._score, self._view.observation.time
+        self._score = score_of(before, tick, tick.truth, time)
+        if self._picture is not None:
+            self._picture.follow(tick.truth)
+        terminated = self._ended(tick, tick.truth)
+        truncated = not terminated and time >= self._limit
+        return self._observed(), reward(self.weights, before, self._score), terminated, truncated, self._info()
+
+    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The world from above as the referee knows it, shape (height, width, 3); None without a render mode."""
+        if self._picture is None:
+            return None
+        twin = self.twin
+        truth = twin.plant.truth()
+        assert truth is not None
+        return self._picture.draw(truth, self._view, self._score)
+
+    def snapshot(self) -> dict[str, Any]:
+        """A copy of the whole state, random numbers of the world included: `restore` goes on from there."""
+        agent = {"score": self._score, "settle": self._settle, "view": self.view}
+        return {"twin": self.twin.snapshot(), "scene": self.twin.scene, **agent}
+
+    def restore(self, state: dict[str, Any]) -> Observed:
+        """Go on from a snapshot of the same episode; its observation. ValueError for one of another scene or seed."""
+        if state["scene"] != self.twin.scene:
+            raise ValueError("the snapshot is of another scene or seed: reset to that first")
+        self.twin.restore(state["twin"])
+        self._score, self._settle, self._view = state["score"], state["settle"], state["view"]
+        return self._observed()
+
+    def _scene(self, seed: int | None, options: dict[str, Any]) -> Scene:
+        given = options.pop("scene", None)
+        variant = options.pop("variant", self._variant)
+        if options:
+            raise ValueError(f"reset options {', '.join(map(repr, options))}: there are 'variant' and 'scene'")
+        if given is not None:
+            return given
+        number = int(self.np_random.integers(MOST_SEED)) if seed is None else seed
+        return load_scene(self._name, variant, number)
+
+    def _take(self, action: Action) -> None:
+        """Hand the action to base and arm."""
+        asked = np.asarray(action, dtype=float)
+        if asked.shape != (self._numbers,) or not np.isfinite(asked).all():
+            raise ValueError(f"action {action}: {self._numbers} finite numbers from -1 to 1 are needed")
+        asked = np.clip(asked, -1.0, 1.0)
+        loop, base = self.twin.loop, self._base
+        controller = loop.planner.controller
+        assert isinstance(controller, BaseAction)
+        speed = base.forward_speed if asked[0] > 0.0 else base.reverse_speed
+        controller.take(np.array([asked[0] * speed, asked[1] * base.yaw_rate]))
+        if self._whole_body:
+            assert isinstance(loop.manipulator, ArmAction)
+            loop.manipulator.take(asked[2:9] * DQ_MAX, "close" if asked[9] > 0.0 else "open")
+
+    def _ended(self, tick: Tick, truth: Truth) -> bool:
+        """The list is worked through and what was dropped has landed, or a contact ends it."""
+        if self._stop_on_contact and self._score.contacts:
+            return True
+        ended = tick.done and (truth.places >= _places(tick) or self._settle == 0)
+        self._settle -= int(tick.done)
+        return ended
+
+    def _observed(self) -> Observed:
+        return self._reader.read(self._view, limit=self._limit, tasks=len(self.twin.loop.sequence.tasks))
+
+    def _info(self) -> dict[str, Any]:
+        """What the referee has seen so far, and why the robot stands or is slowed."""
+        score, tick, scene = self._score, self._view.tick, self.twin.scene
+        return {
+            "variant": scene.variant,
+            "seed": scene.seed,
+            "time_s": score.time,
+            "picks": len(score.picked),
+            "places": len(score.placed),
+            "drops": score.drops,
+            "contacts": score.contacts,
+            "given_up": score.given_up,
+            "stop_reason": "" if tick is None else tick.stop_reason,
+            "is_success": tick is not None
+            and tick.success
+            and len(score.placed) == _places(tick)
+            and not score.contacts,
+        }
+
+
+def _places(tick: Tick) -> int:
+    return sum(task.kind == "place" for task in tick.tasks)

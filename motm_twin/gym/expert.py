@@ -1,0 +1,80 @@
+"""A shipped method as an expert in the environment: the action that it would take now.
+
+For imitation, as a baseline, and to see that the environment is the same task.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.control.loop import PERIOD
+from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.tuning import tuned
+from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
+from motm_twin.gym.env import MotmEnv
+from motm_twin.gym.view import AgentView
+from motm_twin.methods.method import ArmParts, PlannerParts
+from motm_twin.methods.registry import find_method
+from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.types import BasePlan, SearchBudget
+
+
+class Expert:
+    """Decides as a method does, on what the robot knows. For one episode: make a new one after every reset."""
+
+    def __init__(self, env: MotmEnv, method: str = "motm") -> None:
+        """``env``: `unwrapped`, after its `reset`."""
+        chosen = find_method(method)
+        planning, arm = tuned(dict(chosen.parameters), PlanningParameters(), ArmParameters())
+        self._env, self._known = env, env.twin.loop.known
+        self._planner = chosen.planner(PlannerParts(known=self._known, parameters=planning))
+        self._arm = chosen.arm(ArmParts(known=self._known, parameters=arm))
+
+    def action(self) -> NDArray[np.float32]:
+        """The action for the next step; zeros for the first one, before which there is no map."""
+        space = self._env.action_space
+        assert space.shape is not None
+        action, view = np.zeros(space.shape), self._env.view
+        if view.tick is None:
+            return action.astype(np.float32)
+        problem = view.problem()
+        _, plan = self._planner.plan(problem, SearchBudget())
+        twist = problem.twist + plan.acceleration * PERIOD
+        if len(action) > 2:
+            step = self._arm.step(_inputs(view, plan, twist))
+            twist = step.actuation.twist
+            action[2:] = _of_arm(step)
+        action[:2] = self._of_base(twist)
+        return np.clip(action, -1.0, 1.0).astype(np.float32)
+
+    def _of_base(self, twist: Array) -> tuple[float, float]:
+        base = self._known.robot.base
+        speed = base.forward_speed if twist[0] > 0.0 else base.reverse_speed
+        return float(twist[0]) / speed, float(twist[1]) / base.yaw_rate
+
+
+def _of_arm(step: ArmStep) -> Array:
+    fingers = 1.0 if step.actuation.gripper == "close" else -1.0
+    return np.append(step.actuation.joint_velocity / DQ_MAX, fingers)
+
+
+def _inputs(view: AgentView, plan: BasePlan, twist: Array) -> ArmInputs:
+    """What an arm step reads, for a step that is as long as a period."""
+    assert view.tick is not None
+    T_odom_world, world = odometry_to_world(view.observation), view.tick.map
+    poses = np.array(plan.local_poses, dtype=float)
+    poses[:, :2] = from_frame(T_odom_world, poses[:, :2])
+    poses[:, 2] += T_odom_world[2]
+    return ArmInputs(
+        observation=view.observation,
+        dt=PERIOD,
+        goal=view.goal,
+        base_twist=twist,
+        time_to_range=plan.time_to_range,
+        plan_times=plan.local_times,
+        plan_poses=poses,
+        obstacles=ArmObstacles(points=from_frame(T_odom_world, world.seen_points), static=world.seen_static),
+        T_odom_world=T_odom_world,
+    )

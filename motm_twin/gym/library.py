@@ -1,0 +1,11 @@
+"""Gymnasium, which is an extra: imported in one place, so that one sentence says what to do where it is missing."""
+
+try:
+    import gymnasium
+    from gymnasium import spaces
+except ImportError as error:
+    raise ImportError(
+        "motm_twin.gym needs Gymnasium, which is not installed: pip install 'motm_twin[gym]' (or gymnasium>=1.0)"
+    ) from error
+
+__all__ = ["gymnasium", "spaces"]

@@ -1,0 +1,156 @@
+"""What an agent observes: a `Dict` space of float32 boxes and small discrete numbers. docs/gym.md has it as a table."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.control.types import ArmGoal
+from motm_twin.gym.library import spaces
+from motm_twin.gym.view import AgentView
+from motm_twin.model.arm_kernels import TCP, fk_arm
+from motm_twin.model.geometry import Array, to_frame
+from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.plant import Scan
+from motm_twin.model.profile import RobotProfile
+from motm_twin.planning.types import Target
+
+TASKS = ("none", "pick", "place", "drive")
+PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "retry")
+FAR = 50.0  # [m] positions are clipped to
+LATE = 60.0  # [s] times are clipped to
+SPEED_ROOM = 1.5  # measured speeds may exceed the limits of the robot by this, noise and lags included
+
+Floats = NDArray[np.float32]
+Observed = dict[str, Any]
+
+
+class ObservationReader:
+    """Turns the robot's knowledge into arrays of fixed shapes."""
+
+    def __init__(self, robot: RobotProfile, beams: int) -> None:
+        """``beams``: sectors of equal angle round the base, the nearest return of each is observed."""
+        if beams < 1:
+            raise ValueError(f"{beams} lidar beams: at least one is needed")
+        self._robot, self._beams = robot, beams
+        arm = robot.arm
+        self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
+        self._sectors: tuple[Any, NDArray[np.int64], NDArray[np.int64]] | None = None  # of the last kind of scan
+        self.range_max = robot.lidar.range_max
+        self.space = self._space()
+
+    def read(self, view: AgentView, *, limit: float, tasks: int) -> Observed:
+        """The observation; ``limit`` [s] of the episode, ``tasks``: length of the task list."""
+        now, tick = view.observation, view.tick
+        done = 0 if tick is None else sum(task.status in ("done", "failed") for task in tick.tasks)
+        phase = "stow" if tick is None else tick.arm[-1].phase
+        holding = tick is not None and tick.arm[-1].holding
+        x, y, heading = now.pose
+        values: dict[str, Any] = {
+            "pose": (x, y, math.cos(heading), math.sin(heading)),
+            "twist": now.twist,
+            "command": view.twist,
+            "target": _place(view.target, view.goal, view),
+            "target_turn": _turn(view.goal, now.odometry),
+            "target_sd": view.goal.position_sd,
+            "next_target": _place(view.next_target, view.next_goal, view),
+            "time_to_range": view.time_to_range,
+            "dwell": view.dwell,
+            "lidar": self._ranges(now.scan),
+            "joints": now.q,
+            "joint_rates": now.dq,
+            "hand": self._mount + fk_arm(now.q)[TCP, :3, 3],
+            "gripper": now.gripper_width,
+            "time_left": 1.0 - now.time / limit,
+            "progress": done / max(1, tasks),
+        }
+        observed: Observed = {name: self._fitted(name, value) for name, value in values.items()}
+        observed |= {
+            "task": np.int64(_task(view.target)),
+            "next_task": np.int64(_task(view.next_target)),
+            "phase": np.int64(PHASES.index(phase)),
+            "engaged": np.int64(view.engaged),
+            "holding": np.int64(holding),
+        }
+        return {name: observed[name] for name in self.space.spaces}
+
+    def _fitted(self, name: str, value: Any) -> Floats:
+        """As float32 within the bounds of its box."""
+        box = self.space.spaces[name]
+        assert isinstance(box, spaces.Box)
+        return np.clip(np.atleast_1d(np.asarray(value, dtype=np.float32)), box.low, box.high)
+
+    def _ranges(self, scan: Scan | None) -> Array:
+        """The nearest return [m] of every sector, from straight behind counter-clockwise."""
+        ranges = np.full(self._beams, self._robot.lidar.range_max)
+        if scan is not None:
+            sectors, starts = self._sectors_of(scan)
+            ranges[sectors] = np.minimum(np.minimum.reduceat(scan.ranges, starts), ranges[sectors])
+        return ranges
+
+    def _sectors_of(self, scan: Scan) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Sectors that a scan looks into, and the first beam of each."""
+        kind = (len(scan.ranges), scan.angle_min, scan.angle_step)
+        if self._sectors is None or self._sectors[0] != kind:
+            angles = scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
+            share = (angles + math.pi) / (2.0 * math.pi)
+            sector = np.clip(np.floor(share * self._beams).astype(np.int64), 0, self._beams - 1)
+            self._sectors = (kind, *np.unique(sector, return_index=True))
+        return self._sectors[1:]
+
+    def _space(self) -> spaces.Dict:
+        base, lidar = self._robot.base, self._robot.lidar
+        fastest = SPEED_ROOM * np.array([max(base.forward_speed, base.reverse_speed), base.yaw_rate])
+        point = _box([-FAR, -FAR, 0.0], [FAR, FAR, 5.0])
+        return spaces.Dict(
+            {
+                "pose": _box([-FAR, -FAR, -1.0, -1.0], [FAR, FAR, 1.0, 1.0]),
+                "twist": _box(-fastest, fastest),
+                "command": _box(-fastest, fastest),
+                "task": spaces.Discrete(len(TASKS)),
+                "target": point,
+                "target_turn": _box([-1.0, -1.0], [1.0, 1.0]),
+                "target_sd": _box([0.0], [1.0]),
+                "next_task": spaces.Discrete(len(TASKS)),
+                "next_target": point,
+                "time_to_range": _box([0.0], [LATE]),
+                "dwell": _box([0.0], [LATE]),
+                "lidar": _box([0.0] * self._beams, [lidar.range_max] * self._beams),
+                "joints": _box(Q_MIN - 0.1, Q_MAX + 0.1),
+                "joint_rates": _box(-SPEED_ROOM * DQ_MAX, SPEED_ROOM * DQ_MAX),
+                "hand": _box([-2.0, -2.0, -0.5], [2.0, 2.0, 2.0]),
+                "gripper": _box([0.0], [0.1]),
+                "phase": spaces.Discrete(len(PHASES)),
+                "engaged": spaces.Discrete(2),
+                "holding": spaces.Discrete(2),
+                "time_left": _box([0.0], [1.0]),
+                "progress": _box([0.0], [1.0]),
+            }
+        )
+
+
+def _box(low: Any, high: Any) -> spaces.Box:
+    return spaces.Box(np.asarray(low, dtype=np.float32), np.asarray(high, dtype=np.float32), dtype=np.float32)
+
+
+def _task(target: Target | None) -> int:
+    return TASKS.index("none" if target is None else target.kind)
+
+
+def _place(target: Target | None, goal: ArmGoal, view: AgentView) -> Array:
+    """Where a target is in the base frame, z above the floor [m], shape (3,); zeros without one."""
+    now = view.observation
+    if goal.kind != "none":
+        return to_frame(now.odometry, goal.position)
+    if target is None:
+        return np.zeros(3)
+    return np.array([*to_frame(now.pose, target.position), 0.0])
+
+
+def _turn(goal: ArmGoal, odometry: Array) -> tuple[float, float]:
+    """Cosine and sine of four times the yaw of a cube or bin in the base frame: a quarter turn leaves them equal."""
+    if goal.kind == "none":
+        return 0.0, 0.0
+    yaw = 4.0 * (goal.yaw - float(odometry[2]))
+    return math.cos(yaw), math.sin(yaw)

@@ -1,0 +1,75 @@
+"""What the robot knows between two periods, from which an agent chooses its action. No ground truth is in it."""
+
+from dataclasses import dataclass
+
+from motm_twin.control.loop import PERIOD
+from motm_twin.control.targets import odometry_to_world
+from motm_twin.control.tick import Tick
+from motm_twin.control.types import ArmGoal
+from motm_twin.gym.base_action import BaseAction
+from motm_twin.model.geometry import Array, drive
+from motm_twin.model.plant import Observation
+from motm_twin.planning.types import BaseProblem, Target
+from motm_twin.twin import Twin
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgentView:
+    """The robot's knowledge at the end of a period, in the loop's own types."""
+
+    observation: Observation
+    tick: Tick | None  # of the last period; None after a reset
+    pose: Array  # from which the next command acts (the lag of the base is compensated), world, shape (3,)
+    twist: Array  # commanded last [m/s, rad/s], shape (2,)
+    target: Target | None  # of the active task, world
+    next_target: Target | None
+    goal: ArmGoal  # what the hand has to do, odometry frame
+    next_goal: ArmGoal
+    engaged: bool
+    dwell: float  # [s]
+    time_to_range: float  # [s]
+
+    def problem(self) -> BaseProblem:
+        """The base's question as the loop asks it of a planner, on the map of the last period.
+
+        Raises RuntimeError after a reset: there is no map before the first period.
+        """
+        if self.tick is None:
+            raise RuntimeError("there is no map before the first step: step once, with an action of zeros")
+        return BaseProblem(
+            time=self.observation.time,
+            world=self.tick.map,
+            pose=self.pose,
+            twist=self.twist,
+            target=self.target,
+            next_target=self.next_target,
+            engaged=self.engaged,
+            period=PERIOD,
+        )
+
+
+def view_of(twin: Twin, tick: Tick | None) -> AgentView:
+    """What the robot knows now, after the period of this Tick."""
+    loop, observation = twin.loop, twin.plant.observe()
+    sequence, targets, twist = loop.sequence, loop.targets, loop.monitor.twist
+    T_odom_world = odometry_to_world(observation)
+    lead = (observation.twist - twist) * loop.known.robot.base.velocity_lag
+    pose = drive(observation.pose, lead[0], lead[1], 1.0)
+    dwell = None if tick is None or tick.arm[-1].outcome else tick.arm[-1].dwell
+    target = targets.base_target(sequence.active, observation, dwell)
+    controller = loop.planner.controller
+    assert isinstance(controller, BaseAction)
+    times, poses = controller.forecast.motion(pose, twist, controller.twist)
+    return AgentView(
+        observation=observation,
+        tick=tick,
+        pose=pose,
+        twist=twist,
+        target=target,
+        next_target=targets.base_target(sequence.following, observation, None),
+        goal=targets.arm_goal(sequence.active, sequence.held, observation, T_odom_world),
+        next_goal=targets.arm_goal(sequence.following, "", observation, T_odom_world),
+        engaged=loop.engaged,
+        dwell=0.0 if target is None else target.dwell,
+        time_to_range=controller.forecast.time_to_range(times, poses, target, engaged=loop.engaged),
+    )
