@@ -1,0 +1,29 @@
+"""Every number of the stop-then-manipulate methods, with its unit and reason; all are this project's choice."""
+
+import dataclasses
+import math
+
+DEG = math.pi / 180.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StationaryParameters:
+    """Where a base may stand, what that costs, and when it stands well enough."""
+
+    manipulability_weight: float = 5.0  # [s] that a pose without any manipulability costs more than the best one
+    onward_weight: float = 1.0  # of the way on to the next target, in `sequential`
+    directions: int = 36  # of candidates about the target, as many as the paper's ring has
+    headings: int = 16  # at each position
+    radius_step: float = 0.05  # [m] between rings of candidates
+    next_headings: int = 8  # of a next target's poses, at the best position of each direction
+    equal_share: float = 0.01  # of the best manipulability: less than that is no difference
+    fixed_poses: int = 7  # Paper, Sec. VI, after Reister et al.
+    fixed_inset: float = 0.10  # [m] from the edge of a table, where things stand that an arm shall reach
+    moved: float = 0.10  # [m] by which the target has moved when the choice is made anew
+    park_distance: float = 0.15  # [m] from the chosen pose at which the base may come to rest
+    park_share: float = 0.90  # of the manipulability of the chosen pose that it must have there
+    park_slack: float = 0.02  # [m] inside the reach, because localisation errs by 1 cm
+    goal_distance: float = 0.06  # [m] from the chosen pose at which the search holds it to be there, and
+    goal_heading: float = 10.0 * DEG  # [rad] so that whoever is there may stop; 0.15 m and 20 deg left it creeping
+    stands_v: float = 0.01  # [m/s] and
+    stands_w: float = 0.02  # [rad/s] below which the base stands: fingers neither close nor open above

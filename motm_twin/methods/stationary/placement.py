@@ -1,0 +1,240 @@
+"""Where a robot that stops to manipulate stands: chosen once per target, by manipulability and by the way there.
+
+    C_i = w_m (1 - m_i / m_max) + C_iC + w_N C_iN
+
+`irm` has the first term only, `greedy` the first two, `sequential` all three; `fixed_set` has seven poses to choose
+from.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.methods.method import PlannerParts
+from motm_twin.methods.stationary.parameters import StationaryParameters
+from motm_twin.methods.stationary.reach_of import TargetReach
+from motm_twin.model.geometry import Array, frozen
+from motm_twin.planning.collision import clearances, field_of
+from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.global_path import GraphCache, goal_table, robot_table
+from motm_twin.planning.placement import (
+    Candidates,
+    Here,
+    NextTargetPlacement,
+    PlacementState,
+    Searched,
+    spokes,
+)
+from motm_twin.planning.types import BaseProblem, Placement, Target
+
+IntArray = NDArray[np.integer[Any]]
+NOT_FREE, NO_REACH = "not free", "arm cannot reach"
+
+
+class Terms(NamedTuple):
+    """Which terms of the cost count."""
+
+    current: bool
+    onward: bool
+
+
+@dataclasses.dataclass(kw_only=True)
+class StationaryState(PlacementState):
+    """The choice that stays until its target is done, and where the target was when it was made."""
+
+    decided: Placement | None = None
+    at: Array | None = None
+
+
+class Judged(NamedTuple):
+    """Candidates with what is known of each."""
+
+    candidates: Candidates
+    direction: IntArray  # index of the direction about the target, shape (m,)
+    share: Array  # manipulability, of the best there is, shape (m,)
+    current: Array  # C_iC [s], inf when rejected
+    onward: Array  # C_iN [s]
+    cost: Array  # C_i [s]
+
+
+class StationaryPlacement(NextTargetPlacement):
+    """Base poses from the inverse reachability map; the paper's own candidates where it has none that is free."""
+
+    def __init__(
+        self, parts: PlannerParts, graphs: GraphCache, terms: Terms, parameters: StationaryParameters | None = None
+    ) -> None:
+        super().__init__(parts.known.robot, parts.parameters, graphs)
+        self.stationary = parameters or StationaryParameters()
+        self._terms = terms
+        self._arm_reach = TargetReach(parts.known, parts.parameters)
+        self._state: StationaryState = StationaryState()
+
+    def place(self, problem: BaseProblem) -> Placement:
+        """The choice made before as long as it serves, else a new one."""
+        target = problem.target
+        if target is None or target.kind == "drive":
+            return self._others(problem)
+        state = self._state
+        if state.target == (target.kind, target.name) and state.decided is not None:
+            if self._still_serves(state.decided, problem, target):
+                return state.decided
+        decided = self._decide(problem, target)
+        if decided is None:
+            return self._others(problem)
+        self._state = StationaryState(
+            target=(target.kind, target.name), goal=np.array(decided.goal), decided=decided,
+            at=np.array(target.position[:2]),
+        )  # fmt: skip
+        return decided
+
+    def _others(self, problem: BaseProblem) -> Placement:
+        """The paper's placement, whose memory is not the one of this class."""
+        placement = super().place(problem)
+        self._state = StationaryState(target=self._state.target, goal=self._state.goal)
+        return placement
+
+    def _still_serves(self, decided: Placement, problem: BaseProblem, target: Target) -> bool:
+        """Is the chosen pose free, and the target where it was, or at least in reach?"""
+        at = self._state.at
+        if at is None or np.hypot(*(target.position[:2] - at)) > self.stationary.moved:
+            return False
+        goal = decided.goal[None]
+        if not (self._reach.reached_from(goal, target)[0] and self._arm_reach.share(goal, target)[0] > 0.0):
+            return False
+        margin = self._parameters.staa.margin
+        return bool(clearances(goal, margin, field_of(problem.world), self._body)[0] >= margin)
+
+    def _decide(self, problem: BaseProblem, target: Target) -> Placement | None:
+        """The cheapest candidate, with those of the other directions; None when none is free."""
+        graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
+        here = Here(problem.world, field_of(problem.world), self._body, graph)
+        from_robot = robot_table(graph, problem.pose, self._rates)
+        to_next = self._to_next(problem.next_target, here)
+        for pose, direction, mode in self._pose_sets(target):
+            judged = self._judge(pose, direction, target, here, from_robot, to_next)
+            if np.isfinite(judged.cost).any():
+                return self._shown(judged, mode, target, here, from_robot, to_next)
+        return None
+
+    def _pose_sets(self, target: Target):
+        """Poses (m, 3) and their directions, in the order in which they are wanted, and how they are called."""
+        yield *self.dense(target), "pose"
+
+    def dense(self, target: Target) -> tuple[Array, IntArray]:
+        """Every pose of a polar grid about a target from which the arm reaches it, and its direction."""
+        p = self.stationary
+        largest = self._parameters.reach.r_max(target.kind) + self._mount_offset
+        poses, direction = [], []
+        for radius in np.arange(self._body.inner, largest, p.radius_step):
+            pose, _, place_of = spokes(target.position, radius, p.directions, p.headings)
+            poses.append(pose)
+            direction.append(place_of)
+        pose, about = np.concatenate(poses), np.concatenate(direction)
+        reached = self._arm_reach.good_share(pose, target) > 0.0
+        return pose[reached], about[reached]
+
+    def _judge(
+        self, pose: Array, direction: IntArray, target: Target, here: Here, from_robot: Table, to_next: Table | None
+    ) -> Judged:
+        wanted = self._parameters.placement.clearance
+        free = clearances(pose, wanted, here.field, here.body) >= wanted
+        share = self._arm_reach.share(pose, target)
+        place, place_of = np.unique(pose[:, :2], axis=0, return_inverse=True)
+        reached = self._arm_reach.good_share(pose, target) > 0.0
+        rejected = [("" if ok else NO_REACH) if fits else NOT_FREE for fits, ok in zip(free, reached, strict=True)]
+        of_place: Any = place_of.reshape(-1).astype(np.int32)
+        candidates = Candidates("reach", 0.0, pose, place, of_place, rejected)
+        current, onward = self._costs(candidates, here.graph, from_robot, to_next)
+        cost = self._cost(target, share, self._arm_reach.azimuth(pose, target), current, onward)
+        return Judged(candidates, direction, share, current, onward, cost)
+
+    def _cost(self, target: Target, share: Array, azimuth: Array, current: Array, onward: Array) -> Array:
+        """C_i [s]; inf when rejected."""
+        del target  # a strategy may treat bins otherwise
+        p = self.stationary
+        viable = np.isfinite(current)
+        cost = p.manipulability_weight * (1.0 - share)
+        if not self._terms.current:  # equal manipulability (it does not depend on the heading): the robot faces it
+            cost = p.manipulability_weight * (p.equal_share * np.floor((1.0 - share) / p.equal_share))
+            cost += p.manipulability_weight * p.equal_share * (0.9 * azimuth / np.pi + 0.05 * (1.0 - share))
+        if self._terms.current:
+            cost = cost + np.where(viable, current, 0.0)
+        if self._terms.onward:
+            cost = cost + p.onward_weight * np.where(viable, onward, 0.0)
+        return np.where(viable, cost, np.inf)
+
+    def _to_next(self, target: Target | None, here: Here) -> Table | None:
+        """Costs to the poses of the next target, each with what its manipulability costs; None when they do not count.
+
+        At the best position of each direction, with some headings.
+        """
+        if target is None or not self._terms.onward:
+            return None
+        if target.kind == "drive":
+            poses = self._next_poses(target, here)
+            return None if poses is None else goal_table(here.graph, poses, self._rates)
+        wanted = self._parameters.placement.clearance
+        for pose, direction, _ in self._pose_sets(target):
+            free = clearances(pose, wanted, here.field, here.body) >= wanted
+            if free.any():
+                share = self._arm_reach.share(pose[free], target)
+                keep = _best_positions(pose[free], direction[free], share, self.stationary.next_headings)
+                offsets = self.stationary.manipulability_weight * (1.0 - share[keep])
+                return goal_table(here.graph, pose[free][keep], self._rates, offsets)
+        return None
+
+    def _shown(
+        self, judged: Judged, mode: str, target: Target, here: Here, from_robot: Table, to_next: Table | None
+    ) -> Placement:
+        """The choice, and the best of every direction, rejected ones with their reasons."""
+        keep = _best_of_directions(judged)
+        pose = judged.candidates.pose[keep]
+        current, onward, cost = judged.current[keep], judged.onward[keep], judged.cost[keep]
+        chosen = int(np.argmin(cost))
+        why = [judged.candidates.rejected[i] for i in keep]
+        reasons = self._rejections(pose, here)
+        why = [reason if text == NOT_FREE else text for text, reason in zip(why, reasons, strict=True)]
+        self._last = Searched(here.graph, from_robot, to_next, pose, np.isfinite(cost))
+        return Placement(
+            mode="reach",
+            radius=float(np.hypot(*(pose[chosen, :2] - target.position[:2]))),
+            poses=frozen(pose),
+            cost_current=frozen(current),
+            cost_next=frozen(onward),
+            cost=frozen(cost),
+            rejected=tuple(why),
+            chosen=chosen,
+            goal=frozen(pose[chosen]),
+            goal_has_heading=True,
+            reason=self._reason(judged, keep[chosen], mode),
+            next_goal=None,
+        )
+
+    def _reason(self, judged: Judged, i: int, mode: str) -> str:
+        text = f"{mode} with {100.0 * judged.share[i]:.0f} % of the best manipulability"
+        if self._terms.current:
+            text += f", {judged.current[i]:.1f} s to it"
+        if self._terms.onward:
+            text += f" and {judged.onward[i]:.1f} s from it to the next target"
+        return text
+
+
+def _best_of_directions(judged: Judged) -> list[int]:
+    """Index of the cheapest candidate of each direction; of a direction without one, that of best manipulability."""
+    order = np.lexsort((-judged.share, judged.cost, judged.direction))
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = judged.direction[order][1:] != judged.direction[order][:-1]
+    return [int(i) for i in order[first]]
+
+
+def _best_positions(pose: Array, direction: IntArray, share: Array, headings: int) -> IntArray:
+    """Indices of all headings (every n-th) at the best position of each direction, equal positions together."""
+    chosen = []
+    for one in np.unique(direction):
+        of_it = np.flatnonzero(direction == one)
+        best = of_it[int(np.argmax(share[of_it]))]
+        same = of_it[(pose[of_it, :2] == pose[best, :2]).all(axis=1)]
+        chosen.append(same[:: max(1, -(-len(same) // headings))])
+    return np.concatenate(chosen)
