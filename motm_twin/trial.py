@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from motm_twin.bench.measures import Measures
 from motm_twin.bench.reference_tour import reference_tour_s
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
@@ -84,13 +85,14 @@ def run_scene(
     twin = Twin(scene, method=method, parameters=parameters, budget=budget, clock=time.perf_counter, plant=plant)
     if plant is not None:
         _wait_for(plant)
-    tally = Tally()
+    tally, measures = Tally(), Measures(scene, twin.loop.manipulator.parameters.avoidance)
     began = time.perf_counter()
     settle = SETTLE_PERIODS
     while True:
         tick = twin.advance()
         tally.add(tick)
         tally.meet(tick, scene.robot.footprint)
+        measures.add(tick)
         if on_tick is not None:
             on_tick(tick)
         assert tick.truth is not None
@@ -98,7 +100,8 @@ def run_scene(
         settle -= int(tick.done)
         if finished or tick.time >= scene.time_limit:
             break
-    return report(twin, tick, tally, time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    return {**report(twin, tick, tally, seconds), "measures": measures.report()}
 
 
 def _wait_for(robot: ExternalPlant) -> None:

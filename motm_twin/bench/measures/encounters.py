@@ -1,0 +1,196 @@
+"""Moving agents and the base: who was cut in on, who was nearly touched, and when the base gave way."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from motm_twin.bench.measures.interval import Interval
+from motm_twin.model.geometry import Array, to_frame, wrap_angle
+from motm_twin.model.profile import Footprint
+
+CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing is cutting in
+AGENT_MOVES = 0.1  # [m/s] from which an agent is one that can be cut in on
+SIDEWAYS = 0.05  # [m/s] across the agent's way from which the base enters it by itself
+APART = 0.5  # [s] after which the same agent counts anew
+NEAR, NEAR_END = 0.10, 0.20  # [m] gap that is a near miss, and gap at which it has ended
+HORIZON, STEP = 2.0, 0.1  # [s] of prediction
+CONFLICT = 0.30  # [m] predicted gap from which something has to be done
+SLOWED = 0.15  # [m/s] slower, or
+TURNED = math.radians(15.0)  # turned this far from where the base was going: it gave way
+FAR = 3.5  # [m] between base and agent beyond which nothing is predicted
+EDGE = 0.05  # [m] between points on the outline
+
+
+def gaps(footprint: Footprint, poses: Array, points: Array, radius: float) -> Array:
+    """Gap [m] between the base body and a disc, 0 when they overlap; shapes (n, 3), (n, 2) to (n,)."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    dx, dy = points[:, 0] - poses[:, 0], points[:, 1] - poses[:, 1]
+    x, y = c * dx + s * dy - footprint.offset_x, -s * dx + c * dy
+    beside = np.hypot(
+        np.maximum(np.abs(x) - 0.5 * footprint.length, 0), np.maximum(np.abs(y) - 0.5 * footprint.width, 0)
+    )
+    return np.maximum(beside - radius, 0.0)
+
+
+def predicted_gap(footprint: Footprint, pose: Array, twist: tuple[float, float], agent: Array, radius: float) -> float:
+    """Least gap [m] over the next 2 s when both go on as they do; ``agent``: x, y, and its velocity, shape (4,)."""
+    times = np.arange(0.0, HORIZON + 0.5 * STEP, STEP)
+    v, w = twist
+    turned = w * times
+    chord = v * times * np.sinc(0.5 * turned / np.pi)  # of the arc, from its start
+    heading = pose[2] + 0.5 * turned
+    poses = np.column_stack([pose[0] + chord * np.cos(heading), pose[1] + chord * np.sin(heading), pose[2] + turned])
+    return float(gaps(footprint, poses, agent[:2] + times[:, None] * agent[2:], radius).min())
+
+
+def outline(footprint: Footprint) -> Array:
+    """Points on the outline of the base body, 5 cm apart, base frame [m], shape (n, 2)."""
+    half = 0.5 * np.array([footprint.length, footprint.width])
+    x, y = (np.linspace(-h, h, max(2, math.ceil(2 * h / EDGE) + 1)) for h in half)
+    sides = [np.column_stack([x, np.full_like(x, side)]) for side in (-half[1], half[1])]
+    sides += [np.column_stack([np.full_like(y, side), y]) for side in (-half[0], half[0])]
+    return np.concatenate(sides) + np.array([footprint.offset_x, 0.0])
+
+
+def way_to_touch(body: Array, agent: Array, radius: float) -> float:
+    """How far [m] an agent can go straight on before it touches the base as it stands; inf when it passes.
+
+    ``body`` [m]: points of the outline in the world, shape (n, 2); ``agent``: x, y, and its velocity, shape (4,).
+    """
+    direction = math.atan2(agent[3], agent[2])
+    ahead = to_frame(np.array([agent[0], agent[1], direction]), body)
+    hit = ahead[(np.abs(ahead[:, 1]) <= radius) & (ahead[:, 0] > 0.0)]
+    return float(np.maximum(hit[:, 0] - np.sqrt(radius**2 - hit[:, 1] ** 2), 0.0).min()) if len(hit) else math.inf
+
+
+@dataclass
+class _Conflict:
+    """An agent that the base would have come too near to, had it gone on as it did at ``time``."""
+
+    time: float
+    heading: float
+    twist: tuple[float, float]
+    last: float  # when it was last so
+    gave_way: float | None = None  # when the base did
+
+
+@dataclass
+class Encounters:
+    """Counts what happens between the base and moving agents.
+
+    Cut-in: the base enters, by its own motion sideways (more than 0.05 m/s across), the strip that a moving agent
+    (0.1 m/s or more) sweeps when it goes straight on, so near that the agent would touch it within 1.5 s and 1 m.
+
+    Near miss: the gap between the base, while it moves, and an agent is less than 0.10 m; it ends at 0.20 m.
+
+    Evasive manoeuvre: had both gone on as they did, the gap would have become less than 0.30 m within 2 s; and within
+    these 2 s the base became 0.15 m/s slower, or turned 15 deg away from where it was going. It lasts until there is no
+    such prediction for 0.5 s, also not for the speed that the base had. A base that slows down for the arm just then
+    is counted too.
+    """
+
+    footprint: Footprint
+    cut_ins: list[dict[str, Any]] = field(default_factory=list)
+    near_misses: list[dict[str, Any]] = field(default_factory=list)
+    evasions: list[dict[str, Any]] = field(default_factory=list)
+    _cutting: dict[str, float] = field(default_factory=dict)  # agent: when it was last in front of it
+    _near: set[str] = field(default_factory=set)
+    _conflicts: dict[str, _Conflict] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._outline = outline(self.footprint)
+
+    @property
+    def evading(self) -> bool:
+        """An evasive manoeuvre is under way."""
+        return any(conflict.gave_way is not None for conflict in self._conflicts.values())
+
+    def add(self, interval: Interval) -> None:
+        """Take an interval into account."""
+        pose = interval.start.pose
+        for name, (x, y, radius) in interval.start.agents.items():
+            if math.hypot(x - pose[0], y - pose[1]) > FAR:
+                self._end(name, interval.start.time)
+                continue
+            agent = np.array([x, y, *interval.velocity(name)])
+            self._cut_in(interval, name, agent, radius)
+            self._near_miss(interval, name, agent, radius)
+            self._evade(interval, name, agent, radius)
+
+    def report(self) -> dict[str, Any]:
+        """Cut-ins, near misses and evasive manoeuvres, each with its time [s] and agent."""
+        whole = [*self.evasions]
+        for name, conflict in self._conflicts.items():
+            if conflict.gave_way is not None:
+                whole.append(_evasion(name, conflict, conflict.last))
+        return {"cut_ins": self.cut_ins, "near_misses": self.near_misses, "evasive_manoeuvres": whole}
+
+    def _cut_in(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
+        time, pose = interval.start.time, interval.start.pose
+        speed = math.hypot(agent[2], agent[3])
+        if speed < AGENT_MOVES:
+            return
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        body = pose[:2] + self._outline @ np.array([[c, s], [-s, c]])
+        way = way_to_touch(body, agent, radius)
+        if way > CUT_DISTANCE or way > CUT_TIME * speed:
+            return
+        known = time - self._cutting.get(name, -math.inf) <= APART
+        self._cutting[name] = time
+        if known:
+            if self.cut_ins and self.cut_ins[-1]["agent"] == name and way < self.cut_ins[-1]["gap_m"]:
+                self.cut_ins[-1] |= {"gap_m": round(way, 3), "gap_s": round(way / speed, 3)}
+            return
+        across = np.array([-agent[3], agent[2]]) / speed
+        side = float(across @ (pose[:2] - agent[:2]))
+        sideways = float(across @ (interval.end.pose[:2] - pose[:2])) / interval.dt
+        if abs(sideways) > SIDEWAYS and (abs(side) <= radius or side * sideways < 0.0):
+            found = {"time": round(time, 2), "agent": name, "gap_m": round(way, 3), "gap_s": round(way / speed, 3)}
+            self.cut_ins.append(found)
+
+    def _near_miss(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
+        gap = float(gaps(self.footprint, interval.start.pose[None], agent[None, :2], radius)[0])
+        if gap > NEAR_END:
+            self._near.discard(name)
+        elif gap < NEAR and interval.moving:
+            if name not in self._near:
+                self._near.add(name)
+                found = {"time": round(interval.start.time, 2), "agent": name, "gap_m": round(gap, 3)}
+                self.near_misses.append(found)
+            last = next(entry for entry in reversed(self.near_misses) if entry["agent"] == name)
+            last["gap_m"] = min(last["gap_m"], round(gap, 3))
+
+    def _evade(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
+        time, pose, twist = interval.start.time, interval.start.pose, interval.twist
+        near = predicted_gap(self.footprint, pose, twist, agent, radius) < CONFLICT
+        conflict = self._conflicts.get(name)
+        if conflict is None:
+            if near and interval.moving:
+                self._conflicts[name] = _Conflict(time, float(pose[2]), twist, time)
+            return
+        v, w = conflict.twist
+        if conflict.gave_way is None and time - conflict.time <= HORIZON:
+            off = abs(wrap_angle(float(pose[2]) - conflict.heading - w * (time - conflict.time)))
+            if abs(v) - abs(twist[0]) > SLOWED or off > TURNED:
+                conflict.gave_way = time
+        slowed = conflict.gave_way is not None and abs(v) - abs(twist[0]) > SLOWED
+        if near or (slowed and predicted_gap(self.footprint, pose, (v, 0.0), agent, radius) < CONFLICT):
+            conflict.last = time
+        elif time - conflict.last > APART:
+            self._end(name, time)
+
+    def _end(self, name: str, time: float) -> None:
+        conflict = self._conflicts.pop(name, None)
+        if conflict is not None and conflict.gave_way is not None:
+            self.evasions.append(_evasion(name, conflict, time))
+
+
+def _evasion(name: str, conflict: _Conflict, end: float) -> dict[str, Any]:
+    assert conflict.gave_way is not None
+    return {
+        "time": round(conflict.gave_way, 2),
+        "duration_s": round(max(0.0, end - conflict.gave_way), 2),
+        "agent": name,
+    }

@@ -1,0 +1,59 @@
+"""All measures of a trial, one reader of its Ticks."""
+
+from typing import Any
+
+from motm_twin.bench.measures.encounters import Encounters
+from motm_twin.bench.measures.gripper import GripperObstacles
+from motm_twin.bench.measures.interval import Interval, Sampler
+from motm_twin.bench.measures.smoothness import Smoothness
+from motm_twin.bench.measures.time_split import TimeSplit
+from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.tick import Tick
+from motm_twin.model.scene import Scene
+
+
+class Measures:
+    """Add every Tick of a trial in order; the report is JSON: numbers, texts, lists and mappings."""
+
+    def __init__(self, scene: Scene, avoidance: AvoidanceParameters) -> None:
+        """``avoidance``: of the method's arm, for d_s and the damper line."""
+        self._sampler = Sampler(scene)
+        self._split = TimeSplit(scene.robot.base.forward_speed)
+        self._encounters = Encounters(scene.robot.footprint)
+        self._gripper = GripperObstacles(scene, avoidance)
+        self._smoothness = Smoothness()
+        self._legs: dict[int, list[float]] = {}  # task: time [s], path [m]
+        self._last: Tick | None = None
+
+    def add(self, tick: Tick) -> None:
+        """Take the next Tick into account."""
+        self._last = tick
+        interval = self._sampler.interval(tick)
+        if interval is not None:
+            self._encounters.add(interval)
+            self._split.add(interval, evading=self._encounters.evading)
+            self._gripper.add(interval)
+            self._smoothness.add(interval)
+            self._leg(interval)
+
+    def report(self) -> dict[str, Any]:
+        """Everything measured; times [s] of both splits and of the legs add up to the time of the last Tick."""
+        tasks = self._last.tasks if self._last is not None else ()
+        names = [(task.kind, task.target) for task in tasks] + [("done", "")]
+        legs = [
+            {"task": names[index][0], "target": names[index][1], "time_s": round(time, 4), "path_m": round(path, 4)}
+            for index, (time, path) in sorted(self._legs.items())
+        ]
+        return {
+            **self._split.report(),
+            **self._encounters.report(),
+            **self._gripper.report(),
+            **self._smoothness.report(),
+            "retries": sum(max(0, task.attempts - 1) for task in tasks),
+            "legs": legs,
+        }
+
+    def _leg(self, interval: Interval) -> None:
+        leg = self._legs.setdefault(interval.tick.task_index, [0.0, 0.0])
+        leg[0] += interval.dt
+        leg[1] += interval.path
