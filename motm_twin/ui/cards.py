@@ -7,6 +7,7 @@ from motm_twin.bus.messages import StatusMessage, TaskMessage, TickMessage
 
 _BOX = "font-size:13px;line-height:1.45;padding:8px 12px;"
 _MUTED = "color:#6b7280;"
+_ONE_LINE = "white-space:nowrap;overflow:hidden;text-overflow:ellipsis;"
 _STATES = {
     "playing": ("Running", "#15803d"),
     "paused": ("Paused", "#6b7280"),
@@ -55,7 +56,8 @@ def status_card(state: str, status: StatusMessage | None, note: str, *, looked_a
     clock = _clock(status, looked_at)
     rows = [f'<div style="display:flex;justify-content:space-between;align-items:center">{chip}{clock}</div>']
     if status is not None:
-        rows.append(f'<div style="{_MUTED}margin-top:4px">{_where(status)}{_speed(state, status)}</div>')
+        rows.append(f'<div style="{_MUTED}{_ONE_LINE}margin-top:4px">{_where(status)}</div>')
+        rows.append(f'<div style="{_MUTED}{_ONE_LINE}">{_speed(state, status)}</div>')
     if note:
         rows.append(_sentence(note, _STATES[state][1] if state in {"error", "lost", "done"} else "#b45309"))
     return f'<div style="{_BOX}">{"".join(rows)}</div>'
@@ -77,9 +79,9 @@ def _where(status: StatusMessage) -> str:
 def _speed(state: str, status: StatusMessage) -> str:
     wanted = f"{status.speed:g}&times;"
     if state != "playing":
-        return f" &middot; speed {wanted}"
+        return f"speed {wanted}"
     capped = ' <b style="color:#b45309">CAPPED</b>' if status.capped else ""
-    return f" &middot; speed {wanted}, actual {status.actual_speed:.2f}&times;{capped}"
+    return f"speed {wanted}, actual {status.actual_speed:.2f}&times;{capped}"
 
 
 def _sentence(text: str, colour: str) -> str:

@@ -18,6 +18,8 @@ from motm_twin.ui.why_tab import WhyTab
 from motm_twin.ui.widgets import STYLE, Html, buttons
 
 WIDTH = 330  # [px]
+TOP = '<i class="motm-top"></i>'  # what it stands in stays in sight when the panel is scrolled
+CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
 
 
 class Tab(Protocol):
@@ -77,9 +79,11 @@ class Desk:
         if shown.state == "lost":
             note = "the twin server is silent; this page reconnects by itself"
         looked_at = None if shown.live or shown.tick is None else shown.tick.time
-        self._status.set(cards.status_card(shown.state, shown.status, note, looked_at=looked_at))
-        self._wheel.update(shown)
         driving = self._hub.drives(self.visitor)
+        aiming = driving and bool(shown.view.placing or shown.view.sending)
+        card = cards.status_card(shown.state, shown.status, note, looked_at=looked_at)
+        self._status.set(TOP + card + (CROSSHAIR if aiming else ""))
+        self._wheel.update(shown)
         if driving != self._driving:
             self._driving = driving
             self._wheel.enable(driving)

@@ -39,6 +39,7 @@ from motm_twin.ui.what_if import OwnMethod, WhatIf
 LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodified STAA* path")
 OFF_AT_FIRST = ("Unmodified STAA* path",)
 NOTE_TIME = 6.0  # [s] a note stays on the page
+NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
 PATIENT = (HandOver, Inspect, Load, Pause, Play, Reset, Seed, Speed, TakeWheel)  # hold for whatever is being loaded
 LOOK = 0.1  # [s] between looks at what the server is doing
@@ -54,6 +55,17 @@ class Visitor:
     name: str
     gone: bool = False  # speaks no more
     sent: float = -1e9  # [s] monotonic, of the last command
+    notes: list[tuple[viser.NotificationHandle, str]] = field(default_factory=list)  # that may be on the page
+    _noting: threading.Lock = field(default_factory=threading.Lock)
+
+    def show(self, note: viser.NotificationHandle, text: str) -> None:
+        """A new note is on the page: one that says the same goes, and the oldest, so that they never pile up."""
+        with self._noting:
+            same = [entry for entry in self.notes if entry[1] == text]
+            kept = [entry for entry in self.notes if entry[1] != text]
+            self.notes = [*kept[max(0, len(kept) + 1 - NOTES) :], (note, text)]
+        for old, _ in same + kept[: max(0, len(kept) + 1 - NOTES)]:
+            old.remove()
 
     def rename(self, text: str) -> None:
         """Take a name a person has typed, as far as it can be shown; an empty one changes nothing."""
@@ -243,9 +255,10 @@ class Hub:
         for reader in self.visitors if visitor is None else [visitor]:
             if reader.gone:
                 continue
-            reader.client.add_notification(
+            note = reader.client.add_notification(
                 title or "Note", text, auto_close_seconds=NOTE_TIME, color=colour  # type: ignore[arg-type]
             )  # fmt: skip
+            reader.show(note, text)
 
     def inspect(self) -> None:
         """Ask the twin to explain what the view needs."""

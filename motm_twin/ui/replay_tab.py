@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from motm_twin.ui.history import Span
 
 SPAN_LEAST = 1.0  # [s] of the slider
+NOW = ((0.0, "now"),)  # its right end
 SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
 PICTURE = (1200, 1920)  # [px] height, width
@@ -105,7 +106,7 @@ class ReplayTab:
         self._position.on_update(hub.driving(lambda event, _: self._seek(float(event.target.value))))
         self._sought = -1e9
         self._line = Html(gui)
-        self._slider = self._changing(gui.add_slider("Seconds before now", -SPAN_LEAST, 0.0, PERIOD, 0.0))
+        self._slider = self._changing(gui.add_slider("Seconds before now", -SPAN_LEAST, 0.0, PERIOD, 0.0, marks=NOW))
         self._slider.on_update(hub.driving(lambda event, _: self._look(float(event.target.value))))
         self._touched = -1e9
         self._play = self._row(gui, ("◀ 1", "Play", "1 ▶", "Live"), self._move, hint="keys J, K, L")

@@ -84,7 +84,7 @@ class Stage:
             self._robot.update_ghosts(tick)
             self._plan.update(tick)
             self._marks.update(tick, surroundings)
-            self._others.update(self._hub.what_if.others(tick.time))
+            self._others.update(self._hub.what_if.others(tick.time, tick.run))
         self._bodies.update_trails()
         self._map.update(shown.grid)
 

@@ -27,6 +27,7 @@ ERROR_LINES = 12  # of the standard error of the process that are kept
 WATCH_SPEED = 3.0  # times real time
 WATCH_END = 3.0  # [s] the ends are shown before both follow the twin again
 BEHIND = 0.3  # [s] from which on robots that are not yet computed up to what is shown say where they are
+EARLIER = " (run before)"  # robots of a comparison that began before a branch or reset
 MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
 Values = Mapping[str, ParameterValue]
 OwnMethod = tuple[str, str]  # name of a method that is not shipped, and its FILE.py:NAME from the command line
@@ -89,6 +90,7 @@ class State:
     phase: str = "idle"  # idle | starting | running | done | failed
     text: str = ""  # why it failed
     who: str = ""  # started it
+    run: int = -1  # of the twin that it began with
     start: float = 0.0  # [s] from which on the runs may differ
     values: dict[str, ParameterValue] = field(default_factory=dict)
     reached: dict[str, float] = field(default_factory=dict)  # [s] simulated, by run
@@ -185,8 +187,8 @@ class WhatIf:
         with self._lock:
             return self._state
 
-    def others(self, time: float) -> list[Other]:
-        """The robots to be shown beside the twin's at a time [s], at most two.
+    def others(self, time: float, run: int = -1) -> list[Other]:
+        """The robots to be shown beside the twin's at a time [s] of its run of this number, at most two.
 
         Both are shown at the same time, also while one run is further than the other, or somebody watches them alone.
         """
@@ -197,7 +199,9 @@ class WhatIf:
             known = self._runs.common()
             found = self._runs.at(min(known, time if watched is None else watched))
             late = watched is None and self._state.busy and time - known > BEHIND
-            return [replace(other, label=f"{other.label} at {known:.0f} s") for other in found] if late else found
+            earlier = EARLIER if run > self._state.run >= 0 else ""
+            words = earlier + (f" at {known:.0f} s" if late else "")
+            return [replace(other, label=other.label + words) for other in found]
 
     def watch(self) -> None:
         """Show both runs alone, from where they part to their ends, faster than they were."""
@@ -218,8 +222,10 @@ class WhatIf:
             self._watch_from = None
         return None if self._watch_from is None else min(time, self._runs.common())
 
-    def start(self, who: str, values: Values, from_index: int) -> None:
+    def start(self, who: str, values: Values, from_index: int, run: int = -1) -> None:
         """Compare the run so far, and how it goes on, with the same from a period on with these values.
+
+        ``run``: number of the twin's run, to tell it from later ones.
 
         Returns at once; `state` tells what comes of it. Raises ValueError while another comparison runs.
         """
@@ -228,7 +234,7 @@ class WhatIf:
                 raise ValueError("another comparison is being computed: stop it first")
             self._job += 1
             self._runs, self._watch_from = Runs(), None
-            self._state = State(phase="starting", who=who, start=from_index * PERIOD, values=dict(values))
+            self._state = State(phase="starting", who=who, run=run, start=from_index * PERIOD, values=dict(values))
             job = self._job
         threading.Thread(
             target=self._compute, args=(job, dict(values), from_index), name="what if", daemon=True

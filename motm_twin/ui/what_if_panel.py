@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import viser
 
+from motm_twin.bus.messages import TickMessage
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
@@ -20,8 +21,8 @@ _FORECAST = "color:#b45309;font-size:11px;line-height:1"
 _COLOURS: dict[str, str] = dict(zip(RUNS, map(colours.css, colours.OTHERS), strict=True))  # as in the scene
 
 
-def result(state: State) -> str:
-    """How a comparison stands, as HTML."""
+def result(state: State, earlier: str = "") -> str:
+    """How a comparison stands, as HTML; ``earlier``: what has begun another run since, branch or reset."""
     if state.phase == "idle":
         text = "Both runs are computed beside the twin, with the same disturbances, and shown in the scene."
         return f'<div style="{_TEXT};{_MUTED}">{text}</div>'
@@ -37,7 +38,8 @@ def result(state: State) -> str:
         rows.append(_row("driven", f"{before.path_length:.1f} m", f"{after.path_length:.1f} m"))
         rows.append(_row("forecast", *(_forecast(outcome) for outcome in (before, after))))
     table = f'<table style="width:100%;border-collapse:collapse">{"".join(rows)}</table>'
-    return f'<div style="{_TEXT}">{table}{_verdict(state, before, after)}</div>'
+    of_before = f'<div style="color:#b45309">of the run before the {earlier}</div>' if earlier else ""
+    return f'<div style="{_TEXT}">{of_before}{table}{_verdict(state, before, after)}</div>'
 
 
 def _time(state: State, run: str) -> str:
@@ -78,6 +80,13 @@ def _verdict(state: State, before: Outcome | None, after: Outcome | None) -> str
     return f'<div style="margin-top:3px"><b>{"; ".join(words)}</b></div>'
 
 
+def begun_since(state: State, newest: TickMessage | None) -> str:
+    """What has begun another run since a comparison: "branch", "reset", or "" for nothing."""
+    if newest is None or state.run < 0 or newest.run == state.run:
+        return ""
+    return "branch" if newest.past >= 0 else "reset"
+
+
 class WhatIfPanel:
     """The widgets of a comparison. ``show`` puts the values of parameters on their widgets."""
 
@@ -110,7 +119,7 @@ class WhatIfPanel:
         self._shown = shown
         state = self._hub.what_if.state
         self._go.label = "Stop" if state.busy else "Compare" if state.phase == "idle" else "Clear the comparison"
-        self._result.set(result(state))
+        self._result.set(result(state, begun_since(state, shown.newest)))
         watched = self._hub.what_if.watched
         self._watch.visible = state.phase in ("running", "done")
         self._watch.options = (WATCH if watched is None else f"Both runs at {watched:.0f} s",)
@@ -132,4 +141,4 @@ class WhatIfPanel:
         if not compared or not (values.differs() or start == 0 or compared):
             self._hub.tell(self._visitor, f"nothing is changed yet: move one of the {len(PARAMETERS)} parameters first")
             return
-        what_if.start(self._visitor.name, compared, start)
+        what_if.start(self._visitor.name, compared, start, shown.newest.run)

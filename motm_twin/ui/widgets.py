@@ -70,8 +70,10 @@ def buttons(gui: viser.GuiApi, options: Sequence[str], act: Callable, *, label: 
 # Viser puts a column for labels before every row: rows of buttons without a label take its place, tasks have a wide
 # one, sliders stand below their label (which no hint covers) with their marks within the panel, folders have a whole
 # row that says what a click does, and five tabs have room side by side, left of the bar that scrolls the panel.
-# All widgets work without these rules too.
+# What the twin is doing stays in sight however far the panel is scrolled. All widgets work without these rules too.
 STYLE = """<style>
+div:has(> .motm-top) {position: sticky; top: 0; z-index: 5; background: var(--mantine-color-body, white)}
+div:has(> div > div > div > .motm-top) {overflow: visible !important}
 .mantine-Flex-root:has(> div > p > label:empty) > div:first-child {display: none}
 div:has(> div > .motm-wide) > div > .mantine-Flex-root:has(> div > p > label) > div:first-child,
 div:has(> div > .motm-wide) > .mantine-Flex-root:has(> div > p > label) > div:first-child {width: 58% !important}

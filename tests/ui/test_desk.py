@@ -2,6 +2,7 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 import viser
@@ -61,10 +62,11 @@ class Page:
     """Stands where a connected browser page does."""
 
     def __init__(self, number):
-        self.client_id, self.notes = number, []
+        self.client_id, self.notes, self.removed = number, [], []
 
     def add_notification(self, title, text, **_):
         self.notes.append(text)
+        return SimpleNamespace(remove=lambda: self.removed.append(text))
 
 
 @pytest.fixture
@@ -104,6 +106,17 @@ class TestNames:
     )
     def test_texts_from_outside_are_escaped(self, text):
         assert "<img" not in text
+
+
+def test_notes_do_not_pile_up_and_the_same_is_not_shown_twice(hub):
+    page = Page(0)
+    visitor = hub.enter(page)
+    for text in ("one", "one", "two", "three"):
+        hub.tell(visitor, text)
+    assert page.notes == ["one", "one", "two", "three"]
+    assert page.removed == ["one", "one"]
+    hub.tell(visitor, "two")
+    assert page.removed == ["one", "one", "two"]
 
 
 def test_rows_of_buttons_turn_grey_too():

@@ -72,6 +72,7 @@ class Page:
 
     def add_notification(self, title, text, **_):
         self.notes.append(text)
+        return SimpleNamespace(remove=lambda: None)
 
     def send_file_download(self, name, content, **_):
         self.files.append((name, content))

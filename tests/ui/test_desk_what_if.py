@@ -2,6 +2,7 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -13,7 +14,7 @@ from motm_twin.record.session import encode_session
 from motm_twin.twin import Twin
 from motm_twin.ui.other_view import labels
 from motm_twin.ui.what_if import RUNS, Other, Outcome, Runs, State, WhatIf, arguments
-from motm_twin.ui.what_if_panel import result
+from motm_twin.ui.what_if_panel import begun_since, result
 
 HOSTILE = "<script>alert(1)</script>"
 
@@ -158,6 +159,18 @@ class TestProcess:
             what_if.start("Ann", {"next_weight": 0.0}, 0)
             until(lambda: what_if.state.phase == "failed")
             assert what_if.state.text == "the twin server does not answer"
+
+    def test_after_a_branch_it_says_that_it_is_of_the_run_before(self):
+        what_if = WhatIf(bytes)
+        for run in RUNS:
+            what_if._runs.add(sample(run, 0.0))
+        what_if._state = State(phase="done", run=1)
+        assert [other.label for other in what_if.others(0.0, 1)] == list(RUNS)
+        assert all(other.label.endswith("(run before)") for other in what_if.others(0.0, 2))
+        for past, word in ((1, "branch"), (-1, "reset")):
+            assert begun_since(what_if.state, SimpleNamespace(run=2, past=past)) == word
+            assert f"of the run before the {word}" in result(what_if.state, word)
+        assert begun_since(what_if.state, SimpleNamespace(run=1, past=-1)) == ""
 
     def test_watched_alone_both_run_from_where_they_part_to_the_end(self):
         now = [10.0]

@@ -59,12 +59,14 @@ def test_layers_candidates_looking_back_branching_and_saving_by_mouse(tmp_path):
             page.keyboard.press(key)
             visitor.says(words)
 
+        undo_and_again(visitor, newest, branched)
+
         with page.expect_download() as download:
             visitor.press("Save the session")
         path = tmp_path / download.value.suggested_filename
         assert path.name.startswith("exp2-trial1-0-")
         download.value.save_as(path)
-        rerun_is_equal(path, periods=branched.index + 1)
+        rerun_is_equal(path, periods=client.tick().index + 1)
 
         os.kill(twin.server, signal.SIGSTOP)
         visitor.press("Save the session")
@@ -75,6 +77,17 @@ def test_layers_candidates_looking_back_branching_and_saving_by_mouse(tmp_path):
         visitor.press("Play")
         visitor.state("Running")  # and does no harm
         assert visitor.errors == []
+
+
+def undo_and_again(visitor, newest, branched):
+    """Undo goes on from the end of what was set aside, and once more from that of the branch."""
+    client = visitor.twin.client
+    for words, index in (("Branch undone", newest.index), ("Undo: on from", branched.index)):
+        run = client.tick().run
+        visitor.page.get_by_role("button", name="Undo").locator("visible=true").first.click(timeout=60_000)
+        until(lambda run=run: client.tick().run > run, 60.0, "nothing is undone")
+        visitor.says(words)
+        assert index <= client.tick().index <= index + 1
 
 
 def candidates(visitor):
