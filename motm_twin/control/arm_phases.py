@@ -17,7 +17,9 @@ from motm_twin.model.geometry import Array, to_frame, wrap_angle
 from motm_twin.model.profile import RobotProfile
 
 GRAVITY = 9.81  # [m/s^2]
-_WAIT = 0.3  # [s] beyond the closing time after which a closing counts as failed
+_LONGEST = 30.0  # [s] beyond the closing time after which a closing counts as failed, should the fingers still move
+_LATE = 0.05  # [s] after the closing should be over, fingers that still move are late
+_STILL = 1.0  # [s] that late fingers are expected to need still, and at least as long as they are late already
 _MOVED = 0.03  # [m] by which an object seen away from the fingers ends a closing
 _LEFT = 0.02  # [m] by which the hand may leave the object while it closes
 _OPEN_ROOM = 0.015  # [m] wider than the object: the fingers are open enough for another try
@@ -220,23 +222,37 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str,
     p = rules.parameters
     elapsed = view.time - state.since
     closing_time = rules.profile.gripper.closing_time
-    if view.width < state.side - p.held_tolerance or elapsed > closing_time + _WAIT:
-        return _miss(state, view, "the fingers closed on nothing: trying again")
+    if view.width < state.side - p.held_tolerance or elapsed > closing_time + _LONGEST:
+        return _miss(state, view, rules, "the fingers closed on nothing: trying again")
     if float(np.linalg.norm(view.p - state.anchor)) > _LEFT:
-        return _miss(state, view, "the hand could not stay on the object: trying again")
+        return _miss(state, view, rules, "the hand could not stay on the object: trying again")
     if math.hypot(*(state.anchor[:2] - view.target[:2])) > _MOVED:
-        return _miss(state, view, "the object was pushed away: trying again")
+        return _miss(state, view, rules, "the object was pushed away: trying again")
     if elapsed >= closing_time - 0.5 * view.dt and not view.gripper_moving:
+        state.late = _lateness(state, view, rules)
         state.holding, state.reported = True, False
         state.anchor = view.p.copy()
         enter(state, "lift", view.time)
     return "", ""
 
 
-def _miss(state: ManipulatorState, view: View, reason: str) -> tuple[str, str]:
+def _miss(state: ManipulatorState, view: View, rules: PhaseRules, reason: str) -> tuple[str, str]:
+    state.late = max(state.late, _lateness(state, view, rules))
     state.gripper = "open"
     enter(state, "retry", view.time)
     return "missed", reason
+
+
+def _lateness(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
+    """Time [s] by which this closing has taken longer than the gripper should: the next one is expected to, too."""
+    over = view.time - state.since - rules.profile.gripper.closing_time
+    return over if over > _LATE else 0.0
+
+
+def _left_to_close(state: ManipulatorState, elapsed: float, closing_time: float) -> float:
+    """Time [s] that a closing is expected to need still. How late the fingers will be, nobody knows."""
+    left = closing_time + state.late - elapsed
+    return max(0.0, left) if left >= -_LATE else max(_STILL, -left)
 
 
 def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
@@ -320,6 +336,6 @@ def dwell(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
     if state.phase == "lift":
         return 0.0 if state.reported else lift
     if state.phase == "closing":
-        return max(0.0, gripper.closing_time - elapsed) + lift
+        return _left_to_close(state, elapsed, gripper.closing_time) + lift
     settle = max(0.05, p.settle_time - elapsed) if state.phase == "final" else p.settle_time
-    return settle + gripper.closing_time + lift
+    return settle + gripper.closing_time + lift + state.late

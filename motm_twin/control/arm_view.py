@@ -10,6 +10,7 @@ from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp_rows import hand_state
 from motm_twin.control.types import ArmGoal, ArmInputs
 from motm_twin.model.geometry import Array
+from motm_twin.model.state import LATER
 
 PREFERRED_RADIUS = 0.60  # [m] from the mount at which the arm is most at ease
 
@@ -35,6 +36,7 @@ class ManipulatorState:
     twist: Array = field(default_factory=lambda: np.zeros(2))  # commanded last
     rates: Array = field(default_factory=lambda: np.zeros(7))  # commanded last [rad/s]
     stop_rates: Array | None = None  # [rad/s] at the beginning of a damped stop
+    late: float = field(default=0.0, metadata=LATER)  # [s] by which the fingers took longer than they should, lately
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,21 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     slot_error_until_seen: float = 0.03  # [m] sd per axis of what is believed of an object before it is seen
     camera_position_sd_at_1m: float = 0.02  # [m], linear in distance between the two
     camera_position_sd_at_01m: float = 0.002  # [m]
+    base_speed_scale_sd: float = 0.0  # share by which the base drives and turns faster than told, fixed for one seed
+    arm_rate_sd: float = 0.0  # [rad/s] of every joint about the rate that it is told
+
+
+class Faults(msgspec.Struct, frozen=True, kw_only=True):
+    """What goes wrong with grasps that stand well, and who meddles. Nothing by default; the robot is not told."""
+
+    grasp_misses: int = 0  # of each object, the first so many grasps: the fingers close on nothing
+    grasp_slips: int = 0  # of each object, so many after those: it slips when it is lifted
+    grasp_failure_probability: float = 0.0  # of any grasp after those: the fingers close on nothing
+    grasp_delay: float = 0.0  # [s] that the fingers take longer to a firm hold
+    grasp_delay_spread: float = 0.0  # [s] and up to so much more, drawn anew for each grasp
+    only_object: int = 0  # only the so-many-th object that is grasped, counted from 1; 0: every one
+    cube_moved_by: float = 0.0  # [m] that somebody moves each cube, on what it stands on, before it is picked
+    cube_moved_within: float = 1.0  # [m] from the robot's base, which is on its way to the cube, when that happens
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True):
@@ -129,5 +144,6 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     agents: tuple[Agent, ...]
     tasks: tuple[Task, ...]
     noise: Noise
+    faults: Faults = Faults()
     bounds: tuple[float, float, float, float]  # x_min, y_min, x_max, y_max of the map
     time_limit: float = 300.0  # [s] of simulated time, after which a run has failed

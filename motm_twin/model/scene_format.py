@@ -162,6 +162,24 @@ class NoiseFile(Part, frozen=True, kw_only=True):
     slot_error_until_seen: Sigma | None = None
     camera_position_sd_at_1m: Sigma | None = None
     camera_position_sd_at_01m: Sigma | None = None
+    base_speed_scale_sd: Annotated[float, Meta(ge=0, le=0.5, description="share of the speed")] | None = None
+    arm_rate_sd_dps: Annotated[float, Meta(ge=0, le=45)] | None = None
+
+
+Tries = Annotated[int, Meta(ge=0, le=100)]
+
+
+class FaultsFile(Part, frozen=True, kw_only=True):
+    """Grasps that fail or take longer although the fingers stand well, and cubes that somebody moves."""
+
+    grasp_misses: Tries | None = None  # of each object, the first so many grasps close on nothing
+    grasp_slips: Tries | None = None  # of each object, so many after those slip when lifted
+    grasp_failure_probability: Annotated[float, Meta(ge=0, le=1)] | None = None  # of any grasp after those
+    grasp_delay: Annotated[float, Meta(ge=0, le=60, description="[s]")] | None = None
+    grasp_delay_spread: Annotated[float, Meta(ge=0, le=60, description="[s]")] | None = None  # up to so much more
+    only_object: Tries | None = None  # only the so-many-th object that is grasped; 0: every one
+    cube_moved_by: Annotated[float, Meta(ge=0, le=0.5, description="[m]")] | None = None
+    cube_moved_within: Annotated[float, Meta(gt=0, le=10, description="[m] of the base from the cube")] | None = None
 
 
 class FootprintFile(Part, frozen=True, kw_only=True):
@@ -248,6 +266,7 @@ class Content(Part, frozen=True, kw_only=True):
     deliver: DeliverFile | None = None
     tasks: Annotated[tuple[TaskFile, ...], Meta(min_length=1, max_length=200)] | None = None
     noise: NoiseFile | None = None
+    faults: FaultsFile | None = None
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] | None = None
     bounds: tuple[Coordinate, Coordinate, Coordinate, Coordinate] | None = None  # x_min, y_min, x_max, y_max
     time_limit: Annotated[float, Meta(gt=0, le=36000, description="[s] of simulated time")] | None = None

@@ -15,6 +15,7 @@ from motm_twin.model.scene import (
     Box,
     Cylinder,
     DriveTo,
+    Faults,
     Noise,
     Pick,
     Place,
@@ -78,6 +79,7 @@ class Resolver:
             agents=agents,
             tasks=tasks,
             noise=Noise(**_plain_units(file.noise)) if file.noise else Noise(),
+            faults=Faults(**_plain_units(file.faults)) if file.faults else Faults(),
             bounds=(0.0, 0.0, 0.0, 0.0),
             time_limit=file.time_limit or 300.0,
         )

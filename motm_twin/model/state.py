@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 S = TypeVar("S")
+LATER = {"hashed": "unless default"}  # metadata of a field that came later: runs that do not use it keep their hash
 
 
 class Stateful(Generic[S]):
@@ -85,7 +86,11 @@ def _feed(digest: Any, value: Any) -> None:
     elif dataclasses.is_dataclass(value):
         digest.update(type(value).__name__.encode())
         for field in dataclasses.fields(value):
-            _feed(digest, getattr(value, field.name))
+            item = getattr(value, field.name)
+            if field.metadata != LATER:
+                _feed(digest, item)
+            elif item != field.default:
+                _feed(digest, (field.name, item))
     elif hasattr(value, "__index__"):
         digest.update(f"int:{int(value)!r};".encode())
     else:

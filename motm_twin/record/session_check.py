@@ -62,6 +62,7 @@ def _check_ranges(scene: Scene) -> None:
     _fits(scene.bounds, tuple[_COORDINATE, _COORDINATE, _COORDINATE, _COORDINATE], "scene.bounds")
     _pose(scene.start, "scene.start")
     _within(scene.noise, scene_format.NoiseFile, "scene.noise")
+    _within(scene.faults, scene_format.FaultsFile, "scene.faults")
     for part, limits in _ROBOT.items():
         _within(getattr(scene.robot, part), limits, f"scene.robot.{part}")
     for index, solid in enumerate(scene.solids):

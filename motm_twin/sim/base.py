@@ -1,6 +1,7 @@
 """The differential-drive base: speed and acceleration limits, first-order lag, exact arcs."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from motm_twin.model.geometry import Array, drive
@@ -29,17 +30,18 @@ def _towards(now: float, wanted: float, factor: float, largest: float) -> float:
 class Base:
     """Follows a commanded twist as well as its limits allow. Nothing in the world stops it: see `SimulatedPlant`."""
 
-    def __init__(self, limits: BaseLimits, dt: float) -> None:
-        """Limits of the profile, for substeps of dt [s]."""
+    def __init__(self, limits: BaseLimits, dt: float, scale: Sequence[float] | Array = (1.0, 1.0)) -> None:
+        """Limits of the profile, for substeps of dt [s]; ``scale``: what it makes of a forward speed and a yaw rate."""
         self.limits = limits
         self.dt = dt
+        self.scale = (float(scale[0]), float(scale[1]))
         self._factor = lag_factor(limits.velocity_lag, dt)
 
     def step(self, state: BaseState, twist: Array) -> None:
         """One substep towards the commanded forward speed and yaw rate, shape (2,)."""
         limits, dt = self.limits, self.dt
-        v_wanted = min(limits.forward_speed, max(-limits.reverse_speed, float(twist[0])))
-        w_wanted = min(limits.yaw_rate, max(-limits.yaw_rate, float(twist[1])))
+        v_wanted = min(limits.forward_speed, max(-limits.reverse_speed, self.scale[0] * float(twist[0])))
+        w_wanted = min(limits.yaw_rate, max(-limits.yaw_rate, self.scale[1] * float(twist[1])))
         v = _towards(state.v, v_wanted, self._factor, limits.linear_acceleration * dt)
         w = _towards(state.w, w_wanted, self._factor, limits.yaw_acceleration * dt)
         state.pose = drive(state.pose, 0.5 * (state.v + v), 0.5 * (state.w + w), dt)

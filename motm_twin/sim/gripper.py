@@ -12,7 +12,7 @@ from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import Solids
 
 SLIP_HEIGHT = 0.01  # [m] of lifting after which a cube that slid between the closing pads slips out
-_EPSILON = 1e-9  # [s]
+EPSILON = 1e-9  # [s]
 
 
 @dataclass
@@ -113,6 +113,11 @@ class Gripper:
         item.rotation = rotation @ state.rotation_in_hand
         item.yaw = float(np.arctan2(item.rotation[1, 0], item.rotation[0, 0]))
 
+    def _closed(self, state: GripperState, now: float) -> tuple[bool, float]:
+        """Whether the pads have closed firmly on a cube, and the share of their way to it behind them."""
+        done = now - state.began >= self.spec.closing_time - EPSILON
+        return done, 1.0 if done else (now - state.began) / self.spec.closing_time
+
     def _begin(self, state: GripperState, phase: str, now: float) -> None:
         state.phase, state.began, state.start_width = phase, now, state.width
 
@@ -133,14 +138,13 @@ class Gripper:
             elif float(np.linalg.norm(tcp_velocity)) > RELATIVE_SPEED:
                 state.slid = True
         name = state.candidate or state.held
-        done = now - state.began >= self.spec.closing_time - _EPSILON
         if not name:
             state.width = max(0.0, state.width - self.spec.max_width / self.spec.closing_time * self.dt)
             if state.width < 1e-9:
                 state.width, state.phase = 0.0, "closed"
             return
         item = cubes[name]
-        share = 1.0 if done else (now - state.began) / self.spec.closing_time
+        done, share = self._closed(state, now)
         state.width = state.start_width + (item.side - state.start_width) * share
         if state.candidate:
             centre_between_pads(tcp, rotation, item, state.width)
@@ -160,7 +164,7 @@ class Gripper:
     def _open(self, state: GripperState, now: float, tcp_velocity: Array, cubes: dict[str, ObjectState]) -> None:
         share = min(1.0, (now - state.began) / max(self.spec.opening_time, self.dt))
         state.width = state.start_width + (self.spec.max_width - state.start_width) * share
-        if share >= 1.0 - _EPSILON:
+        if share >= 1.0 - EPSILON:
             state.width, state.phase = self.spec.max_width, "open"
             if state.held:
                 self._release(state, tcp_velocity, cubes[state.held])

@@ -22,12 +22,15 @@ from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow
 from motm_twin.sim.arm import Arm, ArmState
 from motm_twin.sim.base import Base, BaseState
 from motm_twin.sim.camera import Camera, CameraState
+from motm_twin.sim.control_errors import ControlErrors
 from motm_twin.sim.edit_effects import Effects
 from motm_twin.sim.faults import CAMERA_DELAY, CAMERA_OFF, LIDAR_OFF, expire
-from motm_twin.sim.gripper import Gripper, GripperState
+from motm_twin.sim.grasp_faults import gripper_with
+from motm_twin.sim.gripper import GripperState
 from motm_twin.sim.layout import Furnishings, Layout
 from motm_twin.sim.lidar import Lidar, LidarState
 from motm_twin.sim.localisation import Localisation
+from motm_twin.sim.meddling import Meddler
 from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
 from motm_twin.sim.overlap import compile_gaps
 from motm_twin.sim.plant_state import PlantState
@@ -54,10 +57,11 @@ class SimulatedPlant(Stateful[PlantState]):
         """A plant at the start of the scene; arm_start [rad], shape (7,)."""
         robot, noise = scene.robot, scene.noise
         self.scene = scene
-        self._base = Base(robot.base, SUBSTEP)
+        self._errors = ControlErrors(noise, scene.seed)
+        self._base = Base(robot.base, SUBSTEP, self._errors.base_scale)
         self._arm = Arm(robot.arm.velocity_lag, SUBSTEP)
         self._object_world = ObjectWorld(SUBSTEP)
-        self._gripper = Gripper(robot.gripper, self._object_world, SUBSTEP)
+        self._gripper = gripper_with(scene.faults, robot.gripper, self._object_world, SUBSTEP, scene.seed)
         self._agents = Agents(SUBSTEP)
         self._lidar = Lidar(robot.lidar, noise.lidar_range_sd)
         self._camera = Camera(robot.camera, noise)
@@ -68,6 +72,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
         self._furnishings = Furnishings(scene)
         self._effects = Effects(self._furnishings, self._object_world, self._frames, SUBSTEP)
+        self._meddler = Meddler(scene)
         compile_gaps()
         self._start(arm_start)
 
@@ -133,6 +138,10 @@ class SimulatedPlant(Stateful[PlantState]):
             raise ValueError(f"step of {dt} s: must be a positive multiple of {SUBSTEP} s")
         for _ in range(count):
             self._substep()
+        s = self._state
+        for edit in self._meddler.attempts(s.objects, s.base.pose, self._scenery.solids):
+            if self._taken(edit):
+                break
 
     def restore(self, state: PlantState) -> None:
         """Continue from a snapshot."""
@@ -153,6 +162,14 @@ class SimulatedPlant(Stateful[PlantState]):
         self._referee.edited(s.referee, world, moved=effect.moved, disturbed=effect.disturbed)
         if effect.pushed:
             self._referee.pushed(s.referee, world)
+
+    def _taken(self, edit: WorldEdit) -> bool:
+        """Apply an edit unless the world refuses it."""
+        try:
+            self.apply(edit)
+        except ValueError:
+            return False
+        return True
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
         """Tell the referee the task list of now: it counts objects that end up where this list puts them."""
@@ -176,7 +193,7 @@ class SimulatedPlant(Stateful[PlantState]):
             hand = self._frames(s.base.pose, s.arm.q)[TCP]
             self._gripper.command(s.gripper, s.gripper_command, before, hand[:3, 3], hand[:3, :3], s.objects)
         self._base.step(s.base, s.command.twist)
-        self._arm.step(s.arm, s.command.joint_velocity)
+        self._arm.step(s.arm, self._errors.rates(s.command.joint_velocity, s.substep))
         s.path_length += abs(0.5 * (old_v + s.base.v)) * SUBSTEP
         s.substep += 1
         frames = self._frames(s.base.pose, s.arm.q)
