@@ -86,12 +86,11 @@ class HolisticManipulator(Manipulator):
 
     def step(self, inputs: ArmInputs) -> ArmStep:
         """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""
-        if inputs.goal.kind == "none":
-            return super().step(inputs)
         limits = self.profile.base
-        room = _STEPS * inputs.dt * np.array([limits.linear_acceleration, limits.yaw_acceleration])
-        twist = np.clip(self._state.twist, inputs.base_twist - room, inputs.base_twist + room)
-        return super().step(msgspec.structs.replace(inputs, base_twist=twist))
+        room = inputs.dt * np.array([limits.linear_acceleration, limits.yaw_acceleration])
+        last = np.clip(self._state.twist, inputs.base_twist - _STEPS * room, inputs.base_twist + _STEPS * room)
+        wanted = np.clip(inputs.base_twist, last - room, last + room) if inputs.goal.kind == "none" else last
+        return super().step(msgspec.structs.replace(inputs, base_twist=wanted))
 
     def _motion(self, view: View, inputs: ArmInputs) -> Motion:
         """On the way: straight for the point above the target, however far it is."""

@@ -308,7 +308,7 @@ MOTM2022 = Method(
     ),
     chosen=(
         "v = 0.5 m/s, as of all methods. Nearer: to the heading. beta: from the direction xi_C - next target to the "
-        "line to xi_C, the sign with which the linearised law is stable (eigenvalues -1.3 and -1.7 in ln rho); it "
+        "line to xi_C, the sign with which both angles vanish (as rho^1.3 and rho^1.7 for a fixed point); it "
         "turns the base away from xi_C by at most 0.4 rad, as more only costs time on the open floor. From "
         "rho = 0.25 m on the base goes round the circle until the job is done. Time to range: from the law itself, "
         "predicted with the limits of the base. In range: as of all methods, instead of a manipulability above 0.08."

@@ -1,0 +1,94 @@
+"""Write the tables of docs/method.md: the methods, from their registry, and every number, from where it is set.
+
+    .venv/bin/python tools/method_page.py [--check]
+
+With --check nothing is written, and the exit code is 1 when something would be. A table stands between a line
+``<!-- methods -->`` or ``<!-- numbers of FILE:CLASS -->`` and a line ``<!-- end -->``.
+"""
+
+import argparse
+import ast
+import io
+import re
+import sys
+import tokenize
+from pathlib import Path
+
+from motm_twin.methods.method import Method
+from motm_twin.methods.registry import METHODS
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "method.md"
+BLOCK = re.compile(r"(<!-- (methods|numbers of (\S+):(\w+)) -->\n).*?(<!-- end -->\n)", re.S)
+
+
+def wanted(page: str) -> str:
+    """The page with its tables as they should be."""
+    return BLOCK.sub(_block, page)
+
+
+def _block(match: re.Match[str]) -> str:
+    table = methods_table() if match[2] == "methods" else numbers_table(match[3], match[4])
+    return f"{match[1]}\n{table}\n{match[5]}"
+
+
+def methods_table() -> str:
+    """One row for each method: what it does, what has been published of it, and what was chosen here."""
+    lines = ["| method | what it does | source | known | chosen here |", "|---|---|---|---|---|"]
+    return "\n".join([*lines, *(_method(method) for method in METHODS.values())]) + "\n"
+
+
+def _method(method: Method) -> str:
+    other = ", ".join(f"`{name}` {_value(value)}" for name, value in method.parameters.items())
+    chosen = " ".join(part for part in (method.chosen, f"Parameters: {other}." if other else "") if part)
+    what = f"**{method.title}.** {method.summary}"
+    return _row(f"`{method.name}`", what, method.source, method.known, chosen)
+
+
+def _value(value: float | str | bool) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def numbers_table(file: str, name: str) -> str:
+    """One row for each field of a class: its value, and what the comment beside it says."""
+    source = (ROOT / file).read_text(encoding="utf-8")
+    found = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef) and node.name == name]
+    if not found:
+        raise ValueError(f"{file} has no class {name}: put the right one into docs/method.md")
+    comments = comments_of(source)
+    lines = ["| number | value | unit, source, reason |", "|---|---|---|"]
+    for node in found[0].body:
+        if isinstance(node, ast.AnnAssign) and node.value is not None and isinstance(node.target, ast.Name):
+            said = [comments[k] for k in range(node.lineno, (node.end_lineno or node.lineno) + 1) if k in comments]
+            lines.append(_row(f"`{node.target.id}`", f"`{ast.unparse(node.value)}`", " ".join(said)))
+    return "\n".join(lines) + "\n"
+
+
+def comments_of(source: str) -> dict[int, str]:
+    """Comments of Python source by line number."""
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    return {token.start[0]: token.string.lstrip("# ") for token in tokens if token.type == tokenize.COMMENT}
+
+
+def _row(*cells: str) -> str:
+    return "| " + " | ".join(" ".join(cell.split()).replace("|", r"\|") for cell in cells) + " |"
+
+
+def main() -> int:
+    """Write, or check; the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--check", action="store_true")
+    check = parser.parse_args().check
+    page = PAGE.read_text(encoding="utf-8")
+    if wanted(page) == page:
+        return 0
+    print(f"{'differs' if check else 'written'}: {PAGE.relative_to(ROOT)}")
+    if not check:
+        PAGE.write_text(wanted(page), encoding="utf-8")
+    return 1 if check else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
