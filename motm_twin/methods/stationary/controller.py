@@ -27,18 +27,14 @@ class ParkingState:
 
     target: tuple[str, str] | None = None
     phase: str = DRIVING
+    exact: bool = False  # the base has become slow at the pose and still does not serve: it has to come nearer
 
 
-def stopping_base(parameters: PlanningParameters, own: StationaryParameters) -> PlanningParameters:
+def stopping_base(parameters: PlanningParameters) -> PlanningParameters:
     """The same base controller, but one whose search ends at the chosen pose instead of passing it."""
-    staa = dataclasses.replace(
-        parameters.staa,
-        termination="reach_goal",
-        drive_on=False,
-        pass_distance=min(parameters.staa.pass_distance, own.goal_distance),
-        pass_heading=min(parameters.staa.pass_heading, own.goal_heading),
+    return dataclasses.replace(
+        parameters, staa=dataclasses.replace(parameters.staa, termination="reach_goal", drive_on=False)
     )
-    return dataclasses.replace(parameters, staa=staa)
 
 
 class ParkingController(StaaController, Stateful[ParkingState]):
@@ -49,8 +45,13 @@ class ParkingController(StaaController, Stateful[ParkingState]):
     ) -> None:
         """``overlap``: the arm is told how soon the base will stand, and moves already while it arrives."""
         self.stationary = parameters or StationaryParameters()
-        planning = stopping_base(parts.parameters, self.stationary)
-        super().__init__(parts.known.robot, planning, clock=parts.clock, graphs=graphs)
+        super().__init__(parts.known.robot, stopping_base(parts.parameters), clock=parts.clock, graphs=graphs)
+        self._usual = self._p
+        self._exact = dataclasses.replace(
+            self._p,
+            pass_distance=min(self._p.pass_distance, self.stationary.goal_distance),
+            pass_heading=min(self._p.pass_heading, self.stationary.goal_heading),
+        )
         self._overlap = overlap
         self._arm_reach = TargetReach(parts.known, parts.parameters)
         self._state = ParkingState()
@@ -59,14 +60,20 @@ class ParkingController(StaaController, Stateful[ParkingState]):
         """How to accelerate in this period."""
         target = problem.target
         if target is None or target.kind == "drive" or placement.mode not in ("ring", "reach"):
-            self._state = ParkingState()
+            self._state, self._p = ParkingState(), self._usual
             return self._without_arm(super().plan(problem, placement, budget))
         if self._state.target != (target.kind, target.name):
             self._state = ParkingState(target=(target.kind, target.name))
+        self._tighten()
         self._advance(problem, placement, target)
+        self._tighten()
         if self._state.phase == DRIVING:
             return self._arriving(super().plan(problem, placement, budget))
         return self._standing(problem, placement)
+
+    def _tighten(self) -> None:
+        """Search with the tolerances of the state."""
+        self._p = self._exact if self._state.exact else self._usual
 
     def _advance(self, problem: BaseProblem, placement: Placement, target: Target) -> None:
         """Drive, stop, or stand."""
@@ -77,9 +84,16 @@ class ParkingController(StaaController, Stateful[ParkingState]):
             state.phase = DRIVING
         if state.phase == DRIVING and placement.chosen >= 0 and self._may_stop(problem, placement, target):
             state.phase = PARKED if self._stands(problem.twist) else STOPPING
+        if state.phase != DRIVING:
+            state.exact = False
+        elif self._slow(problem.twist) and placement.chosen >= 0 and self._at(problem.pose, placement):
+            state.exact = True
 
     def _stands(self, twist: Array) -> bool:
         return abs(twist[0]) < self.stationary.stands_v and abs(twist[1]) < self.stationary.stands_w
+
+    def _slow(self, twist: Array) -> bool:
+        return abs(twist[0]) < self.stationary.slow_v and abs(twist[1]) < self.stationary.slow_w
 
     def _serves(self, pose: Array, target: Target) -> bool:
         """Does a base that stands have the target in reach?"""
@@ -88,7 +102,7 @@ class ParkingController(StaaController, Stateful[ParkingState]):
     def _may_stop(self, problem: BaseProblem, placement: Placement, target: Target) -> bool:
         """Does the shortest stop from here end near enough to the chosen pose, and with as good a reach?
 
-        A base that has come to rest near enough is content with any reach: creeping takes longer than a longer arm.
+        A base that has become slow near enough is content with any reach: creeping takes longer than a longer arm.
         """
         p, goal = self.stationary, np.asarray(placement.goal)
         ahead = p.park_distance + problem.twist[0] ** 2 / (2.0 * self._limits.linear_acceleration) + 0.05
@@ -100,8 +114,9 @@ class ParkingController(StaaController, Stateful[ParkingState]):
         if not self._reach.reached_from(end[None], target, slack=p.park_slack)[0]:
             return False
         share = self._arm_reach.share(np.array([end, goal]), target)
-        wanted = 0.0 if self._stands(problem.twist) else p.park_share * share[1]
-        return bool(share[0] > 0.0 and share[0] >= wanted) and self._stop_is_free(problem)
+        wanted = 1e-6 if self._slow(problem.twist) else p.park_share * share[1]
+        good = share[0] >= wanted or share[1] == 0.0  # the paper's own candidates may be where the map ends
+        return bool(good) and self._stop_is_free(problem)
 
     def _stop_ends(self, problem: BaseProblem) -> Array:
         """Poses and twists of the shortest stop, one per period, shape (n, 5)."""

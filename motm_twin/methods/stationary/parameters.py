@@ -23,7 +23,9 @@ class StationaryParameters:
     park_distance: float = 0.15  # [m] from the chosen pose at which the base may come to rest
     park_share: float = 0.90  # of the manipulability of the chosen pose that it must have there
     park_slack: float = 0.02  # [m] inside the reach, because localisation errs by 1 cm
-    goal_distance: float = 0.06  # [m] from the chosen pose at which the search holds it to be there, and
-    goal_heading: float = 10.0 * DEG  # [rad] so that whoever is there may stop; 0.15 m and 20 deg left it creeping
+    goal_distance: float = 0.06  # [m] to which the search must come, and
+    goal_heading: float = 10.0 * DEG  # [rad], once the base has become slow too far away: else it would stay there
+    slow_v: float = 0.10  # [m/s] and
+    slow_w: float = 0.30  # [rad/s] below which a base near its pose creeps
     stands_v: float = 0.01  # [m/s] and
     stands_w: float = 0.02  # [rad/s] below which the base stands: fingers neither close nor open above
