@@ -86,6 +86,7 @@ class Twin:
         self._told = Told(self.scene, self._start)
         self.edits: list[LoggedEdit] = []
         self.cuts: list[Cut] = []
+        self.refused: list[str] = []  # what an external robot would not do in the last period after all
         self._broken: int | None = None  # period that has raised
         self._build()
         self._forget_queue()
@@ -161,6 +162,7 @@ class Twin:
         index, before = self.loop.index, self.parameters
         restarted = self._external is not None and self._external.interrupted()
         applied: list[Edit] = []
+        self.refused = []
         for edit in edits:
             if self._taken(edit):
                 self.edits.append(LoggedEdit(index=index, edit=edit))
@@ -176,7 +178,9 @@ class Twin:
             return True
         try:
             self._apply(edit)
-        except ValueError:
+        except ValueError as error:
+            what = f"{edit.__struct_config__.tag} {getattr(edit, 'name', '')}".rstrip()
+            self.refused.append(f"the robot has refused {what}: {error}")
             return False
         return True
 

@@ -10,7 +10,7 @@ from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import path_message, tick_message
 from motm_twin.bus.messages import InspectedMessage, TickMessage
 from motm_twin.bus.pacing import PERIOD
-from motm_twin.bus.ports import MakeTwin, TwinLike
+from motm_twin.bus.ports import MakeTwin, Sink, TwinLike
 from motm_twin.bus.preview import Preview, tasks_previewed
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
@@ -195,6 +195,11 @@ class LiveTwin:
         )  # fmt: skip
         self.message = self._explained(message)
         return self.message, self.tick
+
+    def tell_refused(self, sink: Sink) -> None:
+        """Tell what was accepted, and what the robot would not do when its period came."""
+        for text in () if self.twin is None else self.twin.refused:
+            sink.event(run=self.run, index=self.index, time=self.time, kind="refused", text=text)
 
     def inspect(self, command: Inspect) -> None:
         """Explain this from now on, and in what is shown next."""

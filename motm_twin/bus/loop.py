@@ -384,6 +384,7 @@ class TwinLoop:
         self.took = time.perf_counter() - began
         done = tick.done and not self._live.mirror
         self._sink.tick(message, tick, last=self._state != "playing" or done)
+        self._live.tell_refused(self._sink)
         self._settling = self._settling - 1 if done else SETTLE_PERIODS
         if done and self._settling <= 0:
             self._play_on, self._steps = self._state == "playing", 0

@@ -310,7 +310,9 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True):
     server_time: float  # [s] when it was sent
     index: int  # period
     time: float  # [s] simulated
-    kind: str  # picked placed missed lost arrived failed contact stop go edit loaded reset branch done error
+    kind: (
+        str  # picked placed missed lost arrived failed contact stop go edit refused loaded reset branch done error ...
+    )
     text: str  # one sentence
     body: str = ""  # contact: of the robot
     other: str = ""  # contact: what it touched; else the object or bin

@@ -19,6 +19,7 @@ class TwinLike(Protocol):
     """What the loop needs of a twin."""
 
     edits: list[LoggedEdit]  # everything that was done to this run
+    refused: list[str]  # what an external robot would not do in the last period after all, a sentence each
 
     def advance(self, budget: SearchBudget | None = None) -> Tick:
         """Compute one period, with another budget of the search than its own when one is given."""
@@ -97,6 +98,10 @@ class Sink(Protocol):
 
     def status(self) -> None:
         """The status changed."""
+        ...
+
+    def event(self, *, run: int, index: int, time: float, kind: str, text: str) -> None:
+        """Something to be told that no period shows."""
         ...
 
 

@@ -11,17 +11,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import zenoh
 
-from motm_twin.bus.commands import Answer, Load, Refused
-from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.answering import Answering
+from motm_twin.bus.commands import Load, Refused
 from motm_twin.bus.keeping import DEFAULT_FOLDER, Keeper
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.loop import TwinLoop
 from motm_twin.bus.ports import MakeTwin, Methods, SceneLibrary, TwinLike
 from motm_twin.bus.publisher import Publisher
-from motm_twin.bus.schemas import names, schema
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
@@ -74,8 +72,6 @@ class TwinServer:
         self.port = port or free_port(host)
         self._session = open_server(self.port, host, self.keys.own)
         clock = ServerClock()
-        self._clock, self._gate = clock, CommandGate(clock)
-        self._encode = msgspec.json.Encoder().encode
         self._keeper = Keeper(
             data,
             self.endpoint,
@@ -105,11 +101,9 @@ class TwinServer:
             self._session, self.keys, status=self.loop.status, now=clock, took=lambda: self.loop.took
         )
         self.tick, self.scene, self.status = self._publisher.tick, self._publisher.scene, self._publisher.status
-        self._queryables = [
-            self._session.declare_queryable(self.keys.commands, self._on_command),
-            self._session.declare_queryable(self.keys.session, self._on_session),
-            self._session.declare_queryable(self.keys.schemas, self._on_schema),
-        ]
+        self.event = self._publisher.event_log.add
+        self._answering = Answering(self._session, self.keys, now=clock, request=self.loop.request)
+        self._queryable = self._session.declare_queryable(self.keys.session, self._on_session)
         self._token = self._session.liveliness().declare_token(self.keys.alive)
         self._stop = threading.Event()
         self._threads = [
@@ -137,8 +131,8 @@ class TwinServer:
         self._keeper.close()  # while the loop still gives it the session
         self.loop.stop()
         self._token.undeclare()
-        for queryable in self._queryables:
-            queryable.undeclare()
+        self._answering.close()
+        self._queryable.undeclare()
         for thread in self._threads:
             thread.join(LAST_WAIT)
         ended = not any(thread.is_alive() for thread in self._threads)
@@ -171,28 +165,6 @@ class TwinServer:
                 self._publisher.metrics()
             if self._library.changed():
                 self.loop.reload()
-
-    def _on_command(self, query: zenoh.Query) -> None:
-        name = str(query.key_expr).rsplit("/cmd/", 1)[-1]
-        payload = b"" if query.payload is None else query.payload.to_bytes()
-
-        def reply(reason: str, index: int, path: str = "", /) -> None:
-            answer = Answer(ok=not reason, reason=reason, server_time=self._clock(), index=index, path=path)
-            with suppress(zenoh.ZError), query:  # the asker may be gone
-                query.reply(query.key_expr, self._encode(answer))
-
-        try:
-            self.loop.request(self._gate.admit(name, payload), reply)
-        except Refused as refusal:
-            reply(str(refusal), -1)
-
-    def _on_schema(self, query: zenoh.Query) -> None:
-        """Every schema that the query asks for, each on its own key."""
-        with suppress(zenoh.ZError), query:
-            for name in names():
-                key = self.keys.schema(name)
-                if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, self._encode(schema(name)), encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def _on_session(self, query: zenoh.Query) -> None:
         def reply(session: bytes, problem: str) -> None:

@@ -3,8 +3,10 @@
 It looks like a twin that refuses to be changed. Going back and forth is a branch: readers keep the past they share.
 """
 
+import math
 import queue
 import time
+from collections import deque
 from collections.abc import Callable
 
 import msgspec
@@ -40,6 +42,10 @@ Put = Callable[[str, bytes, bytes | None], None]  # topic of the recording, payl
 Work = Callable[[], None]
 
 
+class _Timed(msgspec.Struct):
+    time: float
+
+
 class Player:
     """Owns the position in a recording; everything that moves it happens in the thread that calls `run`."""
 
@@ -65,6 +71,7 @@ class Player:
         self._state, self._speed = "playing" if playing else "paused", speed
         self._at = -1  # frame that was sent last
         self._due = time.monotonic()
+        self._later: deque[tuple[float, Sent]] = deque()  # due [s], what is sent between two frames
         self._run, self._began, self._first, self._past = 0, 0.0, 0, -1
         self._scene: Scene | None = None
         self._choices = MethodLibrary().choices()
@@ -86,12 +93,13 @@ class Player:
         self._show(0)
         self._due = time.monotonic() + PERIOD / self._speed
         while not self._stopped:
-            wait = min(IDLE, self._due - time.monotonic()) if self._state == "playing" else IDLE
+            wait = min(IDLE, self._next() - time.monotonic()) if self._state == "playing" else IDLE
             try:
                 self._requests.get(timeout=wait)() if wait > 0.0 else self._requests.get_nowait()()
             except queue.Empty:
                 pass
             self._wheel.look_after(time.monotonic())
+            self._send_later(time.monotonic())
             if self._state == "playing" and time.monotonic() >= self._due:
                 self._advance()
 
@@ -183,6 +191,7 @@ class Player:
 
     def _set(self, state: str) -> None:
         if state != self._state:
+            self._send_later(math.inf)
             self._state = state
             self._changed()
 
@@ -205,8 +214,25 @@ class Player:
         else:
             self._set("done")
 
+    def _next(self) -> float:
+        """When [s] there is something to send."""
+        return min(self._due, self._later[0][0]) if self._later else self._due
+
+    def _send_later(self, until: float) -> None:
+        """Send what is due then [s]."""
+        while self._later and self._later[0][0] <= until:
+            self._send(self._later.popleft()[1])
+
+    def _spread(self, robot: list[Sent]) -> None:
+        """The states of the robot in one period, as far apart as they were."""
+        now, times = time.monotonic(), [msgspec.json.decode(payload, type=_Timed).time for _, payload, _ in robot]
+        for item, at in zip(robot, times, strict=True):
+            self._later.append((now + min(PERIOD, max(0.0, at - times[0])) / self._speed, item))
+        self._send_later(now)
+
     def _seek(self, number: int) -> None:
         """Show another frame. Forward, all that lies between is sent at once; back, the past stays as it is."""
+        self._send_later(math.inf)  # under the number of its run
         if self._state == "done":
             self._set("paused")
         if number > self._at:
@@ -237,6 +263,7 @@ class Player:
             self._send(grids[-1])
 
     def _show(self, number: int) -> None:
+        self._send_later(math.inf)
         frame = self._frames[number]
         before = self._frames[self._at] if self._at >= 0 else None
         if before is None:
@@ -245,9 +272,14 @@ class Player:
             same = frame.run[0] == before.run[0]
             self._turn(frame, self._began if same else self._now(), frame.first, self._run if same else -1)
         self._at = number
-        for item in frame.sent():
-            if item[0] != ch.SCENE.topic:  # sent with its run
+        playing, sent = self._state == "playing", frame.sent()
+        for item in sent:
+            if item[0] != ch.SCENE.topic and not (
+                playing and item[0] == ch.ROBOT.topic
+            ):  # sent with its run, or spread
                 self._send(item)
+        if playing:
+            self._spread([item for item in sent if item[0] == ch.ROBOT.topic])
 
     def _send(self, item: Sent) -> None:
         topic, payload, attachment = item

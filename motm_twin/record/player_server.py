@@ -7,8 +7,7 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from motm_twin.bus.commands import Answer, Refused
-from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.answering import Answering
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.latest import LatestValues
 from motm_twin.bus.server import HEARTBEAT, ServerClock
@@ -38,7 +37,7 @@ class PlayerServer:
         self.port = port or free_port(host)
         self._session = open_server(self.port, host, keys.own)
         self._clock = ServerClock()
-        self._gate, self._encode = CommandGate(self._clock), msgspec.json.Encoder().encode
+        self._encode = msgspec.json.Encoder().encode
         self._values = LatestValues(self._session, keys)
         key_of = {
             ch.TICK.topic: keys.tick,
@@ -61,10 +60,8 @@ class PlayerServer:
             playing=playing,
         )
         self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
-        self._queryables = [
-            self._session.declare_queryable(keys.commands, self._on_command),
-            self._session.declare_queryable(keys.session, self._on_session),
-        ]
+        self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request)
+        self._queryable = self._session.declare_queryable(keys.session, self._on_session)
         self._token = self._session.liveliness().declare_token(keys.alive)
         self._stop = threading.Event()
         self._threads = [
@@ -87,8 +84,8 @@ class PlayerServer:
         self._stop.set()
         self.player.stop()
         self._token.undeclare()
-        for queryable in self._queryables:
-            queryable.undeclare()
+        self._answering.close()
+        self._queryable.undeclare()
         for thread in self._threads:
             thread.join(1.0)
         self._values.close()
@@ -109,20 +106,6 @@ class PlayerServer:
     def _heartbeat(self) -> None:
         while not self._stop.wait(HEARTBEAT):
             self._send_status()
-
-    def _on_command(self, query: zenoh.Query) -> None:
-        name = str(query.key_expr).rsplit("/cmd/", 1)[-1]
-        payload = b"" if query.payload is None else query.payload.to_bytes()
-
-        def reply(reason: str, index: int) -> None:
-            answer = Answer(ok=not reason, reason=reason, server_time=self._clock(), index=index)
-            with suppress(zenoh.ZError), query:  # the asker may be gone
-                query.reply(query.key_expr, self._encode(answer))
-
-        try:
-            self.player.request(self._gate.admit(name, payload), reply)
-        except Refused as refusal:
-            reply(str(refusal), -1)
 
     @staticmethod
     def _on_session(query: zenoh.Query) -> None:

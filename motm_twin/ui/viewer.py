@@ -15,6 +15,7 @@ from motm_twin.bus.messages import TickMessage
 from motm_twin.ui.feed import Feed
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
+from motm_twin.ui.news import News
 from motm_twin.ui.stage import Stage
 from motm_twin.ui.visitors import Visitors
 from motm_twin.ui.what_if import OwnMethod
@@ -33,6 +34,7 @@ class Viewer:
         self._hub = Hub(server, client, own_method)
         self._hub.history = self._history = History()
         self._feed = Feed(client, self._history)
+        self._news = News(client, lambda text, title: self._hub.tell(None, text, title))
         self._stage = Stage(server, self._hub)
         self._visitors = Visitors(server, self._hub, self._stage)
 
@@ -60,6 +62,7 @@ class Viewer:
                 self._stop.wait(1.0)
             last = now
             self._stop.wait(max(0.0, FRAME - (time.monotonic() - now)))
+        self._news.stop()
         self._feed.stop()
         self._stage.stop()
         self._hub.stop()

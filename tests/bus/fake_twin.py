@@ -134,6 +134,7 @@ class FakeTwin:
 
     parameters: typing.ClassVar = {}
     announced: typing.ClassVar = {}
+    refused: typing.ClassVar = []
 
     def __init__(self, scene, *, method=None, periods=100_000, fail_at=None):
         self.scene, self.method, self.periods, self.fail_at = scene, method, periods, fail_at

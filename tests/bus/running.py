@@ -14,7 +14,7 @@ class Sink:
     """Collects what the loop says."""
 
     def __init__(self):
-        self.ticks, self.scenes, self.states = [], [], 0
+        self.ticks, self.scenes, self.states, self.events = [], [], 0, []
 
     def tick(self, message, tick, last):
         self.ticks.append(message)
@@ -24,6 +24,9 @@ class Sink:
 
     def status(self):
         self.states += 1
+
+    def event(self, **about):
+        self.events.append(about)
 
 
 class Running:

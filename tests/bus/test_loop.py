@@ -206,6 +206,24 @@ def test_many_steps_can_be_ended_by_pause():
         assert running.last.index == index + 1
 
 
+def test_what_the_robot_refuses_after_all_is_an_event():
+    class Refusing(FakeTwin):
+        def advance(self, budget=None):
+            tick = super().advance(budget)
+            self.refused = ["the robot has refused add_obstacle x: no"] if tick.edits else []
+            return tick
+
+    with Running(Refusing) as running:
+        assert running.ask(AddObstacle(name="x", x=0.0, y=0.0)) == ""
+        running.step(3)
+        (event,) = running.sink.events
+        assert (event["kind"], event["text"], event["index"]) == (
+            "refused",
+            "the robot has refused add_obstacle x: no",
+            1,
+        )
+
+
 def test_an_edit_that_fails_in_the_twin_is_refused_and_the_loop_goes_on(capsys):
     class Broken(FakeTwin):
         def post(self, edit):

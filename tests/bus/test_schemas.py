@@ -16,6 +16,7 @@ from motm_twin.bus.schema_rule import breaking_changes
 from motm_twin.bus.schemas import COMMANDS, MESSAGES, file_name, names, schema
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import open_client
+from motm_twin.external.schemas import KINDS, plant_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "schemas"
@@ -131,7 +132,9 @@ def test_schemas_are_answered_to_queries(server):
         (reply,) = session.get(server.keys.schema("tick"))
         assert json.loads(reply.ok.payload.to_bytes()) == schema("tick")
         found = {str(reply.ok.key_expr) for reply in session.get(server.keys.schemas)}
-        assert found == {server.keys.schema(name) for name in names()}
+        assert found == {server.keys.schema(name) for name in (*names(), *(f"plant/{name}" for name in KINDS))}
+        (reply,) = session.get(server.keys.schema("plant/state"))
+        assert json.loads(reply.ok.payload.to_bytes()) == plant_schema("state")
         assert len(list(session.get(server.keys.schema("cmd/*")))) == len(COMMANDS)
         assert list(session.get(server.keys.schema("nothing"))) == []
 

@@ -160,6 +160,21 @@ def test_edits_go_to_a_simulated_robot_and_are_refused_by_it(router: Router, sce
         assert [body.name for body in tick.truth.obstacles] == ["box"]
 
 
+def test_an_edit_that_is_refused_only_when_its_period_comes_is_told_and_not_logged(
+    router: Router, scene: Scene
+) -> None:
+    with running_robot(router, scene), driven(router, scene) as twin:
+        twin.advance()
+        twin.post(BOX)
+        twin.plant.apply(BOX)  # the robot's world has moved on
+        tick = twin.advance()
+        (told,) = twin.refused
+        assert told.startswith("the robot has refused add_obstacle box: ")
+        assert (tick.edits, twin.edits) == ((), [])
+        twin.advance()
+        assert twin.refused == []
+
+
 def test_a_robot_that_is_not_simulated_refuses_edits_with_a_sentence(router: Router, scene: Scene) -> None:
     with running_robot(router, scene) as robot:
         plain = robot.robot.info()

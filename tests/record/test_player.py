@@ -1,5 +1,9 @@
 """A recording on the bus: it looks like a twin, goes where it is told, and refuses to be changed."""
 
+import time
+
+import msgspec
+import numpy as np
 import pytest
 from fake_twin import FakeLibrary, FakeTwin
 from recordings import Recording
@@ -8,7 +12,9 @@ from waiting import until
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
 from motm_twin.bus.server import TwinServer
+from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
+from motm_twin.record.player import Player
 from motm_twin.record.player_server import PlayerServer
 from motm_twin.record.session import SessionError
 
@@ -79,6 +85,33 @@ def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
     until(lambda: client.tick().index == 12, "the steps were not made")
     assert client.command(Reset()).ok
     until(lambda: client.tick().index == 0, "it did not go to its start")
+
+
+def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they_were(path):
+    sent, frames = [], Frames(path)
+    player = Player(
+        frames,
+        name="x",
+        twin="x",
+        put=lambda topic, *_: sent.append(topic),
+        now=time.time,
+        changed=lambda: None,
+        speed=0.125,
+    )
+    robots = [[item for item in frame.sent() if item[0] == ch.ROBOT.topic] for frame in frames]
+    number = next(number for number, found in enumerate(robots) if number and len(found) > 1)
+    player._show(0)
+    player._show(number - 1)
+    sent.clear()
+    player._show(number)
+    times = [msgspec.json.decode(payload)["time"] for _, payload, _ in robots[number]]
+    waiting = [due for due, _ in player._later]
+    assert sent.count(ch.ROBOT.topic) >= 1 and waiting  # of the frame before, and the first of this one
+    assert len(waiting) == len(times) - 1
+    assert np.diff(waiting) == pytest.approx(np.diff(times[1:]) / 0.125)
+    sent.clear()
+    player._seek(number + 1)  # what waits is sent first
+    assert sent[: len(waiting)] == [ch.ROBOT.topic] * len(waiting)
 
 
 def test_what_would_change_it_is_refused_with_a_reason(client):

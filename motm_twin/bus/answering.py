@@ -1,0 +1,66 @@
+"""What every server answers: commands, once they have passed the gate, and the schemas of all messages."""
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import msgspec
+import zenoh
+
+from motm_twin.bus.commands import Answer, Envelope, Refused
+from motm_twin.bus.gate import CommandGate
+from motm_twin.bus.keys import Keys
+from motm_twin.bus.ports import Reply
+from motm_twin.bus.schemas import names, schema
+from motm_twin.external.schemas import KINDS, plant_schema
+
+SCHEMAS = {
+    **{name: lambda name=name: schema(name) for name in names()},
+    **{f"plant/{name}": lambda name=name: plant_schema(name) for name in KINDS},
+}
+
+
+class Answering:
+    """Queryables of one twin, or of a recording that is played as one, until `close`."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        *,
+        now: Callable[[], float],
+        request: Callable[[Envelope, Reply], None],
+    ) -> None:
+        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused."""
+        self._keys, self._now, self._request = keys, now, request
+        self._gate, self._encode = CommandGate(now), msgspec.json.Encoder().encode
+        self._queryables = [
+            session.declare_queryable(keys.commands, self._on_command),
+            session.declare_queryable(keys.schemas, self._on_schema),
+        ]
+
+    def close(self) -> None:
+        """Answer no more."""
+        for queryable in self._queryables:
+            queryable.undeclare()
+
+    def _on_command(self, query: zenoh.Query) -> None:
+        name = str(query.key_expr).rsplit("/cmd/", 1)[-1]
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+
+        def reply(reason: str, index: int, path: str = "", /) -> None:
+            answer = Answer(ok=not reason, reason=reason, server_time=self._now(), index=index, path=path)
+            with suppress(zenoh.ZError), query:  # the asker may be gone
+                query.reply(query.key_expr, self._encode(answer))
+
+        try:
+            self._request(self._gate.admit(name, payload), reply)
+        except Refused as refusal:
+            reply(str(refusal), -1)
+
+    def _on_schema(self, query: zenoh.Query) -> None:
+        """Every schema that the query asks for, each on its own key."""
+        with suppress(zenoh.ZError), query:
+            for name, made in SCHEMAS.items():
+                key = self._keys.schema(name)
+                if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                    query.reply(key, self._encode(made()), encoding=zenoh.Encoding.APPLICATION_JSON)
