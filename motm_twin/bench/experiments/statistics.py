@@ -6,6 +6,7 @@ seeded, so that it gives the same interval every time.
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -13,6 +14,7 @@ from scipy import stats
 
 from motm_twin.model.geometry import Array
 
+K = TypeVar("K")
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
 SEED = 20260101  # of the bootstrap: any fixed number does
@@ -78,16 +80,12 @@ def bootstrap(
     return Estimate(value=value, low=float(low), high=float(high), n=n)
 
 
-def paired_difference(
-    ours: Mapping[object, float], others: Mapping[object, float], confidence: float = CONFIDENCE
-) -> Estimate:
+def paired_difference(ours: Mapping[K, float], others: Mapping[K, float], confidence: float = CONFIDENCE) -> Estimate:
     """Mean of ours - others over the keys (variant and seed) that both have, with Student's t interval."""
     return mean([ours[key] - others[key] for key in ours if key in others], confidence)
 
 
-def paired_ratio(
-    ours: Mapping[object, float], others: Mapping[object, float], confidence: float = CONFIDENCE
-) -> Estimate:
+def paired_ratio(ours: Mapping[K, float], others: Mapping[K, float], confidence: float = CONFIDENCE) -> Estimate:
     """Mean relative change ours / others - 1 over the keys that both have, with Student's t interval."""
     return mean([ours[key] / others[key] - 1.0 for key in ours if key in others], confidence)
 
