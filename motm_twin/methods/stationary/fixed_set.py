@@ -22,7 +22,7 @@ from motm_twin.planning.types import Target
 _PHASES = 32  # ways of setting the first pose, of which the best is taken
 _RIM_POINTS = 48  # of the line that the poses must serve
 _OFFSETS = 5  # distances from the table that are tried
-_STEP = 0.05  # [m] between them; 0.02 of the same for a bin
+_STEP, _BIN_STEP = 0.05, 0.02  # [m] between them, at a table and at a bin
 _FARTHEST = 1.1  # [m] from a bin
 _NEAR, _BELOW = 0.10, 0.08  # [m] beside and above what carries an object
 
@@ -116,7 +116,7 @@ class FixedPoses:
     def _nearest(self, centre: Array, angle: float, obstacles: BaseGeometry) -> tuple[float, float, float]:
         heading = math.remainder(angle + math.pi, 2.0 * math.pi)
         pose = (0.0, 0.0, 0.0)
-        for distance in np.arange(0.4, _FARTHEST, 0.4 * _STEP):
+        for distance in np.arange(0.4, _FARTHEST, _BIN_STEP):
             pose = (
                 float(centre[0] + distance * math.cos(angle)),
                 float(centre[1] + distance * math.sin(angle)),

@@ -24,7 +24,7 @@ _MAP = (
     "rim: the best over joint 7, both elbows and wrists and the faces of the cube, within joint limits and clear of "
     "the table. Their measure and weights are not known to us. "
 )
-_CHOICE = "A pose without manipulability costs 5 s more than the best one; the ways count their seconds."
+_COST = "A pose without manipulability costs 5 s more than the best one; ways count their seconds, weight 1."
 
 
 def stationary_planner(
@@ -77,6 +77,20 @@ def standing_arm(parts: ArmParts) -> StandingManipulator:
     return StandingManipulator(parts)
 
 
+IRM = Method(
+    name="irm",
+    title="IRM",
+    summary="Stops at the pose with the most manipulability, wherever that is.",
+    source=_SOURCE,
+    known="The pose is chosen by a manipulability metric only, without navigation costs; 192.9 s on their robot.",
+    chosen=(
+        "Of poses within 1 % of the best, the one that faces the target most: the heading hardly changes the measure. "
+        f"{_MAP}{_STANDING}"
+    ),
+    planner=_irm,
+    arm=standing_arm,
+)
+
 FIXED_SET = Method(
     name="fixed_set",
     title="Fixed set",
@@ -86,26 +100,10 @@ FIXED_SET = Method(
     chosen=(
         "The seven are equally spaced along a line 10 cm inside the table's edge, at right angles to the edge; their "
         "distance and first place are those with which the worst point of the line is served best. At a bin it takes "
-        "the nearest of seven poses that face the bin. Where none is free and near enough, it does as irm. "
-        + _MAP
-        + _STANDING
+        "the nearest of seven poses that face the bin. Where none is free and near enough, it does as irm; it measures "
+        "and stops as irm does."
     ),
     planner=_fixed_set,
-    arm=standing_arm,
-)
-
-IRM = Method(
-    name="irm",
-    title="IRM",
-    summary="Stops at the pose with the most manipulability, wherever that is.",
-    source=_SOURCE,
-    known="The pose is chosen by a manipulability metric only, without navigation costs; 192.9 s on their robot.",
-    chosen=(
-        "Of poses within 1 % of the best, the one that faces the target most: the heading hardly changes the measure. "
-        + _MAP
-        + _STANDING
-    ),
-    planner=_irm,
     arm=standing_arm,
 )
 
@@ -115,7 +113,7 @@ GREEDY = Method(
     summary="Stops at the pose with the best sum of manipulability and way to it.",
     source=_SOURCE,
     known="Manipulability and the navigation cost to the candidate.",
-    chosen=f"{_CHOICE} {_MAP}{_STANDING}",
+    chosen=f"{_COST} It measures and stops as irm does.",
     planner=_greedy,
     arm=standing_arm,
 )
@@ -129,7 +127,10 @@ SEQUENTIAL = Method(
         "A weighted cost of manipulability, navigation to the candidate and on to the next location; 172.3 s on their "
         "robot, of which 40 s are an allowance for grasps."
     ),
-    chosen=f"{_CHOICE} The way on ends at the pose of the next target that is best by the same cost. {_MAP}{_STANDING}",
+    chosen=(
+        f"{_COST} The way on ends at the pose of the next target that is best by the same cost. It measures and stops "
+        "as irm does."
+    ),
     planner=_sequential,
     arm=standing_arm,
 )
@@ -139,8 +140,8 @@ SEQUENTIAL_OVERLAP = Method(
     title="Sequential, arm early",
     summary="As sequential, but the arm reaches out while the base arrives; the fingers close when it stands.",
     source="own, after Reister, Grotz and Asfour",
-    known="",
-    chosen="The arm starts by the rule of motm, with the time until the base stands. " + SEQUENTIAL.chosen,
+    known="Nothing: a stronger form of sequential.",
+    chosen="The arm starts by the rule of motm, with the time until the base stands. All else is as in sequential.",
     planner=_sequential_overlap,
     arm=standing_arm,
 )
