@@ -85,10 +85,14 @@ def _contacts(results: list[Result]) -> float:
     return float(sum(len(result["contacts"]) for result in results))
 
 
-def _drove_into(results: list[Result]) -> float:
+def drove_into(results: list[Result]) -> int:
     """Contacts in which our robot was moving into the other."""
     hits = (contact for result in results for contact in result["contacts"])
-    return float(sum(hit["caused_by_robot"] or hit["closing_speed"] > APPROACH for hit in hits))
+    return sum(hit["caused_by_robot"] or hit["closing_speed"] > APPROACH for hit in hits)
+
+
+def _drove_into(results: list[Result]) -> float:
+    return float(drove_into(results))
 
 
 def _slowest_factor(results: list[Result]) -> float:

@@ -50,7 +50,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     def key(self, source: str) -> str:
         """Name of this trial in the store: another scene, parameter, method or source gives another one."""
         whole = hashlib.sha256(source.encode())
-        for part in (self.spec, self.scene, self.method_text):
+        for part in (self.spec.method, self.spec.parameters, self.scene, self.method_text):
             whole.update(b"\0" + msgspec.json.encode(part, order="deterministic"))
         return whole.hexdigest()[:KEY_DIGITS]
 
@@ -58,9 +58,9 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
 def job_of(spec: TrialSpec) -> Job:
     """The checked job of a spec. Raises ValueError (SceneError, MethodError) that names what is wrong."""
     find_method(spec.method)
-    for name, value in spec.parameters.items():
-        check(name, value)
+    parameters = {name: check(name, value) for name, value in spec.parameters.items()}
     scene = changed(load_scene(spec.scene, spec.variant, spec.seed), spec.changes)
+    spec = msgspec.structs.replace(spec, parameters=parameters)
     return Job(spec=spec, scene=scene, method_text=_text_of(spec.method))
 
 
