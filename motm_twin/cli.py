@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
+from motm_twin.bench.paper.cli_paper import paper
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
 from motm_twin.external.cli_robot import robot
@@ -170,7 +171,12 @@ def scene(action: Positional[Literal["list", "check", "schema"]], path: Position
 def bench(
     groups: Positional[list[str]] = ["all"],  # noqa: B006 - tyro copies it
     /,
+    methods: tuple[str, ...] = (),
+    trials: int | None = None,
     workers: int = 2,
+    backend: Literal["loky", "ray"] | None = None,
+    address: str | None = None,
+    retry_failed: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     out: Path = Path("out/bench"),
     seconds: float = 60.0,
     minutes: float = 3.0,
@@ -178,9 +184,19 @@ def bench(
 ) -> int:
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
+    With methods, trials, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, one_temi, ablations,
+    sweep_next_weight, sweep_bezier_offset, sweep_radius_min, sweep_radius_max), compared in a table. It is kept on
+    disk: after Ctrl-C or a crash the same command goes on where it ended.
+
     Args:
-        groups: Names of groups of trials, or all of them; or page (needs Chromium), bus, soak, scale.
+        groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
+            efficiency.
+        methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
+        trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         workers: Processes.
+        backend: loky, processes of this machine; ray, a Ray cluster (extra "cluster").
+        address: Of the Ray cluster, or auto.
+        retry_failed: Run trials again that were without success.
         out: Folder of the JSON results.
         seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
@@ -188,8 +204,13 @@ def bench(
     """
     from motm_twin.bench.__main__ import main as run_groups
 
-    others = ["--seconds", str(seconds), "--minutes", str(minutes), "--share", str(share)]
-    return run_groups([*groups, "--workers", str(workers), "--out", str(out), *others])
+    options = ["--workers", str(workers), "--out", str(out), "--seconds", str(seconds), "--minutes", str(minutes)]
+    options += ["--share", str(share)]
+    options += ["--methods", *methods] if methods else []
+    given = {"--trials": trials, "--backend": backend, "--address": address}
+    options += [part for name, value in given.items() if value is not None for part in (name, str(value))]
+    options += ["--retry-failed"] if retry_failed else []
+    return run_groups([*groups, *options])
 
 
 def main() -> None:
@@ -211,6 +232,7 @@ def main() -> None:
                 "robot": robot,
                 "scene": scene,
                 "bench": bench,
+                "paper": paper,
                 "security": security,
             },
             prog="motm-twin",

@@ -1,0 +1,110 @@
+"""Task times of Experiments 1 and 1a as box plots with all methods; published numbers as marked points."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from motm_twin.bench.paper import data
+from motm_twin.bench.paper.data import Result, Store
+from motm_twin.bench.paper.part import Drawn, Missing, Part
+from motm_twin.bench.paper.style import BLACK, RED, TWO_COLUMNS, figure, look, styled
+from motm_twin.bench.published import TABLE_I
+
+NAME, TITLE = "box_plots", "Task times of Experiments 1 and 1a"
+COMMAND = "motm-twin paper --only box_plots"
+PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
+    ("exp1", "Experiment 1, ten trials", data.ten),
+    ("exp1", "Experiment 1, random", data.random),
+    ("exp1a", "Experiment 1a, ten trials", data.ten),
+    ("exp1a", "Experiment 1a, random", data.random),
+)
+FEW = 5  # below this many points a box says more than is known
+SPREAD = 0.16  # of the points beside each other
+
+
+def draw(store: Store) -> Part:
+    """One panel for each experiment with times of more than one method."""
+    panels = [
+        (title, experiment, found)
+        for experiment, title, choose in PANELS
+        if (found := _times(store, experiment, choose))
+    ]
+    panels = [panel for panel in panels if len(panel[2]) > 1]
+    if not panels:
+        return Missing(
+            name=NAME,
+            title=TITLE,
+            reason="no trial of Experiments 1 or 1a was completed by two methods",
+            command=COMMAND,
+        )
+    methods = list(dict.fromkeys(method for *_, found in panels for method in found))
+    with styled():
+        fig = figure(TWO_COLUMNS, 22.0 + 5.2 * len(methods) * ((len(panels) + 1) // 2))
+        axes = fig.subplots((len(panels) + 1) // 2, min(2, len(panels)), squeeze=False, sharex=True, sharey=True)
+        for panel, (title, experiment, found) in zip(axes.flat, panels, strict=False):
+            _panel(panel, methods, found, experiment == "exp1" and "ten" in title)
+            panel.set_title(title)
+        for unused in list(axes.flat)[len(panels) :]:
+            unused.set_axis_off()
+        handles = [h for h in _handles(axes.flat[0])]
+        fig.legend(handles=handles, loc="outside lower center", ncols=3)
+    rows = [
+        {"panel": title, "method": method, "variant": key[0], "seed": key[1], "time_s": value}
+        for title, _, found in panels
+        for method, values in found.items()
+        for key, value in values.items()
+    ]
+    return Drawn(
+        name=NAME,
+        title=TITLE,
+        caption=(
+            "Boxes: quartiles and median; whiskers: the furthest trial within 1.5 times the box; every completed "
+            "trial is "
+            f"a point, and with fewer than {FEW} there is no box. Diamonds: published numbers of the simulated "
+            "Experiment 1 (Table I; Reister's include 40 s for grasping). The paper's own box plots have no numbers "
+            "that "
+            "could be drawn, and of Experiment 1a none are published at all."
+        ),
+        command=COMMAND,
+        n="; ".join(
+            f"{title}: " + ", ".join(f"{data.title(name)} {len(each)}" for name, each in found.items())
+            for title, _, found in panels
+        ),
+        rows=rows,
+        facts={"published": [each._asdict() for each in TABLE_I if not each.real]},
+        figure=fig,
+    )  # fmt: skip
+
+
+def _times(store: Store, experiment: str, choose: Callable) -> dict[str, dict]:
+    found = {method: data.times(choose(store.of(experiment, method=method))) for method in store.methods(experiment)}
+    return {method: values for method, values in found.items() if values}
+
+
+def _panel(axes, methods: list[str], found: dict[str, dict], with_published: bool) -> None:
+    rng = np.random.default_rng(0)  # only moves points apart
+    for row, method in enumerate(methods):
+        values = np.array(list(found.get(method, {}).values()))
+        style = look(method)
+        if len(values) >= FEW:
+            axes.boxplot(
+                values, orientation="horizontal", positions=[row], widths=0.62, patch_artist=True, showfliers=False,
+                boxprops={"facecolor": style.colour, "hatch": style.hatch, "alpha": 0.55, "edgecolor": BLACK},
+                medianprops={"color": BLACK, "linewidth": 1.6},
+            )  # fmt: skip
+        if len(values):
+            at = row + SPREAD * rng.uniform(-1.0, 1.0, len(values))
+            axes.scatter(values, at, s=7, c=BLACK, linewidths=0, zorder=4)
+        if with_published:
+            for each in TABLE_I:
+                if each.like == method and not each.real and not each.single:
+                    axes.plot(each.seconds, row, "D", mfc="white", mec=RED, mew=1.4, ms=5.5, zorder=5)
+    axes.set_yticks(range(len(methods)), [data.title(method) for method in methods])
+    axes.set_ylim(len(methods) - 0.5, -0.5)
+    axes.set_xlabel("task time [s]")
+    axes.grid(axis="x")
+
+
+def _handles(axes):
+    yield axes.plot([], [], "D", mfc="white", mec=RED, mew=1.4, ms=5.5, label="published, Table I")[0]
+    yield axes.plot([], [], ".", color=BLACK, ms=4, label="one trial")[0]

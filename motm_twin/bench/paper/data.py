@@ -1,0 +1,105 @@
+"""Results as figures and tables need them: by method, by trial, and only what was completed where a time is read."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from motm_twin.bench.experiments import statistics
+from motm_twin.bench.experiments.statistics import Estimate
+from motm_twin.bench.paper.plan import TEN
+from motm_twin.methods.registry import METHODS
+
+Result = Mapping[str, Any]
+Key = tuple[str, int]  # variant and seed: the same arrangement and the same noise
+
+
+class Store:
+    """Results by experiment; what was not run is an empty list, never an invention."""
+
+    def __init__(self, trials: Mapping[str, Sequence[Result]]) -> None:
+        self.trials = trials
+
+    def of(self, experiment: str, **fields: Any) -> list[Result]:
+        """Results of an experiment in which these fields have these values."""
+        found = self.trials.get(experiment, ())
+        return [result for result in found if all(result.get(key) == value for key, value in fields.items())]
+
+    def methods(self, experiment: str) -> list[str]:
+        """Methods of an experiment in the order in which they are shown: the paper's first."""
+        there = {result["method"] for result in self.trials.get(experiment, ())}
+        known = [name for name in METHODS if name in there]
+        return known + sorted(there.difference(known))
+
+    def all(self) -> list[tuple[str, Result]]:
+        """Every result with its experiment."""
+        return [(name, result) for name, results in self.trials.items() for result in results]
+
+
+def ten(results: Iterable[Result]) -> list[Result]:
+    """Those of the ten published arrangements, with the seed of the scene file."""
+    return [result for result in results if result["variant"] in TEN and result["seed"] == 0]
+
+
+def random(results: Iterable[Result]) -> list[Result]:
+    """Those of random arrangements."""
+    return [result for result in results if result["variant"] == "random"]
+
+
+def key(result: Result) -> Key:
+    """What two methods have in common when they are compared."""
+    return result["variant"], result["seed"]
+
+
+def completed(result: Result) -> bool:
+    """All objects in their bins, so that the time is one of the whole task. Contacts do not matter here."""
+    return bool(result["places_total"]) and result["places_done"] == result["places_total"]
+
+
+def times(results: Iterable[Result]) -> dict[Any, float]:
+    """Task times [s] of the completed trials: one that gave up early is not fast."""
+    return {key(result): float(result["time_s"]) for result in results if completed(result)}
+
+
+def mean_time(results: Iterable[Result]) -> Estimate:
+    """Mean task time [s] of the completed trials with its interval."""
+    return statistics.mean(list(times(results).values()))
+
+
+def placed(results: Iterable[Result]) -> tuple[int, int]:
+    """Objects delivered, and objects wanted."""
+    these = list(results)
+    return sum(each["places_done"] for each in these), sum(each["places_total"] for each in these)
+
+
+def delivered(results: Iterable[Result]) -> Estimate:
+    """Share of objects delivered, with the interval of Clopper and Pearson."""
+    return statistics.proportion(*placed(results))
+
+
+def contacts(results: Iterable[Result]) -> int:
+    """Contacts that the robot caused."""
+    return sum(int(result["contacts_caused_by_robot"]) for result in results)
+
+
+def measure(result: Result, *names: str) -> float | None:
+    """One of the trial's further measures, entered by name; of a list its length; None when it was not taken."""
+    value: Any = result.get("measures")
+    for name in names:
+        value = value.get(name) if isinstance(value, Mapping) else None
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return float(len(value))
+    return float(value) if isinstance(value, (int, float)) else None
+
+
+def title(method: str) -> str:
+    """Name of a method in tables and figures."""
+    return METHODS[method].title if method in METHODS else method
+
+
+def percent(estimate: Estimate, decimals: int = 0) -> str:
+    """A share with its interval, as "43 % [41, 45]"."""
+    if estimate.n == 0:
+        return "-"
+    value, low, high = (100.0 * each for each in (estimate.value, estimate.low, estimate.high))
+    interval = f" [{low:.{decimals}f}, {high:.{decimals}f}]" if math.isfinite(low) and math.isfinite(high) else ""
+    return f"{value:.{decimals}f} %{interval}"

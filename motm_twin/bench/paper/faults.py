@@ -1,0 +1,131 @@
+"""Robustness and grasp delay: success and time against the size of an error, for each method."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from motm_twin.bench.experiments import statistics
+from motm_twin.bench.experiments.statistics import Estimate
+from motm_twin.bench.paper import data
+from motm_twin.bench.paper.data import Result, Store
+from motm_twin.bench.paper.part import Drawn, Missing, Part
+from motm_twin.bench.paper.style import BLACK, TWO_COLUMNS, figure, look, styled
+
+COLUMNS = 3  # panels beside each other
+
+
+def varied(result: Result) -> dict[str, float]:
+    """The numbers that were changed for a trial, by name."""
+    changed: Mapping[str, Any] = {**result["parameters"], **result["changes"]}
+    return {
+        name: float(value)
+        for name, value in changed.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool)
+    }
+
+
+def sweeps_of(results: list[Result]) -> dict[str, dict[str, dict[float, list[Result]]]]:
+    """Results by what is varied (scene and name), method, and value."""
+    found: dict[str, dict[str, dict[float, list[Result]]]] = {}
+    for result in results:
+        for name, value in varied(result).items():
+            title = f"{result['scene']}: {name}"
+            found.setdefault(title, {}).setdefault(result["method"], {}).setdefault(value, []).append(result)
+    return found
+
+
+def points(results: list[Result], *, success: bool) -> list[dict]:
+    """Success, or task time of the completed trials, with its interval, for each value of each sweep."""
+    rows = []
+    for title, methods in sweeps_of(results).items():
+        for method, values in methods.items():
+            for value, these in sorted(values.items()):
+                estimate = _success(these) if success else statistics.mean(list(data.times(these).values()))
+                rows.append(
+                    {
+                        "sweep": title,
+                        "method": method,
+                        "value": value,
+                        "estimate": estimate.value,
+                        "low": estimate.low,
+                        "high": estimate.high,
+                        "trials": len(these),
+                        "completed": sum(map(data.completed, these)),
+                    }
+                )
+    return rows
+
+
+def _success(results: list[Result]) -> Estimate:
+    return statistics.proportion(sum(bool(result["success"]) for result in results), len(results))
+
+
+def draw_robustness(store: Store) -> Part:
+    """Share of trials with success against each error."""
+    return _draw(
+        store.of("robustness"),
+        "robustness",
+        "Success against errors: reactive, and the same plan executed open-loop",
+        "trials with success",
+        "Share of trials that end with success, with the interval of Clopper and Pearson.",
+        success=True,
+    )
+
+
+def draw_grasp_delay(store: Store) -> Part:
+    """Task time against the delay of each grasp."""
+    return _draw(
+        store.of("grasp_delay"),
+        "grasp_delay",
+        "Task time when every grasp takes longer",
+        "task time [s]",
+        "Mean task time of the completed trials with Student's 95 % interval.",
+        success=False,
+    )
+
+
+def _draw(results: list[Result], name: str, title: str, label: str, caption: str, *, success: bool) -> Part:
+    command = f"motm-twin bench {name}"
+    rows = points(results, success=success) if results else []
+    rows = [row for row in rows if math.isfinite(row["estimate"])]
+    if not rows:
+        return Missing(name=name, title=title, reason=f"the experiment {name} was not run", command=command)
+    sweeps = list(dict.fromkeys(row["sweep"] for row in rows))
+    lines = (len(sweeps) + COLUMNS - 1) // COLUMNS
+    with styled():
+        fig = figure(TWO_COLUMNS, 18.0 + 46.0 * lines)
+        axes = fig.subplots(lines, min(COLUMNS, len(sweeps)), squeeze=False)
+        for panel, sweep in zip(axes.flat, sweeps, strict=False):
+            _panel(panel, [row for row in rows if row["sweep"] == sweep], label)
+            panel.set_title(sweep.partition(": ")[0])
+            panel.set_xlabel(sweep.partition(": ")[2])
+            if success:
+                panel.set_ylim(-0.05, 1.05)
+        for unused in list(axes.flat)[len(sweeps) :]:
+            unused.set_axis_off()
+        handles = {h.get_label(): h for panel in axes.flat for h in panel.get_legend_handles_labels()[0]}
+        fig.legend(handles=list(handles.values()), loc="outside lower center", ncols=4)
+    return Drawn(
+        name=name,
+        title=title,
+        caption=caption,
+        command=command,
+        n=f"{len(results)} trials; of each point in the CSV",
+        rows=rows,
+        figure=fig,
+    )
+
+
+def _panel(axes, rows: list[dict], label: str) -> None:
+    for method in dict.fromkeys(row["method"] for row in rows):
+        style = look(method)
+        these = [row for row in rows if row["method"] == method]
+        x, y = [row["value"] for row in these], [row["estimate"] for row in these]
+        for row in these:
+            if math.isfinite(row["low"]):
+                axes.plot([row["value"]] * 2, [row["low"], row["high"]], "-", color=style.colour, lw=0.8)
+        axes.plot(
+            x, y, style.line, marker=style.marker, color=style.colour, mec=BLACK, mew=0.4, label=data.title(method)
+        )
+    axes.set_ylabel(label)
+    axes.grid(axis="y")

@@ -1,0 +1,165 @@
+"""What `motm-twin paper` runs: experiments as trial specs, by default, in full, or quickly; and what that costs."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from motm_twin.bench.experiments.spec import Experiment, TrialSpec
+from motm_twin.methods.registry import METHODS
+from motm_twin.model.edits import ParameterValue
+
+COMPARED = ("motm", "staa", "motm2022", "holistic", "fixed_set", "irm", "greedy", "sequential")
+STATIONARY = ("fixed_set", "irm", "greedy", "sequential", "sequential_overlap")
+BESIDES = ("paper_literal", "sequential_overlap")  # run beside the modifications, on Experiment 1
+ABLATIONS = (
+    "no_goal_orientation", "no_rotation_cost", "no_pass_through", "no_penalty_scaling", "no_bezier", "no_next_target",
+    "no_arm_avoidance",
+)  # fmt: skip
+TEN = tuple(f"trial{k}" for k in range(1, 11))  # the published arrangements
+SWEEPS: Mapping[str, tuple[str, tuple[float, ...]]] = {  # experiment: parameter, values besides the shipped one
+    "sweep_next_weight": ("next_weight", (0.0, 0.5, 2.0, 3.0)),
+    "sweep_bezier_offset": ("bezier_offset", (0.1, 0.4, 0.5)),
+    "sweep_radius_min": ("radius_min", (0.45, 0.5, 0.7)),
+    "sweep_radius_max": ("radius_max", (0.7, 0.95)),
+}
+CPU_S = {"exp1": 20.0, "exp1a": 24.0, "exp2": 32.0}  # [s] of processor per trial of a method that does not stop
+STOPS = 1.8  # a method that stops takes longer, and so does its simulation
+Trial = tuple[str, str, int | None]  # scene, variant, seed
+SHARED = 1.15  # [s/s] processes on one machine slow each other
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """The trials of one report, and where it takes its examples from."""
+
+    name: str
+    experiments: tuple[Experiment, ...]
+    absent: tuple[str, ...] = ()  # methods that were wanted, and are not there
+    pages: bool = True  # photographs of the page, where there is a Chromium
+    notes: tuple[str, ...] = ()
+
+    def trials(self) -> int:
+        """How many trials there are."""
+        return sum(len(experiment.specs) for experiment in self.experiments)
+
+    def hours(self, workers: int) -> float:
+        """What they are expected to take [h]."""
+        seconds = sum(cpu_seconds(spec) for experiment in self.experiments for spec in experiment.specs)
+        return seconds * (SHARED if workers > 1 else 1.0) / workers / 3600.0
+
+
+def cpu_seconds(spec: TrialSpec) -> float:
+    """Expected processor time [s] of a trial."""
+    base = CPU_S.get(spec.scene, 20.0)
+    return base * (STOPS if spec.method in STATIONARY or spec.method == "no_pass_through" else 1.0)
+
+
+def default() -> Plan:
+    """Eight methods on ten trials of 1 and 1a and five of 2, every modification on ten, and small sweeps."""
+    compared, besides, ablations, absent = _there()
+    exp1 = (
+        *_trials("exp1", compared, TEN),
+        *_trials("exp1", besides, TEN),
+        *_seeds("exp1", ("motm",), "random", range(5)),  # what Experiment 2 is compared with
+        *_seeds("exp1", ("motm",), TEN[0], range(1, 3)),  # and with one Temi
+    )
+    exp2 = (*_seeds("exp2", compared, "random", range(5)), *_one_temi(range(3)))
+    return Plan(
+        name="default",
+        experiments=(
+            Experiment("exp1", "Experiment 1", exp1),
+            Experiment("exp1a", "Experiment 1a: two boxes that the map does not know", _trials("exp1a", compared, TEN)),
+            Experiment("exp2", "Experiment 2: Temis", exp2),
+            Experiment("ablations", "Each modification switched off alone", _trials("exp1", ablations, TEN)),
+            *sweeps(TEN[:3]),
+        ),
+        absent=absent,
+    )
+
+
+def full() -> Plan:
+    """Fifty seeds everywhere, and the ten published trials."""
+    compared, besides, ablations, absent = _there()
+    seeds = range(50)
+    exp1 = (
+        *_trials("exp1", (*compared, *besides), TEN),
+        *_seeds("exp1", (*compared, *besides), "random", seeds),
+        *_seeds("exp1", ("motm",), TEN[0], seeds[1:]),  # what Experiment 2 with one Temi is compared with
+    )
+    exp1a = (*_trials("exp1a", compared, TEN), *_seeds("exp1a", compared, "random", seeds))
+    exp2 = (*_seeds("exp2", compared, "random", seeds), *_one_temi(seeds))
+    return Plan(
+        name="full",
+        experiments=(
+            Experiment("exp1", "Experiment 1", exp1),
+            Experiment("exp1a", "Experiment 1a: two boxes that the map does not know", exp1a),
+            Experiment("exp2", "Experiment 2: Temis", exp2),
+            Experiment(
+                "ablations",
+                "Each modification switched off alone",
+                (*_trials("exp1", ablations, TEN), *_seeds("exp1", ablations, "random", seeds)),
+            ),
+            *sweeps(TEN, seeds),
+        ),
+        absent=absent,
+    )
+
+
+def quick() -> Plan:
+    """One trial of everything: the whole way in five minutes. Its numbers say little, and the report says so."""
+    compared, _, ablations, absent = _there()
+    few = tuple(name for name in compared if name in ("motm", "irm", "sequential"))
+    return Plan(
+        name="quick",
+        experiments=(
+            Experiment("exp1", "Experiment 1", _trials("exp1", compared, TEN[:1])),
+            Experiment("exp1a", "Experiment 1a: two boxes that the map does not know", _trials("exp1a", few, TEN[:1])),
+            Experiment("exp2", "Experiment 2: Temis", _seeds("exp2", ("motm",), "random", range(1))),
+            Experiment(
+                "ablations", "Each modification switched off alone", _trials("exp1", ablations[:3], TEN[:1])
+            ),
+        ),
+        absent=absent,
+        notes=("A quick report: one trial of each kind. It shows that everything works, and compares nothing.",),
+    )  # fmt: skip
+
+
+PLANS = {"default": default, "full": full, "quick": quick}
+
+
+def sweeps(variants: Iterable[str], seeds: Iterable[int] = ()) -> tuple[Experiment, ...]:
+    """One experiment per swept parameter, each with the shipped value as well."""
+    published: list[Trial] = [("exp1", variant, None) for variant in variants]
+    trials = [*published, *(("exp1", "random", seed) for seed in seeds)]
+    return tuple(
+        Experiment(name, f"Sweep of {parameter}", tuple(_swept(trials, parameter, values)))
+        for name, (parameter, values) in SWEEPS.items()
+    )
+
+
+def _swept(trials: Sequence[Trial], parameter: str, values: Iterable[float]) -> Iterable[TrialSpec]:
+    """Only other values than the shipped one: that is in Experiment 1 already."""
+    for value in values:
+        parameters: dict[str, ParameterValue] = {parameter: value}
+        for scene, variant, seed in trials:
+            yield TrialSpec(scene, variant, seed, parameters=parameters)
+
+
+def _trials(scene: str, methods: Iterable[str], variants: Iterable[str]) -> tuple[TrialSpec, ...]:
+    return tuple(TrialSpec(scene, variant, method=method) for variant in variants for method in methods)
+
+
+def _seeds(scene: str, methods: Iterable[str], variant: str, seeds: Iterable[int]) -> tuple[TrialSpec, ...]:
+    return tuple(TrialSpec(scene, variant, seed, method=method) for seed in seeds for method in methods)
+
+
+def _one_temi(seeds: Iterable[int]) -> tuple[TrialSpec, ...]:
+    """The arrangement of trial 1 with one Temi."""
+    return _seeds("exp2", ("motm",), "one_temi", seeds)
+
+
+def _there() -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Compared methods, those besides, and modifications that are there; and what is not."""
+    groups = (COMPARED, BESIDES, ABLATIONS)
+    absent = tuple(name for group in groups for name in group if name not in METHODS)
+    compared, besides, ablations = (tuple(name for name in group if name in METHODS) for group in groups)
+    return compared, besides, ablations, absent
