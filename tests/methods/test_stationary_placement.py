@@ -205,3 +205,16 @@ def test_a_base_that_stands_leaves_when_the_target_is_no_longer_in_reach(room: R
     plan = controller.plan(moved, strategy.place(moved), SearchBudget())
     assert plan.time_to_range == math.inf
     assert plan.acceleration.any()
+
+
+def test_a_base_that_stands_on_the_way_for_long_is_sent_elsewhere(room: Room) -> None:
+    strategy = room.placement(MANIPULABILITY)
+    problem = room.problem(room.cube())
+    first = strategy.place(problem)
+    assert strategy.place(msgspec.structs.replace(problem, time=0.5)) is first
+    other = strategy.place(msgspec.structs.replace(problem, time=4.0))
+    assert np.hypot(*(other.goal - first.goal)[:2]) > strategy.stationary.refused_distance
+    assert strategy.place(msgspec.structs.replace(problem, time=4.05)) is other
+    there = msgspec.structs.replace(problem, pose=other.goal, time=4.1)
+    assert strategy.place(there) is other
+    assert strategy.place(msgspec.structs.replace(there, time=20.0)) is other

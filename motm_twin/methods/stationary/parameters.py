@@ -27,5 +27,7 @@ class StationaryParameters:
     goal_heading: float = 10.0 * DEG  # [rad], once the base has become slow too far away: else it would stay there
     slow_v: float = 0.10  # [m/s] and
     slow_w: float = 0.30  # [rad/s] below which a base near its pose creeps
+    patience: float = 3.0  # [s] standing on the way after which another pose is chosen,
+    refused_distance: float = 0.20  # [m] this far away at least
     stands_v: float = 0.01  # [m/s] and
     stands_w: float = 0.02  # [rad/s] below which the base stands: fingers neither close nor open above

@@ -30,7 +30,7 @@ from motm_twin.planning.placement import (
 from motm_twin.planning.types import BaseProblem, Placement, Target
 
 IntArray = NDArray[np.integer[Any]]
-NOT_FREE, NO_REACH = "not free", "arm cannot reach"
+NOT_FREE, NO_REACH, REFUSED = "not free", "arm cannot reach", "the base did not get there"
 
 
 class Terms(NamedTuple):
@@ -42,10 +42,12 @@ class Terms(NamedTuple):
 
 @dataclasses.dataclass(kw_only=True)
 class StationaryState(PlacementState):
-    """The choice that stays until its target is done, and where the target was when it was made."""
+    """The choice that stays until its target is done."""
 
     decided: Placement | None = None
-    at: Array | None = None
+    at: Array | None = None  # [m] where the target was when it was made
+    still_since: float | None = None  # [s] since when the base stands, but not at the chosen pose
+    refused: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))  # [m] poses that it did not get to
 
 
 class Judged(NamedTuple):
@@ -76,23 +78,39 @@ class StationaryPlacement(NextTargetPlacement):
         target = problem.target
         if target is None or target.kind == "drive":
             return self._others(problem)
+        if self._state.target != (target.kind, target.name):
+            self._state = StationaryState(target=(target.kind, target.name))
         state = self._state
-        if state.target == (target.kind, target.name) and state.decided is not None:
-            if self._still_serves(state.decided, problem, target):
+        if state.decided is not None:
+            if self._stuck(state, state.decided, problem, target):
+                state.refused = np.vstack((state.refused, state.decided.goal[:2]))
+            elif self._still_serves(state.decided, problem, target):
                 return state.decided
-        decided = self._decide(problem, target)
-        if decided is None:
+        state.still_since, state.at = None, np.array(target.position[:2])
+        state.decided = self._decide(problem, target, state.refused)
+        if state.decided is None and len(state.refused):
+            state.refused = np.zeros((0, 2))
+            state.decided = self._decide(problem, target, state.refused)
+        if state.decided is None:
             return self._others(problem)
-        self._state = StationaryState(
-            target=(target.kind, target.name), goal=np.array(decided.goal), decided=decided,
-            at=np.array(target.position[:2]),
-        )  # fmt: skip
-        return decided
+        state.goal = np.array(state.decided.goal)
+        return state.decided
+
+    def _stuck(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
+        """Has the base been standing for long, but not at its place? The map may show a way where there is none."""
+        p = self.stationary
+        there = np.hypot(*(problem.pose[:2] - decided.goal[:2])) <= p.park_distance + p.park_slack
+        parked = there and self._reach.reached_from(problem.pose[None], target)[0]
+        if parked or problem.engaged or abs(problem.twist[0]) > p.slow_v or abs(problem.twist[1]) > p.slow_w:
+            state.still_since = None
+        elif state.still_since is None:
+            state.still_since = problem.time
+        return state.still_since is not None and problem.time - state.still_since > p.patience
 
     def _others(self, problem: BaseProblem) -> Placement:
         """The paper's placement, whose memory is not the one of this class."""
         placement = super().place(problem)
-        self._state = StationaryState(target=self._state.target, goal=self._state.goal)
+        self._state = StationaryState(target=self._state.target, goal=self._state.goal)  # for its hysteresis
         return placement
 
     def _still_serves(self, decided: Placement, problem: BaseProblem, target: Target) -> bool:
@@ -106,14 +124,14 @@ class StationaryPlacement(NextTargetPlacement):
         margin = self._parameters.staa.margin
         return bool(clearances(goal, margin, field_of(problem.world), self._body)[0] >= margin)
 
-    def _decide(self, problem: BaseProblem, target: Target) -> Placement | None:
+    def _decide(self, problem: BaseProblem, target: Target, refused: Array) -> Placement | None:
         """The cheapest candidate, with those of the other directions; None when none is free."""
         graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
         here = Here(problem.world, field_of(problem.world), self._body, graph)
         from_robot = robot_table(graph, problem.pose, self._rates)
         to_next = self._to_next(problem.next_target, here)
         for pose, direction, mode in self._pose_sets(target):
-            judged = self._judge(pose, direction, target, here, from_robot, to_next)
+            judged = self._judge(pose, direction, target, here, from_robot, to_next, refused)
             if np.isfinite(judged.cost).any():
                 return self._shown(judged, mode, target, here, from_robot, to_next)
         return None
@@ -136,14 +154,18 @@ class StationaryPlacement(NextTargetPlacement):
         return pose[reached], about[reached]
 
     def _judge(
-        self, pose: Array, direction: IntArray, target: Target, here: Here, from_robot: Table, to_next: Table | None
-    ) -> Judged:
+        self, pose: Array, direction: IntArray, target: Target, here: Here, from_robot: Table, to_next: Table | None,
+        refused: Array,
+    ) -> Judged:  # fmt: skip
         wanted = self._parameters.placement.clearance
         free = clearances(pose, wanted, here.field, here.body) >= wanted
         share = self._arm_reach.share(pose, target)
         place, place_of = np.unique(pose[:, :2], axis=0, return_inverse=True)
         reached = self._arm_reach.good_share(pose, target) > 0.0
         rejected = [("" if ok else NO_REACH) if fits else NOT_FREE for fits, ok in zip(free, reached, strict=True)]
+        for place_refused in refused:
+            for i in np.flatnonzero(np.hypot(*(pose[:, :2] - place_refused).T) <= self.stationary.refused_distance):
+                rejected[i] = rejected[i] or REFUSED
         of_place: Any = place_of.reshape(-1).astype(np.int32)
         candidates = Candidates("reach", 0.0, pose, place, of_place, rejected)
         current, onward = self._costs(candidates, here.graph, from_robot, to_next)
