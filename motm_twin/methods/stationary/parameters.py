@@ -19,7 +19,7 @@ class StationaryParameters:
     equal_share: float = 0.01  # of the best manipulability: less than that is no difference
     fixed_poses: int = 7  # Paper, Sec. VI, after Reister et al.
     fixed_inset: float = 0.10  # [m] from the edge of a table, where things stand that an arm shall reach
-    moved: float = 0.10  # [m] by which the target has moved when the choice is made anew
+    moved: float = 0.15  # [m] by which the target has moved when the choice is made anew: what is believed errs by 0.1
     park_distance: float = 0.15  # [m] from the chosen pose at which the base may come to rest
     park_share: float = 0.90  # of the manipulability of the chosen pose that it must have there
     park_slack: float = 0.02  # [m] inside the reach, because localisation errs by 1 cm
