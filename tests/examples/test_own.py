@@ -1,0 +1,94 @@
+"""The examples for those who build on it run, and what docs/extend.md shows works as it is, in a folder of its own."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from motm_twin.methods.registry import METHODS, find_method
+from motm_twin.model.scene_file import load_scene
+from motm_twin.twin import Twin
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+OWN = ("own_placement_rule.py:STRAIGHT", "own_base_controller.py:PURSUIT")
+
+
+def run(name, *arguments, cwd):
+    command = [sys.executable, EXAMPLES / name, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=250.0, check=False, cwd=cwd)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def blocks():
+    return re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "extend.md").read_text(encoding="utf-8"), re.S)
+
+
+def twin_of(method, periods=6):
+    """A twin of the method after some periods, which went on from a snapshot as they went at first."""
+    twin = Twin(load_scene("exp1", "trial1", 0), method=find_method(method))
+    for _ in range(periods):
+        tick = twin.advance()
+    there = twin.snapshot()
+    first = [twin.advance().plan.acceleration.tolist() for _ in range(3)]
+    end = twin.state_hash()
+    twin.restore(there)
+    assert [twin.advance().plan.acceleration.tolist() for _ in range(3)] == first
+    assert twin.state_hash() == end
+    return twin, tick
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_a_method_in_a_file_drives_and_can_be_copied(name):
+    twin, tick = twin_of(str(EXAMPLES / name))
+    assert twin.method.name not in METHODS
+    assert tick.placement.chosen >= 0
+    assert tick.plan.acceleration[0] > 0.0
+
+
+def test_the_rule_of_the_text_works_as_it_is_shown(tmp_path):
+    (tmp_path / "my_rule.py").write_text(blocks()[0], encoding="utf-8")
+    _, tick = twin_of(f"{tmp_path / 'my_rule.py'}:MINE")
+    assert tick.placement.reason.startswith("cheapest with its room of ")
+
+
+def test_the_arm_of_the_text_leaves_by_its_own_rule(tmp_path):
+    given = 'EARLY = Method(name="early", title="", summary="", source="", arm=arm)'
+    (tmp_path / "early.py").write_text(
+        f"from motm_twin.methods.method import Method\n{blocks()[1]}\n{given}\n", encoding="utf-8"
+    )
+    twin = Twin(load_scene("exp1", "trial1", 0), method=find_method(f"{tmp_path / 'early.py'}:EARLY"))
+    ticks = [twin.advance() for _ in range(90)]
+    left = next(tick for tick in ticks if tick.arm[0].phase == "transit")
+    assert 3.8 < left.plan.time_to_range <= 4.0
+
+
+def test_a_first_run_tells_where_the_time_goes(tmp_path):
+    said = run("first_run.py", "--limit", 2, "--save", "where.png", cwd=tmp_path)
+    assert re.search(r"time \[s\] for +driving +turning +standing", said)
+    assert "0 of 6 placed in 2.0 s" in said
+    assert (tmp_path / "where.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_placement_rule_is_compared_with_the_paper_s(tmp_path):
+    said = run("own_placement_rule.py", "--trials", 1, "--limit", 1, "--workers", 1, "--out", "out", cwd=tmp_path)
+    assert said.count("0 of 6 placed, success 0 % [0, 98]") == 2
+    assert "there are no times to compare" in said
+    assert len((tmp_path / "out" / "compare" / "trials.jsonl").read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize("policy", ["towards", "expert"])
+def test_a_policy_runs_in_the_environment(policy, tmp_path):
+    pytest.importorskip("gymnasium")
+    said = run("gym_policies.py", policy, "--steps", 20, "--save", "last.png", cwd=tmp_path)
+    assert said.startswith(f"{policy}: 0 picked, 0 placed, 0 contacts caused in 1.0 s")
+    assert (tmp_path / "last.png").is_file()
+
+
+@pytest.mark.parametrize("name", ["first_run.py", "own_placement_rule.py", "own_base_controller.py", "gym_policies.py"])
+def test_the_texts_lead_to_the_examples(name):
+    texts = "".join((ROOT / "docs" / text).read_text(encoding="utf-8") for text in ("extend.md", "gym.md"))
+    assert f"](../examples/{name})" in texts
