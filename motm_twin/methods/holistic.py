@@ -185,7 +185,7 @@ class HolisticBase(TangentController):
         return BasePlan(
             acceleration=frozen(np.zeros(2)),
             status="goal",
-            reason="" if time == 0.0 else f"the hand is held up on its way to {target.name}, and nothing else drives",
+            reason="" if time == 0.0 else f"on its way to {target.name} the hand is held up, or about to leave",
             global_path=frozen([problem.pose[:2], target.position[:2]]),
             next_path=empty_path(),
             intermediate_goal=placement.goal,

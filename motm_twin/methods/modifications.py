@@ -20,7 +20,10 @@ PAPER_LITERAL = Method(
     title="Paper, as printed",
     summary="Finishes when a path passes the candidate, with STAA*'s proximity grid.",
     source="Paper, Sec. III and IV",
-    chosen="'Sufficiently close' is 0.15 m and 20 deg: the paper gives no number.",
+    chosen=(
+        "'Sufficiently close' is 0.15 m and 20 deg: the paper gives no number. What it leaves open is as of motm: "
+        "margins, hysteresis of the placement, speeds in the closed list."
+    ),
     parameters=PRESETS["The paper's words"],
 )
 
@@ -29,6 +32,11 @@ STAA = Method(
     title="STAA*, unmodified",
     summary="STAA* without any of the paper's modifications, under the same placement and arm.",
     source="Missura et al., Short-Term Aborting A*",
+    known="The authors' code, and with it every number of the search.",
+    chosen=(
+        "Limits, margins, braking test and speeds in the closed list are those of all methods. The search ends within "
+        "0.15 m of the candidate's position. Obstacles are not predicted."
+    ),
     parameters=PRESETS["Unmodified STAA*"],
 )
 
