@@ -1,7 +1,11 @@
 """`python -m motm_twin.bench [GROUP ...]`: the numbers of the paper and ours. Exit code 1 when one is missed.
 
 "all" are the groups of trials. The others run only when they are named: "page" measures the served page and needs
-Chromium, "bus" measures what goes over Zenoh, "soak" treats a server badly for long, "scale" loads a router.
+Chromium, "bus" measures what goes over Zenoh, "soak" treats a server badly for long, "scale" loads a router,
+"efficiency" tells what more processes are worth.
+
+With --methods, --trials, --backend, --address or --retry-failed a name is that of an experiment instead: any methods,
+any number of trials, kept on disk and gone on with, compared in a table. Some names are experiments only.
 """
 
 import argparse
@@ -11,30 +15,56 @@ from pathlib import Path
 from rich.console import Console
 
 from motm_twin.bench import bus, page, scale, soak
+from motm_twin.bench.experiments import command, efficiency
+from motm_twin.bench.experiments.catalogue import EXPERIMENTS
 from motm_twin.bench.groups import GROUPS
 from motm_twin.bench.table import bench
 
-KNOWN = (*GROUPS, page.NAME, bus.NAME, soak.NAME, scale.NAME)
+KNOWN = (*GROUPS, page.NAME, bus.NAME, soak.NAME, scale.NAME, efficiency.NAME)
+ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in KNOWN)
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the named groups, or all; 0 when every number was reached, 1 when not."""
     parser = argparse.ArgumentParser(prog="python -m motm_twin.bench", description=__doc__)
-    parser.add_argument("groups", nargs="*", default=["all"], metavar="GROUP", help=f"all, {', '.join(KNOWN)}")
+    parser.add_argument(
+        "groups", nargs="*", default=["all"], metavar="GROUP", help=f"all, {', '.join((*KNOWN, *ONLY_EXPERIMENTS))}"
+    )
     parser.add_argument("--workers", type=int, default=2, help="trials run at the same time (default 2)")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), help="folder of the JSON files")
     page.add_options(parser)
+    command.add_options(parser)
     parser.add_argument("--share", type=float, default=1.0, help="soak: of the full counts (default 1: half an hour)")
     options = parser.parse_args(arguments)
-    names = [name for name in KNOWN if name in options.groups or ("all" in options.groups and name in GROUPS)]
-    unknown = [name for name in options.groups if name not in ("all", *KNOWN)]
-    if unknown or options.workers < 1:
-        parser.error(f"unknown group {unknown[0]!r}: use all, {', '.join(KNOWN)}" if unknown else "need a worker")
-    if not 0.0 < options.share <= 1.0:
-        parser.error(f"--share {options.share:g}: allowed is more than 0 and at most 1")
+    problem = _problem(options)
+    if problem:
+        parser.error(problem)
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, TABLE_WIDTH)
+    experiments = [name for name in options.groups if name in ONLY_EXPERIMENTS or command.wanted(options)]
+    code = command.bench_experiments(experiments, options, console) if experiments else 0
+    groups = [name for name in options.groups if name not in experiments]
+    return max(code, _bench_groups(groups, options, console)) if groups and code != command.INTERRUPTED else code
+
+
+def _problem(options: argparse.Namespace) -> str:
+    """What is wrong with the arguments, "" when nothing is."""
+    possible = tuple(EXPERIMENTS) if command.wanted(options) else ("all", *KNOWN, *ONLY_EXPERIMENTS)
+    unknown = [name for name in options.groups if name not in possible]
+    if unknown:
+        what = "experiment" if command.wanted(options) else "group"
+        return f"unknown {what} {unknown[0]!r}: use {', '.join(possible)}"
+    if options.workers < 1:
+        return "need a worker"
+    if not 0.0 < options.share <= 1.0:
+        return f"--share {options.share:g}: allowed is more than 0 and at most 1"
+    return ""
+
+
+def _bench_groups(groups: list[str], options: argparse.Namespace, console: Console) -> int:
+    """Measure groups against their goals; the exit code."""
+    names = [name for name in KNOWN if name in groups or ("all" in groups and name in GROUPS)]
     missed = [name for name in names if not _reached(name, options, console)]
     console.print(f"\n[red]missed: {', '.join(missed)}[/red]" if missed else "\n[green]all numbers reached[/green]")
     return 1 if missed else 0
@@ -49,6 +79,8 @@ def _reached(name: str, options: argparse.Namespace, console: Console) -> bool:
         return soak.bench_soak(options.out, options.share, console)
     if name == scale.NAME:
         return scale.bench_scale(options.out, options.seconds, console)
+    if name == efficiency.NAME:
+        return efficiency.bench_efficiency(options.out, options.workers, console)
     return bench(GROUPS[name], options.out, options.workers, console)
 
 

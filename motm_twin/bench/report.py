@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from motm_twin.bench.runner import machine
+from motm_twin.bench.machine import machine
 from motm_twin.bench.table import goal_table
 
 Values = dict[str, float]

@@ -13,10 +13,10 @@ from rich.table import Table
 
 from motm_twin.bench import bus_measures
 from motm_twin.bench.bus_worker import Worker
+from motm_twin.bench.machine import machine
 from motm_twin.bench.page_measures import restart
 from motm_twin.bench.page_serve import cpu_seconds, memory_mb
 from motm_twin.bench.report import Report, load_average, percentiles, write
-from motm_twin.bench.runner import machine
 from motm_twin.bench.scale_worker import Sizes
 
 NAME = "scale"

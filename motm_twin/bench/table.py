@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.bench.groups import Goal, Group, Result
-from motm_twin.bench.runner import machine, run_group
+from motm_twin.bench.machine import machine
+from motm_twin.bench.runner import run_group
 
 COLUMNS = (
     "trial", "seed", "time s", "tour s", "picked", "placed", "contacts", "base m", "arm m", "path m", "closing m/s",
