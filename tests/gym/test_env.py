@@ -243,6 +243,13 @@ def test_the_text_lists_every_observation():
         assert name in text
 
 
+def test_what_the_text_shows_runs():
+    here = {}
+    for block in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "gym.md").read_text(), re.S):
+        exec(block, here)  # noqa: S102 - our own text
+    assert here["info"]["seed"] == 7 and here["observed"] in here["env"].observation_space
+
+
 def test_without_gymnasium_the_import_says_what_to_install():
     program = "import sys; sys.modules['gymnasium'] = None; import motm_twin.gym"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
