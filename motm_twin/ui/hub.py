@@ -43,6 +43,7 @@ NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
 PATIENT = (HandOver, Inspect, Load, Pause, Play, Reset, Seed, Speed, TakeWheel)  # hold for whatever is being loaded
 LOOK = 0.1  # [s] between looks at what the server is doing
+PROMPT, PATIENCE = 5.0, 20.0  # [s] until the twin must have answered, for what is meant now, and for the `PATIENT`
 KEEP_WHEEL = 3.0  # [s] what a driver does on the page alone keeps the wheel as well, told this often
 
 
@@ -216,16 +217,18 @@ class Hub:
 
         A loading server answers nothing: commands that hold for any scene wait until it is done.
         """
+        timeout = PROMPT
         if isinstance(command, PATIENT):
+            timeout = PATIENCE
             self._let_it_load(visitor, command)
         with self._speaking:  # nobody speaks for a visitor once the wheel was given back for it
             if visitor is None:
-                answer = self.client.command(command)
+                answer = self.client.command(command, timeout)
             elif visitor.gone and not isinstance(command, HandOver):
                 return Answer(ok=False, reason=f"{visitor.name} is gone")
             else:
                 visitor.sent = time.monotonic()
-                answer = self.client.command(command, sender=visitor.sender, name=visitor.name)
+                answer = self.client.command(command, timeout, sender=visitor.sender, name=visitor.name)
         if not answer.ok:
             self.tell(visitor, self._loading() or answer.reason)
         return answer

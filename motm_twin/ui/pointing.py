@@ -39,7 +39,8 @@ class Pointing:
             return
         hub.keep_wheel(visitor)
         ray = Ray.through(event.ray_origin, [o + d for o, d in zip(event.ray_origin, event.ray_direction, strict=True)])
-        hit = self.surroundings.first(ray, tick, candidates=view.layers["Candidates"])
+        aiming = bool(view.sending or view.placing)  # at the floor: dots that lie there are not meant
+        hit = self.surroundings.first(ray, tick, candidates=view.layers["Candidates"] and not aiming)
         if hit is None or hit.kind != "floor":
             view.sending = view.placing = ""  # somebody has thought better of it
         if hit is None:
@@ -84,8 +85,8 @@ class Pointing:
             if await self._order(visitor, SendAgent(name=view.sending, x=x, y=y)):
                 view.sending = ""
         elif view.placing and view.placing == view.selected:
-            view.placing = ""
-            await self._order(visitor, MoveBody(name=view.selected, x=x, y=y, held=False))
+            if await self._order(visitor, MoveBody(name=view.selected, x=x, y=y, held=False)):
+                view.placing = ""
         elif view.selected:
             view.selected = view.placing = ""
         elif tick is not None:

@@ -52,7 +52,7 @@ class Client:
     def session(self):
         return b""
 
-    def command(self, command, sender="", name=""):
+    def command(self, command, timeout=0.0, *, sender="", name=""):
         self.told.append((command, sender, name))
         self.arrived.release()
         return self.answer

@@ -133,6 +133,24 @@ def test_the_next_click_on_the_floor_puts_a_new_body_there_and_the_one_after_let
     assert len(hub.sent) == 1 and hub.view.selected == ""
 
 
+def test_a_dot_of_a_candidate_is_no_more_than_floor_while_something_is_placed(pointing):
+    x, y, _ = pointing.tick.placement.poses[pointing.tick.placement.chosen]
+    hub = click(pointing, (x, y))
+    assert hub.view.picked is not None
+    hub.view.picked, hub.view.selected, hub.view.placing = None, "temi 1", "temi 1"
+    click(pointing, (x, y))
+    assert hub.view.picked is None
+    (placed,) = hub.sent
+    assert math.dist((placed.x, placed.y), (x, y)) < 0.05
+
+
+def test_a_refused_place_can_be_tried_again(pointing):
+    pointing._hub.view.selected = pointing._hub.view.placing = "temi 1"
+    pointing._hub.command = lambda *_: Answer(ok=False, reason="the twin server does not answer")
+    hub = click(pointing, (6.0, -1.5))
+    assert hub.view.placing == "temi 1"
+
+
 def test_a_click_on_something_else_ends_placing(pointing):
     pointing._hub.view.selected = pointing._hub.view.placing = "temi 1"
     hub = click(pointing, TABLE)
