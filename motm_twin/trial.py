@@ -119,7 +119,9 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, An
     assert truth is not None
     places_total = _count(tick, "place")
     caused = [contact for contact in truth.contacts if contact.caused_by_robot]
-    completed = tick.success and truth.places == places_total
+    held = sum(body.state == "held" for body in truth.objects)
+    kept = _count(tick, "pick") - places_total  # a scene may end with an object in the gripper
+    completed = tick.success and truth.places == places_total and held >= kept
     p50, p99 = np.percentile(tally.period_ms, [50, 99])
     attempts = sum(task.attempts for task in tick.tasks if task.kind == "pick")
     return {
@@ -162,6 +164,9 @@ def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tupl
         why = tick.stop_reason or tick.arm[-1].reason or tick.plan.reason
         return f"time limit {twin.scene.time_limit:.0f} s reached during {doing}" + (f": {why}" if why else "")
     if not completed:
+        truth, places = tick.truth, _count(tick, "place")
+        if truth is not None and truth.places == places:
+            return "the referee sees nothing in the gripper, and the robot believes to hold an object"
         return "the referee counts fewer objects in their bins than the robot believes to have placed"
     if caused:
         return f"{caused} contact(s) caused by the robot"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from motm_twin.control.loop import PERIOD, ControlLoop, Settings
+from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.task_list import TaskEdit, TaskList, edited
@@ -15,6 +16,7 @@ from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
 from motm_twin.methods.method import ArmParts, Method, PlannerParts
 from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.rehearsal import Rehearsed, Timed
 from motm_twin.model.edits import (
     Announce,
     Drive,
@@ -38,6 +40,7 @@ from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.plain import plain
 from motm_twin.record.session import Cut, LoggedEdit, Session
+from motm_twin.rehearse import rehearse
 from motm_twin.sim.plant import SimulatedPlant
 
 POINTED_AT = 0.15  # [m] off its belief, an object that a person adds to the task list is shown to the robot
@@ -257,7 +260,7 @@ class Twin:
             known,
             self.plant,
             self._planner(known, planning),
-            self.method.arm(ArmParts(known=known, parameters=arm)),
+            self._arm_side(known, arm),
             settings=Settings(budget=self._budget),
             truth=self.plant.truth,
             clock=self._clock or (lambda: 0.0),
@@ -266,8 +269,17 @@ class Twin:
     def _planner(
         self, known: KnownWorld, planning: PlanningParameters, graphs: GraphCache | None = None
     ) -> BasePlanner:
-        parts = PlannerParts(known=known, parameters=planning, clock=self._search_clock(), graphs=graphs)
+        parts = PlannerParts(
+            known=known, parameters=planning, clock=self._search_clock(), graphs=graphs, rehearse=self._rehearse
+        )
         return self.method.planner(parts)
+
+    def _arm_side(self, known: KnownWorld, arm: ArmParameters) -> Manipulator:
+        return self.method.arm(ArmParts(known=known, parameters=arm, rehearse=self._rehearse))
+
+    def _rehearse(self, edits: Timed) -> Rehearsed:
+        """The task from its start, in the world as the robot knows it now, with the parameters of now."""
+        return rehearse(self._told.known(), *tuned(self.parameters, self._planning, self._arm), edits)
 
     def _search_clock(self) -> Callable[[], float] | None:
         return self._clock if self._budget.seconds is not None else None
@@ -280,7 +292,7 @@ class Twin:
             loop.planner = self._planner(loop.known, planning, planner.graphs)
             loop.planner.restore(planner.snapshot())
         if arm != manipulator.parameters:
-            loop.manipulator = self.method.arm(ArmParts(known=loop.known, parameters=arm))
+            loop.manipulator = self._arm_side(loop.known, arm)
             loop.manipulator.restore(manipulator.snapshot())
 
     def _apply(self, edit: Edit) -> None:

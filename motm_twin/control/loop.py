@@ -164,6 +164,8 @@ class ControlLoop(Stateful[LoopState]):
         """Change the task list; raises ValueError when it cannot be."""
         if self.sequence.edit(edit, self.known, engaged=self._state.engaged):
             self._state.dwell, self._state.engaged = None, False
+        self.planner.retasked(edit)
+        self.manipulator.retasked(edit)
 
     def _problem(self, observation: Observation, world: WorldMap) -> BaseProblem:
         """The base's question, from where the commands already given will have taken it."""

@@ -28,6 +28,7 @@ from motm_twin.control.qp_rows import (
     variable_bounds,
     weights,
 )
+from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.transit import TransitRule
 from motm_twin.control.types import ArmInputs, ArmStep, ArmTiming
 from motm_twin.model.geometry import Array, frozen
@@ -87,6 +88,9 @@ class Manipulator(Stateful[ManipulatorState]):
     def busy(self) -> bool:
         """Are the fingers closing on an object, lifting it, or letting go of it?"""
         return fingers_at_work(self._state)
+
+    def retasked(self, edit: TaskEdit) -> None:
+        """A person has changed the task list: of interest only to an arm that plans beyond its goal of now."""
 
     def step(self, inputs: ArmInputs) -> ArmStep:
         """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
+from motm_twin.methods.rehearsal import Rehearse
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.known import KnownWorld
 from motm_twin.planning.global_path import GraphCache
@@ -24,6 +25,7 @@ class PlannerParts:
     parameters: PlanningParameters
     clock: Callable[[], float] | None = None  # [s]; only where real time bounds a search
     graphs: GraphCache | None = None  # of the planner before, when parameters change during a run
+    rehearse: Rehearse | None = None  # for methods that plan the whole task beforehand; a Twin gives it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +34,7 @@ class ArmParts:
 
     known: KnownWorld
     parameters: ArmParameters
+    rehearse: Rehearse | None = None  # as in `PlannerParts`: the same rehearsal for both
 
 
 def paper_planner(parts: PlannerParts) -> BasePlanner:

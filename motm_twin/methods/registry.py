@@ -9,6 +9,7 @@ from motm_twin.methods.holistic import HOLISTIC
 from motm_twin.methods.method import Method
 from motm_twin.methods.modifications import ABLATIONS, MOTM, PAPER_LITERAL, STAA
 from motm_twin.methods.motm2022 import MOTM2022
+from motm_twin.methods.open_loop import OPEN_LOOP
 from motm_twin.methods.stationary.methods import STATIONARY
 from motm_twin.model.names import hint
 
@@ -22,6 +23,7 @@ METHODS: dict[str, Method] = {
         MOTM2022,
         HOLISTIC,
         *STATIONARY,
+        OPEN_LOOP,
     )
 }
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import HasState
@@ -53,6 +54,9 @@ class BasePlanner:
     def drive(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """How to accelerate now."""
         return self.controller.plan(problem, placement, budget)
+
+    def retasked(self, edit: InsertTask | RemoveTask | MoveTask) -> None:
+        """A person has changed the task list: of interest only to whoever plans beyond the next target."""
 
     def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
         """Paths (m, 2) [m] behind the costs of a candidate of the last period: robot to it, and it to the next target.
