@@ -1,9 +1,9 @@
 """A served twin with both forms of the bridge, and a program that listens to it and reads with rosbags."""
 
-import time
 from collections import defaultdict
 
 import msgspec
+import waiting
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
@@ -25,14 +25,8 @@ HUMBLE = get_typestore(Stores.ROS2_HUMBLE)
 
 
 def until(condition, what, timeout=60.0):
-    """Wait for something that must happen; how fast is not the test's business."""
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.02)
-    raise AssertionError(f"after {timeout:.0f} s: {what}")
+    """As `waiting.until`, for what takes longer."""
+    return waiting.until(condition, what, timeout)
 
 
 def direct(callback):
