@@ -1,5 +1,6 @@
 """A served twin with both forms of the bridge, and a program that listens to it and reads with rosbags."""
 
+import time
 from collections import defaultdict
 
 import msgspec
