@@ -4,7 +4,7 @@ The paper finds the time to every candidate base pose, and from it to the next t
 the paths worth it? This rule takes the same candidates and the time of a straight drive with its turns.
 
 motm-twin run exp1 --method examples/own_placement_rule.py:STRAIGHT
-motm-twin bench exp1a --methods motm,examples/own_placement_rule.py:STRAIGHT
+motm-twin bench exp1a --methods motm examples/own_placement_rule.py:STRAIGHT
 """
 
 import math
