@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from motm_twin.bench.machine import machine
 from motm_twin.bench.paper import data, goals
 from motm_twin.bench.paper.data import Result, Store
 from motm_twin.bench.paper.part import Drawn, Missing, Part
-from motm_twin.bench.runner import machine
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.methods.registry import METHODS
 from motm_twin.record.made_with import SOURCE, made_with

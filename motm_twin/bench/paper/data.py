@@ -9,7 +9,8 @@ from motm_twin.bench.experiments.statistics import Estimate
 from motm_twin.bench.paper.plan import TEN
 from motm_twin.methods.registry import METHODS
 
-Result = Mapping[str, Any]
+Result = dict[str, Any]
+SCENES = ("exp1", "exp1a", "exp2")
 Key = tuple[str, int]  # variant and seed: the same arrangement and the same noise
 
 
@@ -17,7 +18,7 @@ class Store:
     """Results by experiment; what was not run is an empty list, never an invention."""
 
     def __init__(self, trials: Mapping[str, Sequence[Result]]) -> None:
-        self.trials = trials
+        self.trials = {name: _own(name, results) for name, results in trials.items()}
 
     def of(self, experiment: str, **fields: Any) -> list[Result]:
         """Results of an experiment in which these fields have these values."""
@@ -33,6 +34,13 @@ class Store:
     def all(self) -> list[tuple[str, Result]]:
         """Every result with its experiment."""
         return [(name, result) for name, results in self.trials.items() for result in results]
+
+
+def _own(experiment: str, results: Sequence[Result]) -> Sequence[Result]:
+    """Of Experiments 1, 1a and 2 their own trials as shipped: `bench` keeps what they are compared with beside them."""
+    if experiment not in SCENES:
+        return results
+    return [each for each in results if each["scene"] == experiment and not each["parameters"] and not each["changes"]]
 
 
 def ten(results: Iterable[Result]) -> list[Result]:

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from motm_twin.bench.experiments import statistics
+from motm_twin.bench.groups import drove_into
 from motm_twin.bench.paper import data
 from motm_twin.bench.paper.data import Result, Store
 
-APPROACH = 0.02  # [m/s] a contact point faster than this towards the other moves into it
 SEEDS = 50
 HEADER = ("Number", "Wanted", "Measured", "n", "")
 
@@ -61,7 +61,7 @@ def _drove_into(choose: Callable[[Store], list[Result]]) -> Callable[[Store], tu
     def measure(store: Store):
         results = choose(store)
         hits = [contact for result in results for contact in result["contacts"]]
-        count = sum(contact["caused_by_robot"] or contact["closing_speed"] > APPROACH for contact in hits)
+        count = drove_into(results)
         return (count == 0, f"{count} (of {len(hits)} contacts)", len(results)) if results else None
 
     return measure

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from motm_twin.bench.experiments.catalogue import NAMES_OF_ABLATIONS
 from motm_twin.bench.experiments.spec import Experiment, TrialSpec
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.edits import ParameterValue
@@ -10,10 +11,7 @@ from motm_twin.model.edits import ParameterValue
 COMPARED = ("motm", "staa", "motm2022", "holistic", "fixed_set", "irm", "greedy", "sequential")
 STATIONARY = ("fixed_set", "irm", "greedy", "sequential", "sequential_overlap")
 BESIDES = ("paper_literal", "sequential_overlap")  # run beside the modifications, on Experiment 1
-ABLATIONS = (
-    "no_goal_orientation", "no_rotation_cost", "no_pass_through", "no_penalty_scaling", "no_bezier", "no_next_target",
-    "no_arm_avoidance",
-)  # fmt: skip
+ABLATIONS = NAMES_OF_ABLATIONS
 TEN = tuple(f"trial{k}" for k in range(1, 11))  # the published arrangements
 SWEEPS: Mapping[str, tuple[str, tuple[float, ...]]] = {  # experiment: parameter, values besides the shipped one
     "sweep_next_weight": ("next_weight", (0.0, 0.5, 2.0, 3.0)),
