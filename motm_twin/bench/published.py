@@ -32,6 +32,15 @@ _SEQUENTIAL_REAL = Published("Reister, sequential, real robot", 176.0, "6/6", f"
 _EXP2_TEMI_REAL = Published("paper, one Temi, real robot", 94.0, "", _EXP2, real=True)
 _EXP2_ALONE_REAL = Published("paper, without the Temi, real robot", 91.0, "", _EXP2, real=True)
 
+_RECOVERY = "Burgess-Limerick et al., Failure Recovery, arXiv 2305.08351, read off the chart; layout not published"
+_RECOVERY_METHODS = ("Failure Recovery, on the move", "Failure Recovery, reactive rival of the TEB type")
+FAILURE_RECOVERY: dict[str, dict[float, tuple[float, float]]] = {  # task: delay of the grasp [s]: times [s] of both
+    "line": {0.0: (9.4, 11.6), 10.0: (18.8, 21.9)},
+    "turn": {0.0: (10.9, 10.7), 10.0: (20.3, 22.0)},
+    "obstructed_turn": {0.0: (13.3, 17.4), 10.0: (20.1, 29.0)},
+}
+RECOVERY_PLANNED = "planned on-the-move manipulation fails beyond a delay of 1 s (obstructed turn: 5 s)"
+
 SINGLE_TRIAL = "trial1"
 REFERENCE_TOUR_NOTE = (
     "shortest tour of the base centre past all picks and drops (0.80 m reach, furniture grown by 0.25 m) at full "
@@ -47,6 +56,12 @@ def published(scene: str, variant: str) -> tuple[Published, ...]:
         return _OURS_TEN, _OURS_TEN_REAL, _SEQUENTIAL
     if scene == "exp2":
         return _EXP2_TEMI_REAL, _EXP2_ALONE_REAL
+    if scene in FAILURE_RECOVERY:
+        return tuple(
+            Published(f"{who}, grasps {delay:g} s late", seconds, "", _RECOVERY, real=False)
+            for delay, times in FAILURE_RECOVERY[scene].items()
+            for who, seconds in zip(_RECOVERY_METHODS, times, strict=True)
+        )
     return ()
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from motm_twin.bench import robustness
 from motm_twin.bench.experiments.spec import Experiment, TrialSpec
 from motm_twin.methods.error import MethodError
 from motm_twin.methods.modifications import ABLATIONS, MOTM
@@ -113,6 +114,16 @@ EXPERIMENTS: dict[str, Entry] = {
         title="Experiment 1 with each modification of the paper switched off alone",
         specs=_on("exp1"),
         methods=(MOTM.name, *NAMES_OF_ABLATIONS),
+    ),
+    "grasp_delay": Entry(
+        title="Line, Turn and Obstructed turn with grasps that take longer or fail",
+        specs=robustness.grasp_delay_specs,
+        methods=robustness.METHODS,
+    ),
+    "robustness": Entry(
+        title="One pick with one error at a time: reactive, and the same plan open-loop",
+        specs=robustness.robustness_specs,
+        methods=robustness.METHODS,
     ),
     **{
         f"sweep_{parameter}": Entry(title=f"Experiment 1 with other values of {parameter}", specs=_sweep(parameter))
