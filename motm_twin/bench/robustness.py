@@ -1,8 +1,8 @@
 """Grasp delay and robustness: which errors the reactive loop bears, and which the same plan does, executed open-loop.
 
 `grasp_delay`: the tasks of Failure Recovery for On-The-Move Mobile Manipulation (arXiv 2305.08351), each grasp late or
-failing. All methods know the cube's place beforehand, since a plan has to; every other error is there. The published times are in
-`bench.published`.
+failing. All methods know the cube's place beforehand, since a plan has to; every other error is there. The times that
+are published are in `bench.published`.
 
 `robustness`: one error at a time, added to a world that has none. The trials are of one pick where the way turns, so
 that success is that of a grasp.
