@@ -65,12 +65,12 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         self._name, self._variant, self._time_limit = scene, variant, time_limit
         self._stop_on_contact, self._on_tick = stop_on_contact, on_tick
         self._method = agent_method(actions, find_method(arm), guard=guard)
-        self._whole_body = actions == "whole_body"
+        self.whole_body = actions == "whole_body"
         robot = load_scene(scene, variant).robot
         self._base: BaseLimits = robot.base
         self._reader = ObservationReader(robot, beams)
         self.observation_space = self._reader.space
-        self._numbers = 10 if self._whole_body else 2
+        self._numbers = 10 if self.whole_body else 2
         self.action_space = spaces.Box(-1.0, 1.0, (self._numbers,), dtype=np.float32)
         self._twin: Twin | None = None
         self._picture: TopView | None = None
@@ -165,7 +165,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         assert isinstance(controller, BaseAction)
         speed = base.forward_speed if asked[0] > 0.0 else base.reverse_speed
         controller.take(np.array([asked[0] * speed, asked[1] * base.yaw_rate]))
-        if self._whole_body:
+        if self.whole_body:
             assert isinstance(loop.manipulator, ArmAction)
             loop.manipulator.take(asked[2:9] * DQ_MAX, "close" if asked[9] > 0.0 else "open")
 

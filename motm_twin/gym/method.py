@@ -8,6 +8,7 @@ from motm_twin.methods.method import ArmParts, Method, PlannerParts
 from motm_twin.planning.planner import BasePlanner
 
 MODES = ("base", "whole_body")
+UNDIVIDED = ("holistic", "open_loop")  # their base and arm are decided together: neither goes with another's
 
 
 def agent_planner(parts: PlannerParts, *, guard: bool) -> BasePlanner:
@@ -27,6 +28,8 @@ def agent_method(mode: str, arm: Method, *, guard: bool = False) -> Method:
     if mode not in MODES:
         raise ValueError(f"action mode {mode!r}: use {' or '.join(map(repr, MODES))}")
     whole = mode == "whole_body"
+    if not whole:
+        check_divided(arm)
     return Method(
         name=f"gym_{mode}",
         title="an agent, whole body" if whole else f"an agent drives, the arm of {arm.name}",
@@ -36,3 +39,9 @@ def agent_method(mode: str, arm: Method, *, guard: bool = False) -> Method:
         planner=partial(agent_planner, guard=guard),
         arm=agent_arm if whole else arm.arm,
     )
+
+
+def check_divided(method: Method) -> None:
+    """Raise ValueError for a method whose arm does not go with a base that is driven by somebody else."""
+    if method.name in UNDIVIDED:
+        raise ValueError(f"{method.name} decides about base and arm together: only actions='whole_body' takes both")

@@ -189,6 +189,7 @@ def test_what_is_no_action_is_refused_and_what_is_too_much_is_clipped():
     [
         ({"actions": "arm"}, "'base' or 'whole_body'"),
         ({"arm": "mottm"}, "motm"),
+        ({"arm": "holistic"}, "base and arm together"),
         ({"render_mode": "human"}, "rgb_array"),
         ({"beams": 0}, "at least one"),
         ({"time_limit": -1.0}, "positive"),
@@ -198,6 +199,13 @@ def test_what_is_no_action_is_refused_and_what_is_too_much_is_clipped():
 def test_a_wrong_argument_is_named(wrong, said):
     with pytest.raises(ValueError, match=said):
         MotmEnv(**wrong)
+
+
+def test_an_expert_that_does_not_fit_is_refused():
+    env = MotmEnv(variant="trial1")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="base and arm together"):
+        Expert(env, "holistic")
 
 
 def test_a_wrong_option_is_named():
