@@ -16,6 +16,7 @@ def security(
     viewer: tuple[str, ...] = (),
     driver: tuple[str, ...] = (),
     robot: tuple[str, ...] = (),
+    twin: tuple[str, ...] = (),
     passwords: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     days: int = 365,
 ) -> int:
@@ -31,6 +32,7 @@ def security(
         viewer: Names of those who read.
         driver: Names of those who read and command.
         robot: Names of twins whose robot lives on another machine.
+        twin: Names of twins that meet at a router: then the folder is the router's (docs/scale.md).
         passwords: User and password within TLS, instead of a certificate for each (make).
         days: How long certificates are valid.
     """
@@ -39,7 +41,7 @@ def security(
     from motm_twin.security.folder import Folder, People, SecurityError
 
     console, place = Console(highlight=False, soft_wrap=True), Folder(folder)
-    named = {"viewer": list(viewer), "driver": list(driver), "robot": list(robot)}
+    named = {"viewer": list(viewer), "driver": list(driver), "robot": list(robot), "twin": list(twin)}
     each = [(role, name) for role, names in named.items() for name in names]
     try:
         if action == "make":
@@ -65,7 +67,10 @@ def security(
     except (SecurityError, OSError) as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin security: {error}", markup=False)
         return 2
-    console.print(f"The twin:  motm-twin serve --secure {folder}", markup=False)
+    if place.router.is_file():
+        console.print(f"The router: zenohd --config {place.router}", markup=False)
+    else:
+        console.print(f"The twin:  motm-twin serve --secure {folder}", markup=False)
     for file in made:
         console.print(f"Hand over: {file}  (use: MOTM_ZENOH_CONFIG={file.name} motm-twin watch tick)", markup=False)
     return 0

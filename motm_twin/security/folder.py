@@ -16,7 +16,7 @@ import yaml
 
 from motm_twin.bus.config import SHIPPED
 from motm_twin.security.authority import Authority, Identity
-from motm_twin.security.rights import ROLES, access_control, identity
+from motm_twin.security.rights import ROLES, access_control, identity, router_access_control
 
 PEOPLE_VERSION = "motm.security/1"
 LOCAL_USER = "here"
@@ -65,6 +65,11 @@ class Folder:
     def server(self) -> Path:
         """Zenoh configuration of the twin server."""
         return self.path / "server.json5"
+
+    @property
+    def router(self) -> Path:
+        """Zenoh configuration of a router to which twins connect; it is there when twins are known."""
+        return self.path / "router.json5"
 
     @property
     def here(self) -> Path:
@@ -118,6 +123,8 @@ class Folder:
     def add(self, role: str, name: str, *, days: int = DAYS) -> Path:
         """Let one more connect; the file for it. Takes effect when the server starts again. Raises SecurityError."""
         people = self._known()
+        if role == "twin" and not people.names.get("twin"):
+            raise SecurityError(f"{self.path} is of a twin, not of a router: make a new folder with --twin")
         people.names.setdefault(role, [])
         if name in people.names[role]:
             raise SecurityError(f"{role} {name!r} is known already: remove it first to give it new secrets")
@@ -167,6 +174,9 @@ class Folder:
             password = self._users()[LOCAL_USER]
             settings["usrpwd"] = {"dictionary_file": str((self.path / "users.txt").resolve())}
             here = {"usrpwd": {"user": LOCAL_USER, "password": password}}
+        if people.names.get("twin"):
+            rights = router_access_control(people.names, by=by)
+            self._write("router.json5", _settings(**{**settings, "access_control": rights, "mode": "router"}), _SECRET)
         self._write("server.json5", _settings(**settings), _SECRET)
         self._write("here.json5", _settings(**here), _SECRET)
         self._write("people.json", msgspec.json.format(msgspec.json.encode(people)) + b"\n", _PUBLIC)
@@ -176,7 +186,10 @@ class Folder:
             "root_ca_certificate_base64": _base64((self.path / "ca.crt").read_bytes()),
             "verify_name_on_connect": True,
         }
-        settings: dict[str, Any] = {"connect": {"endpoints": [f"tls/{_address(people.hosts[0])}:{people.port}"]}}
+        # A router does not pass on from peer to peer: those who look are its clients.
+        at_router = bool(people.names.get("twin")) and role != "twin"
+        settings: dict[str, Any] = {"mode": "client"} if at_router else {}
+        settings |= {"connect": {"endpoints": [f"tls/{_address(people.hosts[0])}:{people.port}"]}}
         if people.passwords:
             user = identity(role, name)
             settings["usrpwd"] = {"user": user, "password": self._password(user)}
@@ -217,6 +230,7 @@ class Folder:
 
 def _settings(
     *,
+    mode: str | None = None,
     listen: dict | None = None,
     connect: dict | None = None,
     tls: dict | None = None,
@@ -225,7 +239,9 @@ def _settings(
 ) -> bytes:
     """A whole configuration: the shipped one, and what is asked for on top."""
     config = _shipped()
-    config |= {key: value for key, value in (("listen", listen), ("connect", connect)) if value is not None}
+    config |= {
+        key: value for key, value in (("mode", mode), ("listen", listen), ("connect", connect)) if value is not None
+    }
     if tls is not None:
         config["transport"]["link"]["tls"] = tls
     if usrpwd is not None:

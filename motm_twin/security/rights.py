@@ -28,9 +28,10 @@ ROS2 = ("@/*/@ros2_lv/**", "@ros2_lv/**", "**/@adv/**")
 ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 TOLD = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
 EVERYTHING = [*ASKING, *TOLD]
-ROLES = ("viewer", "driver", "robot")
+ROLES = ("viewer", "driver", "robot", "twin")
 
-Named = dict[str, Sequence[str]]  # names by role; a robot has the name of the twin that it belongs to
+# Names by role; a robot has the name of the twin that it belongs to, a twin at a router its own.
+Named = dict[str, Sequence[str]]
 
 
 def identity(role: str, name: str) -> str:
@@ -46,15 +47,43 @@ def access_control(people: Named, *, by: str, local: str | None = None) -> dict[
     """
     rules = [
         _rule("everything", ["ingress", "egress"], EVERYTHING, ["**", *ROS2]),
-        _rule("ask", ["ingress"], ASKING, READABLE),
-        _rule("be told", ["egress"], TOLD, READABLE),
-        _rule("command", ["ingress"], ["query"], COMMANDS),
+        *_of_people(),
         _rule("forge", ["ingress"], TOLD, (*READABLE, *COMMANDS), permission="deny"),  # only the server says these
-        _rule("be answered", ["egress"], ["reply", "declare_queryable"], COMMANDS),
     ]
     here: dict[str, Any] = {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"]}
     subjects = [here if local is None else {**here, "usernames": [local]}]
     policies = [{"subjects": ["here"], "rules": ["everything", "forge"]}]
+    _grant(people, by, rules, subjects, policies)
+    return _denying(rules, subjects, policies)
+
+
+def router_access_control(people: Named, *, by: str) -> dict[str, Any]:
+    """The same for a router: each twin speaks on its own keys, the others may what they may at a twin itself."""
+    rules = [*_of_people(), _rule("be asked", ["egress"], ASKING, ["motm/**"])]
+    subjects: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    _grant(people, by, rules, subjects, policies)
+    for twin in people.get("twin", ()):
+        known = identity("twin", twin)
+        rules.append(_rule(known, ["ingress", "egress"], EVERYTHING, [f"motm/{twin}/**"]))
+        subjects.append({"id": known, by: [known]})
+        policies.append({"subjects": [known], "rules": [known, "be asked"]})
+    return _denying(rules, subjects, policies)
+
+
+def _of_people() -> list[dict[str, Any]]:
+    return [
+        _rule("ask", ["ingress"], ASKING, READABLE),
+        _rule("be told", ["egress"], TOLD, READABLE),
+        _rule("command", ["ingress"], ["query"], COMMANDS),
+        _rule("be answered", ["egress"], ["reply", "declare_queryable"], COMMANDS),
+    ]
+
+
+def _grant(
+    people: Named, by: str, rules: list[dict[str, Any]], subjects: list[dict[str, Any]], policies: list[dict[str, Any]]
+) -> None:
+    """Add viewers, drivers and robots."""
     for role, granted in (
         ("viewer", ["ask", "be told"]),
         ("driver", ["ask", "be told", "command", "be answered"]),
@@ -67,6 +96,11 @@ def access_control(people: Named, *, by: str, local: str | None = None) -> dict[
         rules.append(_rule(known, ["ingress", "egress"], EVERYTHING, [f"motm/{twin}/plant/**"]))
         subjects.append({"id": known, by: [known]})
         policies.append({"subjects": [known], "rules": [known]})
+
+
+def _denying(
+    rules: list[dict[str, Any]], subjects: list[dict[str, Any]], policies: list[dict[str, Any]]
+) -> dict[str, Any]:
     return {
         "enabled": True,
         "default_permission": "deny",
