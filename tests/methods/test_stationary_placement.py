@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motm_twin.methods.method import PlannerParts
-from motm_twin.methods.stationary.controller import PARKED, STOPPING, ParkingController
+from motm_twin.methods.stationary.controller import DRIVING, PARKED, STOPPING, ParkingController
 from motm_twin.methods.stationary.fixed_set import FixedSetPlacement
 from motm_twin.methods.stationary.methods import ALL_TERMS, GREEDY_TERMS, IRM, MANIPULABILITY
 from motm_twin.methods.stationary.placement import StationaryPlacement, Terms
@@ -218,3 +218,17 @@ def test_a_base_that_stands_on_the_way_for_long_is_sent_elsewhere(room: Room) ->
     there = msgspec.structs.replace(problem, pose=other.goal, time=4.1)
     assert strategy.place(there) is other
     assert strategy.place(msgspec.structs.replace(there, time=20.0)) is other
+
+
+def test_a_stop_that_would_end_with_a_corner_at_the_furniture_is_none(room: Room) -> None:
+    """At the chosen heading there is room beside the desk; the base came with another, and touched it by 1 cm."""
+    controller = ParkingController(room.parts, room.graphs, overlap=False)
+    problem = room.problem(room.bin(1))
+    placement = room.placement(ALL_TERMS).place(problem)
+    placement = msgspec.structs.replace(placement, goal=np.array([0.71, 2.86, -1.88]))
+    for end, phase in (((0.70, 2.89, -2.25), DRIVING), ((0.71, 2.86, -1.88), STOPPING)):
+        x, y, heading = end
+        before = np.array([x - 0.25 * math.cos(heading), y - 0.25 * math.sin(heading), heading])
+        arriving = msgspec.structs.replace(problem, pose=before, twist=np.array([0.5, 0.0]))
+        controller.plan(arriving, placement, SearchBudget())
+        assert controller.snapshot().phase == phase

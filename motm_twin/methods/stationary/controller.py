@@ -131,7 +131,8 @@ class ParkingController(StaaController, Stateful[ParkingState]):
         return np.array(rows)
 
     def _stop_is_free(self, problem: BaseProblem) -> bool:
-        wanted = self._p.margin_floor
+        """With the margin of the search: it ends with another heading than the chosen one, which has room enough."""
+        wanted = self._p.margin_floor if self._slow(problem.twist) else self._p.margin
         most, (x, y, heading), (v, w) = self._most(), problem.pose, problem.twist
         free = stopping_clearance(
             float(x), float(y), float(heading), float(v), float(w), float(most[0]), float(most[1]), wanted,
