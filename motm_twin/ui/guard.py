@@ -20,6 +20,7 @@ from websockets.http11 import Request, Response
 
 from motm_twin.bus.session import LOOPBACK, require_free_port
 from motm_twin.ui.page_keys import with_keys
+from motm_twin.ui.threads import write_through_the_loop
 
 COOKIE = "motm_token"
 HEALTH_PATH = "/healthz"
@@ -76,6 +77,7 @@ def open_page(host: str, port: int, token: str | None = None) -> viser.ViserServ
     """A Viser server behind the guard, on exactly this port (0: any free one). Raises PortTaken, ValueError."""
     check_token(host, token)
     require_free_port(host, port, "choose another one with --port (0 takes any free one)")
+    write_through_the_loop()
     guard, original = Guard(token), websockets.asyncio.server.serve
     wrapped: list[int] = []
 
