@@ -7,6 +7,7 @@ is run alone, and only one that dies alone is given up. Calls must give the same
 
 import signal
 import threading
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -101,7 +102,12 @@ def _round(
         options: dict[str, Any] = {"batch_size": 1, "pre_dispatch": min(processes, len(chosen)), "max_nbytes": None}
         parallel = joblib.Parallel(return_as="generator_unordered", **options)
         results: Any = parallel(calls())
-    yield from results
+    with warnings.catch_warnings():  # that calls are given up after Ctrl-C or a crash is what is wanted
+        warnings.filterwarnings("ignore", message=".*tasks which were still being processed")
+        try:
+            yield from results
+        finally:
+            results.close()
 
 
 def _one(call: Callable[..., Any], index: int, item: Any) -> tuple[int, Any]:

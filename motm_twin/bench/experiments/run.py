@@ -11,7 +11,7 @@ from rich.console import Console
 
 from motm_twin.bench.experiments.pool import Lost, make_pool, outcomes
 from motm_twin.bench.experiments.progress import Bar
-from motm_twin.bench.experiments.spec import Experiment, Job, job_of
+from motm_twin.bench.experiments.spec import Experiment, Job, jobs_of
 from motm_twin.bench.experiments.store import Record, Store
 from motm_twin.bench.experiments.trial import Outcome, given_up, run_job
 from motm_twin.record.made_with import SOURCE, made_with
@@ -64,7 +64,7 @@ def run(
     Raises ValueError for a spec that cannot be run, before any trial begins.
     """
     chosen = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    jobs = {experiment.name: [job_of(spec) for spec in experiment.specs] for experiment in chosen}
+    jobs = {experiment.name: jobs_of(experiment.specs) for experiment in chosen}
     if len(jobs) < len(chosen):
         raise ValueError("two experiments have the same name: results are kept by name")
     source = made_with()[SOURCE]

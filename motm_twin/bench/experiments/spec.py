@@ -1,6 +1,7 @@
 """A trial: a scene, a seed, a method, and what is changed in either. An experiment: a list of them."""
 
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -57,11 +58,26 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
 
 def job_of(spec: TrialSpec) -> Job:
     """The checked job of a spec. Raises ValueError (SceneError, MethodError) that names what is wrong."""
+    return jobs_of([spec])[0]
+
+
+def jobs_of(specs: Iterable[TrialSpec]) -> list[Job]:
+    """The same for many specs, each scene read once."""
+    scenes: dict[tuple[str, str | None, int | None], Scene] = {}
+    jobs = []
+    for spec in specs:
+        which = (spec.scene, spec.variant, spec.seed)
+        if which not in scenes:
+            scenes[which] = load_scene(*which)
+        jobs.append(_job(spec, scenes[which]))
+    return jobs
+
+
+def _job(spec: TrialSpec, scene: Scene) -> Job:
     find_method(spec.method)
     parameters = {name: check(name, value) for name, value in spec.parameters.items()}
-    scene = changed(load_scene(spec.scene, spec.variant, spec.seed), spec.changes)
     spec = msgspec.structs.replace(spec, parameters=parameters)
-    return Job(spec=spec, scene=scene, method_text=_text_of(spec.method))
+    return Job(spec=spec, scene=changed(scene, spec.changes), method_text=_text_of(spec.method))
 
 
 def method_of(job: Job) -> Method:

@@ -1,0 +1,204 @@
+"""Measures of made-up runs, of which everything is known, and of a real one."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motm_twin.model.scene_file import load_scene
+from motm_twin.trial import run_scene
+
+from .made_ticks import RADIUS, gripper_at, measured
+
+HALF_LENGTH = 0.35  # [m] of the base
+TIME = 0.06  # [s] by which a boundary between two motions may be counted on the other side
+
+
+def stands(t):
+    return (0.0, 0.0, 0.0)
+
+
+def straight(speed):
+    return lambda t: (speed * t, 0.0, 0.0)
+
+
+def pieces(*parts):
+    """A pose over time from (seconds, v, w) one after another: v along the heading, turns on the spot only."""
+
+    def pose(t):
+        x = y = heading = 0.0
+        for seconds, v, w in parts:
+            spent = min(max(t, 0.0), seconds)
+            x, y = x + v * spent * math.cos(heading), y + v * spent * math.sin(heading)
+            heading += w * spent
+            t -= seconds
+        return (x, y, heading)
+
+    return pose
+
+
+def test_both_splits_put_every_second_where_it_belongs():
+    motion = pieces(
+        (2.0, 0.5, 0.0), (1.0, 0.3, 0.0), (0.5, 0.0, 1.0), (1.0, -0.2, 0.0), (1.5, 0.0, 0.0), (1.0, 0.0, 0.0)
+    )
+    found = measured(
+        7.0,
+        motion,
+        phase=lambda t: "closing" if 0.4 <= t < 1.2 else "final" if 4.5 <= t < 6.0 else "stow",
+        task=lambda t: int(t >= 3.0),
+    )
+    assert found["phases_s"] == pytest.approx(
+        {"driving": 3.7, "closing": 0.8, "waiting_for_arm": 1.5, "stationary": 1.0}, abs=TIME
+    )
+    assert found["parts_s"] == pytest.approx(
+        {
+            "at_limit": 2.0, "below_limit": 1.0, "turning": 0.5, "reversing": 1.0, "waiting_for_arm": 1.5,
+            "standing": 1.0, "evading": 0.0,
+        },
+        abs=TIME,
+    )  # fmt: skip
+    assert sum(found["phases_s"].values()) == pytest.approx(7.0, abs=1e-6)
+    assert sum(found["parts_s"].values()) == pytest.approx(7.0, abs=1e-6)
+    assert [leg["time_s"] for leg in found["legs"]] == pytest.approx([3.0, 4.0], abs=TIME)
+    assert [leg["path_m"] for leg in found["legs"]] == pytest.approx([1.3, 0.2], abs=0.03)
+    assert found["closing_base_speed_mps"] == {"mean": 0.5, "min": 0.5, "max": 0.5}
+    assert found["moving_share"] == pytest.approx(4.5 / 7.0, abs=0.01)
+    assert found["retries"] == 2
+
+
+def test_a_base_that_stands_with_the_target_in_reach_waits_for_the_arm_also_before_it_leaves():
+    found = measured(1.0, stands, in_reach=lambda t: t >= 0.5)
+    assert found["phases_s"]["waiting_for_arm"] == pytest.approx(0.5, abs=TIME)
+    assert found["phases_s"]["stationary"] == pytest.approx(0.5, abs=TIME)
+    assert found["closing_base_speed_mps"] is None
+
+
+def crossing(ahead, speed=0.5):
+    """The base drives along y across the way of an agent on the x axis, ``ahead`` [m] of free way in front of it."""
+    x = ahead + RADIUS + 0.25  # half of the base's width
+    return lambda t: (x + 0.4 * 3.0, -1.5 + speed * t, math.pi / 2)
+
+
+def temi(t):
+    """Along x at 0.4 m/s; it has gone 1.2 m when the base of `crossing` is in front of it."""
+    return (0.4 * t, 0.0)
+
+
+@pytest.mark.parametrize(("ahead", "count"), [(0.45, 1), (1.3, 0)])
+def test_crossing_close_in_front_of_a_moving_agent_is_a_cut_in(ahead, count):
+    found = measured(4.0, crossing(ahead), agents={"temi": temi})
+    assert len(found["cut_ins"]) == count
+    for cut in found["cut_ins"]:
+        assert cut["agent"] == "temi"
+        assert cut["gap_m"] <= 0.6
+        assert cut["gap_s"] == pytest.approx(cut["gap_m"] / 0.4, abs=0.01)
+
+
+def test_an_agent_that_drives_up_to_a_base_that_stands_or_drives_ahead_is_not_cut_in_on():
+    ahead = RADIUS + HALF_LENGTH + 1.0
+    agents = {"temi": temi}
+    assert measured(2.0, lambda t: (ahead, 0.0, 0.0), agents=agents)["cut_ins"] == []
+    assert measured(2.0, lambda t: (ahead + 0.2 * t, 0.0, 0.0), agents=agents)["cut_ins"] == []
+
+
+def test_crossing_in_front_of_an_agent_that_stands_is_no_cut_in():
+    assert measured(4.0, crossing(0.45), agents={"temi": lambda t: (1.2, 0.0)})["cut_ins"] == []
+
+
+def test_a_near_miss_is_a_small_gap_to_a_base_that_moves():
+    beside = {"temi": lambda t: (1.0, 0.25 + RADIUS + 0.06)}
+    found = measured(4.0, straight(0.5), agents=beside)["near_misses"]
+    assert len(found) == 1
+    assert found[0]["gap_m"] == pytest.approx(0.06, abs=1e-3)
+    corner = 1.0 - math.sqrt((RADIUS + 0.10) ** 2 - (RADIUS + 0.06) ** 2)  # where the front left one is 0.10 m away
+    assert found[0]["time"] == pytest.approx((corner - HALF_LENGTH) / 0.5, abs=0.06)
+    assert measured(4.0, lambda t: (1.0, 0.0, 0.0), agents=beside)["near_misses"] == []
+
+
+def test_braking_for_an_agent_is_an_evasive_manoeuvre_until_it_has_gone():
+    def brakes(t):
+        return (0.5 * min(t, 1.5) + 0.5 * max(0.0, t - 5.0), 0.0, 0.0)
+
+    def passes(t):
+        return (2.0, -1.5 + 0.5 * t)  # through the way of the base
+
+    found = measured(8.0, brakes, agents={"temi": passes})
+    assert [each["agent"] for each in found["evasive_manoeuvres"]] == ["temi"]
+    manoeuvre = found["evasive_manoeuvres"][0]
+    assert manoeuvre["time"] == pytest.approx(1.5, abs=0.1)
+    assert 1.0 < manoeuvre["duration_s"] < 4.5
+    assert found["parts_s"]["evading"] == pytest.approx(manoeuvre["duration_s"], abs=0.1)
+    assert found["parts_s"]["standing"] < 2.5
+
+
+def test_driving_on_past_an_agent_that_is_no_danger_is_no_manoeuvre():
+    found = measured(4.0, straight(0.5), agents={"temi": lambda t: (1.0 - 0.4 * t, 2.0)})
+    assert found["evasive_manoeuvres"] == []
+    assert found["parts_s"]["evading"] == 0.0
+
+
+def test_who_came_nearer_is_the_cause_of_a_stretch_below_d_s():
+    x, y = gripper_at((0.0, 0.0, 0.0))
+    start = 0.8  # [m] from the gripper to the agent's edge
+    agent = {"temi": lambda t: (x + RADIUS + start - 0.4 * min(t, 1.5), y)}
+    found = measured(3.0, stands, agents=agent)
+    (stretch,) = found["below_d_s"]
+    assert stretch["cause"] == stretch["other"] == "temi"
+    assert stretch["min_m"] == pytest.approx(0.2, abs=1e-3)
+    assert stretch["time"] == pytest.approx((start - 0.25) / 0.4, abs=0.06)
+    assert not stretch["static"]
+    assert found["min_gripper_obstacle_m"] == pytest.approx(0.2, abs=1e-3)
+
+    def goes_first_then_stands(t):
+        return (x + RADIUS + start + 0.3 - 0.3 * min(t, 1.0), y)
+
+    found = measured(3.0, lambda t: (0.3 * min(t, 2.0), 0.0, 0.0), agents={"temi": goes_first_then_stands})
+    assert [stretch["cause"] for stretch in found["below_d_s"]] == ["gripper"]
+
+
+def test_the_excess_is_the_grippers_own_speed_over_the_damper_line():
+    x, y = gripper_at((0.0, 0.0, 0.0))
+
+    def agent(t):
+        return (x + RADIUS + 0.95 - 0.4 * min(t, 1.0), y)  # moved lately, then stands 0.55 m away
+
+    def approach(t):
+        return (0.5 * max(0.0, t - 1.0), 0.0, 0.0)
+
+    found = measured(1.5, approach, agents={"temi": agent})
+    least = 0.55 - 0.5 * 0.5  # [m] at the end; the last mean distance is half a period before
+    line = 0.6 * (least + 0.5 * 0.5 * 0.05 - 0.25) / (0.6 - 0.25)
+    assert found["approach_excess_mps"] == pytest.approx(0.5 - line, abs=2e-3)
+    assert found["advance_excess_mps"] == found["approach_excess_mps"]
+    away = measured(1.5, lambda t: (-approach(t)[0], 0.0, 0.0), agents={"temi": agent})
+    assert away["approach_excess_mps"] < 0.0
+
+
+def test_what_the_arm_feels_is_the_acceleration_of_its_foot():
+    found = measured(1.0, lambda t: (0.25 * t * t, 0.0, 0.0))
+    assert found["arm_base_acceleration_mps2"] == pytest.approx({"max": 0.5, "p99": 0.5}, abs=1e-3)
+    w, v = 1.0, 0.4
+    circle = measured(2.0, lambda t: (v / w * math.sin(w * t), v / w * (1 - math.cos(w * t)), w * t))
+    felt = w * math.hypot(v, 0.15 * w)  # centripetal, of a point 0.15 m ahead of the axle
+    assert circle["arm_base_acceleration_mps2"]["max"] == pytest.approx(felt, rel=0.01)
+
+
+def test_zigzag_is_counted_per_metre_and_a_curve_is_none():
+    def zigzag(t):
+        return (0.5 * t, 0.0, 0.1 * math.sin(math.pi * t))
+
+    found = measured(4.0, zigzag)
+    assert found["yaw_sign_changes"] == 4
+    assert found["yaw_sign_changes_per_m"] == pytest.approx(2.0, abs=0.1)
+    assert measured(2.0, lambda t: (np.sin(t), 1 - np.cos(t), t))["yaw_sign_changes"] == 0
+
+
+def test_a_real_trial_has_measures_that_add_up():
+    scene = load_scene(str(Path(__file__).parent / "half_a_metre.yaml"))
+    result = run_scene(scene)
+    found = result["measures"]
+    for split in (found["phases_s"], found["parts_s"], {leg["task"]: leg["time_s"] for leg in found["legs"]}):
+        assert sum(split.values()) == pytest.approx(result["time_s"], abs=1e-6)
+    assert sum(leg["path_m"] for leg in found["legs"]) == pytest.approx(result["path_length_m"], abs=0.03)
+    assert found["min_gripper_obstacle_m"] is None
