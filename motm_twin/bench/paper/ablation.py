@@ -7,7 +7,7 @@ from motm_twin.bench.experiments.statistics import Estimate
 from motm_twin.bench.paper import data
 from motm_twin.bench.paper.data import Result, Store
 from motm_twin.bench.paper.part import Drawn, Missing, Part
-from motm_twin.bench.paper.plan import BESIDES
+from motm_twin.bench.paper.plan import LITERAL
 from motm_twin.bench.paper.style import BLACK, BLUE, ONE_COLUMN, figure, styled
 from motm_twin.methods.registry import METHODS
 
@@ -24,7 +24,7 @@ def draw(store: Store) -> Part:
     for method in [name for name in store.methods("ablations") if name != OURS]:
         results = store.of("ablations", method=method)
         found.append((method, results, statistics.paired_difference(data.times(results), ours)))
-    for method in (name for name in BESIDES[:1] if store.of("exp1", method=name)):
+    for method in [LITERAL] if store.of("exp1", method=LITERAL) else []:
         results = store.of("exp1", method=method)
         found.append((method, results, statistics.paired_difference(data.times(results), ours)))
     if not found or not ours:

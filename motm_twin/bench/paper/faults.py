@@ -9,9 +9,24 @@ from motm_twin.bench.experiments.statistics import Estimate
 from motm_twin.bench.paper import data
 from motm_twin.bench.paper.data import Result, Store
 from motm_twin.bench.paper.part import Drawn, Missing, Part
-from motm_twin.bench.paper.style import BLACK, TWO_COLUMNS, figure, look, styled
+from motm_twin.bench.paper.style import BLACK, RED, TWO_COLUMNS, figure, look, styled
+from motm_twin.bench.published import FAILURE_RECOVERY, RECOVERY_PLANNED
+from motm_twin.bench.robustness import DELAY
 
 COLUMNS = 3  # panels beside each other
+LABELS = {  # field of the scene: what it is, and what its number is multiplied with
+    "noise.localisation_position_sd": ("localisation error, sd [cm]", 100.0),
+    "noise.localisation_heading_sd": ("localisation error, sd [deg]", 180.0 / math.pi),
+    "noise.slot_error_until_seen": ("error of the object's place, sd [cm]", 100.0),
+    "noise.camera_position_sd_at_1m": ("camera error at 1 m, sd [cm]", 100.0),
+    "noise.base_speed_scale_sd": ("error of base speed, sd [%]", 100.0),
+    "noise.arm_rate_sd": ("error of joint rates, sd [mrad/s]", 1000.0),
+    "faults.cube_moved_by": ("cube moved on approach [cm]", 100.0),
+    "faults.grasp_delay": ("delay of the grasp [s]", 1.0),
+    "faults.grasp_misses": ("grasps that close on nothing", 1.0),
+    "faults.grasp_slips": ("grasps that slip", 1.0),
+}
+RIVALS = (("D", RED, "published: Failure Recovery"), ("s", BLACK, "published: its reactive rival"))
 
 
 def varied(result: Result) -> dict[str, float]:
@@ -79,7 +94,9 @@ def draw_grasp_delay(store: Store) -> Part:
         "grasp_delay",
         "Task time when every grasp takes longer",
         "task time [s]",
-        "Mean task time of the completed trials with Student's 95 % interval.",
+        "Mean task time of the completed trials with Student's 95 % interval; open where not all were completed, "
+        f"nothing where none was. Points alone: published, read off a chart, for another robot and layout; "
+        f"{RECOVERY_PLANNED}.",
         success=False,
     )
 
@@ -95,10 +112,16 @@ def _draw(results: list[Result], name: str, title: str, label: str, caption: str
     with styled():
         fig = figure(TWO_COLUMNS, 18.0 + 46.0 * lines)
         axes = fig.subplots(lines, min(COLUMNS, len(sweeps)), squeeze=False)
+        for panel in axes[:, 0]:
+            panel.set_ylabel(label)
         for panel, sweep in zip(axes.flat, sweeps, strict=False):
-            _panel(panel, [row for row in rows if row["sweep"] == sweep], label)
-            panel.set_title(sweep.partition(": ")[0])
-            panel.set_xlabel(sweep.partition(": ")[2])
+            _panel(panel, [row for row in rows if row["sweep"] == sweep], success=success)
+            scene, _, error = sweep.partition(": ")
+            if not success:
+                panel.set_title(scene.replace("_", " "))
+            panel.set_xlabel(LABELS.get(error, (error, 1.0))[0])
+            if error == DELAY and not success:
+                _published(panel, scene)
             if success:
                 panel.set_ylim(-0.05, 1.05)
         for unused in list(axes.flat)[len(sweeps) :]:
@@ -116,16 +139,28 @@ def _draw(results: list[Result], name: str, title: str, label: str, caption: str
     )
 
 
-def _panel(axes, rows: list[dict], label: str) -> None:
-    for method in dict.fromkeys(row["method"] for row in rows):
+def _published(axes, scene: str) -> None:
+    """Times of the article on failure recovery, of another robot and another layout: as points, not as a line."""
+    for delay, times in FAILURE_RECOVERY.get(scene, {}).items():
+        for (marker, colour, label), seconds in zip(RIVALS, times, strict=True):
+            axes.plot(delay, seconds, marker, mfc="white", mec=colour, mew=1.2, ms=5, ls="", label=label)
+
+
+def _panel(axes, rows: list[dict], *, success: bool) -> None:
+    scale = LABELS.get(rows[0]["sweep"].partition(": ")[2], ("", 1.0))[1]
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    span = max(row["value"] for row in rows) * scale
+    for number, method in enumerate(methods):
         style = look(method)
+        aside = 0.012 * span * (number - 0.5 * (len(methods) - 1))  # so that equal points are seen beside each other
         these = [row for row in rows if row["method"] == method]
-        x, y = [row["value"] for row in these], [row["estimate"] for row in these]
-        for row in these:
+        x, y = [scale * row["value"] + aside for row in these], [row["estimate"] for row in these]
+        for at, row in zip(x, these, strict=True):
             if math.isfinite(row["low"]):
-                axes.plot([row["value"]] * 2, [row["low"], row["high"]], "-", color=style.colour, lw=0.8)
-        axes.plot(
-            x, y, style.line, marker=style.marker, color=style.colour, mec=BLACK, mew=0.4, label=data.title(method)
-        )
-    axes.set_ylabel(label)
+                axes.plot([at, at], [row["low"], row["high"]], "-", color=style.colour, lw=0.8)
+        name = data.title(method)
+        axes.plot(x, y, style.line, marker=style.marker, color=style.colour, mec=BLACK, mew=0.4, label=name)
+        part = [(at, row) for at, row in zip(x, these, strict=True) if row["completed"] < row["trials"]]
+        for at, row in [] if success else part:
+            axes.plot(at, row["estimate"], style.marker, mfc="white", mec=style.colour, mew=1.0)
     axes.grid(axis="y")

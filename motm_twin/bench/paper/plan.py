@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from motm_twin.bench import robustness
 from motm_twin.bench.experiments.catalogue import NAMES_OF_ABLATIONS
 from motm_twin.bench.experiments.spec import Experiment, TrialSpec
 from motm_twin.methods.registry import METHODS
@@ -10,19 +11,19 @@ from motm_twin.model.edits import ParameterValue
 
 COMPARED = ("motm", "staa", "motm2022", "holistic", "fixed_set", "irm", "greedy", "sequential")
 STATIONARY = ("fixed_set", "irm", "greedy", "sequential", "sequential_overlap")
-BESIDES = ("paper_literal", "sequential_overlap")  # run beside the modifications, on Experiment 1
+LITERAL, OVERLAP = "paper_literal", "sequential_overlap"  # besides, on Experiment 1; the second only in full
 ABLATIONS = NAMES_OF_ABLATIONS
 TEN = tuple(f"trial{k}" for k in range(1, 11))  # the published arrangements
 SWEEPS: Mapping[str, tuple[str, tuple[float, ...]]] = {  # experiment: parameter, values besides the shipped one
-    "sweep_next_weight": ("next_weight", (0.0, 0.5, 2.0, 3.0)),
-    "sweep_bezier_offset": ("bezier_offset", (0.1, 0.4, 0.5)),
-    "sweep_radius_min": ("radius_min", (0.45, 0.5, 0.7)),
+    "sweep_next_weight": ("next_weight", (0.0, 0.5, 2.0)),
+    "sweep_bezier_offset": ("bezier_offset", (0.1, 0.5)),
+    "sweep_radius_min": ("radius_min", (0.5, 0.7)),
     "sweep_radius_max": ("radius_max", (0.7, 0.95)),
 }
-CPU_S = {"exp1": 20.0, "exp1a": 24.0, "exp2": 32.0}  # [s] of processor per trial of a method that does not stop
+CPU_S = {"exp1": 19.0, "exp1a": 22.0, "exp2": 26.0}  # [s] of processor per trial of a method that does not stop
+SHORT_S = 3.0  # [s] of one pick, as in the scenes of robustness and grasp delay
 STOPS = 1.8  # a method that stops takes longer, and so does its simulation
 Trial = tuple[str, str, int | None]  # scene, variant, seed
-SHARED = 1.15  # [s/s] processes on one machine slow each other
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,33 +43,31 @@ class Plan:
     def hours(self, workers: int) -> float:
         """What they are expected to take [h]."""
         seconds = sum(cpu_seconds(spec) for experiment in self.experiments for spec in experiment.specs)
-        return seconds * (SHARED if workers > 1 else 1.0) / workers / 3600.0
+        return seconds / workers / 3600.0
 
 
 def cpu_seconds(spec: TrialSpec) -> float:
     """Expected processor time [s] of a trial."""
-    base = CPU_S.get(spec.scene, 20.0)
+    base = CPU_S.get(spec.scene, SHORT_S)
     return base * (STOPS if spec.method in STATIONARY or spec.method == "no_pass_through" else 1.0)
 
 
 def default() -> Plan:
-    """Eight methods on ten trials of 1 and 1a and five of 2, every modification on ten, and small sweeps."""
+    """Eight methods on ten trials of 1 and 1a and five of 2, every modification on ten, and a little of the errors."""
     compared, besides, ablations, absent = _there()
     exp1 = (
         *_trials("exp1", compared, TEN),
-        *_trials("exp1", besides, TEN),
+        *_trials("exp1", [name for name in besides if name == LITERAL], TEN),
         *_seeds("exp1", ("motm",), "random", range(5)),  # what Experiment 2 is compared with
-        *_seeds("exp1", ("motm",), TEN[0], range(1, 3)),  # and with one Temi
     )
-    exp2 = (*_seeds("exp2", compared, "random", range(5)), *_one_temi(range(3)))
     return Plan(
         name="default",
         experiments=(
             Experiment("exp1", "Experiment 1", exp1),
             Experiment("exp1a", "Experiment 1a: two boxes that the map does not know", _trials("exp1a", compared, TEN)),
-            Experiment("exp2", "Experiment 2: Temis", exp2),
+            Experiment("exp2", "Experiment 2: Temis", _seeds("exp2", compared, "random", range(5))),
             Experiment("ablations", "Each modification switched off alone", _trials("exp1", ablations, TEN)),
-            *sweeps(TEN[:3]),
+            *errors((robustness.REACTIVE, robustness.PLANNED), seeds=2, delays=(robustness.DELAY,)),
         ),
         absent=absent,
     )
@@ -97,6 +96,7 @@ def full() -> Plan:
                 (*_trials("exp1", ablations, TEN), *_seeds("exp1", ablations, "random", seeds)),
             ),
             *sweeps(TEN, seeds),
+            *errors(robustness.METHODS, seeds=50, delays=tuple(robustness.GRASP_FAULTS)),
         ),
         absent=absent,
     )
@@ -122,6 +122,17 @@ def quick() -> Plan:
 
 
 PLANS = {"default": default, "full": full, "quick": quick}
+
+
+def errors(methods: Sequence[str], *, seeds: int, delays: Sequence[str]) -> tuple[Experiment, ...]:
+    """Robustness for these methods, and grasp delay for all of its own with these faults."""
+    there = [name for name in methods if name in METHODS]
+    late = [name for name in robustness.METHODS if name in METHODS]
+    grasps = robustness.grasp_delay_specs(late, max(1, seeds // 2))
+    return (
+        Experiment("robustness", "One error at a time", tuple(robustness.robustness_specs(there, seeds))),
+        Experiment("grasp_delay", "Late grasps", tuple(each for each in grasps if set(each.changes) <= set(delays))),
+    )
 
 
 def sweeps(variants: Iterable[str], seeds: Iterable[int] = ()) -> tuple[Experiment, ...]:
@@ -157,7 +168,7 @@ def _one_temi(seeds: Iterable[int]) -> tuple[TrialSpec, ...]:
 
 def _there() -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """Compared methods, those besides, and modifications that are there; and what is not."""
-    groups = (COMPARED, BESIDES, ABLATIONS)
+    groups = (COMPARED, (LITERAL, OVERLAP), ABLATIONS)
     absent = tuple(name for group in groups for name in group if name not in METHODS)
     compared, besides, ablations = (tuple(name for name in group if name in METHODS) for group in groups)
     return compared, besides, ablations, absent

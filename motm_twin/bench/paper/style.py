@@ -75,7 +75,7 @@ LOOKS: dict[str, Look] = {
     "greedy": Look(PALE, "<", "-.", "++"),
     "sequential": Look(RED, "X", "-", "////"),
     "sequential_overlap": Look("#F2B48A", "h", "--", "\\\\\\\\"),
-    "open_loop": Look(RED, "X", "--", "////"),
+    "open_loop": Look(ORANGE, "^", "--", "////"),
 }
 OTHER = Look("#BBBBBB", "p", "-.", "oo")
 

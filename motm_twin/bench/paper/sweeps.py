@@ -36,7 +36,12 @@ def draw(store: Store) -> Part:
     """One panel per parameter; the shipped value and the paper's are marked."""
     found = {name: rows for name in SWEEPS if (rows := [row for row in points(store, name) if row["pairs"]])}
     if not found:
-        return Missing(name=NAME, title=TITLE, reason="no sweep was run, or not motm itself", command=COMMAND)
+        return Missing(
+            name=NAME,
+            title=TITLE,
+            reason="no sweep was run (--full has them all)",
+            command="motm-twin bench sweep_next_weight",
+        )
     with styled():
         fig = figure(TWO_COLUMNS, 30.0 + 30.0 * ((len(found) + 3) // 4))
         axes = fig.subplots(1, len(found), squeeze=False, sharey=True)[0]
