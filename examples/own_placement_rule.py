@@ -3,6 +3,9 @@
 The paper finds the time to every candidate base pose, and from it to the next target, along paths round obstacles. Are
 the paths worth it? This rule takes the same candidates and the time of a straight drive with its turns.
 
+On the open floor of exp1 they hardly are: straight lines took 0.4 s longer, 95 % interval [-1.4, 2.1], four random
+arrangements. Among the boxes of exp1a it was 5.1 s [-8.2, 18.3] in three: too few to tell.
+
 motm-twin run exp1 --method examples/own_placement_rule.py:STRAIGHT
 motm-twin bench exp1a --methods motm examples/own_placement_rule.py:STRAIGHT
 """
