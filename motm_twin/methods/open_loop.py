@@ -33,6 +33,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBud
 
 K_X, K_Y, K_H = 1.0, 4.0, 2.0  # [1/s], [1/m^2], [1/s]: critically damped at 0.5 m/s
 K_Q = 5.0  # [1/s] of the joints to their planned positions
+DOCKED = 0.04  # [m] from the end of a plan that is over
 SHOWN, STRIDE = 60, 3  # periods of the plan ahead that a Tick shows, every so many
 _OVER = "the rehearsed plan is over"
 
@@ -102,9 +103,12 @@ class TrackingController(Stateful[ScriptState]):
         """The acceleration that brings the base to the tracking law's twist by the end of the period."""
         state, plan = self._state, self.script.plan(self._state)
         n, over = min(state.at, plan.periods - 1), state.at >= plan.periods
-        planned = np.zeros(2) if over else plan.twists[n]
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
-        wanted = tracking_twist(problem.pose, plan.poses[n], planned)
+        wanted = (
+            docking_twist(problem.pose, plan.poses[n])
+            if over
+            else tracking_twist(problem.pose, plan.poses[n], plan.twists[n])
+        )
         ahead = slice(n, n + SHOWN, STRIDE)
         nodes = np.hstack([plan.poses[ahead], plan.twists[ahead]])
         idle = over or bool(plan.blocked[n])
@@ -219,6 +223,16 @@ def tracking_twist(pose: Array, planned_pose: Array, planned_twist: Array) -> Ar
     return np.array(
         [v_r * math.cos(e_h) + K_X * e_x, w_r + K_Y * v_r * float(np.sinc(e_h / math.pi)) * e_y + K_H * e_h]
     )
+
+
+def docking_twist(pose: Array, end: Array) -> Array:
+    """Twist (v, w) to the end of a plan (3,) that is over: straight for it, forwards or back, then turn on the spot."""
+    e_x, e_y = to_frame(pose, end[:2])
+    distance = math.hypot(e_x, e_y)
+    if distance < DOCKED:
+        return np.array([0.0, K_H * wrap_angle(float(end[2] - pose[2]))])
+    off = math.atan2(e_y, e_x) if e_x >= 0.0 else wrap_angle(math.atan2(e_y, e_x) + math.pi)
+    return np.array([math.copysign(K_X * distance * math.cos(off), e_x), K_H * off])
 
 
 def _over(plan: Rehearsed) -> str:

@@ -6,7 +6,7 @@ import pytest
 
 from motm_twin.methods.error import MethodError
 from motm_twin.methods.method import ArmParts, PlannerParts
-from motm_twin.methods.open_loop import OPEN_LOOP, tracking_twist
+from motm_twin.methods.open_loop import OPEN_LOOP, docking_twist, tracking_twist
 from motm_twin.model.edits import InsertTask
 from motm_twin.model.geometry import drive
 from motm_twin.model.known import known_world
@@ -40,6 +40,16 @@ def test_the_tracking_law_brings_the_base_back_to_a_moving_plan(start):
         v, w = tracking_twist(base, plan, twist)
         base, plan = drive(base, v, w, 0.05), drive(plan, *twist, 0.05)
     np.testing.assert_allclose(base, plan, atol=2e-3)
+
+
+@pytest.mark.parametrize("start", [(-0.5, 0.1, 0.2), (0.5, -0.1, -0.2), (0.1, 0.4, 0.0)])
+def test_a_base_that_is_late_goes_on_to_the_end_of_the_plan(start):
+    base, end = np.array(start), np.zeros(3)
+    for _ in range(400):
+        v, w = docking_twist(base, end)
+        base = drive(base, v, w, 0.05)
+    assert np.hypot(*base[:2]) < 0.05
+    assert abs(base[2]) < 0.01
 
 
 def test_it_needs_somebody_to_rehearse_with():
