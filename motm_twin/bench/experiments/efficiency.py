@@ -4,11 +4,10 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from motm_twin.bench.experiments.pool import Lost, local_pool, outcomes
+from motm_twin.bench.experiments.pool import Lost, Pool, local_pool, outcomes
 from motm_twin.bench.experiments.spec import Job, TrialSpec, job_of
 from motm_twin.bench.experiments.trial import run_job
 from motm_twin.bench.report import Limit, Report, conclude
@@ -56,14 +55,14 @@ def trials_per_hour(specs: Sequence[TrialSpec], processes: int) -> float:
     Every process runs the same trials as often, so that the work per process is the same for any number of them.
     """
     jobs = [job_of(spec) for spec in specs]
-    pool = local_pool(processes)
-    _all(jobs[:1] * processes, pool)  # imports, and kernels from the cache
+    pool, there = local_pool(processes), max(2, processes)  # a pool has at least two processes; one may wait
+    _all(jobs[:1] * there, local_pool(there))  # imports, and kernels from the cache
     began = time.perf_counter()
     done = _all([job for job in jobs for _ in range(processes)], pool)
     return done * HOUR / (time.perf_counter() - began)
 
 
-def _all(jobs: list[Job], pool: Any) -> int:
+def _all(jobs: list[Job], pool: Pool) -> int:
     """Run them; how many there were. Raises RuntimeError for one that broke: its time would mean nothing."""
     for index, outcome in outcomes(run_job, jobs, pool):
         if isinstance(outcome, Lost) or not outcome.result["success"]:
