@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from motm_twin.methods.error import MethodError
+from motm_twin.methods.fast import FAST
 from motm_twin.methods.holistic import HOLISTIC
 from motm_twin.methods.method import Method
 from motm_twin.methods.modifications import ABLATIONS, MOTM, PAPER_LITERAL, STAA
@@ -24,6 +25,7 @@ METHODS: dict[str, Method] = {
         HOLISTIC,
         *STATIONARY,
         OPEN_LOOP,
+        FAST,
     )
 }
 

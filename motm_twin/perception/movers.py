@@ -1,0 +1,174 @@
+"""What moves: clusters of seen cells followed from map to map, as discs with a velocity.
+
+The lidar sees the front of a thing that is about as deep as it is wide. Its middle is therefore half its width behind
+the nearest point: it stays the same point of the thing while robot and thing pass each other.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.state import Stateful
+from motm_twin.perception.clusters import label_cells
+from motm_twin.perception.world_map import WorldMap
+
+NO_MOVERS = np.zeros((0, 6))
+NO_MOVERS.setflags(write=False)
+
+
+class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
+    """How moving obstacles are told from standing ones. Choices of this project."""
+
+    join_cells: int = 2  # cells at most this far apart belong to one thing
+    smallest: int = 3  # cells of a thing: less is noise
+    radius_min: float = 0.10  # [m] of a thing
+    radius_max: float = 0.45  # [m] a wider cluster is two things side by side, or furniture
+    gate: float = 0.35  # [m] between where a thing is expected and where it is seen
+    alpha: float = 0.5  # gain of the position per map of 50 ms
+    beta: float = 0.08  # gain of the velocity: its error halves in 0.2 s
+    begins: float = 0.12  # [m/s] above which a thing moves
+    young: float = 0.3  # [s] for which a thing must have been followed before its velocity counts
+    stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
+    lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
+    trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
+    near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
+    parted: float = 2.6  # [m] and beyond which it no longer is
+    edge: float = 0.12  # [m] round a mover that seen cells belong to it
+
+
+@dataclass
+class Track:
+    """A thing that is followed."""
+
+    position: Array  # of its middle [m], shape (2,)
+    velocity: Array  # [m/s], shape (2,)
+    radius: float  # [m]
+    born: float  # [s]
+    seen: float  # [s] last time
+    moved: float | None = None  # [s] last time that it moved
+    near: bool = False  # in the way
+
+
+@dataclass
+class MoverState:
+    """What is remembered between maps."""
+
+    time: float | None = None
+    tracks: list[Track] = field(default_factory=list)
+
+
+class Seen(msgspec.Struct, frozen=True, eq=False):
+    """One cluster: middle [m] (2,) and radius [m]."""
+
+    middle: Array
+    radius: float
+
+
+class MoverTracker(Stateful[MoverState]):
+    """Follows what is not static from map to map."""
+
+    def __init__(self, parameters: MoverParameters | None = None) -> None:
+        self.parameters = parameters or MoverParameters()
+        self._state = MoverState()
+
+    def update(self, world: WorldMap, viewpoint: Array) -> Array:
+        """Movers as they are at the map's time, shape (m, 6): x, y [m], velocity [m/s], radius [m], near (0, 1).
+
+        ``viewpoint``: where the lidar is, shape (2,) or longer [m].
+        """
+        state, p = self._state, self.parameters
+        dt = 0.0 if state.time is None else world.stamp - state.time
+        if dt < 0.0 or dt > p.lost_after:
+            state.tracks, dt = [], 0.0
+        state.time = world.stamp
+        for track in state.tracks:
+            track.position = track.position + dt * track.velocity
+        self._correct(self._clusters(world, viewpoint[:2]), world.stamp, dt)
+        state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
+        for track in state.tracks:
+            grown_up = world.stamp - track.born >= p.young
+            if grown_up and math.hypot(*track.velocity) >= p.begins:
+                track.moved = world.stamp
+        self._part(viewpoint[:2])
+        moving = [track for track in state.tracks if self._moving(track)]
+        return np.array([(*t.position, *t.velocity, t.radius, t.near) for t in moving]) if moving else NO_MOVERS
+
+    def _moving(self, track: Track) -> bool:
+        now = self._state.time
+        return track.moved is not None and now is not None and now - track.moved <= self.parameters.stands_after
+
+    def _part(self, viewpoint: Array) -> None:
+        """Say which are near, with a hysteresis."""
+        for track in self._state.tracks:
+            limit = self.parameters.parted if track.near else self.parameters.near
+            track.near = math.hypot(*(track.position - viewpoint)) <= limit
+
+    def standing(self, world: WorldMap, movers: Array) -> np.ndarray:
+        """Which seen points of the map do not belong to a mover, shape (m,) of bool."""
+        p, points = self.parameters, world.seen_points
+        keep = np.ones(len(points), dtype=bool)
+        for x, y, vx, vy, radius in movers[:, :5]:
+            way = p.trail * np.array([vx, vy])
+            offset = points - (np.array([x, y]) - way)
+            along = np.clip(offset @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
+            keep &= np.hypot(*(offset - along[:, None] * way).T) > radius + p.edge
+        return keep | world.seen_static
+
+    def _clusters(self, world: WorldMap, viewpoint: Array) -> list[Seen]:
+        p, points = self.parameters, world.seen_points[~world.seen_static]
+        if not len(points):
+            return []
+        column, row = np.floor((points - world.origin).T / world.resolution).astype(np.int32)
+        rows, columns = world.distance.shape
+        label, count = label_cells(np.column_stack((row, column)), rows, columns, p.join_cells)
+        found = []
+        for k in range(count):
+            cluster = points[label == k]
+            seen = _front(cluster, viewpoint, world.resolution)
+            if len(cluster) >= p.smallest and seen.radius <= p.radius_max:
+                found.append(Seen(seen.middle, max(seen.radius, p.radius_min)))
+        return found
+
+    def _correct(self, seen: list[Seen], now: float, dt: float) -> None:
+        """Give each cluster to the track that expects it nearest; begin tracks for the others."""
+        p, tracks = self.parameters, self._state.tracks
+        pairs = [
+            (math.hypot(*(one.middle - track.position)), i, k)
+            for i, track in enumerate(tracks)
+            for k, one in enumerate(seen)
+        ]
+        of_track: set[int] = set()
+        of_seen: set[int] = set()
+        for distance, i, k in sorted(pairs):
+            if distance > p.gate or i in of_track or k in of_seen:
+                continue
+            of_track.add(i)
+            of_seen.add(k)
+            _follow(tracks[i], seen[k], now, dt, p)
+        for k, one in enumerate(seen):
+            if k not in of_seen:
+                tracks.append(Track(one.middle, np.zeros(2), one.radius, now, now))
+
+
+def _front(cluster: Array, viewpoint: Array, resolution: float) -> Seen:
+    """Middle and radius of something round of which the front is seen."""
+    ahead = cluster.mean(axis=0) - viewpoint
+    ahead = ahead / max(math.hypot(*ahead), 1e-9)
+    across = (cluster - viewpoint) @ np.array([-ahead[1], ahead[0]])
+    radius = 0.5 * (float(across.max() - across.min()) + resolution)
+    depth = float(((cluster - viewpoint) @ ahead).min()) - 0.5 * resolution + radius
+    side = 0.5 * float(across.max() + across.min())
+    return Seen(viewpoint + depth * ahead + side * np.array([-ahead[1], ahead[0]]), radius)
+
+
+def _follow(track: Track, seen: Seen, now: float, dt: float, p: MoverParameters) -> None:
+    """Correct a track that was moved on already."""
+    off = seen.middle - track.position
+    track.position = track.position + p.alpha * off
+    if dt > 0.0:
+        track.velocity = track.velocity + p.beta / dt * off
+    track.radius = max(seen.radius, track.radius + 0.02 * (seen.radius - track.radius))
+    track.seen = now

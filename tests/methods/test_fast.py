@@ -1,0 +1,66 @@
+"""fast: what moves far away is no obstacle."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motm_twin.methods.fast import StandingMap
+from motm_twin.methods.registry import find_method
+from motm_twin.model.known import known_world
+from motm_twin.model.scene_file import load_scene
+from motm_twin.model.state import state_hash
+from motm_twin.perception.mapper import Mapper
+from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.trial import run_scene
+from motm_twin.twin import Twin
+
+OPEN_FLOOR = str(Path(__file__).with_name("open_floor.yaml"))
+
+
+@pytest.fixture(scope="module")
+def trial():
+    """The report of a pick and a drop beyond it."""
+    return run_scene(load_scene(OPEN_FLOOR, "one", 0), method=find_method("fast"))
+
+
+def test_the_job_is_done_without_a_contact(trial):
+    report = trial
+    assert report["success"], report["reason"]
+    assert report["contacts"] == []
+
+
+@pytest.fixture(scope="module")
+def temis():
+    """The four Temis for 1.5 s: a twin, and its newest Tick."""
+    twin = Twin(load_scene("exp2", "random", 0), method=find_method("fast"))
+    return twin, [twin.advance() for _ in range(30)][-1]
+
+
+def test_the_map_of_the_planner_has_near_movers_and_no_far_ones(temis):
+    twin, tick = temis
+    planner = twin.loop.planner
+    movers = planner.tracker.update(tick.map, tick.observation.pose)
+    far = movers[movers[:, 5] == 0.0]
+    assert len(far)
+    standing = planner.tracker.standing(tick.map, far)
+    seen = tick.map.seen_points[~standing]
+    assert len(seen) and (np.hypot(*(seen - tick.observation.pose[:2]).T) > 1.5).all()
+    world = planner.standing.without(tick.map, standing)
+    assert len(world.seen_points) == standing.sum() and len(world.polygons) < len(tick.map.polygons)
+    assert (world.distance >= tick.map.distance - 1e-6).all()
+
+
+def test_a_map_in_which_everything_stands_is_left_as_it_is():
+    scene = load_scene("exp1", "trial1")
+    known = known_world(scene)
+    world = Mapper(known).update(SimulatedPlant(scene).observe())
+    assert StandingMap(known).without(world, np.ones(len(world.seen_points), dtype=bool)) is world
+
+
+def test_a_copied_twin_goes_on_bit_for_bit(temis):
+    twin, _ = temis
+    copy = Twin(load_scene("exp2", "random", 0), method=find_method("fast"))
+    copy.restore(twin.snapshot())
+    for _ in range(3):
+        assert state_hash(copy.advance().plan) == state_hash(twin.advance().plan)

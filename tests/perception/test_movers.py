@@ -1,0 +1,74 @@
+"""Properties of the tracker: discs that drive past the lidar are found where they are, as fast as they are."""
+
+import math
+
+import numpy as np
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Observation
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import state_hash
+from motm_twin.perception.mapper import Mapper
+from motm_twin.perception.movers import MoverTracker
+
+from .small_world import LIDAR, cast, scan_of
+
+STEP = 0.05  # [s]
+RADIUS = 0.25  # [m]
+FLOOR = KnownWorld(
+    robot=RobotProfile(lidar=LIDAR), start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.0, bins=(), tasks=(),
+    bounds=(-4.0, -4.0, 4.0, 4.0),
+)  # fmt: skip
+
+
+def _follow(
+    start: np.ndarray, velocity: np.ndarray, seconds: float, *, drive: float, seed: int, tracker: MoverTracker
+) -> list[np.ndarray]:
+    """What the tracker says of one disc, map by map, while the robot drives along its x axis at `drive` [m/s]."""
+    mapper, rng, said = Mapper(FLOOR), np.random.default_rng(seed), []
+    for k in range(round(seconds / STEP)):
+        time = k * STEP
+        pose = np.array([drive * time, 0.0, 0.0])
+        body = shapely.Point(*(start + time * velocity)).buffer(RADIUS)
+        observation = Observation(
+            time=time, pose=pose, odometry=pose, twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7), gripper_width=0.08,
+            gripper_moving=False, detections=(), scan=scan_of(cast(pose, [body], rng), pose, time),
+        )  # fmt: skip
+        said.append(tracker.update(mapper.update(observation), pose))
+    return said
+
+
+@settings(max_examples=12, deadline=None)
+@given(angle=st.floats(-1.5, 1.5), course=st.floats(-math.pi, math.pi), speed=st.floats(0.25, 0.5))
+def test_a_disc_is_found_where_it_is_and_as_fast_as_it_is(angle: float, course: float, speed: float) -> None:
+    velocity = speed * np.array([math.cos(course), math.sin(course)])
+    start = 2.0 * np.array([math.cos(angle), math.sin(angle)]) - velocity
+    last = _follow(start, velocity, 2.0, drive=0.2, seed=1, tracker=MoverTracker())[-1]
+    assert len(last) == 1
+    x, y, vx, vy, radius, near = last[0]
+    assert near == 1.0
+    # The map keeps what a disc has left for up to 0.3 s: one that drives away is believed that much nearer.
+    assert math.hypot(*(np.array([x, y]) - start - 1.95 * velocity)) < 0.05 + 0.3 * speed
+    assert math.hypot(vx - velocity[0], vy - velocity[1]) < 0.15
+    assert 0.15 < radius < 0.40
+
+
+@settings(max_examples=6, deadline=None)
+@given(angle=st.floats(-1.5, 1.5), drive=st.floats(-0.3, 0.5))
+def test_what_stands_is_no_mover_however_the_robot_drives(angle: float, drive: float) -> None:
+    place = 2.0 * np.array([math.cos(angle), math.sin(angle)])
+    said = _follow(place, np.zeros(2), 1.5, drive=drive, seed=2, tracker=MoverTracker())
+    assert all(len(movers) == 0 for movers in said)
+
+
+def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
+    tracker = MoverTracker()
+    _follow(np.array([2.0, -1.0]), np.array([0.0, 0.4]), 0.6, drive=0.0, seed=3, tracker=tracker)
+    copy = MoverTracker()
+    copy.restore(tracker.snapshot())
+    assert state_hash(copy.snapshot()) == state_hash(tracker.snapshot())
+    copy.restore(MoverTracker().snapshot())
+    assert state_hash(copy.snapshot()) != state_hash(tracker.snapshot())
