@@ -14,6 +14,7 @@ ALL = "all"
 PUBLISHED = 10  # arrangements of Experiment 1 in the paper, "trial1" to "trial10"
 MOST_TRIALS = 1_000_000
 NAMES_OF_ABLATIONS = tuple(method.name for method in ABLATIONS)
+NOT_COMPARED = (*NAMES_OF_ABLATIONS, "open_loop")  # it executes a plan blindly: the other side of robustness only
 
 SWEEPS: dict[str, tuple[float, ...]] = {  # parameter of `control.tuning`: values besides the shipped one
     "next_weight": (0.0, 0.5, 2.0, 3.0),
@@ -35,14 +36,14 @@ class Entry:
 
 
 def methods_of(names: Iterable[str]) -> tuple[str, ...]:
-    """Names of methods, "all" being every system but the single modifications switched off ("ablations" are those).
+    """Names of methods: "all" are the systems that are compared, "ablations" the modifications switched off alone.
 
     Raises MethodError for a name that is none.
     """
     found: list[str] = []
     for name in names:
         if name == ALL:
-            found += [method for method in METHODS if method not in NAMES_OF_ABLATIONS]
+            found += [method for method in METHODS if method not in NOT_COMPARED]
         elif name == "ablations":
             found += [MOTM.name, *NAMES_OF_ABLATIONS]
         else:

@@ -19,6 +19,7 @@ HORIZON, STEP = 2.0, 0.1  # [s] of prediction
 CONFLICT = 0.30  # [m] predicted gap from which something has to be done
 SLOWED = 0.15  # [m/s] slower, or
 TURNED = math.radians(15.0)  # turned this far from where the base was going: it gave way
+TURNS = math.radians(10.0)  # [rad/s] from which it is still turning away
 FAR = 3.5  # [m] between base and agent beyond which nothing is predicted
 EDGE = 0.05  # [m] between points on the outline
 
@@ -86,9 +87,9 @@ class Encounters:
     Near miss: the gap between the base, while it moves, and an agent is less than 0.10 m; it ends at 0.20 m.
 
     Evasive manoeuvre: had both gone on as they did, the gap would have become less than 0.30 m within 2 s; and within
-    these 2 s the base became 0.15 m/s slower, or turned 15 deg away from where it was going. It lasts until there is no
-    such prediction for 0.5 s, also not for the speed that the base had. A base that slows down for the arm just then
-    is counted too.
+    these 2 s the base became 0.15 m/s slower, or turned 15 deg away from where it was going. It lasts as long as this
+    is predicted for the motion that it has, or for the speed that it had, and it is still that much slower or turns
+    with 10 deg/s; and 0.5 s more. A base that slows down for the arm just then is counted too.
     """
 
     footprint: Footprint
@@ -175,8 +176,12 @@ class Encounters:
             off = abs(wrap_angle(float(pose[2]) - conflict.heading - w * (time - conflict.time)))
             if abs(v) - abs(twist[0]) > SLOWED or off > TURNED:
                 conflict.gave_way = time
-        slowed = conflict.gave_way is not None and abs(v) - abs(twist[0]) > SLOWED
-        if near or (slowed and predicted_gap(self.footprint, pose, (v, 0.0), agent, radius) < CONFLICT):
+        slowed = abs(v) - abs(twist[0]) > SLOWED
+        if conflict.gave_way is not None and not slowed and abs(twist[1]) < TURNS:
+            near = False  # it drives on beside the agent, as fast as before
+        elif slowed and not near:
+            near = predicted_gap(self.footprint, pose, (v, 0.0), agent, radius) < CONFLICT
+        if near:
             conflict.last = time
         elif time - conflict.last > APART:
             self._end(name, time)
