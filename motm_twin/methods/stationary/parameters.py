@@ -12,6 +12,8 @@ class StationaryParameters:
 
     manipulability_weight: float = 5.0  # [s] that a pose without any manipulability costs more than the best one
     onward_weight: float = 1.0  # of the way on to the next target, in `sequential`
+    arm_clearance: float = 0.13  # [m] to either side of the arm: 0.07 m of forearm, and where it begins to be slowed
+    over_cost: float = 100.0  # [s] of a pose with less, to an obstacle outside the map: only when there is no other
     directions: int = 36  # of candidates about the target, as many as the paper's ring has
     headings: int = 16  # at each position
     radius_step: float = 0.05  # [m] between rings of candidates

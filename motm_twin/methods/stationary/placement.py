@@ -16,6 +16,7 @@ from motm_twin.methods.method import PlannerParts
 from motm_twin.methods.stationary.parameters import StationaryParameters
 from motm_twin.methods.stationary.reach_of import TargetReach
 from motm_twin.model.geometry import Array, frozen
+from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import clearances, field_of
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, goal_table, robot_table
@@ -46,6 +47,7 @@ class StationaryState(PlacementState):
 
     decided: Placement | None = None
     at: Array | None = None  # [m] where the target was when it was made
+    over: bool = False  # the arm had to be over a seen obstacle when it was made
     still_since: float | None = None  # [s] since when the base stands, but not at the chosen pose
     refused: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))  # [m] poses that it did not get to
 
@@ -94,7 +96,13 @@ class StationaryPlacement(NextTargetPlacement):
         if state.decided is None:
             return self._others(problem)
         state.goal = np.array(state.decided.goal)
+        state.over = bool(self._over_seen(state.goal[None], target, problem.world)[0])
         return state.decided
+
+    def _over_seen(self, poses: Array, target: Target, world: WorldMap) -> NDArray[np.bool_]:
+        """Would the arm be over an obstacle outside the map? It counts as tall, and the arm would be held back."""
+        points = world.seen_points[world.seen_static]
+        return self._arm_reach.clear_of(poses, target, points) < self.stationary.arm_clearance
 
     def _stuck(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
         """Has the base been standing for long, but not at its place? The map may show a way where there is none."""
@@ -120,6 +128,8 @@ class StationaryPlacement(NextTargetPlacement):
             return False
         goal = decided.goal[None]
         if not (self._reach.reached_from(goal, target)[0] and self._arm_reach.share(goal, target)[0] > 0.0):
+            return False
+        if not self._state.over and self._over_seen(goal, target, problem.world)[0]:
             return False
         margin = self._parameters.staa.margin
         return bool(clearances(goal, margin, field_of(problem.world), self._body)[0] >= margin)
@@ -170,6 +180,7 @@ class StationaryPlacement(NextTargetPlacement):
         candidates = Candidates("reach", 0.0, pose, place, of_place, rejected)
         current, onward = self._costs(candidates, here.graph, from_robot, to_next)
         cost = self._cost(target, share, self._arm_reach.azimuth(pose, target), current, onward)
+        cost = cost + self.stationary.over_cost * self._over_seen(pose, target, here.world)
         return Judged(candidates, direction, share, current, onward, cost)
 
     def _cost(self, target: Target, share: Array, azimuth: Array, current: Array, onward: Array) -> Array:

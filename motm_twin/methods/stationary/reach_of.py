@@ -13,6 +13,7 @@ from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import Target
 
+_NEAR = 1.0  # [m] from the target, beyond which nothing is beside the arm
 _ROUNDED = 2  # decimals [m] of heights: tables of nearly the same height share a map
 
 
@@ -63,12 +64,27 @@ class TargetReach:
         """Angle [rad] of the target to either side of straight ahead of the mount, shape (m,)."""
         return np.abs(np.angle(np.exp(1j * self._polar(poses, target)[1])))
 
+    def clear_of(self, poses: Array, target: Target, points: Array) -> Array:
+        """Distance [m] of the nearest of points (k, 2) from the line between mount and target, shape (m,)."""
+        mount = self._mounts(poses)
+        along = self._point(mount, target) - mount
+        square = np.maximum((along**2).sum(axis=1), 1e-9)
+        nearest = np.full(len(poses), np.inf)
+        for point in points[np.hypot(*(points - target.position[:2]).T) < _NEAR]:
+            away = point - mount
+            part = np.clip((away * along).sum(axis=1) / square, 0.0, 1.0)[:, None]
+            nearest = np.minimum(nearest, np.hypot(*(away - part * along).T))
+        return nearest
+
+    def _mounts(self, poses: Array) -> Array:
+        """Positions [m] of the arm mount, shape (m, 2)."""
+        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        x, y = self._mount
+        return poses[:, :2] + np.column_stack((c * x - s * y, s * x + c * y))
+
     def _polar(self, poses: Array, target: Target) -> tuple[Array, Array, Array]:
         """Radius and azimuth of the target about the mount in the base frame, and its direction in the world."""
-        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        mount = poses[:, :2] + np.column_stack(
-            (c * self._mount[0] - s * self._mount[1], s * self._mount[0] + c * self._mount[1])
-        )
+        mount = self._mounts(poses)
         away = self._point(mount, target) - mount
         outward = np.arctan2(away[:, 1], away[:, 0])
         return np.hypot(away[:, 0], away[:, 1]), outward - poses[:, 2], outward
