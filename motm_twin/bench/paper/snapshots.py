@@ -6,20 +6,24 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from motm_twin.bench.page_browser import VIEW, browser
+from motm_twin.bench.page_browser import browser
 from motm_twin.bench.page_serve import served, wait_for
 from motm_twin.bench.paper.episode import Episode, Moment
 from motm_twin.bench.paper.part import Drawn, Missing, Part
 from motm_twin.bench.paper.style import TWO_COLUMNS, figure, styled
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import HandOver, Pause, Reset, Step
+from motm_twin.bus.commands import Pause, Reset, Step
+from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 NAME, TITLE = "snapshots", "Arm and base avoid a Temi: the page at four moments"
 COMMAND = "motm-twin paper --only snapshots"
 BEFORE_S = (3.0, 1.0, 0.0, -2.0)  # [s] the moments, before the one at which the arm is nearest
-SCENE = 0.60  # of the picture's width: the panel lies on the rest
-SETTLED_MS = 2500  # [ms] of a paused twin until the picture is complete
-ANSWER = 120.0  # [s]
+SIZE = (1920, 1200)  # [px] of the page
+CUT = (800, 600)  # [px] of each picture, round where the robot is
+ONLY_SCENE = "* { visibility: hidden !important } canvas { visibility: visible !important }"  # no panel, no notes
+MIDDLE = 0.6  # [m] above the floor: half of the robot
+SETTLED_MS = 4000  # [ms] of a paused twin until the picture is complete
+ANSWER = 300.0  # [s] for a minute of the run on a busy machine
 PERIOD = 0.05  # [s]
 
 
@@ -48,7 +52,7 @@ def draw(episode: Episode) -> Part:
     except (RuntimeError, TimeoutError, OSError) as error:
         return Missing(name=NAME, title=TITLE, reason=f"the page could not be photographed: {error}", command=COMMAND)
     with styled():
-        fig = figure(TWO_COLUMNS, 5.0 + TWO_COLUMNS * VIEW["height"] / (VIEW["width"] * SCENE))
+        fig = figure(TWO_COLUMNS, 5.0 + TWO_COLUMNS * CUT[1] / CUT[0])
         axes = fig.subplots(2, 2).flat
         for panel, picture, index, letter in zip(axes, pictures, chosen, "abcd", strict=False):
             panel.imshow(picture)
@@ -60,7 +64,7 @@ def draw(episode: Episode) -> Part:
         caption=(
             f"Experiment 2, seed {episode.spec.seed}, on the served page in Chromium: grid, candidates, paths and "
             "the local plan "
-            "as fading robots. The twin was stepped to these moments; nothing is posed."
+            "as fading robots; panel and notes are hidden. The twin was stepped to these moments; nothing is posed."
         ),
         command=f"{COMMAND} (or motm-twin serve exp2 --seed {episode.spec.seed})",
         n="one trial",
@@ -80,30 +84,61 @@ def _photographs(episode: Episode, chosen: list[int]) -> list[Any]:
     """Pictures of the scene at these periods."""
     spec = episode.spec
     with browser() as page, served(spec.scene, "--variant", str(spec.variant), "--seed", str(spec.seed)) as twin:
-        _to(twin.client, 1)
+        _rewind(twin.client)
+        _step_to(twin.client, 1)
+        page.page.set_viewport_size({"width": SIZE[0], "height": SIZE[1]})
         page.load(twin.url)
-        note = page.page.get_by_role("button", name="Got it", exact=True).locator("visible=true")
-        if note.count():
-            note.first.click()
+        page.page.add_style_tag(content=ONLY_SCENE)
+        box = page.page.locator("canvas").first.bounding_box()
+        left, top = _corner(twin.client, box, [episode.moments[index] for index in chosen])
         pictures = []
         for index in chosen:
-            _to(twin.client, index)
+            _step_to(twin.client, index)
             page.page.mouse.move(2, 2)
             page.page.wait_for_timeout(SETTLED_MS)
             shot = page.page.screenshot(timeout=60_000)
             whole = Image.open(io.BytesIO(shot)).convert("RGB")
-            pictures.append(np.asarray(whole.crop((0, 0, round(SCENE * whole.width), whole.height))))
+            pictures.append(np.asarray(whole.crop((left, top, left + CUT[0], top + CUT[1]))))
         return pictures
 
 
-def _to(client: TwinClient, index: int) -> None:
-    """The run from its start to a period, paused there; the wheel is free afterwards."""
+def _corner(client: TwinClient, box: Any, shown: list[Moment]) -> tuple[int, int]:
+    """Left and top of the part of the page in the middle of which the robot is on its way, in the page's overview.
+
+    ``box`` [px]: where the scene is on the page.
+    """
+    wide, high = box["width"], box["height"]
+    scene = client.scene()
+    assert scene is not None  # the page has drawn it
+    eye, look_at = overview(scene, wide / high)
+    forward = (look_at - eye) / np.linalg.norm(look_at - eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    x, y = np.mean([each.pose[:2] for each in shown], axis=0)
+    ray = np.array([x, y, MIDDLE]) - eye
+    focal = 0.5 * high / np.tan(FIELD_OF_VIEW / 2)
+    across = 0.5 * wide + focal * (ray @ right) / (ray @ forward)
+    down = 0.5 * high - focal * (ray @ np.cross(right, forward)) / (ray @ forward)
+    left, top = (
+        np.clip(middle - 0.5 * cut, 0, size - cut)
+        for middle, cut, size in zip((across, down), CUT, (wide, high), strict=True)
+    )
+    return round(box["x"] + float(left)), round(box["y"] + float(top))
+
+
+def _rewind(client: TwinClient) -> None:
+    """Stop the run, and take it back to its start."""
     wait_for(lambda: client.command(Pause()).ok, ANSWER, "wheel")
     client.command(Reset())
     wait_for(lambda: _at(client, 0), ANSWER, "start")
-    client.command(Step(count=index))
+
+
+def _step_to(client: TwinClient, index: int) -> None:
+    """Compute the periods until this one, paused there."""
+    here = client.tick()
+    assert here is not None
+    client.command(Step(count=index - here.index))
     wait_for(lambda: _at(client, index), ANSWER, f"period {index}")
-    client.command(HandOver())
 
 
 def _at(client: TwinClient, index: int) -> bool:
