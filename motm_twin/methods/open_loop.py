@@ -29,7 +29,7 @@ from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, empty_path
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
 
 K_X, K_Y, K_H = 1.0, 4.0, 2.0  # [1/s], [1/m^2], [1/s]: critically damped at 0.5 m/s
 K_Q = 5.0  # [1/s] of the joints to their planned positions
@@ -105,7 +105,7 @@ class TrackingController(Stateful[ScriptState]):
         n, over = min(state.at, plan.periods - 1), state.at >= plan.periods
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
         wanted = (
-            docking_twist(problem.pose, plan.poses[n])
+            docking_twist(problem.pose, _end(plan, problem.target))
             if over
             else tracking_twist(problem.pose, plan.poses[n], plan.twists[n])
         )
@@ -233,6 +233,15 @@ def docking_twist(pose: Array, end: Array) -> Array:
         return np.array([0.0, K_H * wrap_angle(float(end[2] - pose[2]))])
     off = math.atan2(e_y, e_x) if e_x >= 0.0 else wrap_angle(math.atan2(e_y, e_x) + math.pi)
     return np.array([math.copysign(K_X * distance * math.cos(off), e_x), K_H * off])
+
+
+def _end(plan: Rehearsed, target: Target | None) -> Array:
+    """Where a base goes that is late: a place it was to drive to, of which a plan needs the edge only; else its end."""
+    end = np.array(plan.poses[-1])
+    if target is not None and target.kind == "drive":
+        end[:2] = target.position
+        end[2] = end[2] if target.heading is None else target.heading
+    return end
 
 
 def _over(plan: Rehearsed) -> str:
