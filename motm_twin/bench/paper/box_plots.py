@@ -13,9 +13,9 @@ from motm_twin.bench.published import TABLE_I
 NAME, TITLE = "box_plots", "Task times of Experiments 1 and 1a"
 COMMAND = "motm-twin paper --only box_plots"
 PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
-    ("exp1", "Experiment 1, ten trials", data.ten),
+    ("exp1", "Experiment 1, published arrangements", data.ten),
     ("exp1", "Experiment 1, random", data.random),
-    ("exp1a", "Experiment 1a, ten trials", data.ten),
+    ("exp1a", "Experiment 1a, published arrangements", data.ten),
     ("exp1a", "Experiment 1a, random", data.random),
 )
 FEW = 5  # below this many points a box says more than is known
@@ -42,7 +42,7 @@ def draw(store: Store) -> Part:
         fig = figure(TWO_COLUMNS, 22.0 + 5.2 * len(methods) * ((len(panels) + 1) // 2))
         axes = fig.subplots((len(panels) + 1) // 2, min(2, len(panels)), squeeze=False, sharex=True, sharey=True)
         for panel, (title, experiment, found) in zip(axes.flat, panels, strict=False):
-            _panel(panel, methods, found, experiment == "exp1" and "ten" in title)
+            _panel(panel, methods, found, experiment == "exp1" and "published" in title)
             panel.set_title(title)
         for unused in list(axes.flat)[len(panels) :]:
             unused.set_axis_off()

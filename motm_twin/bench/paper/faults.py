@@ -102,7 +102,7 @@ def draw_grasp_delay(store: Store) -> Part:
 
 
 def _draw(results: list[Result], name: str, title: str, label: str, caption: str, *, success: bool) -> Part:
-    command = f"motm-twin bench {name}"
+    command = f"motm-twin bench {name} --out out/paper"
     rows = points(results, success=success) if results else []
     rows = [row for row in rows if math.isfinite(row["estimate"])]
     if not rows:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from motm_twin.bench.paper.part import Drawn, Missing, Part
 
+NARROW = 5.0  # [inch] figures below this are for one column, and shown smaller
 CSS = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --ground: #fdfdfc; --soft: #666; --line: #ccc; --mark: #f3ead2; }
 @media (prefers-color-scheme: dark) {
@@ -18,9 +19,10 @@ h1 { font-size: 1.7rem; line-height: 1.25; } h2 { margin-top: 3rem; border-botto
 h3 { margin-top: 2.2rem; } nav ul { columns: 2; padding-left: 1.2rem; }
 a { color: inherit; } code { font-size: 0.86em; overflow-wrap: anywhere; }
 img { max-width: 100%; height: auto; background: #fff; border: 1px solid var(--line); border-radius: 4px; }
+img.narrow { width: 34rem; }
 figure { margin: 1rem 0; }
 figcaption, .about { font-size: 0.9rem; } .about { color: var(--soft); }
-.scroll { overflow-x: auto; }
+.scroll { overflow-x: auto; margin-bottom: 1.5rem; }
 table { border-collapse: collapse; font-size: 0.88rem; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: 0.25rem 0.7rem 0.25rem 0; vertical-align: top;
   border-bottom: 1px solid var(--line); }
@@ -99,7 +101,9 @@ def _part(part: Part, folder: Path) -> str:
 
 def _picture(part: Drawn, folder: Path) -> str:
     picture = base64.b64encode((folder / f"{part.name}.png").read_bytes()).decode()
-    return f'<img alt="{text(part.title)}: {text(part.caption)}" src="data:image/png;base64,{picture}">'
+    narrow = part.figure is not None and part.figure.get_figwidth() < NARROW
+    kind = ' class="narrow"' if narrow else ""
+    return f'<img{kind} alt="{text(part.title)}: {text(part.caption)}" src="data:image/png;base64,{picture}">'
 
 
 def _data(part: Drawn, folder: Path) -> str:

@@ -12,6 +12,7 @@ from motm_twin.model.edits import ParameterValue
 COMPARED = ("motm", "staa", "motm2022", "holistic", "fixed_set", "irm", "greedy", "sequential")
 STATIONARY = ("fixed_set", "irm", "greedy", "sequential", "sequential_overlap")
 LITERAL, OVERLAP = "paper_literal", "sequential_overlap"  # besides, on Experiment 1; the second only in full
+FAST = "fast"  # our own; only in full
 ABLATIONS = NAMES_OF_ABLATIONS
 TEN = tuple(f"trial{k}" for k in range(1, 11))  # the published arrangements
 SWEEPS: Mapping[str, tuple[str, tuple[float, ...]]] = {  # experiment: parameter, values besides the shipped one
@@ -74,8 +75,9 @@ def default() -> Plan:
 
 
 def full() -> Plan:
-    """Fifty seeds everywhere, and the ten published trials."""
+    """Fifty seeds everywhere, and the ten published trials; also for the own method `fast`."""
     compared, besides, ablations, absent = _there()
+    compared += tuple(name for name in (FAST,) if name in METHODS)
     seeds = range(50)
     exp1 = (
         *_trials("exp1", (*compared, *besides), TEN),

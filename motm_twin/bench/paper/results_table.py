@@ -8,11 +8,12 @@ from motm_twin.bench.published import TABLE_I
 NAME, TITLE = "results", "Task times and success"
 HEADER = ("Experiment", "Method", "Task time, mean [95 % CI] [s]", "Median [s]", "Objects placed", "Trials", "Contacts")
 COMMAND = "motm-twin paper --only results"
+ALL_PUBLISHED = "1, published arrangements"
 GROUPS = (
     ("exp1", "1, trial 1", lambda results: [each for each in data.ten(results) if each["variant"] == "trial1"]),
-    ("exp1", "1, ten trials", data.ten),
+    ("exp1", ALL_PUBLISHED, data.ten),
     ("exp1", "1, random", data.random),
-    ("exp1a", "1a, ten trials", data.ten),
+    ("exp1a", "1a, published arrangements", data.ten),
     ("exp1a", "1a, random", data.random),
     ("exp2", "2, four Temis", data.random),
     ("exp2", "2, one Temi", lambda results: [each for each in results if each["variant"] == "one_temi"]),
@@ -36,7 +37,7 @@ def draw(store: Store) -> Part:
     for experiment, name, choose in GROUPS:
         for method in store.methods(experiment):
             results = choose(store.of(experiment, method=method))
-            if results:
+            if results and not (name == ALL_PUBLISHED and len(results) == 1):  # trial 1 has its row already
                 measured += len(results)
                 rows.append(_row(name, method, results))
                 cells.append(_cells(name, method, results))
@@ -46,7 +47,8 @@ def draw(store: Store) -> Part:
         name=NAME,
         title=TITLE,
         caption=(
-            "Times are means over the trials in which every object was placed, with Student's 95 % interval; "
+            "Times are means over the trials in which every object was placed, contacts or not, with Student's 95 % "
+            "interval; "
             "medians with a bootstrap interval are in the CSV. Contacts: those that the robot caused, counted by the "
             "referee. Shaded rows are published numbers, not measured here."
         ),

@@ -40,7 +40,7 @@ def draw(store: Store) -> Part:
             name=NAME,
             title=TITLE,
             reason="no sweep was run (--full has them all)",
-            command="motm-twin bench sweep_next_weight",
+            command="motm-twin bench sweep_next_weight --out out/paper",
         )
     with styled():
         fig = figure(TWO_COLUMNS, 30.0 + 30.0 * ((len(found) + 3) // 4))

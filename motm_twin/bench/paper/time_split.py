@@ -14,7 +14,7 @@ PHASES = {  # of bench/measures: its look
     "waiting_for_arm": (ORANGE, "////", "base waits for the arm"),
     "stationary": (PALE, "\\\\\\\\", "standing for another reason"),
 }
-EXPERIMENTS = {"exp1": "Experiment 1, ten trials", "exp1a": "Experiment 1a, ten trials"}
+EXPERIMENTS = {"exp1": "Experiment 1, published arrangements", "exp1a": "Experiment 1a, published arrangements"}
 
 
 def split(store: Store, experiment: str, method: str) -> dict[str, float]:
