@@ -41,7 +41,6 @@ def ray_pool(workers: int, address: str | None) -> Pool:
         backend=BACKEND,
         processes=lambda: max(1, min(workers, _processors(ray))),
         lost=(RayError,),
-        patience=2,  # a machine that is gone is no trial's fault
         options={"ray_remote_args": remote},
     )
 

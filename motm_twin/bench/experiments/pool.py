@@ -1,7 +1,7 @@
 """Calls on many processes, here or on a cluster: results as they come, and no call is lost with the process it ran in.
 
 A process that dies (killed, out of memory, a crash in compiled code, a machine that is gone) takes with it every call
-that was under way. These are begun again. Which of them was to blame cannot be seen, so after `patience` losses a call
+that was under way. These are begun again. Which of them was to blame cannot be seen, so after two losses a call
 is run alone, and only one that dies alone is given up. Calls must give the same again for the same arguments.
 """
 
@@ -10,6 +10,7 @@ import threading
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,7 @@ import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 BACKENDS = ("loky", "ray")
+PATIENCE = 2  # losses after which a call is run alone: a machine that is gone is no call's fault
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +28,6 @@ class Pool:
     backend: str  # of joblib
     processes: Callable[[], int]
     lost: tuple[type[Exception], ...]  # what is raised for a process that died
-    patience: int  # losses after which a call is run alone
     options: dict[str, Any] = field(default_factory=dict)  # of the joblib backend
 
 
@@ -41,7 +42,7 @@ def local_pool(workers: int) -> Pool:
     """Processes on this machine. Raises ValueError for less than one."""
     if workers < 1:
         raise ValueError(f"{workers} workers: at least 1 is needed")
-    return Pool(backend="loky", processes=lambda: workers, lost=(TerminatedWorkerError,), patience=1)
+    return Pool(backend="loky", processes=lambda: workers, lost=(TerminatedWorkerError,))
 
 
 def make_pool(workers: int, backend: str = "loky", address: str | None = None) -> Pool:
@@ -66,7 +67,7 @@ def outcomes(
     """
     waiting, losses = list(range(len(items))), Counter[int]()
     while waiting:
-        alone = next((index for index in waiting if losses[index] >= pool.patience), None)
+        alone = next((index for index in waiting if losses[index] >= PATIENCE), None)
         chosen = waiting if alone is None else [alone]
         begun: list[int] = []
         done: set[int] = set()
@@ -101,7 +102,8 @@ def _round(
     with joblib.parallel_config(backend=pool.backend, n_jobs=max(2, processes), **pool.options):
         options: dict[str, Any] = {"batch_size": 1, "pre_dispatch": min(processes, len(chosen)), "max_nbytes": None}
         parallel = joblib.Parallel(return_as="generator_unordered", **options)
-        results: Any = parallel(calls())
+        with _deaf() if pool.backend == "loky" else nullcontext():  # Ray's are deaf anyway
+            results: Any = parallel(calls())
     with warnings.catch_warnings():  # that calls are given up after Ctrl-C or a crash is what is wanted
         warnings.filterwarnings("ignore", message=".*tasks which were still being processed")
         try:
@@ -110,10 +112,24 @@ def _round(
             results.close()
 
 
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes that are started in the block never hear Ctrl-C: the one that waits for them ends them itself.
+
+    It is deaf for that moment, too; blocking the signal instead would not do, as joblib unblocks it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _one(call: Callable[..., Any], index: int, item: Any) -> tuple[int, Any]:
-    """In the worker. Ctrl-C is for the process that waits for all of them."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """In the worker."""
     return index, call(item)
 
 

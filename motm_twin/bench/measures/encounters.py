@@ -87,9 +87,9 @@ class Encounters:
     Near miss: the gap between the base, while it moves, and an agent is less than 0.10 m; it ends at 0.20 m.
 
     Evasive manoeuvre: had both gone on as they did, the gap would have become less than 0.30 m within 2 s; and within
-    these 2 s the base became 0.15 m/s slower, or turned 15 deg away from where it was going. It lasts as long as this
-    is predicted for the motion that it has, or for the speed that it had, and it is still that much slower or turns
-    with 10 deg/s; and 0.5 s more. A base that slows down for the arm just then is counted too.
+    these 2 s the base became 0.15 m/s slower (not for an arm that is engaged with an object), or turned 15 deg away
+    from where it was going. It lasts as long as this is predicted for the motion that it has, or for the speed that it
+    had, and it is still that much slower or turns with 10 deg/s; and 0.5 s more.
     """
 
     footprint: Footprint
@@ -172,11 +172,11 @@ class Encounters:
                 self._conflicts[name] = _Conflict(time, float(pose[2]), twist, time)
             return
         v, w = conflict.twist
+        slowed = abs(v) - abs(twist[0]) > SLOWED and not interval.tick.arm[-1].engaged
         if conflict.gave_way is None and time - conflict.time <= HORIZON:
             off = abs(wrap_angle(float(pose[2]) - conflict.heading - w * (time - conflict.time)))
-            if abs(v) - abs(twist[0]) > SLOWED or off > TURNED:
+            if slowed or off > TURNED:
                 conflict.gave_way = time
-        slowed = abs(v) - abs(twist[0]) > SLOWED
         if conflict.gave_way is not None and not slowed and abs(twist[1]) < TURNS:
             near = False  # it drives on beside the agent, as fast as before
         elif slowed and not near:
