@@ -166,6 +166,12 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path):
     assert not (tmp_path / "x").exists()
 
 
+def test_without_ray_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ValueError, match=r"motm-twin\[cluster\]"):
+        make_pool(2, "ray")
+
+
 def test_time_left_is_that_of_each_method():
     left = TimeLeft(workers=2, remaining=Counter({"fast": 3, "slow": 3, "unseen": 1}))
     assert left.left() is None
