@@ -44,7 +44,7 @@ def test_a_parameter_changes_the_parts_and_nothing_else_of_the_state():
     assert twin.loop.manipulator.parameters.avoidance.xi == 0.3
     assert twin.loop.planner.parameters.placement.next_weight == 2.0
     assert before[0].phase == twin.loop.manipulator.snapshot().phase
-    assert np.linalg.norm(before[1].goal - twin.loop.planner.snapshot().goal) < 0.1
+    assert np.linalg.norm(before[1]["placement"].goal - twin.loop.planner.snapshot()["placement"].goal) < 0.1
 
 
 def test_without_any_weight_of_the_next_target_the_cheapest_place_is_chosen():

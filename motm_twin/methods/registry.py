@@ -59,4 +59,6 @@ def _from_file(file: Path, variable: str) -> Method:
     if not isinstance(found, Method):
         names = [key for key, value in vars(module).items() if isinstance(value, Method)]
         raise MethodError(f"{file} has no Method called {variable!r}; {hint(variable, names)}")
+    if found.name in METHODS:
+        raise MethodError(f"{file}: {variable} is named {found.name!r}, as a shipped method is: give it another name")
     return found
