@@ -31,6 +31,7 @@ ERRORS: Mapping[str, tuple[float, ...]] = {  # field of the scene: levels, the f
     "noise.localisation_heading_sd": tuple(degrees * _DEG for degrees in (0.0, 0.5, 1.0, 2.0, 5.0)),  # [rad]
     "noise.slot_error_until_seen": (0.0, 0.01, 0.03, 0.06, 0.1),  # [m]
     "noise.camera_position_sd_at_1m": (0.0, 0.02, 0.05, 0.1, 0.2),  # [m]
+    "noise.camera_position_sd_at_01m": (0.0, 0.002, 0.005, 0.01, 0.02),  # [m]
     "noise.base_speed_scale_sd": (0.0, 0.02, 0.05, 0.1, 0.2),  # share
     "noise.arm_rate_sd": (0.0, 0.005, 0.01, 0.02, 0.05),  # [rad/s]
     "faults.cube_moved_by": (0.0, 0.02, 0.05, 0.1, 0.15),  # [m] when the base is within 1 m
