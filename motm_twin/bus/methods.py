@@ -45,11 +45,8 @@ class MethodLibrary:
         return {**METHODS, **self._found}
 
     def _add_file(self, own: str) -> None:
-        from motm_twin.methods.error import MethodError
-        from motm_twin.methods.registry import METHODS, find_method
+        from motm_twin.methods.registry import find_method
 
         method = find_method(own)
-        if method.name in METHODS:
-            raise MethodError(f"{own}: a method called {method.name!r} is shipped: give yours another name")
         self._found[method.name] = method
         self.own_name = method.name

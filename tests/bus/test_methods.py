@@ -46,7 +46,7 @@ def test_every_shipped_method_is_offered_and_one_of_a_file_besides(own):
 def test_a_file_is_no_name_and_no_file_may_take_the_name_of_a_shipped_method(own):
     with pytest.raises(MethodError, match="no method is called"):
         MethodLibrary().find(own)
-    with pytest.raises(MethodError, match="'motm' is shipped"):
+    with pytest.raises(MethodError, match="'motm', as a shipped method"):
         MethodLibrary(own.replace("SLOW", "SAME"))
     with pytest.raises(MethodError, match="SLOW"):
         MethodLibrary(own.replace("SLOW", "SLOWW"))
