@@ -5,7 +5,18 @@ import re
 import pytest
 from rich.console import Console
 
-from motm_twin.bench.paper import ablation, box_plots, cite, data, goals, reductions, results_table, sweeps, time_split
+from motm_twin.bench.paper import (
+    ablation,
+    box_plots,
+    cite,
+    data,
+    faults,
+    goals,
+    reductions,
+    results_table,
+    sweeps,
+    time_split,
+)
 from motm_twin.bench.paper.context import Context
 from motm_twin.bench.paper.data import Store
 from motm_twin.bench.paper.part import Drawn, Missing, save
@@ -184,3 +195,25 @@ def test_measures_are_read_by_name_and_lists_are_counted():
     assert data.measure(one, "closing_base_speed_mps", "mean") == 0.3
     assert data.measure(one, "retries") is None
     assert data.measure(result(measures=None), "cut_ins") is None
+
+
+def pick(method, time_s, picked=1, **changes):
+    small = {"scene": "turn", "picks_done": picked, "picks_total": 1, "places_done": 0, "places_total": 0}
+    return result(method, "quiet", time_s, success=bool(picked), changes=changes, **small)
+
+
+def test_a_world_without_errors_stands_at_zero_in_every_sweep():
+    trials = [pick("motm", 10.0, a=0.0), pick("motm", 11.0, a=1.0), pick("motm", 12.0, b=2.0)]
+    rows = faults.points(trials, success=False)
+    assert [(row["sweep"], row["value"], row["estimate"]) for row in rows] == [
+        ("turn: a", 0.0, 10.0), ("turn: a", 1.0, 11.0), ("turn: b", 0.0, 10.0), ("turn: b", 2.0, 12.0),
+    ]  # fmt: skip
+
+
+def test_a_missed_grasp_has_no_time_and_counts_against_success():
+    trials = [pick("open_loop", 9.0, **{"faults.grasp_delay": 0.0}),
+              pick("open_loop", 9.0, picked=0, **{"faults.grasp_delay": 5.0})]  # fmt: skip
+    part = faults.draw_grasp_delay(Store({"grasp_delay": trials}))
+    assert isinstance(part, Drawn)
+    assert [row["value"] for row in part.rows] == [0.0]
+    assert [row["estimate"] for row in faults.points(trials, success=True)] == [1.0, 0.0]

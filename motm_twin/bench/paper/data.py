@@ -59,8 +59,12 @@ def key(result: Result) -> Key:
 
 
 def completed(result: Result) -> bool:
-    """All objects in their bins, so that the time is one of the whole task. Contacts do not matter here."""
-    return bool(result["places_total"]) and result["places_done"] == result["places_total"]
+    """All objects in their bins (or grasped, where that is all), so that the time is one of the whole task.
+
+    Contacts do not matter here.
+    """
+    kind = "place" if result["places_total"] else "pick"
+    return 0 < result[f"{kind}s_total"] <= result[f"{kind}s_done"]
 
 
 def times(results: Iterable[Result]) -> dict[Any, float]:

@@ -40,12 +40,24 @@ def varied(result: Result) -> dict[str, float]:
 
 
 def sweeps_of(results: list[Result]) -> dict[str, dict[str, dict[float, list[Result]]]]:
-    """Results by what is varied (scene and name), method, and value."""
+    """Results by what is varied (scene and name), method, and value.
+
+    Without any error all sweeps of a scene are the same: that trial is run once, and stands at 0 in each of them.
+    """
     found: dict[str, dict[str, dict[float, list[Result]]]] = {}
+    plain: dict[tuple[str, str], dict[int, Result]] = {}  # scene and method: seed
     for result in results:
         for name, value in varied(result).items():
+            if value == 0.0:
+                plain.setdefault((result["scene"], result["method"]), {})[result["seed"]] = result
+                continue
             title = f"{result['scene']}: {name}"
             found.setdefault(title, {}).setdefault(result["method"], {}).setdefault(value, []).append(result)
+    for title, methods in found.items():
+        for method, values in methods.items():
+            without = plain.get((title.partition(": ")[0], method), {})
+            if without:
+                values[0.0] = list(without.values())
     return found
 
 

@@ -73,7 +73,7 @@ LOOKS: dict[str, Look] = {
     "fixed_set": Look(GREY, "v", ":", "||"),
     "irm": Look(ORANGE, "P", "--", "--"),
     "greedy": Look(PALE, "<", "-.", "++"),
-    "sequential": Look(RED, "X", "-", "////"),
+    "sequential": Look(RED, "X", "-.", "////"),
     "sequential_overlap": Look("#F2B48A", "h", "--", "\\\\\\\\"),
     "open_loop": Look(ORANGE, "^", "--", "////"),
 }
