@@ -168,7 +168,7 @@ def test_the_report_is_one_file_that_loads_nothing(tmp_path):
     for text in ("stuck", "the experiment robustness was not run", "What differs from the paper", "172.3"):
         assert text in document
     assert (tmp_path / "figures" / "reductions.svg").is_file()
-    assert (tmp_path / "results.json").is_file()
+    assert (tmp_path / "part_of_results.json").is_file()
 
 
 def test_results_to_cite_name_version_source_seeds_parameters_and_machine():

@@ -25,10 +25,10 @@ def test_a_run_keeps_every_trial_and_reports_those_without_success(short, tmp_pa
     trials, sources = stored(tmp_path)
     assert len(trials["ablations"]) == 2
     assert len(sources) == 1
-    record = json.loads((tmp_path / "results.json").read_text())
+    record = json.loads((tmp_path / "part_of_results.json").read_text())
     assert [each["method"] for each in record["without_success"]] == ["motm", "staa"]
     assert "time limit" in record["without_success"][0]["reason"]
-    assert "time limit" in (tmp_path / "report.html").read_text()
+    assert "time limit" in (tmp_path / "part_of_report.html").read_text()
     assert record["parts"]["ablations"]["missing"]
     assert (tmp_path / "figures" / "bezier.png").is_file()
 

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from motm_twin.model.names import hint
 
-BAD_INPUT = 2
+BAD_INPUT, INTERRUPTED = 2, 130
 WARN_HOURS = 3.0  # beyond this nobody starts by accident
 
 
@@ -29,7 +29,7 @@ def paper(
 
     By default eight methods on ten trials of Experiments 1 and 1a and five of 2, and each modification switched off on
     ten: about an hour on two cores. After Ctrl-C the same command goes on where it ended. Exit code 0: the report was
-    written; 2: bad input.
+    written; 2: bad input; 130: stopped with Ctrl-C.
 
     Args:
         out: Folder for everything; trials that are in it are not run again.
@@ -44,8 +44,12 @@ def paper(
         address: Of the Ray cluster.
         retry_failed: Run trials again that were without success.
     """
+    from motm_twin.bench.paper import report
+    from motm_twin.bench.paper.context import Context
+    from motm_twin.bench.paper.data import Store
     from motm_twin.bench.paper.parts import NAMES
     from motm_twin.bench.paper.plan import PLANS
+    from motm_twin.bench.paper.stored import stored
 
     console = Console(highlight=False, soft_wrap=True)
     unknown = [name for name in only if name not in NAMES]
@@ -66,8 +70,23 @@ def paper(
             return _refused(
                 f"that is long: add --yes to start, more --workers, or --backend ray; expected {said(hours)}"
             )
-    _make(plan, out, tuple(only) or NAMES, console, draw=draw, pages=not no_page, workers=workers, backend=backend,
-          address=address, retry_failed=retry_failed)  # fmt: skip
+    try:
+        trials, sources = (
+            stored(out)
+            if draw
+            else _run(plan, out, console, workers=workers, backend=backend, address=address, retry_failed=retry_failed)
+        )
+    except ValueError as error:  # a scene, method or folder with which no trial can be run
+        return _refused(str(error))
+    except KeyboardInterrupt:
+        console.print(f"\nstopped; the finished trials are in {out}: the same command goes on from there", markup=False)
+        return INTERRUPTED
+    console.print("figures and tables:")
+    context = Context(Store(trials), out, console, not no_page)
+    out.mkdir(parents=True, exist_ok=True)
+    command = _command(plan.name, out, workers, draw, only)
+    target = report.write(context, plan, command, tuple(only) or NAMES, sources)
+    console.print(f"written: {target}")
     return 0
 
 
@@ -88,35 +107,30 @@ def _needed(plan, only: tuple[str, ...]):
     return dataclasses.replace(plan, experiments=tuple(each for each in plan.experiments if each.name in needs))
 
 
-def _make(
-    plan, out: Path, names: tuple[str, ...], console: Console, *, draw: bool, pages: bool, workers: int, backend: str,
-    address: str | None, retry_failed: bool,
-) -> None:  # fmt: skip
+def _run(
+    plan, out: Path, console: Console, *, workers: int, backend: str, address: str | None, retry_failed: bool
+) -> tuple[dict, list[str]]:
+    """Results by experiment, those of `bench` in the folder as well, and the sources that they come from."""
     from motm_twin.bench.experiments.run import run
-    from motm_twin.bench.paper import report
-    from motm_twin.bench.paper.context import Context
-    from motm_twin.bench.paper.data import Store
     from motm_twin.bench.paper.stored import stored
     from motm_twin.record.made_with import SOURCE, made_with
 
-    trials, sources = stored(out)
-    if not draw:
-        sources = [made_with()[SOURCE]]
-        results = run(plan.experiments, out=out, workers=workers, backend=backend, address=address, console=console,
-                      retry_failed=retry_failed)  # fmt: skip
-        for note in results.notes:
-            console.print(f"  {note}", markup=False)
-        # experiments of others that lie in the folder are shown too
-        trials = {**trials, **results.trials}
-    console.print("figures and tables:")
-    context = Context(Store(trials), out, console, pages)
-    target = report.write(context, plan, _command(plan.name, out, workers, draw), names, sources)
-    console.print(f"written: {target}")
+    results = run(plan.experiments, out=out, workers=workers, backend=backend, address=address, console=console,
+                  retry_failed=retry_failed)  # fmt: skip
+    for note in results.notes:
+        console.print(f"  {note}", markup=False)
+    own = {experiment.name for experiment in plan.experiments}
+    others, sources = stored(out, without=own)
+    return {**others, **results.trials}, list(dict.fromkeys([made_with()[SOURCE], *sources]))
 
 
-def _command(plan: str, out: Path, workers: int, draw: bool) -> str:
+def _command(plan: str, out: Path, workers: int, draw: bool, only: tuple[str, ...]) -> str:
     size = {"default": "", "full": " --full --yes", "quick": " --quick"}[plan]
-    return f"motm-twin paper{size} --workers {workers} --out {out}" + (" --draw" if draw else "")
+    return (
+        f"motm-twin paper{size} --workers {workers} --out {out}"
+        + " --draw" * draw
+        + (" --only " + " ".join(only) if only else "")
+    )
 
 
 def _refused(why: str) -> int:

@@ -11,6 +11,7 @@ from motm_twin.bench.paper.parts import PARTS, SECTIONS
 from motm_twin.bench.paper.plan import Plan
 
 FIGURES, REPORT, RESULTS = "figures", "report.html", "results.json"
+PART = "part_of_"  # before the names of files that have not everything, so that the whole report stays
 TITLE = "Reactive base control for manipulation on the move: the experiments, run again"
 
 
@@ -25,9 +26,10 @@ def write(context: Context, plan: Plan, command: str, names: Sequence[str], sour
             else:
                 context.console.print(f"  {part.name}: not made, {part.reason}", markup=False)
     record = cite.record(context.store, plan.name, command, sources, list(parts.values()))
-    write_json(context.out / RESULTS, record)
+    prefix = "" if len(parts) == len(PARTS) else PART
+    write_json(context.out / f"{prefix}{RESULTS}", record)
     document = html.page(TITLE, _lead(record, plan), _sections(context, plan, parts, record), context.out / FIGURES)
-    target = context.out / REPORT
+    target = context.out / f"{prefix}{REPORT}"
     target.write_text(document, encoding="utf-8")
     return target
 
