@@ -45,7 +45,7 @@ class StaaParameters:
     notches: int = 7  # STAA*: 7 x 7 accelerations
     cell: float = 0.05  # [m] STAA*: closed list
     heading_bins: int = 31  # STAA*: closed list
-    speed_bins: int = 4  # own: without speed in the closed list a standing robot never starts
+    speed_bins: int = 4  # own: two nodes in one cell are not the same when one drives and one stands
     yaw_rate_bins: int = 4  # own: the same
     epsilon: float = 1.0  # STAA*: weight of the heuristic
     growth: float = 0.33  # [m] own g: half the width and 8 cm

@@ -44,7 +44,7 @@ class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
 class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """All candidates of a period with their costs, and the choice."""
 
-    mode: str  # "ring" | "reach" (free pose, any heading, arm reaches) | "closest" (free place) | "drive" | "none"
+    mode: str  # ring | reach (free pose, any heading, arm reaches) | closest (free place) | drive | whole body | none
     radius: float  # [m] of the ring; 0 when there is none
     poses: Array  # candidate base poses, shape (n, 3)
     cost_current: Array  # C_iC [s], inf when rejected, shape (n,)

@@ -16,6 +16,7 @@ PLANS = {
 MODES = {
     "reach": "closest in reach",
     "closest": "closest free place",
+    "whole body": "base and arm together",
     "drive": "drive target",
     "none": "no target",
 }
