@@ -8,6 +8,7 @@ from motm_twin.ui import colours
 from motm_twin.ui.markup import MUTED, Piece, bar, card, heading, pairs, seconds, sentence, text
 
 NEXT_WEIGHT = "next_weight"  # parameter: weight of the cost C_N
+ROUNDED = 0.05  # [s] by which the costs of a message may be off their sum
 
 
 def candidate_card(placement: PlacementMessage, index: int | None, next_weight: float = 1.05) -> str:
@@ -43,12 +44,16 @@ def _title(placement: PlacementMessage, index: int) -> str:
 def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
     here, onward, total = (cost[index] for cost in (placement.cost_current, placement.cost_next, placement.cost))
     viable = sum(cost is not None for cost in placement.cost)
+    paper = here is None or onward is None or total is None or abs(here + weight * onward - total) < ROUNDED
+    rule = f"cost C = C<sub>C</sub> + {weight:g} C<sub>N</sub>" if paper else "cost C by the rule of this method"
     rows = [
         ("current cost C<sub>C</sub>: to it", seconds(here)),
         ("next cost C<sub>N</sub>: on to the next target", seconds(onward)),
-        (f"cost C = C<sub>C</sub> + {weight:g} C<sub>N</sub>", f"<b>{seconds(total)}</b>"),
+        (rule, f"<b>{seconds(total)}</b>"),
         ("rank by C among the free", f"{rank(placement, index)} of {viable}{_dearer(placement, index)}"),
     ]
+    if not paper:
+        return [pairs(rows)]
     pieces = []
     dearest = max((cost for cost in placement.cost if cost is not None), default=0.0)
     if here is not None and dearest > 0.0:

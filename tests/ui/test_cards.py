@@ -267,3 +267,13 @@ def test_a_finished_run_stands_beside_the_published_times_and_says_its_end_once(
     assert now_card(done).lower().count("all 8 tasks are done") == 1
     assert result_card(tick, None) == ""
     assert "76.20 s" in result_card(done, None) and "no published time" in result_card(done, None)
+
+
+def test_a_cost_that_is_not_the_paper_s_sum_is_not_shown_as_one(tick):
+    def card(total):
+        one = {"cost_current": [2.0], "cost_next": [4.0], "cost": [total], "poses": [[0.0, 0.0, 0.0]]}
+        return candidate_card(replace(tick.placement, **one, rejected=[""], chosen=0), 0, 1.05)
+
+    assert "1.05 C<sub>N</sub>" in card(6.2)
+    assert "1.05" not in card(3.0)
+    assert "by the rule of this method" in card(3.0)
