@@ -112,9 +112,10 @@ FAST = Method(
     summary="The paper's method, with moving obstacles no obstacle until they are near: they will have moved on.",
     source="own",
     chosen=(
-        "What has moved in the last 2 s is an obstacle of placement and driving from 2.0 m on, until it is 2.6 m away. "
-        "Tried and slower: going round it where the robot would meet it, and expecting it on its course in the search: "
-        "both sides then wait for each other."
+        "What has moved in the last 2 s is an obstacle of placement and driving from 2.0 m on, until it is 2.6 m away; "
+        "until then it will have moved on. Tried and no better: to expect it on its course in the search, with the "
+        "global path round where the robot would meet it (both then wait for each other), and to place the base where "
+        "something near drives now."
     ),
     planner=fast_planner,
 )
