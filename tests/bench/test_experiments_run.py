@@ -125,7 +125,8 @@ def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when
 def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path):
     entry = f"Entry(title='t', specs=lambda methods, trials: (TrialSpec({SCENE!r}, None, s) for s in range(500)))"
     program = (
-        "import sys; from motm_twin.bench.experiments.catalogue import EXPERIMENTS, Entry;"
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
+        "from motm_twin.bench.experiments.catalogue import EXPERIMENTS, Entry;"
         "from motm_twin.bench.__main__ import main; from motm_twin.bench.experiments.spec import TrialSpec;"
         f"EXPERIMENTS['exp1'] = {entry};"
         f"sys.exit(main(['exp1', '--methods', 'motm', '--out', {str(tmp_path)!r}]))"

@@ -274,8 +274,8 @@ def test_a_standing_twin_shows_the_tasks_and_parameters_that_wait_as_they_will_b
 
 
 def test_single_steps_do_not_depend_on_how_fast_the_machine_is():
-    def hurried(scene):
-        return Twin(scene, budget=SearchBudget(seconds=1e-9), clock=time.perf_counter)
+    def hurried(scene, method):
+        return Twin(scene, method=method, budget=SearchBudget(seconds=1e-9), clock=time.perf_counter)
 
     def cuts():
         return running.twins[-1].cuts

@@ -47,7 +47,7 @@ def test_another_static_obstacle_keeps_its_distance():
 def test_a_moving_obstacle_keeps_its_distance_beside_any_target():
     limits = lidar_limits(np.zeros(3), obstacles([(0.30, 0.0)], False), np.array([[0.15, 0.0]]), PARAMETERS)
     assert limits.d_s[0] == 0.25
-    assert limits.allowed[0] == pytest.approx(0.6 * 0.05 / 0.35)
+    assert limits.allowed[0] == pytest.approx(0.6 * (0.05 - 0.035) / 0.35)  # it may begin within its cell
 
 
 def test_without_a_grasp_under_way_a_static_obstacle_keeps_its_distance():
@@ -63,9 +63,17 @@ def test_obstacles_on_both_sides_limit_both_directions():
 
 
 def test_what_is_beyond_d_i_limits_nothing_but_is_reported():
-    far = obstacles([(0.7, 0.0)], False)
+    far = obstacles([(0.7, 0.0)], True)
     assert len(lidar_limits(np.zeros(3), far, NO_TARGETS, PARAMETERS).distance) == 0
     assert nearest_distance(np.zeros(3), far) == pytest.approx(0.7)
+
+
+def test_for_what_moves_the_line_goes_on_beyond_d_i_so_that_nothing_crosses_it_too_fast():
+    beyond = lidar_limits(np.zeros(3), obstacles([(0.9, 0.0)], False), NO_TARGETS, PARAMETERS)
+    assert beyond.allowed[0] == pytest.approx(0.6 * (0.9 - 0.035 - 0.25) / 0.35)
+    at_d_i = lidar_limits(np.zeros(3), obstacles([(PARAMETERS.d_i, 0.0)], False), NO_TARGETS, PARAMETERS)
+    assert at_d_i.allowed[0] < PARAMETERS.xi < beyond.allowed[0]
+    assert len(lidar_limits(np.zeros(3), obstacles([(1.15, 0.0)], False), NO_TARGETS, PARAMETERS).distance) == 0
 
 
 def test_avoidance_can_be_switched_off():
