@@ -4,6 +4,7 @@ The loop only hands them over: encoding and sending happen in threads of this. S
 and without waiting for slow readers; events through another, which may wait for a reader (then that reader is cut off).
 """
 
+import threading
 import time
 from collections.abc import Callable
 from functools import partial
@@ -49,7 +50,7 @@ class Publisher:
         """``status`` gives the state of the server, ``now`` its clock [s], ``took`` the time of the last period [s]."""
         self._keys, self._status, self._now, self._took = keys, status, now, took
         self._encode = msgspec.json.Encoder().encode
-        self._values = LatestValues(session, keys)
+        self._values, self._telling = LatestValues(session, keys), threading.Lock()
         self._log = EventLog(now, self._emit)
         self._watch, self._metrics = EventWatch(self._log), Metrics()
         self._values.answer(keys.status, lambda _: self._encode(status()))
@@ -79,8 +80,9 @@ class Publisher:
         self._state.post(partial(self._send_scene, scene))
 
     def status(self) -> None:
-        """Hand over the state of the server, as it is now."""
-        self._state.post(partial(self._send_status, self._status()))
+        """Hand over the state of the server, as it is now; from any thread, and never an older one after a newer."""
+        with self._telling:
+            self._state.post(partial(self._send_status, self._status()))
 
     def metrics(self) -> None:
         """Hand over the metrics."""

@@ -100,13 +100,14 @@ def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when
     monkeypatch.setenv("MOTM_TEST_MARK", str(tmp_path / "mark"))
     get_reusable_executor().shutdown(kill_workers=True)  # workers of before do not know the variable
     names = ("DIES_ONCE", "DIES", "RAISES")
-    bad = [TrialSpec(SCENE, None, 0, f"{HERE / 'broken_methods.py'}:{name}") for name in names]
+    once, *bad = [TrialSpec(SCENE, None, 0, f"{HERE / 'broken_methods.py'}:{name}") for name in names]
     impatient = TrialSpec(SCENE, None, 0, changes={"time_limit": 0.2})
-    experiment = Experiment("drives", "", (*bad, impatient))
-    results = run(experiment, out=tmp_path, workers=2, console=QUIET)
-    died_once, dies, raises, late = results.of("drives")
+    (died_once,) = run(Experiment("once", "", (once,)), out=tmp_path, workers=2, console=QUIET).of("once")
     assert (tmp_path / "mark").exists()
     assert died_once["success"]  # it was killed from outside, as it were, and is begun again
+    experiment = Experiment("drives", "", (*bad, impatient))
+    results = run(experiment, out=tmp_path, workers=2, console=QUIET)
+    dies, raises, late = results.of("drives")
     assert "the process died" in dies["reason"]
     assert "no planner today (broken_methods.py" in raises["reason"]
     assert "time limit" in late["reason"]
