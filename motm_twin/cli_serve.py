@@ -16,6 +16,7 @@ from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.bus.config import VARIABLE
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.methods import MethodLibrary
+from motm_twin.bus.process import setter
 from motm_twin.bus.running import Running, note
 from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.model.scene_file import load_scene
@@ -224,9 +225,10 @@ def _signals(stop: threading.Event) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    handler = setter(stop)
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, old in before.items():
+            signal.signal(number, old)

@@ -2,9 +2,11 @@
 
 import json
 import os
+import queue
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any
 
 
@@ -24,11 +26,28 @@ class Reporter:
                 return
 
 
+def setter(stop: threading.Event) -> Callable[..., None]:
+    """A signal handler that sets an event, from another thread.
+
+    A handler runs in the main thread between any two of its steps. Where that one waits for the same event, it may
+    hold the event's lock just then, and `Event.set` would wait for it for ever; `SimpleQueue.put` never does.
+    """
+    heard: queue.SimpleQueue[None] = queue.SimpleQueue()
+
+    def pass_on() -> None:
+        heard.get()
+        stop.set()
+
+    threading.Thread(target=pass_on, name="signals", daemon=True).start()
+    return lambda *_: heard.put(None)
+
+
 def stop_event(with_parent: bool) -> threading.Event:
     """An event that is set by SIGTERM, by SIGINT, and (``with_parent``) when standard input ends."""
     stop = threading.Event()
+    handler = setter(stop)
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, handler)
     if with_parent:
 
         def watch() -> None:
