@@ -1,9 +1,20 @@
-"""For all tests: their helpers by name (twin_steps), and an order that leaves no worker alone with the long ones."""
+"""For all tests: their helpers by name (twin_steps), and an order that leaves no worker alone with the long ones.
 
+Hypothesis draws the same examples in every run, so that a change is judged by what it changes; MOTM_EXAMPLES=fresh
+draws new ones.
+"""
+
+import os
 import sys
 from pathlib import Path
 
+from hypothesis import settings
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+settings.register_profile("same", derandomize=True, database=None)
+settings.register_profile("fresh", derandomize=False)
+settings.load_profile(os.environ.get("MOTM_EXAMPLES", "same"))
 
 
 def pytest_collection_modifyitems(items):

@@ -50,6 +50,7 @@ class Bridge:
         self._model: RobotModel | None = None
         self._markers = Markers()
         self._waiting: deque[tuple[Callable[..., None], str, tuple[bytes, ...]]] = deque(maxlen=WAITING)
+        self._told: set[str] = set()  # keys on which the twin has said something by itself
         self._come, self._closed = threading.Event(), False
         self._wishes = Wishes(client, self._refuse)
         self._outlets = Outlets(ros, form, self._accept)
@@ -60,8 +61,8 @@ class Bridge:
             twin.declare_subscriber(keys.scan, self._direct(self._scan)),
         ]
         self._leave = [
-            client.on_tick(lambda payload: self._put(self._tick, keys.tick, payload)),
-            client.on_grid(lambda cells, info: self._put(self._grid, keys.grid, cells, info)),
+            client.on_tick(lambda payload: self._tell(self._tick, keys.tick, payload)),
+            client.on_grid(lambda cells, info: self._tell(self._grid, keys.grid, cells, info)),
         ]
         self._thread = threading.Thread(target=self._run, name="to ROS 2", daemon=True)
         self._thread.start()
@@ -80,9 +81,14 @@ class Bridge:
 
     def _direct(self, handle: Callable[..., None]) -> zenoh.handlers.Callback:
         def take(sample: zenoh.Sample) -> None:
-            self._put(handle, str(sample.key_expr), sample.payload.to_bytes())
+            self._tell(handle, str(sample.key_expr), sample.payload.to_bytes())
 
         return zenoh.handlers.Callback(take, indirect=False)
+
+    def _tell(self, handle: Callable[..., None], key: str, *payloads: bytes) -> None:
+        """The twin says something by itself: what it was asked for before is old from now on."""
+        self._told.add(key)
+        self._put(handle, key, *payloads)
 
     def _put(self, handle: Callable[..., None], key: str, *payloads: bytes) -> None:
         self._waiting.append((handle, key, payloads))
@@ -126,7 +132,7 @@ class Bridge:
         handlers = {keys.robot: self._robot, keys.scan: self._scan, keys.tick: self._tick, keys.grid: self._grid}
         for key, handle in handlers.items():
             for reply in self._twin.get(key, timeout=ANSWER):
-                if reply.ok is not None:
+                if reply.ok is not None and key not in self._told:
                     attached = reply.ok.attachment
                     self._put(handle, key, reply.ok.payload.to_bytes(), *([attached.to_bytes()] if attached else []))
 

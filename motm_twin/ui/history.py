@@ -110,7 +110,10 @@ class History:
         with self._lock:
             if read.run < self._run:
                 return  # a straggler
-            while self._maps and self._maps[-1].info.run == read.run and self._maps[-1].stamp > read.stamp:
+            goes_on = (
+                read.run == self._run
+            )  # so what it takes the place of may be of a run that it shares its past with
+            while self._maps and self._maps[-1].stamp > read.stamp and (goes_on or self._maps[-1].info.run == read.run):
                 self._map_bytes -= len(self._maps.pop().cells)
             last = self._maps[-1] if self._maps else None
             if last is not None and _same(last, packed):

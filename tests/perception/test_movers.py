@@ -50,8 +50,9 @@ def test_a_disc_is_found_where_it_is_and_as_fast_as_it_is(angle: float, course: 
     assert len(last) == 1
     x, y, vx, vy, radius, near = last[0]
     assert near == 1.0
-    # The map keeps what a disc has left for up to 0.3 s: one that drives away is believed that much nearer.
-    assert math.hypot(*(np.array([x, y]) - start - 1.95 * velocity)) < 0.05 + 0.3 * speed
+    # The map keeps what a disc has left for up to 0.3 s: one that drives away is believed that much nearer. A cell is
+    # 0.05 m, and the nearest of many beams is short by two or three standard deviations.
+    assert math.hypot(*(np.array([x, y]) - start - 1.95 * velocity)) < 0.05 + 0.03 + 0.3 * speed
     assert math.hypot(vx - velocity[0], vy - velocity[1]) < 0.15
     assert 0.15 < radius < 0.40
 

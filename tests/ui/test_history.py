@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 from fake_twin import FakeTwin, fake_scene
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from motm_twin.bus.encode import tick_message
@@ -188,6 +188,7 @@ def test_other_versions_and_broken_grids_are_refused():
         max_size=120,
     )
 )
+@example([(0, 1, False, 0, 0)] * 3 + [(1, 1, True, 0, 0), (2, 2, False, 0, 2), (0, 2, True, 0, 0)])  # back, on a branch
 def test_whatever_comes_the_history_stays_in_order_and_bounded(arrivals):
     """Any order of runs, jumps back and sizes: indices rise, the newest is the last that came, bounds hold."""
     history = History(periods=16, max_bytes=20_000)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import msgspec
+import numpy as np
 import pytest
 from page import changed, serving, until, visiting
 
@@ -17,6 +18,7 @@ from motm_twin.ui.hub import LAYERS
 SIGHT = 1e-4  # share of the pixels that must change at least
 BACK = 3  # periods
 MOVED = 60  # periods after which the Temis have trails
+SEEN = 0.7  # [m] of the path at least: more than the robot stands on
 
 
 @pytest.mark.browser
@@ -30,11 +32,7 @@ def test_layers_candidates_looking_back_branching_and_saving_by_mouse(tmp_path):
         visitor.settled()  # the camera has found its place
         candidates(visitor)
 
-        visitor.tab("Drive")
-        visitor.press("Play")
-        until(lambda: client.tick().index > MOVED, 60.0, "the twin does not run")
-        visitor.press("Pause")
-        until(lambda: client.status().state == "paused", 30.0, "not paused")
+        pause_on_the_way(visitor)
         layers(visitor)
 
         newest = client.tick()
@@ -77,6 +75,22 @@ def test_layers_candidates_looking_back_branching_and_saving_by_mouse(tmp_path):
         visitor.press("Play")
         visitor.state("Running")  # and does no harm
         assert visitor.errors == []
+
+
+def pause_on_the_way(visitor):
+    """Drive on and pause where there is a path to be seen: at a target the robot stands on what is left of it."""
+    client = visitor.twin.client
+    visitor.tab("Drive")
+    for _ in range(10):
+        begin = client.tick().index
+        visitor.press("Play")
+        until(lambda begin=begin: client.tick().index > max(MOVED, begin), 60.0, "the twin does not run")
+        visitor.press("Pause")
+        until(lambda: client.status().state == "paused", 30.0, "not paused")
+        path = np.array(client.tick().plan.global_path)
+        if np.hypot(*np.diff(path, axis=0).T).sum() > SEEN:
+            return
+    raise AssertionError("never on the way")
 
 
 def undo_and_again(visitor, newest, branched):
