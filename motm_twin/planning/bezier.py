@@ -47,14 +47,21 @@ def curve_length(points: Array) -> float:
 
 
 @kernel
-def curve_time(points: Array, heading: float, goal_heading: float, v_f: float, w_max: float) -> float:
+def curve_time(
+    points: Array, heading: float, goal_heading: float, v_f: float, w_max: float, limit: float = math.inf
+) -> float:
     """Time [s] of a sampled curve: integral of the slower of driving (ds / v_f) and turning (d theta / w_max).
 
     Equals length / v_f where the curve is gentle, as in the paper's figure, and is not optimistic in tight bends.
-    The directions at both ends are the headings there.
+    The directions at both ends are the headings there. Any number that is not below ``limit`` once it can not be.
     """
-    total = 0.0
     n = points.shape[0]
+    total = 0.0
+    for i in range(1, n):
+        total += length_of(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]) / v_f
+    if total >= limit:  # turning only adds to it
+        return total
+    total = 0.0
     before = heading
     for i in range(1, n):
         dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
@@ -67,4 +74,6 @@ def curve_time(points: Array, heading: float, goal_heading: float, v_f: float, w
             after = before
         total += max(step / v_f, turn(before, after) / w_max)
         before = after
+        if total >= limit:
+            return total
     return total

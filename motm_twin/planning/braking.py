@@ -3,7 +3,7 @@
 import math
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.collision import Body, Field, clearance
+from motm_twin.planning.collision import ROUNDING, SLOPE, Body, Field, clearance, clearance_from
 from motm_twin.planning.kernel import kernel
 
 
@@ -27,6 +27,45 @@ def stopping_clearance(
         v, w = v_end, w_end
         least = min(least, clearance(x, y, heading, 1.0, field, body))
     return least
+
+
+@kernel
+def _sure(least: float, wanted: float, reach: float) -> float:
+    """Clearance [m] that every point of the body has at least where `clearance` up to 1 m is `least`."""
+    if wanted <= 0.0:  # at the border of the map the distance jumps
+        return -math.inf
+    return least if least < 1.0 else 1.0 - (SLOPE - 1.0) * reach
+
+
+@kernel
+def can_stop(
+    x: float, y: float, c: float, s: float, heading: float, free: float, v: float, w: float, a_max: float,
+    b_max: float, wanted: float, field: Field, body: Body,
+) -> bool:  # fmt: skip
+    """Whether `stopping_clearance` is not below `wanted`, with the clearance looked at only where it can be.
+
+    ``free``: clearance of the pose when it is known, else not less than it; c, s: cosine and sine of the heading.
+    """
+    dt = 0.1
+    least = clearance_from(x, y, c, s, 1.0, wanted, field, body) if math.isinf(free) else free
+    if least - (v * v / (2.0 * a_max) + abs(v) * dt) - body.outer * min(math.pi, w * w / (2.0 * b_max)) >= wanted:
+        return True
+    # A point that moves by m changes its distance by SLOPE m at most, so that nothing is nearer than `room` - SLOPE m.
+    reach = body.outer + abs(body.centre_x)
+    room = _sure(least, wanted, reach)
+    while (v != 0.0 or w != 0.0) and least >= wanted:
+        v_end = max(0.0, abs(v) - a_max * dt) * (1.0 if v > 0.0 else -1.0)
+        w_end = max(0.0, abs(w) - b_max * dt) * (1.0 if w > 0.0 else -1.0)
+        ahead = heading + 0.25 * (w + w_end) * dt
+        x += 0.5 * (v + v_end) * dt * math.cos(ahead)
+        y += 0.5 * (v + v_end) * dt * math.sin(ahead)
+        heading += 0.5 * (w + w_end) * dt
+        room -= SLOPE * dt * 0.5 * (abs(v + v_end) + reach * abs(w + w_end))
+        v, w = v_end, w_end
+        if room < wanted + ROUNDING:
+            least = clearance(x, y, heading, 1.0, field, body)
+            room = _sure(least, wanted, reach)
+    return least >= wanted
 
 
 @kernel

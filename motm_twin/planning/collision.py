@@ -11,6 +11,9 @@ from motm_twin.model.profile import Footprint
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.kernel import kernel
 
+# How fast the interpolated distance of a field can change along a line, and what rounding adds to it [m].
+SLOPE, ROUNDING = 1.4143, 1e-4
+
 
 class Field(NamedTuple):
     """A distance field: values at cell centres [m] (ny, nx), corner of cell (0, 0) [m], cell size [m]."""
@@ -79,12 +82,21 @@ def distance_at(px: float, py: float, field: Field) -> float:
 @kernel
 def clearance(px: float, py: float, heading: float, enough: float, field: Field, body: Body) -> float:
     """Clearance [m] of the footprint at a pose, not more than `enough`; negative: that deep in an obstacle."""
-    c, s = math.cos(heading), math.sin(heading)
+    return clearance_from(px, py, math.cos(heading), math.sin(heading), enough, -math.inf, field, body)
+
+
+@kernel
+def clearance_from(
+    px: float, py: float, c: float, s: float, enough: float, too_little: float, field: Field, body: Body
+) -> float:
+    """`clearance` for a heading whose cosine c and sine s are known; any number below `too_little` once it is."""
     middle = distance_at(px + c * body.centre_x, py + s * body.centre_x, field)
     if middle - body.outer >= enough:
         return enough
     least = min(enough, middle - body.inner)
     for i in range(body.circle.shape[0]):
+        if least < too_little:
+            return least
         x, y, r = body.circle[i, 0], body.circle[i, 1], body.circle[i, 2]
         least = min(least, distance_at(px + c * x - s * y, py + s * x + c * y, field) - r)
     return least

@@ -223,7 +223,7 @@ def cost_outside(
 
 
 @kernel
-def _way_out(
+def way_out(
     px: float, py: float, heading: float, sx: float, sy: float, pushed: float, back: bool, rates: Rates
 ) -> tuple[float, float, float, float]:
     """Pose at the point outside when it is driven to forwards or in reverse, and the time [s] until then."""
@@ -232,71 +232,6 @@ def _way_out(
     if back:
         return sx, sy, out + math.pi, (math.pi - a_0) * rates.turn + pushed * rates.back
     return sx, sy, out, a_0 * rates.turn + pushed * rates.front
-
-
-@inlined
-def cost_from(
-    px: float, py: float, heading: float, sx: float, sy: float, pushed: float, visible: IntArray, graph: Graph,
-    table: Table,
-) -> float:  # fmt: skip
-    """Cost [s] from any pose; (sx, sy) is its point outside the grown polygons, `pushed` [m] away.
-
-    From deep inside (a pocket, a gap narrower than the growth) the way leads to that point, forwards or in reverse,
-    and on from there in whichever direction is best.
-    """
-    best = FAR
-    for way in range(2):
-        x, y, facing, spent = px, py, heading, 0.0
-        if pushed > BESIDE:
-            x, y, facing, spent = _way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
-        best = min(best, spent + cost_outside(x, y, facing, sx, sy, visible, graph, table)[0])
-        if pushed <= BESIDE:
-            break
-    return best
-
-
-class Sights(NamedTuple):
-    """What is seen from a list of places: point outside (m, 3 with how far), vertices in compressed rows."""
-
-    point: Array
-    start: IntArray
-    vertex: IntArray
-
-
-@kernel
-def _look(place: Array, graph: Graph, sights: Sights) -> int:
-    count = 0
-    for i in range(place.shape[0]):
-        qx, qy, pushed = push_out(place[i, 0], place[i, 1], graph.outline, graph.solids)
-        sights.point[i, 0], sights.point[i, 1], sights.point[i, 2] = qx, qy, pushed
-        count += visible_vertices(qx, qy, graph, sights.vertex[count:])
-        sights.start[i + 1] = count
-    return count
-
-
-def sights_of(place: Array, graph: Graph) -> Sights:
-    """The vertices seen from places, shape (m, 2)."""
-    m, n = len(place), len(graph.vertex)
-    sights = Sights(np.empty((m, 3)), np.zeros(m + 1, np.int32), np.empty(m * n, np.int32))
-    _look(place, graph, sights)
-    return sights
-
-
-@kernel
-def _costs(poses: Array, place_of: IntArray, sights: Sights, graph: Graph, table: Table, result: Array) -> None:
-    for i in range(poses.shape[0]):
-        p = place_of[i]
-        seen = sights.vertex[sights.start[p] : sights.start[p + 1]]
-        x, y, pushed = sights.point[p, 0], sights.point[p, 1], sights.point[p, 2]
-        cost = cost_from(poses[i, 0], poses[i, 1], poses[i, 2], x, y, pushed, seen, graph, table)
-        result[i] = cost if cost < FAR else math.inf
-
-
-def costs_from(poses: Array, place_of: IntArray, sights: Sights, graph: Graph, table: Table) -> Array:
-    """Costs [s] of poses (m, 3), pose i standing at place place_of[i] of `sights`; inf: no path."""
-    result = np.empty(len(poses))
-    _costs(poses, place_of, sights, graph, table, result)
-    return result
 
 
 @kernel
@@ -312,7 +247,7 @@ def _trace(
     for way in range(2):
         x, y, facing, spent = px, py, heading, 0.0
         if pushed > BESIDE:
-            x, y, facing, spent = _way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
+            x, y, facing, spent = way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
         found = cost_outside(x, y, facing, sx, sy, visible, graph, table)
         if spent + found[0] < cost:
             cost, in_reverse, via, follow = spent + found[0], found[1], found[2], found[3]

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.cost_to_go import Rates, Sights, Table, costs_from, make_table, sights_of, trace
+from motm_twin.planning.cost_to_go import Rates, Table, make_table, trace
+from motm_twin.planning.least_cost import Sights, costs_from, sights_of
 from motm_twin.planning.visibility import Graph, build_graph
 
 

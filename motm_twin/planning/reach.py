@@ -43,7 +43,13 @@ def in_reach(x: float, y: float, heading: float, v: float, w: float, job: Job) -
         if math.isnan(job.heading):
             return True
         return turn(heading, job.heading) <= job.heading_tolerance
-    c, s = math.cos(heading), math.sin(heading)
+    return manipulable(x, y, math.cos(heading), math.sin(heading), v, w, job)
+
+
+@kernel
+def manipulable(x: float, y: float, c: float, s: float, v: float, w: float, job: Job) -> bool:
+    """`in_reach` of what the arm is to do, for a heading whose cosine and sine are known."""
+    dx, dy = job.x - x, job.y - y
     px, py = c * dx + s * dy, -s * dx + c * dy
     distance = length_of(px - job.mount_x, py - job.mount_y)
     if distance < job.r_min or distance > job.r_max or px - job.mount_x < job.behind * distance:

@@ -13,6 +13,7 @@ from motm_twin.planning.visibility import Graph
 
 IntArray = NDArray[np.int32]
 BEZIER_SAMPLES = 8
+SWING = 23  # columns, named in staa.py
 
 
 class Settings(NamedTuple):
@@ -100,6 +101,7 @@ class Memory(NamedTuple):
     count: NDArray[np.int64]
     scratch: IntArray
     curve: Array
+    swing: Array  # (notches, SWING) what all children of a node with the same yaw rate at their end share
 
 
 def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
@@ -117,6 +119,7 @@ def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
         count=np.zeros(8, np.int64),
         scratch=np.zeros(vertices + 1, np.int32),
         curve=np.zeros((BEZIER_SAMPLES + 1, 2)),
+        swing=np.zeros((notches, SWING)),
     )
 
 

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.planning.bezier import bezier_points, curve_time
-from motm_twin.planning.braking import stopping_clearance
-from motm_twin.planning.collision import Field, clearance, distance_at
-from motm_twin.planning.cost_to_go import FAR, Table, cost_from
+from motm_twin.planning.braking import can_stop
+from motm_twin.planning.collision import ROUNDING, SLOPE, Field, clearance, clearance_from, distance_at
+from motm_twin.planning.cost_to_go import FAR, Table
 from motm_twin.planning.heap import heap_pop, heap_push
 from motm_twin.planning.kernel import inlined, kernel, length_of
-from motm_twin.planning.reach import MANIPULATE, Job, in_reach
+from motm_twin.planning.least_cost import cost_from
+from motm_twin.planning.reach import MANIPULATE, Job, in_reach, manipulable
 from motm_twin.planning.rtr import TWO_PI, turn
 from motm_twin.planning.search_memory import (
     ACTION,
@@ -43,6 +44,9 @@ from motm_twin.planning.visibility import Graph, push_out, visible_vertices
 IntArray = NDArray[np.int32]
 RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
 NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
+# Columns of a row of `Memory.swing`: at the end, in the middle (MID), direction of the way, cosine (C) and sine (S).
+YAW_RATE, NOTCH, CHORD, WAY_C, WAY_S, FACING, FACING_C, FACING_S = range(8)
+MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY = 8, 9, 10, 11, 12, 13, 18
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
 
 
@@ -92,7 +96,7 @@ def _bezier_cost(x: float, y: float, heading: float, limit: float, s: Settings, 
         return FAR
     curve = memory.curve
     bezier_points(x, y, heading, s.goal_x, s.goal_y, s.goal_heading, s.bezier_offset, curve)
-    time = curve_time(curve, heading, s.goal_heading, s.v_f, s.w_max)
+    time = curve_time(curve, heading, s.goal_heading, s.v_f, s.w_max, limit)
     if time >= limit:
         return FAR
     for i in range(1, curve.shape[0] - 1):
@@ -181,36 +185,71 @@ def start_search(pose: Array, twist: Array, left: float, memory: Memory) -> None
     memory.count[NODES], memory.count[QUEUE], memory.count[BEST] = 1, 1, -1
 
 
+@inlined
+def _swings(node: int, left: float, by_reach: bool, s: Settings, memory: Memory) -> int:
+    """Fill `swing` with what depends on the yaw rate at the end only; how many such yaw rates there are."""
+    dt, swing, half_notches = s.node_duration, memory.swing, s.notches // 2
+    heading, w_0 = memory.state[node, 2], memory.state[node, 4]
+    count, w_before = 0, math.inf
+    for j in range(-half_notches, half_notches + 1):
+        b = s.b_max * j / half_notches
+        w_end = min(s.w_max, max(-s.w_max, w_0 + b * dt))
+        if w_end == w_before:
+            continue
+        w_before = w_end
+        w = 0.5 * (w_0 + w_end)
+        half = 0.5 * w * dt
+        # Half way: the vehicle has the mean of the first half there, not the mean of the whole node.
+        w_m = 0.75 * w_0 + 0.25 * w_end
+        middle, m_heading = heading + 0.25 * w_m * dt, heading + 0.5 * w_m * dt
+        row = swing[count]
+        row[YAW_RATE], row[NOTCH] = w_end, j + half_notches
+        row[CHORD] = math.sin(half) / half if abs(half) > 1e-6 else 1.0
+        row[WAY_C], row[WAY_S], row[FACING] = math.cos(heading + half), math.sin(heading + half), heading + w * dt
+        row[FACING_C], row[FACING_S] = math.cos(row[FACING]), math.sin(row[FACING])
+        row[MID_WAY_C], row[MID_WAY_S], row[MID] = math.cos(middle), math.sin(middle), m_heading
+        row[MID_C], row[MID_S] = math.cos(m_heading), math.sin(m_heading)
+        if by_reach and left > 0.0:
+            _turned(row[HALF_WAY:WHOLE_WAY], heading, w_0, w_end, min(0.5, left / dt), dt)
+            _turned(row[WHOLE_WAY:], heading, w_0, w_end, min(1.0, left / dt), dt)
+        count += 1
+    return count
+
+
 @kernel
-def _reached_at(
-    x: float, y: float, heading: float, v_0: float, w_0: float, v_end: float, w_end: float, f: float, dt: float,
-    job: Job,
-) -> bool:  # fmt: skip
-    """Whether the target is in reach a fraction f into a node of duration dt [s]."""
-    v, w = v_0 + f * (v_end - v_0), w_0 + f * (w_end - w_0)
-    v_m, w_m = 0.5 * (v_0 + v), 0.5 * (w_0 + w)
+def _turned(row: Array, heading: float, w_0: float, w_end: float, f: float, dt: float) -> None:
+    """Yaw rate, cosine and sine of the way and of the heading a fraction f into a node of duration dt [s]."""
+    w = w_0 + f * (w_end - w_0)
+    w_m, t = 0.5 * (w_0 + w), f * dt
+    ahead, facing = heading + 0.5 * w_m * t, heading + w_m * t
+    row[0], row[1], row[2], row[3], row[4] = w, math.cos(ahead), math.sin(ahead), math.cos(facing), math.sin(facing)
+
+
+@kernel
+def _reached_at(x: float, y: float, v_0: float, v_end: float, f: float, dt: float, row: Array, job: Job) -> bool:
+    """Whether the target is in reach a fraction f into a node of duration dt [s]; row of `_turned`."""
+    v = v_0 + f * (v_end - v_0)
+    v_m = 0.5 * (v_0 + v)
     t = f * dt
-    ahead = heading + 0.5 * w_m * t
-    return in_reach(x + v_m * t * math.cos(ahead), y + v_m * t * math.sin(ahead), heading + w_m * t, v, w, job)
+    return manipulable(x + v_m * t * row[1], y + v_m * t * row[2], row[3], row[4], v, row[0], job)
 
 
-@kernel
+@inlined
 def _child(
-    node: int, v_end: float, w_end: float, action: int, allowed: float, root_reached: bool, s: Settings, world: World,
+    node: int, v_end: float, row: Array, action: int, allowed: float, root_reached: bool, s: Settings, world: World,
     cells: CellSights, memory: Memory,
 ) -> None:  # fmt: skip
-    """Make the child that ends at the given speeds, if it is free and new, and queue it."""
+    """Make the child that ends at the given speed and with a row of `swing`, if it is free and new, and queue it."""
     dt, job = s.node_duration, world.job
     before = memory.state[node]
-    x, y, heading, v_0, w_0 = before[0], before[1], before[2], before[3], before[4]
-    v, w = 0.5 * (v_0 + v_end), 0.5 * (w_0 + w_end)
-    half = 0.5 * w * dt
-    chord = v * dt * (math.sin(half) / half if abs(half) > 1e-6 else 1.0)
+    x, y, v_0, w_0, w_end = before[0], before[1], before[3], before[4], row[YAW_RATE]
+    v = 0.5 * (v_0 + v_end)
+    chord = v * dt * row[CHORD]
     n = memory.count[NODES]
     pose = memory.state[n]
-    pose[0] = x + chord * math.cos(heading + half)
-    pose[1] = y + chord * math.sin(heading + half)
-    pose[2] = heading + w * dt
+    pose[0] = x + chord * row[WAY_C]
+    pose[1] = y + chord * row[WAY_S]
+    pose[2] = row[FACING]
     pose[3], pose[4] = v_end, w_end
     if length_of(pose[0] - s.region_x, pose[1] - s.region_y) > s.region_radius:
         return
@@ -218,40 +257,42 @@ def _child(
         return
     depth = memory.link[node, DEPTH] + 1
     enough = 0.25
-    free = clearance(pose[0], pose[1], pose[2], enough, world.field, world.body)
+    free = clearance_from(pose[0], pose[1], row[FACING_C], row[FACING_S], enough, allowed, world.field, world.body)
     if free < allowed:
         return
-    # Half way: the vehicle has the mean of the first half there, not the mean of the whole node.
-    v_m, w_m = 0.75 * v_0 + 0.25 * v_end, 0.75 * w_0 + 0.25 * w_end
-    middle = heading + 0.25 * w_m * dt
-    mx, my = x + 0.5 * v_m * dt * math.cos(middle), y + 0.5 * v_m * dt * math.sin(middle)
-    m_heading = heading + 0.5 * w_m * dt
-    if free < enough and clearance(mx, my, m_heading, enough, world.field, world.body) < allowed:
-        return
-    if depth <= s.brake_depth and free < enough + 0.5:
-        stop = stopping_clearance(
-            pose[0], pose[1], pose[2], v_end, w_end, s.a_max, s.b_max, allowed, world.field, world.body
-        )
-        if stop < allowed:
+    v_m = 0.75 * v_0 + 0.25 * v_end
+    mx, my, m_heading = x + 0.5 * v_m * dt * row[MID_WAY_C], y + 0.5 * v_m * dt * row[MID_WAY_S], row[MID]
+    if free < enough:
+        away = length_of(pose[0] - mx, pose[1] - my)
+        away += (world.body.outer + abs(world.body.centre_x)) * abs(pose[2] - m_heading)
+        if (allowed <= 0.0 or free - SLOPE * away < allowed + ROUNDING) and (
+            clearance_from(mx, my, row[MID_C], row[MID_S], enough, allowed, world.field, world.body) < allowed
+        ):
             return
+    if depth <= s.brake_depth and not can_stop(
+        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < enough else math.inf, v_end, w_end,
+        s.a_max, s.b_max, allowed, world.field, world.body,
+    ):  # fmt: skip
+        return
     left, reached, done = memory.cost[node, LEFT], False, False
     if s.by_job:
-        reached = in_reach(pose[0], pose[1], pose[2], v_end, w_end, job)
         if job.kind == MANIPULATE:
+            reached = manipulable(pose[0], pose[1], row[FACING_C], row[FACING_S], v_end, w_end, job)
             if left > 0.0:
                 # Reach is tested half way and at the end, or exactly when the job would be done, if that is earlier.
-                f = min(0.5, left / dt)
-                kept = _reached_at(x, y, heading, v_0, w_0, v_end, w_end, f, dt, job)
+                kept = _reached_at(x, y, v_0, v_end, min(0.5, left / dt), dt, row[HALF_WAY:WHOLE_WAY], job)
                 f = min(1.0, left / dt)
-                kept_on = reached if f == 1.0 else _reached_at(x, y, heading, v_0, w_0, v_end, w_end, f, dt, job)
+                kept_on = reached if f == 1.0 else _reached_at(x, y, v_0, v_end, f, dt, row[WHOLE_WAY:], job)
                 if s.keep_reach and root_reached and not (kept and kept_on):
                     return
                 if not kept:
                     left = job.dwell
                 left = left - (0.5 if not kept else 1.0) * dt if kept_on else job.dwell
                 left = 0.0 if left < 1e-6 else left
-        elif reached or in_reach(mx, my, m_heading, v_0, w_0, job):
-            left = 0.0
+        else:
+            reached = in_reach(pose[0], pose[1], pose[2], v_end, w_end, job)
+            if reached or in_reach(mx, my, m_heading, v_0, w_0, job):
+                left = 0.0
         done = left <= 0.0
     h, t_goal = _judge(pose[0], pose[1], pose[2], reached or done, done, s, world, cells, memory)
     if h >= FAR:
@@ -302,6 +343,7 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
             if _close(memory.state[node], s, memory.closed, 1):
                 continue
         count[EXPANSIONS] += 1
+        swings = _swings(node, memory.cost[node, LEFT], s.by_job and world.job.kind == MANIPULATE, s, memory)
         v_before = math.inf
         for i in range(-half, half + 1):
             a = s.a_max * i / half
@@ -309,12 +351,7 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
             if v_end == v_before:
                 continue
             v_before = v_end
-            w_before = math.inf
-            for j in range(-half, half + 1):
-                b = s.b_max * j / half
-                w_end = min(s.w_max, max(-s.w_max, memory.state[node, 4] + b * s.node_duration))
-                if w_end == w_before:
-                    continue
-                w_before = w_end
-                action = (i + half) * s.notches + j + half
-                _child(node, v_end, w_end, action, allowed, root_reached, s, world, cells, memory)
+            for k in range(swings):
+                row = memory.swing[k]
+                action = (i + half) * s.notches + int(row[NOTCH])
+                _child(node, v_end, row, action, allowed, root_reached, s, world, cells, memory)
