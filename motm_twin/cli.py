@@ -36,7 +36,7 @@ def run(
     Exit code 0: the task was completed with no contact caused by the robot; 1: not; 2: bad input.
 
     Args:
-        scene: Shipped scene or path to a scene file.
+        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
         variant: Named variant of the scene.
         seed: Seed of noise and random arrangements.
         json: Write the report to a file, or to standard output with '-'.
@@ -83,7 +83,7 @@ def serve(
     """Serve the twin in the browser, and its state on Zenoh.
 
     Args:
-        scene: Shipped scene or path to a scene file.
+        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
         variant: Named variant of the scene.
         seed: Seed of noise and random arrangements.
         port: TCP port of the page.
@@ -150,15 +150,29 @@ def what_if(
     return compare(file, list(changes), seconds=seconds, report=json, lines=stream, method=method)
 
 
-def scene(action: Positional[Literal["list", "check", "schema"]], path: Positional[str | None] = None, /) -> int:
-    """List the shipped scenes, check a scene file, or print the JSON Schema of scene files.
+def scene(
+    action: Positional[Literal["list", "check", "schema", "generate"]],
+    path: Positional[str | None] = None,
+    /,
+    seed: int | None = None,
+    difficulty: float | None = None,
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None,
+) -> int:
+    """List the shipped scenes, check a scene file, print the JSON Schema of scene files, or make a new scene.
 
     Args:
         action: What to do.
         path: Scene name or file, for check.
+        seed: Of the generated scene; the same seed and difficulty give the same file.
+        difficulty: Of the generated scene, from 0 (easy) to 1 (hard); 0.5 without it.
+        output: New file for the generated scene; without it, it is printed.
     """
     from motm_twin import cli_scene
 
+    if action == "generate":
+        return cli_scene.generate_scene(seed, difficulty, output, path)
+    if (seed, difficulty, output) != (None, None, None):
+        raise SceneError(f"scene {action}: --seed, --difficulty and --output belong to scene generate")
     if action == "list":
         return cli_scene.list_scenes()
     if action == "schema":
@@ -185,8 +199,9 @@ def bench(
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
     With methods, trials, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, one_temi, ablations,
-    grasp_delay, robustness, sweep_next_weight, sweep_bezier_offset, sweep_radius_min, sweep_radius_max), compared in a
-    table. It is kept on disk: after Ctrl-C or a crash the same command goes on where it ended.
+    grasp_delay, robustness, further_scenes, generated, sweep_next_weight, sweep_bezier_offset, sweep_radius_min,
+    sweep_radius_max), compared in a table. It is kept on disk: after Ctrl-C or a crash the same command goes on where
+    it ended.
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,

@@ -1,11 +1,14 @@
-"""The commands ``motm-twin scene list | check | schema``. Each returns the exit code: 0, or 2 for bad input."""
+"""The commands ``motm-twin scene list | check | schema | generate``. Each returns 0, or 2 for bad input."""
 
 import json
 import sys
+from pathlib import Path
 
-from motm_twin.model.scene_file import SceneError, check_all
+from motm_twin.model.scene_error import SceneError
+from motm_twin.model.scene_file import check_all
 from motm_twin.model.scene_file import list_scenes as shipped_scenes
 from motm_twin.model.scene_format import json_schema
+from motm_twin.model.scene_generate import DIFFICULTY, generate
 
 OK, BAD_INPUT = 0, 2
 _MANY = 6
@@ -55,9 +58,34 @@ def schema_text() -> str:
     return json.dumps(json_schema(), indent=2, sort_keys=True) + "\n"
 
 
+def generate_scene(seed: int | None, difficulty: float | None, output: Path | None, path: str | None) -> int:
+    """Write a scene that nobody has seen before to a new file, or print it."""
+    try:
+        if path is not None:
+            raise SceneError(f"scene generate makes its own scene: leave {path!r} out, or write -o {path}")
+        if seed is None:
+            raise SceneError("scene generate: say which one, as --seed 17")
+        if output is not None and output.suffix not in (".yaml", ".yml"):
+            raise SceneError("a scene file ends with .yaml or .yml: name it so", file=str(output))
+        text = generate(seed, DIFFICULTY if difficulty is None else difficulty)
+        if output is None:
+            print(text, end="")
+            return OK
+        with output.open("x", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+    except SceneError as error:
+        return _refuse(error)
+    except FileExistsError:
+        return _refuse(SceneError("it exists already: choose another name, or remove it", file=str(output)))
+    except OSError as error:
+        return _refuse(SceneError(f"cannot be written: {error.strerror}", file=str(output)))
+    print(f"written to {output}")
+    return OK
+
+
 def _refuse(error: SceneError) -> int:
     print(f"error: {error}", file=sys.stderr)
     return BAD_INPUT
 
 
-__all__ = ["check_scene", "list_scenes", "print_schema", "schema_text"]
+__all__ = ["check_scene", "generate_scene", "list_scenes", "print_schema", "schema_text"]

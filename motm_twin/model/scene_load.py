@@ -7,6 +7,7 @@ from pathlib import Path
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.model.scene_error import SceneError, near
 from motm_twin.model.scene_format import FORMAT, SceneFile
+from motm_twin.model.scene_generate import generate, is_generated, name_of, parse_name
 from motm_twin.model.scene_types import check_types, show
 from motm_twin.model.scene_yaml import MAX_BYTES, Node, parse_yaml
 
@@ -52,7 +53,10 @@ def find_scene(name_or_path: str) -> tuple[Path, str]:
         close = difflib.get_close_matches(path.stem, names, n=1)
         shipped = f"; the shipped scene '{close[0]}' is called without folder and ending" if close else ""
         raise SceneError(f"no such scene file{shipped}", file=show(text))
-    raise SceneError(f"no scene is called {show(text)} (a path to your own .yaml file works too); {near(text, names)}")
+    raise SceneError(
+        f"no scene is called {show(text)} (a path to your own .yaml file works too, and generated:SEED); "
+        f"{near(text, names)}"
+    )
 
 
 def _is_file(path: Path) -> bool:
@@ -63,9 +67,19 @@ def _is_file(path: Path) -> bool:
 
 
 def load_document(name_or_path: str) -> Document:
-    """Read a scene file and all that it extends; raises SceneError."""
+    """Read a scene file and all that it extends, or make a generated scene; raises SceneError."""
+    if is_generated(name_or_path):
+        return _generated(name_or_path)
     path, shown = find_scene(name_or_path)
     return Document(path.stem, shown, _read_chain(path, shown, (path.resolve(),)))
+
+
+def _generated(text: str) -> Document:
+    seed, difficulty = parse_name(text)
+    name = name_of(seed, difficulty)
+    root = parse_yaml(generate(seed, difficulty), name)
+    check_types(root, SceneFile)
+    return Document(name, name, merge(Node({}, name, root.line, ""), root))
 
 
 def _read_chain(path: Path, shown: str, seen: tuple[Path, ...]) -> Node:

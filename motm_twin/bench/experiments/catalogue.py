@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from motm_twin.bench import robustness
+from motm_twin.bench.experiments import unseen
 from motm_twin.bench.experiments.spec import Experiment, TrialSpec
 from motm_twin.methods.error import MethodError
 from motm_twin.methods.modifications import ABLATIONS, MOTM
@@ -126,6 +127,8 @@ EXPERIMENTS: dict[str, Entry] = {
         specs=robustness.robustness_specs,
         methods=robustness.METHODS,
     ),
+    "further_scenes": Entry(title="Six further scenes, same code and parameters", specs=unseen.further_specs),
+    "generated": Entry(title="Generated scenes of growing difficulty", specs=unseen.generated_specs),
     **{
         f"sweep_{parameter}": Entry(title=f"Experiment 1 with other values of {parameter}", specs=_sweep(parameter))
         for parameter in SWEEPS

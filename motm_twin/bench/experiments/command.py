@@ -9,7 +9,7 @@ from motm_twin.bench.experiments.catalogue import EXPERIMENTS, experiment
 from motm_twin.bench.experiments.pool import BACKENDS
 from motm_twin.bench.experiments.run import Results, run
 from motm_twin.bench.experiments.store import Store
-from motm_twin.bench.experiments.summary import published_beside, rows, summary_table, write_summary
+from motm_twin.bench.experiments.summary import published_beside, reasons_table, rows, summary_table, write_summary
 from motm_twin.bench.machine import machine
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -71,5 +71,7 @@ def show(name: str, results: Results, out: Path, console: Console) -> None:
     found, beside = rows(results.of(name)), published_beside(results.of(name))
     console.print(f"\n[bold]{EXPERIMENTS[name].title}[/bold]")
     console.print(summary_table(found, beside))
+    if (why := reasons_table(results.of(name))) is not None:
+        console.print(why)
     target = write_summary(found, beside, out / name)
     console.print(f"written to {target}; the trials are in {out / name}", markup=False)

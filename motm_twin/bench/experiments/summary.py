@@ -8,9 +8,11 @@ from typing import Any
 
 import msgspec
 from rich.table import Table
+from rich.text import Text
 
 from motm_twin.bench.experiments import statistics
 from motm_twin.bench.experiments.statistics import Estimate
+from motm_twin.bench.experiments.unseen import reasons, row_of
 from motm_twin.bench.groups import drove_into
 from motm_twin.bench.published import Published, published
 from motm_twin.methods.modifications import MOTM
@@ -45,7 +47,7 @@ def rows(results: Sequence[Result]) -> list[Row]:
     """One row per scene, method and setting, in the order of the results."""
     groups: dict[tuple[str, str, str], list[Result]] = {}
     for result in results:
-        groups.setdefault((result["scene"], result["method"], setting(result)), []).append(result)
+        groups.setdefault((row_of(result["scene"]), result["method"], setting(result)), []).append(result)
     return [_row(name, these, groups) for name, these in groups.items()]
 
 
@@ -113,6 +115,19 @@ def summary_table(found: Sequence[Row], beside: Sequence[Published] = ()) -> Tab
             "time s": f"{entry.seconds:.1f}",
         }
         table.add_row(*(cells.get(name, "") for name in shown), style="dim")
+    return table
+
+
+def reasons_table(results: Sequence[Result]) -> Table | None:
+    """Why trials were without success; None when all had it."""
+    found = reasons(results)
+    if not found:
+        return None
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name in ("trials", "reason", "first in"):
+        table.add_column(name, justify="right" if name == "trials" else "left")
+    for reason, count, first in found:
+        table.add_row(str(count), Text(reason), Text(first))
     return table
 
 
