@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from motm_twin.control.arm_avoidance import LidarLimits, lidar_limits, nearest_distance, no_limits
 from motm_twin.control.arm_motion import Motion, hand_motion
@@ -20,11 +21,13 @@ from motm_twin.control.qp_rows import (
     LIDAR_ELASTIC,
     SIZE,
     SLACK,
+    anchored,
     base_bounds,
     elastic_rows,
     hand_rows,
     joint_bounds,
     lag_factor,
+    posture_error,
     variable_bounds,
     weights,
 )
@@ -32,7 +35,7 @@ from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.transit import TransitRule
 from motm_twin.control.types import ArmInputs, ArmStep, ArmTiming
 from motm_twin.model.geometry import Array, frozen
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX
+from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.kinematics import manipulability, manipulability_gradient
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation
@@ -129,11 +132,10 @@ class Manipulator(Stateful[ManipulatorState]):
     def _anchor_commands(self, inputs: ArmInputs) -> None:
         """Keep the remembered commands near what the robot does, should somebody else have commanded it."""
         state, limits = self._state, self.profile.base
-        room = 2.0 * inputs.dt * np.array([limits.linear_acceleration, limits.yaw_acceleration])
-        state.twist = np.clip(state.twist, inputs.base_twist - room, inputs.base_twist + room)
+        room = (2.0 * inputs.dt * limits.linear_acceleration, 2.0 * inputs.dt * limits.yaw_acceleration)
         follow = DDQ_MAX * (self.profile.arm.velocity_lag + 3.0 * inputs.dt)
-        dq = inputs.observation.dq
-        state.rates = np.clip(np.clip(state.rates, dq - follow, dq + follow), -DQ_MAX, DQ_MAX)
+        dq = np.asarray(inputs.observation.dq, dtype=float)
+        state.twist, state.rates = anchored(state.twist, state.rates, inputs.base_twist, room, dq, follow)
 
     def _rows(self, view: View, inputs: ArmInputs) -> Rows:
         """Speed limits towards lidar obstacles and furniture."""
@@ -153,7 +155,7 @@ class Manipulator(Stateful[ManipulatorState]):
     def _active(self, program: Program, rows: Rows, x: Array) -> tuple[str, ...]:
         """Names of rows and bounds that hold with equality."""
         found = []
-        for k in np.flatnonzero(program.G @ x >= program.h - _ACTIVE):
+        for k in np.flatnonzero(program.G @ x >= program.h - _ACTIVE).tolist():
             lidar = k < len(rows.lidar.static)
             if lidar:
                 found.append("lidar static" if rows.lidar.static[k] else "lidar moving")
@@ -200,18 +202,15 @@ class Manipulator(Stateful[ManipulatorState]):
         p = self.parameters.qp
         swinging = self._state.phase in _SWINGING
         gain, fastest = (p.swing_posture_gain, p.swing_posture_rate) if swinging else (p.posture_gain, p.posture_rate)
-        plane = np.array([polar(view.p, view.pose, self._mount)[1], 0.0, 0.0])
-        error = np.zeros(7)
-        error[[0, 2, 4]] = np.clip(gain * (view.q[[0, 2, 4]] - plane), -fastest, fastest)
-        return error
+        return posture_error(view.q, polar(view.p, view.pose, self._mount)[1], gain, fastest)
 
     def _free_return(self, view: View, cost: Array, c: Array) -> Array:
         """When the way to the stow pose is stuck: the same program, but led by the joints. Returns the cost."""
         state, p = self._state, self.parameters
+        if state.phase not in ("stow", "carry") or view.time - state.since <= p.stuck_time:
+            return cost
         error = self._stow_joints - view.q
-        stuck = state.phase in ("stow", "carry") and view.time - state.since > p.stuck_time
-        there = float(np.abs(error[[1, 2, 3, 4]]).max()) < _STOWED and abs(error[0]) < _TURNED
-        if not stuck or there:
+        if float(np.abs(error[[1, 2, 3, 4]]).max()) < _STOWED and abs(error[0]) < _TURNED:
             return cost
         free = cost.copy()
         free[SLACK] = p.qp.free_weight
@@ -315,18 +314,20 @@ def _total(inputs: ArmInputs) -> float:
     """A sum of all numbers: finite when each is."""
     observation, goal = inputs.observation, inputs.goal
     total = observation.gripper_width + observation.time + inputs.dt + goal.yaw
-    for values in (
-        observation.odometry,
-        observation.twist,
-        observation.q,
-        observation.dq,
-        inputs.base_twist,
-        goal.position,
-        inputs.obstacles.points,
-        inputs.plan_poses,
-        inputs.T_odom_world,
-    ):
-        total += float(np.add.reduce(values, axis=None))
+    return total + _sum(
+        observation.odometry, observation.twist, observation.q, observation.dq, inputs.base_twist, goal.position,
+        inputs.T_odom_world, inputs.obstacles.points, inputs.plan_poses,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _sum(a: Array, b: Array, c: Array, d: Array, e: Array, f: Array, g: Array, one: Array, two: Array) -> float:
+    """Of seven vectors and two matrices."""
+    total = a.sum() + b.sum() + c.sum() + d.sum() + e.sum() + f.sum() + g.sum()
+    for matrix in (one, two):
+        for row in range(matrix.shape[0]):
+            for column in range(matrix.shape[1]):
+                total += matrix[row, column]
     return total
 
 

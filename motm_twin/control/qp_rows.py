@@ -9,6 +9,7 @@ the base will really have: its velocity loop lags by ``tau``, so that after the 
 and t is half a step plus the lag of the arm, the mean delay until the commanded arm rates act.
 """
 
+import functools
 import math
 
 import numpy as np
@@ -112,22 +113,35 @@ _LIMITS = np.vstack([Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX])
 
 def joint_bounds(q: Array, previous: Array, dt: float, parameters: QpParameters) -> tuple[Array, Array]:
     """Bounds of the arm rates: speed, acceleration round the previous command, damper before position limits."""
+    p = parameters
+    return _joint_bounds(q, previous, dt, _limits(p.elbow_limit), p.damper_gain, p.damper_start, p.damper_stop)
+
+
+@functools.cache
+def _limits(elbow_limit: float) -> Array:
+    """Least and largest joint angles, speeds and accelerations, shape (4, 7), the elbow never straighter than that."""
     limits = _LIMITS.copy()
-    limits[1, 3] = min(limits[1, 3], parameters.elbow_limit)
-    return _joint_bounds(
-        q, previous, dt, limits, parameters.damper_gain, parameters.damper_start, parameters.damper_stop
-    )
+    limits[1, 3] = min(limits[1, 3], elbow_limit)
+    return limits
 
 
 def base_bounds(previous: Array, dt: float, profile: RobotProfile) -> tuple[Array, Array]:
     """Bounds of the commanded base twist: one step's acceleration round the previous command, and the speed limits."""
     limits = profile.base
-    step = np.array([limits.linear_acceleration, limits.yaw_acceleration]) * dt
-    fastest = np.array([limits.forward_speed, limits.yaw_rate])
-    slowest = np.array([-limits.reverse_speed, -limits.yaw_rate])
-    lower = np.minimum(np.maximum(previous - step, slowest), fastest)
-    upper = np.maximum(np.minimum(previous + step, fastest), slowest)
-    return np.minimum(lower, upper), np.maximum(lower, upper)
+    fastest, slowest = (limits.forward_speed, limits.yaw_rate), (-limits.reverse_speed, -limits.yaw_rate)
+    return _base_bounds(previous, dt, (limits.linear_acceleration, limits.yaw_acceleration), slowest, fastest)
+
+
+@njit(cache=True)
+def _base_bounds(
+    previous: Array, dt: float, most: tuple[float, float], slowest: tuple[float, float], fastest: tuple[float, float]
+) -> tuple[Array, Array]:
+    lower, upper = np.empty(2), np.empty(2)
+    for k in range(2):
+        low = min(max(previous[k] - most[k] * dt, slowest[k]), fastest[k])
+        high = max(min(previous[k] + most[k] * dt, fastest[k]), slowest[k])
+        lower[k], upper[k] = min(low, high), max(low, high)
+    return lower, upper
 
 
 @njit(cache=True)
@@ -175,9 +189,44 @@ def weights(parameters: QpParameters, *, swinging: bool) -> Array:
 
 def variable_bounds(base: tuple[Array, Array], arm: tuple[Array, Array]) -> tuple[Array, Array]:
     """Lower and upper bounds of the whole decision, shape (17,) each."""
+    return _variable_bounds(*base, *arm)
+
+
+@njit(cache=True)
+def _variable_bounds(base_low: Array, base_high: Array, arm_low: Array, arm_high: Array) -> tuple[Array, Array]:
     lower, upper = np.empty(SIZE), np.empty(SIZE)
-    lower[BASE], upper[BASE] = base
-    lower[ARM], upper[ARM] = arm
-    lower[SLACK], upper[SLACK] = -_SLACK_BOUND, _SLACK_BOUND
-    lower[SLACK.stop :], upper[SLACK.stop :] = 0.0, _FREE
+    lower[:2], upper[:2] = base_low, base_high
+    lower[2:9], upper[2:9] = arm_low, arm_high
+    lower[9:15], upper[9:15] = -_SLACK_BOUND, _SLACK_BOUND
+    lower[15:], upper[15:] = 0.0, _FREE
     return lower, upper
+
+
+@njit(cache=True)
+def anchored(
+    twist: Array, rates: Array, wanted: Array, room: tuple[float, float], dq: Array, follow: Array
+) -> tuple[Array, Array]:
+    """Base twist (2,) within `room` of the wanted one, and arm rates (7,) within `follow` of dq and the limits."""
+    near, held = np.empty(2), np.empty(7)
+    for k in range(2):
+        near[k] = _clipped(twist[k], wanted[k] - room[k], wanted[k] + room[k])
+    for k in range(7):
+        held[k] = _clipped(_clipped(rates[k], dq[k] - follow[k], dq[k] + follow[k]), -DQ_MAX[k], DQ_MAX[k])
+    return near, held
+
+
+@njit(cache=True)
+def _clipped(value: float, low: float, high: float) -> float:
+    """As np.clip: the value itself unless it is outside."""
+    lifted = low if value < low else value
+    return high if lifted > high else lifted
+
+
+@njit(cache=True)
+def posture_error(q: Array, azimuth: float, gain: float, fastest: float) -> Array:
+    """Rates [rad/s] of joints 1, 3 and 5 away from an arm in the plane of that azimuth, shape (7,)."""
+    error = np.zeros(7)
+    error[0] = _clipped(gain * (q[0] - azimuth), -fastest, fastest)
+    error[2] = _clipped(gain * (q[2] - 0.0), -fastest, fastest)
+    error[4] = _clipped(gain * (q[4] - 0.0), -fastest, fastest)
+    return error

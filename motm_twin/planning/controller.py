@@ -11,11 +11,11 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
-from motm_twin.planning.collision import Field, body_of, clearances, field_of
+from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, goal_table, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.reach import Job, ReachModel, in_reach
+from motm_twin.planning.reach import Job, ReachModel, first_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
 from motm_twin.planning.visibility import Graph
@@ -65,7 +65,7 @@ class StaaController:
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """How to accelerate in this period."""
         target = problem.target
-        field = field_of(problem.world)
+        field = self._graphs.field(problem.world)
         self._asked = None
         if target is None or placement.mode == "none":
             return self._idle(problem, field, "there is nothing to do")
@@ -80,7 +80,9 @@ class StaaController:
         settings = self._settings(problem, placement, goal, next_table is not None)
         world = search_memory.World(
             field,
-            Field(np.array(problem.world.proximity, dtype=np.float32), field.x, field.y, field.inverse_cell),
+            field._replace(value=np.array(problem.world.proximity, dtype=np.float32))
+            if self._p.penalty == "grid"
+            else field,
             self._body,
             graph,
             goal.table,
@@ -109,7 +111,7 @@ class StaaController:
             status="goal" if status == staa.GOAL else "aborted",
             reason="",
             global_path=frozen(goal.global_path),
-            next_path=frozen(self._next_path(placement, graph)),
+            next_path=frozen(self._next_path(placement, graph, next_table)),
             intermediate_goal=frozen(goal.pose),
             local_poses=frozen(poses),
             local_times=frozen(np.arange(len(branch)) * self._p.node_duration),
@@ -241,8 +243,11 @@ class StaaController:
 
     def _cell_sights(self, graph: Graph, field: Field) -> search_memory.CellSights:
         grid = (field.x, field.y, field.inverse_cell, *field.value.shape)
-        if self._cells is None or self._cells[0] is not graph or self._cells[1] != grid:
+        if self._cells is None or self._cells[1] != grid:
             self._cells = (graph, grid, search_memory.make_cell_sights(field))
+        elif self._cells[0] is not graph:
+            self._cells = (graph, grid, self._cells[2])
+            search_memory.forget_sights(self._cells[2])
         return self._cells[2]
 
     def _room(self, expansions: int, graph: Graph) -> search_memory.Memory:
@@ -293,8 +298,7 @@ class StaaController:
         """The branch's first acceleration; where a speed limit cut it, what the node was predicted with."""
         return (memory.state[branch[1], 3:] - memory.state[0, 3:]) / self._p.node_duration
 
-    def _next_path(self, placement: Placement, graph: Graph) -> Array:
-        table = self._next_table(graph, placement)
+    def _next_path(self, placement: Placement, graph: Graph, table: Table | None) -> Array:
         return empty_path() if table is None else path_to_goal(graph, table, placement.goal)[0]
 
     def _bezier(self, last: Array, s: search_memory.Settings, finished: bool) -> Array:
@@ -331,10 +335,9 @@ class StaaController:
             facing = math.atan2(step[1], step[0]) + (math.pi if in_reverse else 0.0)
             time += turn(heading, facing) / self._limits.yaw_rate
             heading = facing
-            for s in np.arange(0.0, length, 0.05):
-                if in_reach(path[i - 1, 0] + s / length * step[0], path[i - 1, 1] + s / length * step[1],
-                            facing, 0.0, 0.0, job):  # fmt: skip
-                    return time + s / speed
+            way = first_in_reach(path[i - 1], step, length, facing, job)
+            if way < math.inf:
+                return time + way / speed
             time += length / speed
         return time
 

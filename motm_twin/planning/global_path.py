@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.collision import Field, field_of
 from motm_twin.planning.cost_to_go import Rates, Table, make_table, trace
 from motm_twin.planning.least_cost import Sights, costs_from, sights_of
 from motm_twin.planning.visibility import Graph, build_graph
 
 
 class GraphCache:
-    """Builds the visibility graph and remembers the newest: a pure function of its arguments, so it is no state."""
+    """Builds visibility graph and field, and remembers the newest: pure functions of their arguments, so no state."""
 
     def __init__(self) -> None:
         self._key: tuple[bytes, float, tuple[float, ...]] | None = None
         self._graph: Graph | None = None
+        self._field: tuple[Array, Array, Field] | None = None
 
     def graph(self, world: WorldMap, g: float) -> Graph:
         """The graph of the map's polygons grown by g [m]; the same object while nothing changed."""
@@ -34,6 +36,13 @@ class GraphCache:
         if self._graph is None or key != self._key:
             self._graph, self._key = build_graph(world.polygons, g, bounds), key
         return self._graph
+
+    def field(self, world: WorldMap) -> Field:
+        """The distance field of the map; the same object while nothing changed."""
+        known = self._field
+        if known is None or known[0] is not world.distance or known[1] is not world.origin:
+            known = self._field = (world.distance, world.origin, field_of(world))
+        return known[2]
 
 
 def rates_of(limits: BaseLimits, *, rotation_cost: bool = True) -> Rates:

@@ -5,12 +5,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.collision import Body, Field, body_of, clearances, field_of
+from motm_twin.planning.collision import Body, Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import (
     GraphCache,
@@ -22,8 +23,10 @@ from motm_twin.planning.global_path import (
     rates_of,
     robot_table,
 )
+from motm_twin.planning.kernel import kernel
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
+from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
 from motm_twin.planning.visibility import Graph
 
@@ -73,30 +76,6 @@ class Searched(NamedTuple):
     viable: Array  # (m,) of bool
 
 
-def ring(centre: Array, radius: float, positions: int) -> tuple[Array, Array, Array]:
-    """Candidates on a circle: poses (2 n, 3), places (n, 2), place of each pose. Headings are tangential.
-
-    Even entries drive round the target counter-clockwise, odd ones clockwise (Paper, Sec. IV).
-    """
-    angle = np.arange(positions) * (2.0 * math.pi / positions)
-    place = np.asarray(centre)[:2] + radius * np.column_stack((np.cos(angle), np.sin(angle)))
-    place_of = np.repeat(np.arange(positions, dtype=np.int32), 2)
-    heading = np.repeat(angle, 2) + np.tile((0.5 * math.pi, -0.5 * math.pi), positions)
-    heading = np.arctan2(np.sin(heading), np.cos(heading))
-    return np.column_stack((place[place_of], heading)), place, place_of
-
-
-def spokes(centre: Array, radius: float, positions: int, headings: int) -> tuple[Array, Array, Array]:
-    """All headings at every position of a circle: poses (n h, 3), places (n, 2), place of each pose."""
-    angle = np.arange(positions) * (2.0 * math.pi / positions)
-    place = np.asarray(centre)[:2] + radius * np.column_stack((np.cos(angle), np.sin(angle)))
-    place_of = np.repeat(np.arange(positions, dtype=np.int32), headings)
-    away = np.tile(np.arange(headings) * (2.0 * math.pi / headings), positions)
-    heading = np.repeat(angle, headings) + math.pi + away
-    heading = np.arctan2(np.sin(heading), np.cos(heading))
-    return np.column_stack((place[place_of], heading)), place, place_of
-
-
 class NextTargetPlacement(Stateful[PlacementState]):
     """C_i = C_iC + 1.05 C_iN over 36 x 2 candidates on the smallest ring, 0.6 to 0.8 m, that has a viable one."""
 
@@ -118,7 +97,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             return _nothing_to_do(problem.pose)
         target = problem.target
         graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
-        here = Here(problem.world, field_of(problem.world), self._body, graph)
+        here = Here(problem.world, self._graphs.field(problem.world), self._body, graph)
         from_robot = robot_table(graph, problem.pose, self._rates)
         next_poses = self._next_poses(problem.next_target, here)
         to_next = goal_table(graph, next_poses, self._rates) if next_poses is not None else None
@@ -237,18 +216,13 @@ class NextTargetPlacement(Stateful[PlacementState]):
     def _rejections(self, pose: Array, here: Here) -> list[str]:
         """Why the footprint does not fit at each pose; "" where it does."""
         wanted = self._parameters.placement.clearance
-        free = clearances(pose, wanted, here.field, here.body)
+        free = clearances(pose, wanted, here.field, here.body) >= wanted
+        if free.all():
+            return [""] * len(pose)
         seen = _near_seen(pose, here)
         outside = _beyond_border(pose, wanted, here)
-        why = []
-        for i in range(len(pose)):
-            if free[i] >= wanted:
-                why.append("")
-            elif outside[i]:
-                why.append("outside the map")
-            else:
-                why.append("collision with a seen obstacle" if seen[i] else "collision with mapped furniture")
-        return why
+        why = np.where(seen, "collision with a seen obstacle", "collision with mapped furniture")
+        return np.where(free, "", np.where(outside, "outside the map", why)).tolist()
 
     def _costs(
         self, candidates: Candidates, graph: Graph, from_robot: Table, to_next: Table | None
@@ -383,12 +357,22 @@ def _near_seen(pose: Array, here: Here) -> Array:
     near = points[((points >= low) & (points <= high)).all(axis=1)]
     if not len(near):
         return result
-    difference = near[None, :, :] - pose[:, None, :2]
-    c, s = np.cos(pose[:, 2])[:, None], np.sin(pose[:, 2])[:, None]
-    x = c * difference[..., 0] + s * difference[..., 1] - here.body.centre_x
-    y = -s * difference[..., 0] + c * difference[..., 1]
     half = here.body.corner.max(axis=0) - (here.body.centre_x, 0.0) + 0.1
-    return ((np.abs(x) <= half[0]) & (np.abs(y) <= half[1])).any(axis=1)
+    _any_within(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), near, half, here.body.centre_x, result)
+    return result
+
+
+@kernel
+def _any_within(
+    pose: Array, c: Array, s: Array, points: Array, half: Array, centre_x: float, result: NDArray[np.bool_]
+) -> None:
+    """Whether a point (m, 2) lies in a rectangle of that half size at each pose (n, 3); c, s of the headings."""
+    for i in range(pose.shape[0]):
+        for k in range(points.shape[0]):
+            dx, dy = points[k, 0] - pose[i, 0], points[k, 1] - pose[i, 1]
+            if abs(c[i] * dx + s[i] * dy - centre_x) <= half[0] and abs(-s[i] * dx + c[i] * dy) <= half[1]:
+                result[i] = True
+                break
 
 
 def _nothing_to_do(pose: Array) -> Placement:

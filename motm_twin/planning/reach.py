@@ -57,6 +57,16 @@ def manipulable(x: float, y: float, c: float, s: float, v: float, w: float, job:
     return length_of(v - w * py, w * px) <= job.speed
 
 
+@kernel
+def first_in_reach(start: Array, step: Array, length: float, heading: float, job: Job) -> float:
+    """How far [m] along a straight step (2,) the target is in reach of a base that stands; inf when it never is."""
+    for k in range(int(math.ceil(length / 0.05))):
+        s = k * 0.05
+        if in_reach(start[0] + s / length * step[0], start[1] + s / length * step[1], heading, 0.0, 0.0, job):
+            return s
+    return math.inf
+
+
 class ReachModel:
     """Reach of the arm of one robot: horizontal distance and azimuth of the object from the mount, and its speed."""
 

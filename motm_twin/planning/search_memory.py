@@ -75,12 +75,14 @@ class World(NamedTuple):
 class CellSights(NamedTuple):
     """Seen vertices per map cell, found when first asked for: a pure function of the graph, kept while it stays."""
 
-    start: IntArray  # (cells,) into pool; -1: not known yet
+    start: IntArray  # (cells,) into pool
     count: IntArray
+    age: IntArray  # (cells,) `newest` when it was found; older ones are not known
     point: Array  # (cells, 3) point outside the grown polygons, and how far it is
     pool: IntArray
     shape: IntArray  # rows, columns
     used: IntArray  # (1,)
+    newest: IntArray  # (1,)
 
 
 G, H, LEFT, T_GOAL = 0, 1, 2, 3  # columns of Memory.cost
@@ -128,6 +130,12 @@ def make_cell_sights(field: Field) -> CellSights:
     rows, columns = field.value.shape
     n = rows * columns
     return CellSights(
-        np.full(n, -1, np.int32), np.zeros(n, np.int32), np.zeros((n, 3)), np.zeros(16 * n, np.int32),
-        np.array([rows, columns], np.int32), np.zeros(1, np.int32),
+        np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros((n, 3)),
+        np.zeros(16 * n, np.int32), np.array([rows, columns], np.int32), np.zeros(1, np.int32), np.ones(1, np.int32),
     )  # fmt: skip
+
+
+def forget_sights(cells: CellSights) -> None:
+    """Make the store empty, for another graph: without touching every cell of a large map."""
+    cells.used[0] = 0
+    cells.newest[0] += 1

@@ -59,13 +59,12 @@ def _look_round(c: int, field: Field, graph: Graph, cells: CellSights, scratch: 
     found = visible_vertices(qx, qy, graph, scratch)
     if cells.used[0] + found > cells.pool.shape[0]:
         cells.used[0] = 0
-        for i in range(cells.start.shape[0]):
-            cells.start[i] = -1
+        cells.newest[0] += 1
     first = cells.used[0]
     for k in range(found):
         cells.pool[first + k] = scratch[k]
     cells.point[c, 0], cells.point[c, 1], cells.point[c, 2] = qx, qy, pushed
-    cells.start[c], cells.count[c] = first, found
+    cells.start[c], cells.count[c], cells.age[c] = first, found, cells.newest[0]
     cells.used[0] = first + found
 
 
@@ -78,7 +77,7 @@ def cost_at(
     j = int(math.floor((y - world.field.y) * world.field.inverse_cell))
     i, j = min(max(i, 0), cells.shape[1] - 1), min(max(j, 0), cells.shape[0] - 1)
     c = j * cells.shape[1] + i
-    if cells.start[c] < 0:
+    if cells.age[c] != cells.newest[0]:
         _look_round(c, world.field, world.graph, cells, scratch)
     first = cells.start[c]
     sx, sy, pushed = cells.point[c, 0], cells.point[c, 1], cells.point[c, 2]

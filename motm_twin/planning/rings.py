@@ -1,0 +1,39 @@
+"""Candidate poses on circles round a target."""
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+
+
+def ring(centre: Array, radius: float, positions: int) -> tuple[Array, Array, Array]:
+    """Candidates on a circle: poses (2 n, 3), places (n, 2), place of each pose. Headings are tangential.
+
+    Even entries drive round the target counter-clockwise, odd ones clockwise (Paper, Sec. IV).
+    """
+    unit, heading, place_of = _unit_ring(positions)
+    place = np.asarray(centre)[:2] + radius * unit
+    return np.column_stack((place[place_of], heading)), place, place_of
+
+
+@functools.cache
+def _unit_ring(positions: int) -> tuple[Array, Array, NDArray[np.int32]]:
+    """Places (n, 2) on a circle of 1 m, two headings (2 n,) at each, and the place of each heading."""
+    angle = np.arange(positions) * (2.0 * math.pi / positions)
+    place_of = np.repeat(np.arange(positions, dtype=np.int32), 2)
+    heading = np.repeat(angle, 2) + np.tile((0.5 * math.pi, -0.5 * math.pi), positions)
+    return np.column_stack((np.cos(angle), np.sin(angle))), np.arctan2(np.sin(heading), np.cos(heading)), place_of
+
+
+def spokes(centre: Array, radius: float, positions: int, headings: int) -> tuple[Array, Array, Array]:
+    """All headings at every position of a circle: poses (n h, 3), places (n, 2), place of each pose."""
+    angle = np.arange(positions) * (2.0 * math.pi / positions)
+    place = np.asarray(centre)[:2] + radius * np.column_stack((np.cos(angle), np.sin(angle)))
+    place_of = np.repeat(np.arange(positions, dtype=np.int32), headings)
+    away = np.tile(np.arange(headings) * (2.0 * math.pi / headings), positions)
+    heading = np.repeat(angle, headings) + math.pi + away
+    heading = np.arctan2(np.sin(heading), np.cos(heading))
+    return np.column_stack((place[place_of], heading)), place, place_of
