@@ -105,6 +105,8 @@ def test_what_if_prints_both_runs_and_their_difference(tmp_path):
         (("run", "no/such/file.yaml"), "no/such/file.yaml"),
         (("scene", "check", "nothing"), "nothing"),
         (("scene", "check"), "check"),
+        (("scene", "generate"), "--seed"),
+        (("run", "generated:x"), "generated:17@0.6"),
         (("run", "exp1", "--seed", "x"), "seed"),
         (("fly",), "fly"),
         (("rerun", "no/such/session.json"), "no such file"),
