@@ -26,6 +26,7 @@ from motm_twin.model.scene_generate_proof import (
 )
 
 FLOOR, RIM = 0.02, 0.12  # [m] of a bin above what it stands on
+START_ROOM = 0.9  # [m] of everything from the start: the arm begins with the hand 0.66 m before the base
 TRIES = 60  # places tried for a piece
 WALL, WALL_HEIGHT = 0.12, 2.0  # [m]
 BACK = 0.02  # [m] between a wall and what stands with its back to it
@@ -194,6 +195,8 @@ def _start(layout: Layout) -> None:
     parts = free_parts(layout.room, layout.bodies())
     for _ in range(TRIES):
         x, y = round(float(rng.uniform(0.6, width - 0.6)), 2), round(float(rng.uniform(0.6, depth - 0.6)), 2)
+        if any(body.distance(Point(x, y)) < START_ROOM for body in layout.bodies()):
+            continue
         layout.ground = reachable((x, y), parts, layout.doors)
         if not layout.ground.is_empty and _all_served(layout):
             layout.start = (x, y, 45.0 * float(rng.integers(-3, 5)))
