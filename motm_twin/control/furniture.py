@@ -35,6 +35,8 @@ _SPACING = 0.04  # [m] between balls along a capsule
 _TIP_Z, _TIP_RADIUS, _TIP_Y = 0.1024, 0.010, 0.006  # [m] ball at the tip of a finger, beyond the hand and its pad
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
 MAX_ROWS = 24
+_ARM_REACH = 2.0  # [m] from the mount beyond which no ball can be
+_FEW = 384  # distances that are sorted as they are
 
 
 @dataclass(frozen=True)
@@ -206,6 +208,12 @@ def body_distances(
     normal = np.zeros((bodies, solids, 3))
     ball = np.zeros((bodies, solids), dtype=np.int64)
     c, s = math.cos(T_solids_mount[2]), math.sin(T_solids_mount[2])
+    near = np.empty(solids, dtype=np.int64)  # no ball reaches further than those
+    count = 0
+    for k in range(solids):
+        if _near_solid(T_solids_mount[0], T_solids_mount[1], mount_z, _ARM_REACH + d_i.max(), k, bounds):
+            near[count] = k
+            count += 1
     for i in range(frame.shape[0]):
         if ball_radius[i] <= 0.0:
             continue
@@ -216,7 +224,7 @@ def body_distances(
         x = T_solids_mount[0] + c * px - s * py
         y = T_solids_mount[1] + s * px + c * py
         z = mount_z + pz
-        for k in range(solids):
+        for k in near[:count]:
             if not _near_solid(x, y, z, d_i[b] + ball_radius[i], k, bounds):
                 continue
             d, nx, ny, nz = solid_distance(x, y, z, k, first, vertices, radius, heights)
@@ -250,7 +258,11 @@ def damper_rows(
     """
     solids = distance.shape[1]
     flat = distance.ravel()
-    order = np.argsort(flat)
+    if flat.shape[0] <= _FEW:
+        order = np.argsort(flat)
+    else:  # most are far away: sort the others only
+        close = np.flatnonzero(flat < np.inf)
+        order = close[np.argsort(flat[close])]
     rows = np.zeros((room, 9))
     limit = np.zeros(room)
     which = np.zeros(room, dtype=np.int64)

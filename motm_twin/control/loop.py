@@ -105,7 +105,7 @@ class ControlLoop(Stateful[LoopState]):
         if restarted:
             self.monitor.begin_from(observation.twist)
         with stages.measure("map"):
-            world = self.mapper.update(observation)
+            world = self.mapper.update(observation, self._whereabouts(observation) if self.mapper.large else ())
             self.tracker.update(observation, self.sequence.held)
         with stages.measure("place"):
             problem = self._problem(observation, world)
@@ -182,6 +182,12 @@ class ControlLoop(Stateful[LoopState]):
             engaged=self._state.engaged,
             period=PERIOD,
         )
+
+    def _whereabouts(self, observation: Observation) -> list[Array]:
+        """Where the target of now and the next one are, shape (2,) [m] each."""
+        tasks = (self.sequence.active, self.sequence.following)
+        found = (self.targets.base_target(task, observation, None) for task in tasks)
+        return [np.asarray(target.position[:2]) for target in found if target is not None]
 
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
         """Why the base stands, or is not driven by its plan; "" when it is."""

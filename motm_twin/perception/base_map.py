@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.scene import Cylinder, Solid
-from motm_twin.perception.footprints import distance_to_solids, merged_outlines, outline
+from motm_twin.perception.footprints import distance_to_shape, distance_to_solids, merged_outlines, outline
 from motm_twin.perception.grid import Grid, grid_over
+from motm_twin.perception.window import WHOLE
 
+FAR = 3.0  # [m] further than this nothing asks how far it is: a base may be planned 1 m from anything
 OVERHEAD = 1.6  # [m] furniture that begins above this is no obstacle: neither base nor raised arm reaches it
 
 
@@ -29,14 +31,31 @@ def build_base_map(known: KnownWorld, resolution: float) -> BaseMap:
     grid = grid_over(known.bounds, resolution)
     solids = tuple(solid for solid in known.solids if solid.z_min < OVERHEAD)
     at_lidar = tuple(solid for solid in solids if solid.z_min <= known.robot.lidar.z <= solid.z_max)
-    centres = grid.centres()
     return BaseMap(
         grid=grid,
         occupied=read_only(_covered_cells(solids, grid)),
-        distance=read_only(distance_to_solids(solids, centres).astype(np.float32)),
-        visible_distance=read_only(distance_to_solids(at_lidar, centres).astype(np.float32)),
+        distance=read_only(_distance(solids, grid)),
+        visible_distance=read_only(_distance(at_lidar, grid)),
         polygons=tuple(read_only(corners) for corners in merged_outlines(solids)),
     )
+
+
+def _distance(solids: tuple[Solid, ...], grid: Grid) -> NDArray[np.float32]:
+    """Distance [m] of every cell centre to the nearest footprint; on a large map only up to `FAR`, and `FAR` beyond."""
+    if grid.shape[0] * grid.shape[1] <= WHOLE:
+        return distance_to_solids(solids, grid.centres()).astype(np.float32)
+    distance = np.full(grid.shape, FAR, np.float32)
+    for solid in solids:
+        corners = outline(solid.shape)
+        first = np.maximum(grid.cell_of(corners.min(axis=0) - FAR), 0)
+        last = np.minimum(grid.cell_of(corners.max(axis=0) + FAR) + 1, grid.shape)
+        if (last <= first).any():
+            continue
+        rows, columns = np.arange(first[0], last[0]), np.arange(first[1], last[1])
+        centres = grid.centre_of(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
+        near = distance[first[0] : last[0], first[1] : last[1]]
+        np.minimum(near, distance_to_shape(solid.shape, centres).astype(np.float32), out=near)
+    return distance
 
 
 def read_only(array: np.ndarray) -> np.ndarray:

@@ -120,7 +120,9 @@ def area_of(corners):
 
 def seen_outlines(cells: np.ndarray, shape: tuple[int, int], resolution: float, origin: Array) -> list[Array]:
     """Convex outlines [m], counter-clockwise, each shape (n, 2), of seen cells (row, col) sorted by row and column."""
-    labels, count = label_cells(cells, *shape, MERGE_CELLS)
+    low = cells.min(axis=0) if len(cells) else np.zeros(2, cells.dtype)
+    rows, columns = cells.max(axis=0) - low + 1 if len(cells) else shape
+    labels, count = label_cells(cells - low, rows, columns, MERGE_CELLS)
     by_label = cells[np.argsort(labels, kind="stable")]
     ends = np.cumsum(np.bincount(labels, minlength=count))
     outlines: list[Array] = []

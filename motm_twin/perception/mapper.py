@@ -1,5 +1,6 @@
 """The map of a period: the pre-made map, and what the lidar has seen besides (Paper, Sec. III; grid as in STAA*)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -21,6 +22,7 @@ from motm_twin.perception.occupancy import (
     settle,
 )
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
+from motm_twin.perception.window import WHOLE, Window, occupied_cells, whole, window_of
 from motm_twin.perception.world_map import WorldMap
 
 NO_CELLS = np.zeros((0, 2), np.int32)
@@ -62,6 +64,9 @@ class Mapper(Stateful[MapperState]):
         self._origin = read_only(np.array(grid.origin))
         self._frame = np.array([*grid.origin, grid.resolution])
         self._inside = self.base.distance <= 0.0
+        self._window, self._corner = whole(grid), self._origin  # of the map that is given, and where that begins
+        self._polygons = self.base.polygons
+        self._marks: np.ndarray | None = None  # room for `_blank`
         self._fields_of: np.ndarray | None = None  # the seen cells that the fields below belong to
         self._fields: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._state = MapperState(no_evidence(grid.shape), NO_CELLS, np.zeros(0, bool), (), None, "")
@@ -76,6 +81,11 @@ class Mapper(Stateful[MapperState]):
         """Stamp [s] of the newest scan that was used; None before the first."""
         return self._state.scan_stamp
 
+    @property
+    def large(self) -> bool:
+        """Only a part of the map is given at a time."""
+        return self.base.occupied.size > WHOLE
+
     def adopt(self, state: MapperState) -> None:
         """Go on from the state of a mapper with another pre-made map: what this map explains is forgotten."""
         self.restore(state)
@@ -88,22 +98,47 @@ class Mapper(Stateful[MapperState]):
             outlines = seen_outlines(own.cells, self.base.grid.shape, self.base.grid.resolution, self._origin)
             own.outlines = tuple(read_only(corners) for corners in outlines)
 
-    def update(self, observation: Observation) -> WorldMap:
-        """Take in the newest scan and return the map at the observation's time; a refused scan changes nothing."""
+    def update(self, observation: Observation, targets: Sequence[Array] = ()) -> WorldMap:
+        """Take in the newest scan and return the map at the observation's time; a refused scan changes nothing.
+
+        Of a large map it returns the part round the robot and the ``targets`` (2,) [m].
+        """
         state = self._state
         if observation.scan is not None and observation.scan.stamp != state.scan_stamp:
             self._take(observation.scan, observation.time)
-        occupied, distance, proximity = self._fields_for(state.cells)
+        self._look_at(window_of(self.base.grid, [observation.pose[:2], *targets]))
+        rows, columns = self._window
+        cells, static = state.cells, state.static
+        if (rows.stop - rows.start, columns.stop - columns.start) != self.base.grid.shape:
+            keep = (cells >= (rows.start, columns.start)).all(axis=1) & (cells < (rows.stop, columns.stop)).all(axis=1)
+            cells, static = cells[keep], static[keep]
+        occupied, distance, proximity = self._fields_for(cells)
         return WorldMap(
             stamp=observation.time,
             resolution=self.base.grid.resolution,
-            origin=self._origin,
+            origin=self._corner,
             occupied=occupied,
             distance=distance,
             proximity=proximity,
-            polygons=self.base.polygons + state.outlines,
-            seen_points=read_only(self.base.grid.centre_of(state.cells)),
-            seen_static=read_only(state.static.copy()),
+            polygons=self._polygons + state.outlines,
+            seen_points=read_only(self.base.grid.centre_of(cells)),
+            seen_static=read_only(static.copy()),
+        )
+
+    def _look_at(self, window: Window) -> None:
+        """From now on give that part of the map."""
+        if window == self._window:
+            return
+        rows, columns = self._window = window
+        self._fields = None
+        grid = self.base.grid
+        low = np.array(grid.origin) + grid.resolution * np.array([columns.start, rows.start])
+        high = np.array(grid.origin) + grid.resolution * np.array([columns.stop, rows.stop])
+        self._corner = read_only(low)
+        self._polygons = tuple(
+            corners
+            for corners in self.base.polygons
+            if (corners.max(axis=0) >= low).all() and (corners.min(axis=0) <= high).all()
         )
 
     def _take(self, scan: Scan, now: float) -> None:
@@ -127,7 +162,7 @@ class Mapper(Stateful[MapperState]):
         reach = min(settings.lidar_reach, scan.range_max)
         hit = scan.ranges < reach
         ends = scan.origin + np.minimum(scan.ranges, reach)[:, None] * scan.directions
-        hit_now, passed_now = np.zeros((2, *evidence.level.shape), np.uint8)
+        hit_now, passed_now = self._blank(scan.origin, reach)
         struck = np.where(hit, scan.ranges, -1.0)
         mark_hits(
             evidence.level,
@@ -163,7 +198,7 @@ class Mapper(Stateful[MapperState]):
             self._frame,
         )
         return settle(
-            np.flatnonzero(evidence.level.view(bool)),
+            occupied_cells(evidence.level, (self._state.cells, self.base.grid.cell_of(ends[hit]))),
             evidence.level,
             evidence.last_hit,
             evidence.near_since,
@@ -173,13 +208,26 @@ class Mapper(Stateful[MapperState]):
             round(settings.forget * 1000.0),
         )
 
+    def _blank(self, sensor: Array, reach: float) -> np.ndarray:
+        """Two grids that are 0 in all that a scan can touch, shape (2, rows, columns)."""
+        grid = self.base.grid
+        if not self.large:
+            return np.zeros((2, *grid.shape), np.uint8)
+        if self._marks is None:
+            self._marks = np.zeros((2, *grid.shape), np.uint8)
+        low = np.clip(grid.cell_of(sensor - reach - 1.0), 0, grid.shape)
+        high = np.clip(grid.cell_of(sensor + reach + 1.0), 0, grid.shape)
+        self._marks[:, low[0] : high[0], low[1] : high[1]] = 0
+        return self._marks
+
     def _fields_for(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Occupied, distance and proximity for these seen cells, from the last call when they have not changed."""
         if self._fields is None or self._fields_of is None or not np.array_equal(cells, self._fields_of):
-            occupied = self.base.occupied.copy()
-            occupied[cells[:, 0], cells[:, 1]] = 1
-            seen = seen_distance(squared_cells(cells, *self.base.grid.shape), self.base.grid.resolution)
-            distance = np.minimum(self.base.distance, seen)
+            occupied, known = self.base.occupied[self._window].copy(), self.base.distance[self._window]
+            own = cells - np.array([self._window[0].start, self._window[1].start], cells.dtype)
+            occupied[own[:, 0], own[:, 1]] = 1
+            seen = seen_distance(squared_cells(own, *known.shape), self.base.grid.resolution)
+            distance = np.minimum(known, seen)
             proximity = proximity_cost(distance, self._settings.proximity_width, self._settings.proximity_blur)
             self._fields = (read_only(occupied), read_only(distance), read_only(proximity))
             self._fields_of = cells.copy()
