@@ -1,0 +1,192 @@
+"""How the period grows with the world: obstacles, beams, map, agents, candidates, targets, viewers.
+
+One respect grows at a time, from Experiment 1. Every point is a whole run with the referee, alone on one core, kernels
+compiled; the period is measured from observation to command.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from motm_twin.bench import growth_scenes as scenes
+from motm_twin.bench.growth_plot import plot
+from motm_twin.bench.machine import machine
+from motm_twin.bench.period import WARM_UP, one_core, spread
+from motm_twin.bench.report import load_average, write
+from motm_twin.control.loop import PERIOD
+from motm_twin.model.scene import Scene
+from motm_twin.planning.parameters import PlacementParameters, PlanningParameters
+from motm_twin.twin import Twin
+
+NAME = "growth"
+TITLE = "Growth: the period against the size of the world"
+PICTURE = Path("docs/performance_growth.png")
+QUICK_PERIODS = 20
+OFFICE = 200.0  # [m] side of the floor with the obstacles
+HALL = 50.0  # [m] side of the map where it does not grow
+WHOLE = 24  # targets beyond which a point is the first minute of the task, and says nothing about success
+MINUTE = 1200  # periods
+LIMIT = 2.0  # times the period of Experiment 1 that 1,000 obstacles on 200 m may take
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Point:
+    """One world: how much of what, the scene, and what of the planning is not as shipped."""
+
+    count: float
+    make: Callable[[], Scene]
+    planning: PlanningParameters | None = None
+    periods: int | None = None  # None: to the end of the task
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """One respect in which the world grows."""
+
+    name: str
+    unit: str
+    points: tuple[Point, ...]
+
+
+def _candidates(positions: int) -> PlanningParameters:
+    return PlanningParameters(placement=PlacementParameters(positions=positions))
+
+
+def sweeps() -> tuple[Sweep, ...]:
+    """All of them; the first point of the first is Experiment 1 as it is shipped."""
+    base = scenes.base_scene
+    return (
+        Sweep(name="shipped", unit="", points=(Point(count=1, make=base),)),
+        Sweep(
+            name="obstacles on 200 m",
+            unit="",
+            points=tuple(
+                Point(count=n, make=lambda n=n: scenes.with_obstacles(base(), n, OFFICE)) for n in (10, 100, 1000)
+            ),
+        ),
+        Sweep(
+            name="side of the map",
+            unit="m",
+            points=(
+                Point(count=10, make=base),
+                *(Point(count=m, make=lambda m=m: scenes.with_obstacles(base(), 10, m)) for m in (50.0, 200.0)),
+            ),
+        ),
+        Sweep(
+            name="lidar beams",
+            unit="",
+            points=tuple(Point(count=n, make=lambda n=n: scenes.with_beams(base(), n)) for n in (180, 720, 2880)),
+        ),
+        Sweep(
+            name="agents",
+            unit="",
+            points=tuple(Point(count=n, make=lambda n=n: scenes.with_agents(base(), n)) for n in (1, 4, 16, 64)),
+        ),
+        Sweep(
+            name="candidates",
+            unit="",
+            points=tuple(Point(count=2 * n, make=base, planning=_candidates(n)) for n in (36, 144, 576)),
+        ),
+        Sweep(
+            name="targets",
+            unit="",
+            points=tuple(
+                Point(
+                    count=n,
+                    make=lambda n=n: scenes.with_targets(base(), n),
+                    periods=None if n <= WHOLE else MINUTE,
+                )
+                for n in (2, 12, 50, 100)
+            ),
+        ),
+    )
+
+
+def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
+    """Run a point: period, its stages and the whole step of the twin [ms], and whether the task was done."""
+    scene = point.make()
+    began = time.perf_counter()
+    twin = Twin(scene, planning=point.planning, clock=time.perf_counter)
+    built = time.perf_counter() - began
+    stages: dict[str, list[float]] = {}
+    count, periods = 0, most or point.periods
+    began = time.perf_counter()
+    while True:
+        tick = twin.advance()
+        count += 1
+        if count > WARM_UP or most is not None:
+            for stage, value in tick.stage_ms.items():
+                stages.setdefault(stage, []).append(value)
+        if tick.done or tick.time >= scene.time_limit or count == periods:
+            break
+    seconds = time.perf_counter() - began
+    assert tick.truth is not None
+    caused = sum(contact.caused_by_robot for contact in tick.truth.contacts)
+    return {
+        "count": point.count,
+        "period_ms": spread(stages.pop("period")),
+        "stages_ms": {stage: round(float(np.mean(values)), 3) for stage, values in stages.items()},
+        "build_s": round(built, 2),
+        "factor": round(count * PERIOD / seconds, 2),
+        "periods": count,
+        "time_s": round(tick.time, 2) if tick.done else None,
+        "success": bool(tick.success and not caused) if tick.done else None,
+    }
+
+
+def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: Path = PICTURE) -> bool:
+    """Measure all sweeps, print, write ``out/growth.json`` and the picture; True when the goal for 1,000 is reached.
+
+    Takes about 15 minutes; ``quick``: the first two points of each sweep for a second, nothing is judged.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    found: dict[str, list[dict[str, Any]]] = {}
+    with one_core():
+        measured(Point(count=0, make=scenes.base_scene), most=WARM_UP)
+        for sweep in sweeps():
+            points = sweep.points[:2] if quick else sweep.points
+            for point in points:
+                row = measured(point, most=QUICK_PERIODS if quick else None)
+                found.setdefault(sweep.name, []).append(row)
+                console.print(f"  {sweep.name} {point.count:g}: {_line(row)}", markup=False)
+    units = {sweep.name: sweep.unit for sweep in sweeps()}
+    load = load_average(console)
+    console.print(growth_table(found, units))
+    if quick:
+        return True
+    factor = found["obstacles on 200 m"][-1]["period_ms"]["p99"] / found["shipped"][0]["period_ms"]["p99"]
+    reached = factor <= LIMIT
+    verdict = "[green]reached[/green]" if reached else "[red]MISSED[/red]"
+    console.print(
+        f"1,000 obstacles on {OFFICE:g} m: p99 is {factor:.2f} x that of exp1, at most {LIMIT:g} x: {verdict}"
+    )
+    write(out / f"{NAME}.json", {"machine": machine(), "load_average": load, "sweeps": found, "times_exp1": factor})
+    plot(found, units, picture)
+    console.print(f"written to {out / NAME}.json and {picture}")
+    return reached
+
+
+def _line(row: dict[str, Any]) -> str:
+    times = " / ".join(f"{value:.1f}" for value in row["period_ms"].values())
+    done = "" if row["success"] is None else (", done" if row["success"] else ", NOT done")
+    return f"period {times} ms, {row['factor']:.1f} x real time{done}"
+
+
+def growth_table(found: dict[str, list[dict[str, Any]]], units: dict[str, str]) -> Table:
+    """One row per world."""
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name in ("what", "how much", "p50 ms", "p99 ms", "max ms", "map", "place", "plan", "arm", "x real", "done"):
+        table.add_column(name, justify="left" if name == "what" else "right", no_wrap=True)
+    for name, rows in found.items():
+        for row in rows:
+            stages = [f"{row['stages_ms'][stage]:.2f}" for stage in ("map", "place", "plan", "arm")]
+            done = {True: "yes", False: "NO", None: "-"}[row["success"]]
+            times = [f"{value:.1f}" for value in row["period_ms"].values()]
+            table.add_row(name, f"{row['count']:g} {units[name]}", *times, *stages, f"{row['factor']:.1f}", done)
+    return table
