@@ -1,7 +1,8 @@
 """How the period grows with the world: obstacles, beams, map, agents, candidates, targets, viewers.
 
 One respect grows at a time, from Experiment 1. Every point is a whole run with the referee, alone on one core, kernels
-compiled; the period is measured from observation to command.
+compiled; the period is measured from observation to command, in processor time: what else the machine does does not
+count, so that the points can be compared.
 """
 
 import dataclasses
@@ -15,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.bench import growth_scenes as scenes
+from motm_twin.bench import growth_viewers
 from motm_twin.bench.growth_plot import plot
 from motm_twin.bench.machine import machine
 from motm_twin.bench.period import WARM_UP, one_core, spread
@@ -54,7 +56,10 @@ class Sweep:
     points: tuple[Point, ...]
 
 
-def _candidates(positions: int) -> PlanningParameters:
+def _candidates(positions: int) -> PlanningParameters | None:
+    """None for as many as are shipped."""
+    if positions == PlacementParameters().positions:
+        return None
     return PlanningParameters(placement=PlacementParameters(positions=positions))
 
 
@@ -81,7 +86,7 @@ def sweeps() -> tuple[Sweep, ...]:
         Sweep(
             name="lidar beams",
             unit="",
-            points=tuple(Point(count=n, make=lambda n=n: scenes.with_beams(base(), n)) for n in (180, 720, 2880)),
+            points=tuple(Point(count=n, make=lambda n=n: scenes.with_beams(base(), n)) for n in (180, 721, 2880)),
         ),
         Sweep(
             name="agents",
@@ -112,7 +117,7 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
     """Run a point: period, its stages and the whole step of the twin [ms], and whether the task was done."""
     scene = point.make()
     began = time.perf_counter()
-    twin = Twin(scene, planning=point.planning, clock=time.perf_counter)
+    twin = Twin(scene, planning=point.planning, clock=time.thread_time)
     built = time.perf_counter() - began
     stages: dict[str, list[float]] = {}
     count, periods = 0, most or point.periods
@@ -152,10 +157,12 @@ def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: P
         for sweep in sweeps():
             points = sweep.points[:2] if quick else sweep.points
             for point in points:
-                row = measured(point, most=QUICK_PERIODS if quick else None)
+                row = _again(point, found) or measured(point, most=QUICK_PERIODS if quick else None)
                 found.setdefault(sweep.name, []).append(row)
                 console.print(f"  {sweep.name} {point.count:g}: {_line(row)}", markup=False)
-    units = {sweep.name: sweep.unit for sweep in sweeps()}
+    if not quick:
+        found[growth_viewers.NAME] = growth_viewers.viewer_rows()
+    units = {sweep.name: sweep.unit for sweep in sweeps()} | {growth_viewers.NAME: ""}
     load = load_average(console)
     console.print(growth_table(found, units))
     if quick:
@@ -172,6 +179,13 @@ def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: P
     return reached
 
 
+def _again(point: Point, found: dict[str, list[dict[str, Any]]]) -> dict[str, Any] | None:
+    """What was measured for Experiment 1 as it is shipped, when this point is nothing else."""
+    if "shipped" not in found or point.planning is not None or point.make() != scenes.base_scene():
+        return None
+    return {**found["shipped"][0], "count": point.count}
+
+
 def _line(row: dict[str, Any]) -> str:
     times = " / ".join(f"{value:.1f}" for value in row["period_ms"].values())
     done = "" if row["success"] is None else (", done" if row["success"] else ", NOT done")
@@ -185,7 +199,7 @@ def growth_table(found: dict[str, list[dict[str, Any]]], units: dict[str, str]) 
         table.add_column(name, justify="left" if name == "what" else "right", no_wrap=True)
     for name, rows in found.items():
         for row in rows:
-            stages = [f"{row['stages_ms'][stage]:.2f}" for stage in ("map", "place", "plan", "arm")]
+            stages = [f"{row['stages_ms'].get(stage, np.nan):.2f}" for stage in ("map", "place", "plan", "arm")]
             done = {True: "yes", False: "NO", None: "-"}[row["success"]]
             times = [f"{value:.1f}" for value in row["period_ms"].values()]
             table.add_row(name, f"{row['count']:g} {units[name]}", *times, *stages, f"{row['factor']:.1f}", done)

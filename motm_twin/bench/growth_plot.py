@@ -15,14 +15,17 @@ def plot(found: dict[str, list[dict[str, Any]]], units: dict[str, str], target: 
 
     names = [name for name, rows in found.items() if len(rows) > 1]
     columns = 3
-    figure, axes = plt.subplots(-(-len(names) // columns), columns, figsize=(11, 6.5), squeeze=False)
+    figure, axes = plt.subplots(
+        -(-len(names) // columns), columns, figsize=(11, 3.2 * -(-len(names) // columns)), squeeze=False
+    )
     for axis in axes.flat[len(names) :]:
         axis.set_axis_off()
     for axis, name in zip(axes.flat, names, strict=False):
-        counts = [row["count"] for row in found[name]]
+        rows = [row for row in found[name] if row["count"] > 0]  # no viewer is not on a logarithmic axis
+        counts = [row["count"] for row in rows]
         for part, style in (("p50", "o-"), ("p99", "s-")):
-            axis.plot(counts, [row["period_ms"][part] for row in found[name]], style, label=part)
-        first = found[name][0]["period_ms"]["p99"]
+            axis.plot(counts, [row["period_ms"][part] for row in rows], style, label=part)
+        first = rows[0]["period_ms"]["p99"]
         axis.plot(counts, [first * count / counts[0] for count in counts], ":", color="grey", label="linear")
         axis.axhline(PERIOD_MS, color="firebrick", linewidth=0.8)
         axis.set(xscale="log", yscale="log", ylim=(1.0, 200.0), title=name)

@@ -26,7 +26,7 @@ def test_timing_every_arm_step_changes_nothing():
 def test_every_number_of_the_table_is_judged_twice():
     values = {row.key: row.least for row in period.WANTED}
     console = Console(width=160, record=True, file=io.StringIO())
-    console.print(period.wanted_table(values))
+    console.print(period.wanted_table(values, {}))
     text = console.export_text()
     assert text.count("reached") == 2 * len(period.WANTED)
     assert "not reached" in text
