@@ -22,6 +22,7 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.state import HasState, Stateful
 from motm_twin.perception.mapper import Mapper
+from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.planner import BasePlanner
@@ -38,6 +39,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
     budget: SearchBudget = SearchBudget()
     arm_steps: int = ARM_STEPS
+    follows_movers: bool = False  # see `perception.movers`
 
 
 @dataclass
@@ -68,6 +70,7 @@ class ControlLoop(Stateful[LoopState]):
         self.plant = plant
         self.settings = settings or Settings()
         self.mapper = Mapper(known)
+        self.movers = MoverTracker() if self.settings.follows_movers else None
         self.tracker = ObjectTracker(known)
         self.targets = Targets(known, self.tracker)
         self.sequence = TaskSequence(known)
@@ -81,9 +84,11 @@ class ControlLoop(Stateful[LoopState]):
 
     def parts(self) -> dict[str, HasState]:
         """Everything of the loop that has state."""
+        followed = {"movers": self.movers} if self.movers else {}
         return {
             "loop": self,
             "mapper": self.mapper,
+            **followed,
             "tracker": self.tracker,
             "sequence": self.sequence,
             "planner": self.planner,
@@ -106,6 +111,7 @@ class ControlLoop(Stateful[LoopState]):
             self.monitor.begin_from(observation.twist)
         with stages.measure("map"):
             world = self.mapper.update(observation, self._whereabouts(observation) if self.mapper.large else ())
+            world = self.movers.sort(world, observation.pose) if self.movers else world
             self.tracker.update(observation, self.sequence.held)
         with stages.measure("place"):
             problem = self._problem(observation, world)

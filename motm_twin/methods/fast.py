@@ -1,4 +1,4 @@
-"""`fast`: the paper's rule, which goes round what moves only when it is near."""
+"""`fast`: the paper's rule that keeps to its plans, and goes round what moves only when it is near."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,12 +13,14 @@ from motm_twin.model.state import HasState, Stateful
 from motm_twin.perception.base_map import BaseMap, build_base_map, read_only
 from motm_twin.perception.clusters import calm, seen_outlines
 from motm_twin.perception.distance import seen_distance, squared_cells
-from motm_twin.perception.movers import MoverTracker
+from motm_twin.perception.movers import MoverParameters, standing
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.commitment import CommittedController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget
+from motm_twin.planning.wide_placement import WidePlacement
 
 
 @dataclass
@@ -76,8 +78,11 @@ class FastPlanner(BasePlanner):
         clock: Callable[[], float] | None = None,
         graphs: GraphCache | None = None,
     ) -> None:
-        super().__init__(known.robot, parameters, clock=clock, graphs=graphs)
-        self.tracker = MoverTracker()
+        graphs = graphs or GraphCache()
+        controller = CommittedController(known.robot, parameters, clock=clock, graphs=graphs)
+        placement = WidePlacement(known.robot, parameters, graphs)
+        super().__init__(known.robot, parameters, placement=placement, controller=controller, graphs=graphs)
+        self.movers = MoverParameters()
         self.standing = StandingMap(known)
         self._asked: tuple[BaseProblem, BaseProblem] | None = None  # of this period: as it came, and as it is solved
 
@@ -93,12 +98,12 @@ class FastPlanner(BasePlanner):
 
     def _without_far(self, problem: BaseProblem) -> BaseProblem:
         world = problem.world
-        movers = self.tracker.update(world, problem.pose)
-        standing = self.standing.without(world, self.tracker.standing(world, movers[movers[:, 5] == 0.0]))
-        return problem if standing is world else msgspec.structs.replace(problem, world=standing)
+        far = world.movers[world.movers[:, 5] == 0.0]
+        without = self.standing.without(world, standing(world, far, self.movers))
+        return problem if without is world else msgspec.structs.replace(problem, world=without)
 
     def _stateful(self) -> dict[str, HasState]:
-        return {**super()._stateful(), "movers": self.tracker, "standing": self.standing}
+        return {**super()._stateful(), "standing": self.standing}
 
 
 def fast_planner(parts: PlannerParts) -> BasePlanner:
@@ -109,13 +114,18 @@ def fast_planner(parts: PlannerParts) -> BasePlanner:
 FAST = Method(
     name="fast",
     title="MotM, fast",
-    summary="The paper's method, with moving obstacles no obstacle until they are near: they will have moved on.",
+    summary="The paper's method, which keeps to its plans, considers all rings, and tells what stands from what moves.",
     source="own",
     chosen=(
-        "What has moved in the last 2 s is an obstacle of placement and driving from 2.0 m on, until it is 2.6 m away; "
-        "until then it will have moved on. Tried and no better: to expect it on its course in the search, with the "
-        "global path round where the robot would meet it (both then wait for each other), and to place the base where "
-        "something near drives now."
+        "A plan is kept, period after period, until one is found that is cheaper than what is left of it: a search that "
+        "starts anew finds another plan of about the same cost each time, and between obstacles the robot followed none "
+        "of them. Candidates on all rings of 0.6 to 0.8 m, not on the smallest that has a viable one; the chosen one "
+        "stays while it is free at all. What was followed for 0.5 s without moving is static for the arm, not after "
+        "3 s. What has moved in the last 2 s is an obstacle of placement and driving from 2.0 m on, until it is 2.6 m "
+        "away; until then it will have moved on. Tried and no better: to expect it on its course in the search, with "
+        "the global path round where the robot would meet it (both then wait for each other), and to place the base "
+        "where something near drives now."
     ),
+    follows_movers=True,
     planner=fast_planner,
 )

@@ -9,14 +9,12 @@ from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import Stateful
 from motm_twin.perception.clusters import label_cells
-from motm_twin.perception.world_map import WorldMap
-
-NO_MOVERS = np.zeros((0, 6))
-NO_MOVERS.setflags(write=False)
+from motm_twin.perception.world_map import NO_MOVERS, WorldMap
 
 
 class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -25,13 +23,14 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     join_cells: int = 2  # cells at most this far apart belong to one thing
     smallest: int = 3  # cells of a thing: less is noise
     radius_min: float = 0.10  # [m] of a thing
-    radius_max: float = 0.45  # [m] a wider cluster is two things side by side, or furniture
+    radius_max: float = 0.45  # [m] what is wider is two things side by side, or furniture, and no mover
     gate: float = 0.35  # [m] between where a thing is expected and where it is seen
     alpha: float = 0.5  # gain of the position per map of 50 ms
     beta: float = 0.08  # gain of the velocity: its error halves in 0.2 s
     begins: float = 0.12  # [m/s] above which a thing moves
     young: float = 0.3  # [s] for which a thing must have been followed before its velocity counts
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
+    settles: float = 0.5  # [s] for which a thing must have been followed to be known to stand
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
@@ -49,6 +48,7 @@ class Track:
     born: float  # [s]
     seen: float  # [s] last time
     moved: float | None = None  # [s] last time that it moved
+    wide: bool = False  # two things side by side, or furniture: its middle is no point of it
     near: bool = False  # in the way
 
 
@@ -65,6 +65,7 @@ class Seen(msgspec.Struct, frozen=True, eq=False):
 
     middle: Array
     radius: float
+    points: NDArray[np.int64]  # which of the seen points of the map it is made of
 
 
 class MoverTracker(Stateful[MoverState]):
@@ -74,8 +75,8 @@ class MoverTracker(Stateful[MoverState]):
         self.parameters = parameters or MoverParameters()
         self._state = MoverState()
 
-    def update(self, world: WorldMap, viewpoint: Array) -> Array:
-        """Movers as they are at the map's time, shape (m, 6): x, y [m], velocity [m/s], radius [m], near (0, 1).
+    def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
+        """The map with its movers, and with what is seen to stand as static, be it seen for less than 3 s.
 
         ``viewpoint``: where the lidar is, shape (2,) or longer [m].
         """
@@ -86,15 +87,20 @@ class MoverTracker(Stateful[MoverState]):
         state.time = world.stamp
         for track in state.tracks:
             track.position = track.position + dt * track.velocity
-        self._correct(self._clusters(world, viewpoint[:2]), world.stamp, dt)
+        pairs = self._correct(self._clusters(world, viewpoint[:2]), world.stamp, dt)
         state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
         for track in state.tracks:
             grown_up = world.stamp - track.born >= p.young
             if grown_up and math.hypot(*track.velocity) >= p.begins:
                 track.moved = world.stamp
         self._part(viewpoint[:2])
-        moving = [track for track in state.tracks if self._moving(track)]
-        return np.array([(*t.position, *t.velocity, t.radius, t.near) for t in moving]) if moving else NO_MOVERS
+        static = world.seen_static.copy()
+        for track, seen in pairs:
+            static[seen.points] |= world.stamp - track.born >= p.settles and not self._moving(track)
+        static.setflags(write=False)
+        found = [(*t.position, *t.velocity, t.radius, t.near) for t in state.tracks if self._moving(t) and not t.wide]
+        movers = np.array(found) if found else NO_MOVERS
+        return msgspec.structs.replace(world, seen_static=static, movers=movers)
 
     def _moving(self, track: Track) -> bool:
         now = self._state.time
@@ -106,19 +112,9 @@ class MoverTracker(Stateful[MoverState]):
             limit = self.parameters.parted if track.near else self.parameters.near
             track.near = math.hypot(*(track.position - viewpoint)) <= limit
 
-    def standing(self, world: WorldMap, movers: Array) -> np.ndarray:
-        """Which seen points of the map do not belong to a mover, shape (m,) of bool."""
-        p, points = self.parameters, world.seen_points
-        keep = np.ones(len(points), dtype=bool)
-        for x, y, vx, vy, radius in movers[:, :5]:
-            way = p.trail * np.array([vx, vy])
-            offset = points - (np.array([x, y]) - way)
-            along = np.clip(offset @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
-            keep &= np.hypot(*(offset - along[:, None] * way).T) > radius + p.edge
-        return keep | world.seen_static
-
     def _clusters(self, world: WorldMap, viewpoint: Array) -> list[Seen]:
-        p, points = self.parameters, world.seen_points[~world.seen_static]
+        p, young = self.parameters, np.flatnonzero(~world.seen_static)
+        points = world.seen_points[young]
         if not len(points):
             return []
         column, row = np.floor((points - world.origin).T / world.resolution).astype(np.int32)
@@ -126,14 +122,14 @@ class MoverTracker(Stateful[MoverState]):
         label, count = label_cells(np.column_stack((row, column)), rows, columns, p.join_cells)
         found = []
         for k in range(count):
-            cluster = points[label == k]
-            seen = _front(cluster, viewpoint, world.resolution)
-            if len(cluster) >= p.smallest and seen.radius <= p.radius_max:
-                found.append(Seen(seen.middle, max(seen.radius, p.radius_min)))
+            members = np.flatnonzero(label == k)
+            if len(members) >= p.smallest:
+                middle, radius = _front(points[members], viewpoint, world.resolution)
+                found.append(Seen(middle, max(radius, p.radius_min), young[members]))
         return found
 
-    def _correct(self, seen: list[Seen], now: float, dt: float) -> None:
-        """Give each cluster to the track that expects it nearest; begin tracks for the others."""
+    def _correct(self, seen: list[Seen], now: float, dt: float) -> list[tuple[Track, Seen]]:
+        """Give each cluster to the track that expects it nearest; begin tracks for the others. All pairs."""
         p, tracks = self.parameters, self._state.tracks
         pairs = [
             (math.hypot(*(one.middle - track.position)), i, k)
@@ -142,18 +138,34 @@ class MoverTracker(Stateful[MoverState]):
         ]
         of_track: set[int] = set()
         of_seen: set[int] = set()
+        met: list[tuple[Track, Seen]] = []
         for distance, i, k in sorted(pairs):
             if distance > p.gate or i in of_track or k in of_seen:
                 continue
             of_track.add(i)
             of_seen.add(k)
             _follow(tracks[i], seen[k], now, dt, p)
+            met.append((tracks[i], seen[k]))
         for k, one in enumerate(seen):
             if k not in of_seen:
-                tracks.append(Track(one.middle, np.zeros(2), one.radius, now, now))
+                tracks.append(Track(one.middle, np.zeros(2), one.radius, now, now, wide=one.radius > p.radius_max))
+                met.append((tracks[-1], one))
+        return met
 
 
-def _front(cluster: Array, viewpoint: Array, resolution: float) -> Seen:
+def standing(world: WorldMap, movers: Array, parameters: MoverParameters) -> NDArray[np.bool_]:
+    """Which seen points of the map do not belong to one of these movers, shape (m,)."""
+    points = world.seen_points
+    keep = np.ones(len(points), dtype=bool)
+    for x, y, vx, vy, radius in movers[:, :5]:
+        way = parameters.trail * np.array([vx, vy])
+        offset = points - (np.array([x, y]) - way)
+        along = np.clip(offset @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
+        keep &= np.hypot(*(offset - along[:, None] * way).T) > radius + parameters.edge
+    return keep | world.seen_static
+
+
+def _front(cluster: Array, viewpoint: Array, resolution: float) -> tuple[Array, float]:
     """Middle and radius of something round of which the front is seen."""
     ahead = cluster.mean(axis=0) - viewpoint
     ahead = ahead / max(math.hypot(*ahead), 1e-9)
@@ -161,7 +173,7 @@ def _front(cluster: Array, viewpoint: Array, resolution: float) -> Seen:
     radius = 0.5 * (float(across.max() - across.min()) + resolution)
     depth = float(((cluster - viewpoint) @ ahead).min()) - 0.5 * resolution + radius
     side = 0.5 * float(across.max() + across.min())
-    return Seen(viewpoint + depth * ahead + side * np.array([-ahead[1], ahead[0]]), radius)
+    return viewpoint + depth * ahead + side * np.array([-ahead[1], ahead[0]]), radius
 
 
 def _follow(track: Track, seen: Seen, now: float, dt: float, p: MoverParameters) -> None:
@@ -171,4 +183,5 @@ def _follow(track: Track, seen: Seen, now: float, dt: float, p: MoverParameters)
     if dt > 0.0:
         track.velocity = track.velocity + p.beta / dt * off
     track.radius = max(seen.radius, track.radius + 0.02 * (seen.radius - track.radius))
+    track.wide = track.radius > p.radius_max
     track.seen = now

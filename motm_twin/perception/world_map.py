@@ -6,6 +6,9 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 
+NO_MOVERS = np.zeros((0, 6))
+NO_MOVERS.setflags(write=False)
+
 
 class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Occupancy, distance, proximity cost and polygons; row index = y, column index = x; arrays are read-only.
@@ -22,3 +25,4 @@ class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     polygons: tuple[Array, ...]  # obstacle outlines, counter-clockwise, not inflated, each shape (n, 2)
     seen_points: Array  # centres of cells occupied by lidar outside the mapped furniture [m], shape (m, 2)
     seen_static: NDArray[np.bool_]  # occupied unbroken for 3 s or longer, shape (m,)
+    movers: Array = NO_MOVERS  # where they are followed: x, y [m], velocity [m/s], radius [m], near (0, 1), (k, 6)

@@ -115,6 +115,7 @@ class StaaController:
             intermediate_goal=frozen(goal.pose),
             local_poses=frozen(poses),
             local_times=frozen(np.arange(len(branch)) * self._p.node_duration),
+            local_to_go=frozen(_to_go(memory, branch)),
             bezier=frozen(self._bezier(poses[-1], settings, bool(memory.passed[solution]))),
             expansions=expansions,
             cut_by_clock=cut,
@@ -385,6 +386,12 @@ class StaaController:
 def proximity_scale(t_h: float, k_min: float = 0.1, k_time: float = 3.0) -> float:
     """k = max(0.1, min(t_h / 3, 1)): scale of the proximity penalty t_h [s] before the goal (Paper, Sec. III-D)."""
     return max(k_min, min(t_h / k_time, 1.0))
+
+
+def _to_go(memory: search_memory.Memory, branch: list[int]) -> Array:
+    """Cost [s] from each node of the branch on: that of the edges that follow, and the heuristic at its end."""
+    spent = memory.cost[branch, search_memory.G]
+    return spent[-1] - spent + memory.cost[branch[-1], search_memory.H]
 
 
 def _branch(memory: search_memory.Memory, node: int) -> list[int]:

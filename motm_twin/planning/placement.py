@@ -147,8 +147,8 @@ class NextTargetPlacement(Stateful[PlacementState]):
         """
         first: Candidates | None = None
         for wanted in self._sets(target, here):
-            joined = first is not None and first.mode != wanted.mode
-            candidates = _joined(first, wanted) if joined else wanted
+            other = first is not None and first.mode != wanted.mode
+            candidates = joined(first, wanted) if other else wanted
             current, onward = self._costs(candidates, here.graph, from_robot, to_next)
             if np.isfinite(current).any():
                 return candidates, current, onward
@@ -191,7 +191,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
                 continue
             found = Candidates("reach", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
             if previous is not None:
-                yield _joined(previous, found)
+                yield joined(previous, found)
             previous = found
         if previous is not None:
             yield previous
@@ -310,7 +310,7 @@ def _no_way_on(onward: Array) -> float:
     return float(finite.max()) if len(finite) else 0.0
 
 
-def _joined(first: Candidates, second: Candidates) -> Candidates:
+def joined(first: Candidates, second: Candidates) -> Candidates:
     """Two sets as one; mode and radius of the second, or of the first when both have the same mode."""
     lead = first if first.mode == second.mode else second
     return Candidates(

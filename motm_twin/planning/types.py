@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, frozen
 from motm_twin.perception.world_map import WorldMap
 
 
@@ -59,6 +59,9 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     next_goals: Array | None = None  # best poses of the next target, cheapest first; nan: free, (k, 3)
 
 
+NO_COSTS = frozen(np.zeros(0))
+
+
 class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What the base does in this period, and the plan behind it."""
 
@@ -70,6 +73,7 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     intermediate_goal: Array  # shape (3,)
     local_poses: Array  # x, y, heading, v, w at each node of the local plan, shape (j, 5)
     local_times: Array  # [s] from now, shape (j,)
+    local_to_go: Array = NO_COSTS  # [s] what the search counts from each node on, penalties included, (j,) or (0,)
     bezier: Array  # sampled Bezier of the chosen branch's last node, shape (b, 2); may be empty
     expansions: int
     cut_by_clock: bool

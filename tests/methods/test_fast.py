@@ -1,5 +1,6 @@
-"""fast: what moves far away is no obstacle."""
+"""fast: what moves far away is no obstacle, and the robot keeps to its plans."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
+from motm_twin.perception.movers import MoverParameters, standing
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
@@ -40,14 +42,13 @@ def temis():
 def test_the_map_of_the_planner_has_near_movers_and_no_far_ones(temis):
     twin, tick = temis
     planner = twin.loop.planner
-    movers = planner.tracker.update(tick.map, tick.observation.pose)
-    far = movers[movers[:, 5] == 0.0]
+    far = tick.map.movers[tick.map.movers[:, 5] == 0.0]
     assert len(far)
-    standing = planner.tracker.standing(tick.map, far)
-    seen = tick.map.seen_points[~standing]
+    stands = standing(tick.map, far, MoverParameters())
+    seen = tick.map.seen_points[~stands]
     assert len(seen) and (np.hypot(*(seen - tick.observation.pose[:2]).T) > 1.5).all()
-    world = planner.standing.without(tick.map, standing)
-    assert len(world.seen_points) == standing.sum() and len(world.polygons) < len(tick.map.polygons)
+    world = planner.standing.without(tick.map, stands)
+    assert len(world.seen_points) == stands.sum() and len(world.polygons) < len(tick.map.polygons)
     assert (world.distance >= tick.map.distance - 1e-6).all()
 
 
@@ -56,6 +57,13 @@ def test_a_map_in_which_everything_stands_is_left_as_it_is():
     known = known_world(scene)
     world = Mapper(known).update(SimulatedPlant(scene).observe())
     assert StandingMap(known).without(world, np.ones(len(world.seen_points), dtype=bool)) is world
+
+
+def test_the_robot_keeps_to_its_plan():
+    twin = Twin(load_scene(OPEN_FLOOR, "one", 0), method=find_method("fast"))
+    left = [(tick.plan.status, tick.plan.local_to_go) for tick in (twin.advance() for _ in range(60))]
+    falls = [b[0] - a[0] for (was, a), (now, b) in itertools.pairwise(left) if was == now == "goal"]
+    assert len(falls) > 10 and np.mean(np.array(falls) < 1e-9) > 0.95
 
 
 def test_a_copied_twin_goes_on_bit_for_bit(temis):

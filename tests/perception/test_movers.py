@@ -13,6 +13,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
+from motm_twin.perception.world_map import WorldMap
 
 from .small_world import LIDAR, cast, scan_of
 
@@ -26,19 +27,23 @@ FLOOR = KnownWorld(
 
 def _follow(
     start: np.ndarray, velocity: np.ndarray, seconds: float, *, drive: float, seed: int, tracker: MoverTracker
-) -> list[np.ndarray]:
-    """What the tracker says of one disc, map by map, while the robot drives along its x axis at `drive` [m/s]."""
+) -> list[WorldMap]:
+    """The tracker's maps of one disc, one by one, while the robot drives along its x axis at `drive` [m/s]."""
     mapper, rng, said = Mapper(FLOOR), np.random.default_rng(seed), []
     for k in range(round(seconds / STEP)):
         time = k * STEP
         pose = np.array([drive * time, 0.0, 0.0])
-        body = shapely.Point(*(start + time * velocity)).buffer(RADIUS)
-        observation = Observation(
-            time=time, pose=pose, odometry=pose, twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7), gripper_width=0.08,
-            gripper_moving=False, detections=(), scan=scan_of(cast(pose, [body], rng), pose, time),
-        )  # fmt: skip
-        said.append(tracker.update(mapper.update(observation), pose))
+        observation = _seen(time, pose, [shapely.Point(*(start + time * velocity)).buffer(RADIUS)], rng)
+        said.append(tracker.sort(mapper.update(observation), pose))
     return said
+
+
+def _seen(time: float, pose: np.ndarray, bodies: list[shapely.Polygon], rng: np.random.Generator) -> Observation:
+    """What the robot observes."""
+    return Observation(
+        time=time, pose=pose, odometry=pose, twist=np.zeros(2), q=np.zeros(7), dq=np.zeros(7), gripper_width=0.08,
+        gripper_moving=False, detections=(), scan=scan_of(cast(pose, bodies, rng), pose, time),
+    )  # fmt: skip
 
 
 @settings(max_examples=12, deadline=None)
@@ -46,7 +51,7 @@ def _follow(
 def test_a_disc_is_found_where_it_is_and_as_fast_as_it_is(angle: float, course: float, speed: float) -> None:
     velocity = speed * np.array([math.cos(course), math.sin(course)])
     start = 2.0 * np.array([math.cos(angle), math.sin(angle)]) - velocity
-    last = _follow(start, velocity, 2.0, drive=0.2, seed=1, tracker=MoverTracker())[-1]
+    last = _follow(start, velocity, 2.0, drive=0.2, seed=1, tracker=MoverTracker())[-1].movers
     assert len(last) == 1
     x, y, vx, vy, radius, near = last[0]
     assert near == 1.0
@@ -62,7 +67,26 @@ def test_a_disc_is_found_where_it_is_and_as_fast_as_it_is(angle: float, course: 
 def test_what_stands_is_no_mover_however_the_robot_drives(angle: float, drive: float) -> None:
     place = 2.0 * np.array([math.cos(angle), math.sin(angle)])
     said = _follow(place, np.zeros(2), 1.5, drive=drive, seed=2, tracker=MoverTracker())
-    assert all(len(movers) == 0 for movers in said)
+    assert all(len(world.movers) == 0 for world in said)
+    assert not any(world.seen_static.any() for world in said if world.stamp < 0.4)
+    assert all(world.seen_static.all() for world in said if world.stamp > 1.0)  # long before 3 s
+
+
+def test_what_moves_is_not_static() -> None:
+    tracker, start, velocity = MoverTracker(), np.array([2.0, -0.5]), np.array([0.0, 0.4])
+    said = _follow(start, velocity, 2.0, drive=0.0, seed=4, tracker=tracker)
+    assert not any(world.seen_static.any() for world in said if world.stamp > 1.0)
+    assert len(said[-1].movers) == 1
+
+
+def test_two_discs_side_by_side_are_no_mover() -> None:
+    """Their common middle would be a point of neither."""
+    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(5)
+    for k in range(30):
+        y = -0.5 + 0.4 * k * STEP
+        bodies = [shapely.Point(2.0, y + side).buffer(RADIUS) for side in (-0.3, 0.3)]
+        world = tracker.sort(mapper.update(_seen(k * STEP, np.zeros(3), bodies, rng)), np.zeros(3))
+    assert len(world.movers) == 0 and not world.seen_static.all()
 
 
 def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:

@@ -1,0 +1,196 @@
+"""Keeping to a plan: it is changed for a better one, not for another one.
+
+A search that starts anew every period finds another plan of about the same cost each time; where these begin in
+different directions, the robot follows none of them. Here a plan stays, period after period, as long as it keeps clear
+of what is seen now and gets the job done, and until a new one is cheaper than what is left of it. What is left falls by
+what was spent, so that the robot arrives. A search that is cut short gives a plan that only comes nearer; the robot
+keeps to that one in the same way, until one is found that gets there.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.state import Stateful
+from motm_twin.planning.braking import stopping_clearance
+from motm_twin.planning.collision import Body, Field, clearance, field_of
+from motm_twin.planning.controller import StaaController
+from motm_twin.planning.kernel import kernel
+from motm_twin.planning.reach import MANIPULATE, Job, in_reach
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
+
+STEP = 0.15  # [s] between two tests on the way: half a node
+TINY = 1e-6  # [s]
+LATE = 0.1  # [s] that a job may end after its plan, the target in reach: poses are known to 1 cm
+MOVED = 0.1  # [m] from which on the target is no longer where the plan goes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kept:
+    """A plan that is followed."""
+
+    targets: tuple[str, str]  # this one and the next
+    place: tuple[float, float]  # of the target [m]
+    arrives: bool  # it gets the job done
+    begins: float  # [s]
+    times: Array  # [s] of its nodes from the beginning on, shape (n,)
+    accelerations: Array  # [m/s^2, rad/s^2] between them, shape (n - 1, 2)
+    to_go: Array  # [s] what is left of its cost at each node, shape (n,)
+
+
+@dataclass
+class CommitmentState:
+    """What is remembered between periods."""
+
+    kept: Kept | None = None
+
+
+class CommittedController(StaaController, Stateful[CommitmentState]):
+    """STAA* that keeps to a plan that gets the job done."""
+
+    def __init__(self, *parts: Any, **named: Any) -> None:
+        """As `StaaController`."""
+        super().__init__(*parts, **named)
+        self._state = CommitmentState()
+
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """The plan of this period, or what is left of the one before when that is not dearer."""
+        found = super().plan(problem, placement, budget)
+        if found.status == "idle" or problem.target is None:
+            self._state = CommitmentState()
+            return found
+        left = self._left_of_kept(problem, placement, found)
+        if left is not None:
+            return left
+        self._state = CommitmentState(_kept(problem, problem.target, found) if len(found.local_poses) > 1 else None)
+        return found
+
+    def _left_of_kept(self, problem: BaseProblem, placement: Placement, found: BasePlan) -> BasePlan | None:
+        """The rest of the kept plan, when it is as good and still possible."""
+        kept, target = self._state.kept, problem.target
+        if kept is None or target is None or kept.targets != _targets(problem) or placement.mode == "closest":
+            return None
+        if math.dist(kept.place, target.position[:2]) > MOVED:
+            return None
+        since = problem.time - kept.begins
+        node = int(np.searchsorted(kept.times, since + TINY)) - 1
+        to_go = float(np.interp(since, kept.times, kept.to_go))
+        if node + 1 >= len(kept.times) or _better(found, kept, to_go):
+            return None
+        times = np.concatenate(([0.0], kept.times[node + 1 :] - since))
+        job, limits = self._job(problem, target), self._limits
+        states = np.empty((len(times), 5))
+        states[0] = (*problem.pose, *problem.twist)
+        free, done = follow(
+            states, np.diff(times), kept.accelerations[node:], self._left(target), problem.engaged,
+            Bounds(limits.forward_speed, limits.reverse_speed, limits.yaw_rate, limits.linear_acceleration,
+                   limits.yaw_acceleration, self._p.margin, self._p.margin_floor,
+                   self._p.brake_depth * self._p.node_duration),
+            field_of(problem.world), self._body, job,
+        )  # fmt: skip
+        if not done if kept.arrives else not free:
+            return None
+        return msgspec.structs.replace(
+            found,
+            acceleration=frozen((states[1, 3:] - states[0, 3:]) / times[1]),
+            status="goal" if kept.arrives else "aborted",
+            reason="",
+            local_poses=frozen(states),
+            local_times=frozen(times),
+            local_to_go=frozen(np.concatenate(([to_go], kept.to_go[node + 1 :]))),
+            time_to_range=_time_to_range(states, times, job) if kept.arrives else found.time_to_range,
+        )
+
+
+def _targets(problem: BaseProblem) -> tuple[str, str]:
+    return tuple("" if target is None else target.name for target in (problem.target, problem.next_target))
+
+
+def _better(found: BasePlan, kept: Kept, to_go: float) -> bool:
+    """Whether a new plan takes the place of the kept one, of which a cost `to_go` [s] is left."""
+    if found.status not in ("goal", "aborted"):
+        return False
+    arrives = found.status == "goal"
+    return arrives > kept.arrives or (arrives == kept.arrives and bool(found.local_to_go[0] < to_go))
+
+
+def _kept(problem: BaseProblem, target: Target, plan: BasePlan) -> Kept:
+    return Kept(
+        targets=_targets(problem),
+        place=(float(target.position[0]), float(target.position[1])),
+        arrives=plan.status == "goal",
+        begins=problem.time,
+        times=plan.local_times,
+        accelerations=np.diff(plan.local_poses[:, 3:], axis=0) / np.diff(plan.local_times)[:, None],
+        to_go=plan.local_to_go,
+    )
+
+
+def _time_to_range(states: Array, times: Array, job: Job) -> float:
+    for state, time in zip(states, times, strict=True):
+        if in_reach(*state, job):
+            return float(time)
+    return math.inf
+
+
+class Bounds(NamedTuple):
+    """What a plan that is followed must keep."""
+
+    v_f: float
+    v_r: float
+    w_max: float
+    a_max: float
+    b_max: float
+    margin: float
+    margin_floor: float
+    braking: float  # [s] from now on, in which the robot must be able to stop
+
+
+@kernel
+def follow(
+    states: Array, durations: Array, accelerations: Array, left: float, engaged: bool, bounds: Bounds, field: Field,
+    body: Body, job: Job,
+) -> tuple[bool, bool]:  # fmt: skip
+    """Drive from states[0] as told and fill in the other states; whether that is free, and gets the job done.
+
+    ``durations`` [s], shape (n,); ``accelerations``, shape (n, 2); ``states`` x, y, heading, v, w, shape (n + 1, 5).
+    ``left``: time [s] that the job still needs; ``engaged``: the target must stay in reach from now on.
+    """
+    x, y, heading, v, w = states[0, 0], states[0, 1], states[0, 2], states[0, 3], states[0, 4]
+    root = clearance(x, y, heading, 1.0, field, body)
+    allowed = bounds.margin if root >= bounds.margin else min(bounds.margin_floor, root - 0.001)
+    hold = engaged and in_reach(x, y, heading, v, w, job)
+    time = 0.0
+    for i in range(durations.shape[0]):
+        rest = durations[i]
+        while rest > TINY:
+            dt = min(rest, STEP)
+            if job.kind == MANIPULATE and left > TINY:
+                dt = min(dt, left)
+            v_end = min(bounds.v_f, max(-bounds.v_r, v + accelerations[i, 0] * dt))
+            w_end = min(bounds.w_max, max(-bounds.w_max, w + accelerations[i, 1] * dt))
+            ahead = heading + 0.25 * (w + w_end) * dt
+            x += 0.5 * (v + v_end) * dt * math.cos(ahead)
+            y += 0.5 * (v + v_end) * dt * math.sin(ahead)
+            heading += 0.5 * (w + w_end) * dt
+            v, w, time, rest = v_end, w_end, time + dt, rest - dt
+            if clearance(x, y, heading, 0.25, field, body) < allowed:
+                return False, False
+            if time <= bounds.braking + TINY:
+                if stopping_clearance(x, y, heading, v, w, bounds.a_max, bounds.b_max, allowed, field, body) < allowed:
+                    return False, False
+            reached = in_reach(x, y, heading, v, w, job)
+            if job.kind != MANIPULATE:
+                left = 0.0 if reached else left
+            elif left > TINY:
+                if hold and not reached:
+                    return False, False
+                left = left - dt if reached else job.dwell
+        states[i + 1, 0], states[i + 1, 1], states[i + 1, 2] = x, y, heading
+        states[i + 1, 3], states[i + 1, 4] = v, w
+    reached = in_reach(x, y, heading, v, w, job)
+    return True, left <= (LATE if reached else TINY)

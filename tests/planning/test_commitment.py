@@ -1,0 +1,138 @@
+"""Keeping to a plan: until a better one is found, something stands in its way, or the target has moved."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from idealised import rectangle, step_unicycle, world_of
+
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import state_hash
+from motm_twin.planning.collision import body_of, clearances, field_of
+from motm_twin.planning.commitment import CommittedController
+from motm_twin.planning.controller import StaaController
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.placement import NextTargetPlacement
+from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
+from motm_twin.planning.wide_placement import WidePlacement
+
+PERIOD = 0.05
+TABLE = rectangle(1.0, 0.5, 3.0, 1.3)
+CUBE = (1.6, 0.65)
+WHOLE, HARDLY = SearchBudget(expansions=2000), SearchBudget(expansions=1)
+
+
+class Drive:
+    """A robot beside a table that is to pick a cube, period by period."""
+
+    def __init__(self):
+        self.placement = NextTargetPlacement(RobotProfile(), PlanningParameters())
+        self.controller = CommittedController(RobotProfile(), PlanningParameters())
+        self.pose, self.twist, self.time = np.array([0.7, 0.0, 0.0]), np.array([0.4, 0.0]), 0.0
+
+    def period(self, budget, cube=CUBE, boxes=()) -> BasePlan:
+        problem = BaseProblem(
+            time=self.time, world=world_of((TABLE, *boxes)), pose=self.pose, twist=self.twist, engaged=False,
+            target=Target(kind="pick", name="cube", position=np.array(cube), dwell=1.3), next_target=None,
+        )  # fmt: skip
+        plan = self.controller.plan(problem, self.placement.place(problem), budget)
+        self.pose, self.twist = step_unicycle(self.pose, self.twist, plan.acceleration, PERIOD)
+        self.time += PERIOD
+        return plan
+
+
+@pytest.fixture
+def drive():
+    return Drive()
+
+
+def test_a_plan_that_arrives_is_kept_when_no_search_finds_one(drive):
+    first = drive.period(WHOLE)
+    assert first.status == "goal"
+    for k in range(1, 9):
+        plan = drive.period(HARDLY)  # alone, it would not get far
+        assert plan.status == "goal"
+        assert plan.local_to_go[0] == pytest.approx(np.interp(k * PERIOD, first.local_times, first.local_to_go))
+        assert np.allclose(plan.local_poses[-1], first.local_poses[-1], atol=5e-3)
+        assert plan.local_times[-1] == pytest.approx(first.local_times[-1] - k * PERIOD)
+
+
+def test_what_is_left_never_grows_while_nothing_happens(drive):
+    left = [drive.period(WHOLE).local_to_go[0] for _ in range(12)]  # until the cube is in reach
+    assert (np.diff(left) < 0.0).all()
+
+
+def test_a_box_in_its_way_ends_it(drive):
+    first = drive.period(WHOLE)
+    ahead = first.local_poses[-1]
+    box = rectangle(ahead[0] - 0.1, ahead[1] - 0.1, ahead[0] + 0.1, ahead[1] + 0.1)
+    plan = drive.period(WHOLE, boxes=(box,))
+    world = world_of((TABLE, box))
+    assert (clearances(plan.local_poses[:, :3], 1.0, field_of(world), body_of(RobotProfile().footprint)) >= 0.05).all()
+
+
+def test_a_target_that_has_moved_ends_it(drive):
+    drive.period(WHOLE)
+    assert drive.period(HARDLY, cube=(CUBE[0] + 0.6, CUBE[1])).status != "goal"
+    assert drive.period(HARDLY).status != "goal"
+
+
+def test_a_copy_goes_on_as_the_one_it_was_copied_from(drive):
+    drive.period(WHOLE)
+    copy = Drive()
+    copy.controller.restore(drive.controller.snapshot())
+    copy.pose, copy.twist, copy.time = drive.pose, drive.twist, drive.time
+    assert state_hash(copy.period(HARDLY)) == state_hash(drive.period(HARDLY))
+    assert state_hash(copy.controller.snapshot()) == state_hash(drive.controller.snapshot())
+
+
+def test_the_costs_of_a_plan_are_what_the_search_counts():
+    problem = BaseProblem(
+        time=0.0, world=world_of((TABLE,)), pose=np.array([0.7, 0.0, 0.0]), twist=np.array([0.4, 0.0]), engaged=False,
+        target=Target(kind="pick", name="cube", position=np.array(CUBE), dwell=1.3), next_target=None,
+    )  # fmt: skip
+    parameters = PlanningParameters()
+    free = dataclasses.replace(parameters, staa=dataclasses.replace(parameters.staa, grid_weight=0.0, margin_cost=0.0))
+    placement = NextTargetPlacement(RobotProfile(), free).place(problem)
+    plan = StaaController(RobotProfile(), free).plan(problem, placement, WHOLE)
+    assert plan.status == "goal"  # nothing comes after it: what is left is time
+    assert plan.local_to_go == pytest.approx(plan.local_times[-1] - plan.local_times)
+
+
+def test_all_rings_are_tried_and_the_nearest_way_wins():
+    """The smallest ring is free only beyond the table; a little further out there is room on this side."""
+    table = rectangle(1.0, 0.55, 3.0, 1.3)
+    problem = BaseProblem(
+        time=0.0, world=world_of((table,)), pose=np.array([0.0, 0.0, 0.0]), twist=np.zeros(2), engaged=False,
+        target=Target(kind="pick", name="cube", position=np.array([2.0, 0.95])), next_target=None,
+    )  # fmt: skip
+    strict = NextTargetPlacement(RobotProfile(), PlanningParameters()).place(problem)
+    wide = WidePlacement(RobotProfile(), PlanningParameters()).place(problem)
+    assert len(wide.poses) == 5 * 72
+    assert wide.chosen >= 0 and wide.cost[wide.chosen] <= strict.cost[strict.chosen]
+
+
+def test_the_chosen_pose_stays_while_it_is_free_at_all():
+    placement = WidePlacement(RobotProfile(), PlanningParameters())
+
+    def place(*more):
+        """With a table, and perhaps a box."""
+        return placement.place(
+            BaseProblem(
+                time=0.0, world=world_of((TABLE, *more)), pose=np.array([0.0, 0.0, 0.0]), twist=np.zeros(2),
+                target=Target(kind="pick", name="cube", position=np.array(CUBE)), next_target=None, engaged=False,
+            )
+        )  # fmt: skip
+
+    def box(away):
+        """This far [m] in front of the robot at the chosen pose."""
+        x, y, heading = first.goal
+        ahead = RobotProfile().footprint.length / 2 + RobotProfile().footprint.offset_x + away
+        x, y = x + ahead * math.cos(heading), y + ahead * math.sin(heading)
+        return rectangle(x, y - 0.02, x + 0.04, y + 0.02)
+
+    first = place()
+    assert np.allclose(place(box(0.04)).goal, first.goal)
+    assert not np.allclose(place(box(-0.06)).goal, first.goal)
+    assert not np.allclose(place(box(0.04)).goal, first.goal)  # to be chosen anew it must have its whole clearance
