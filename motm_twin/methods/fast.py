@@ -10,7 +10,7 @@ from motm_twin.methods.method import Method, PlannerParts
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.state import HasState, Stateful
-from motm_twin.perception.base_map import BaseMap, build_base_map, read_only
+from motm_twin.perception.base_map import BaseMap, build_base_map, polygons_within, read_only
 from motm_twin.perception.clusters import calm, seen_outlines
 from motm_twin.perception.distance import seen_distance, squared_cells
 from motm_twin.perception.movers import MoverParameters, standing
@@ -44,19 +44,21 @@ class StandingMap(Stateful[StandingState]):
             self._state.outlines = ()
             return world
         base = self._base_map(world.resolution)
+        shape, extent = world.occupied.shape, world.resolution * np.array(world.occupied.shape[::-1])
+        column, row = np.round((world.origin - np.array(base.grid.origin)) / world.resolution).astype(np.int32)
+        window = (slice(row, row + shape[0]), slice(column, column + shape[1]))  # of a large map it is a part
         points = world.seen_points[standing]
-        column, row = np.floor((points - world.origin).T / world.resolution).astype(np.int32)
-        cells = np.column_stack((row, column))
-        occupied = base.occupied.copy()
-        occupied[row, column] = 1
-        seen = seen_distance(squared_cells(cells, *base.grid.shape), world.resolution)
-        outlines = seen_outlines(cells, base.grid.shape, world.resolution, world.origin) if len(cells) else []
+        cells = np.floor((points - world.origin) / world.resolution).astype(np.int32)[:, ::-1]
+        occupied = base.occupied[window].copy()
+        occupied[cells[:, 0], cells[:, 1]] = 1
+        seen = seen_distance(squared_cells(cells, *shape), world.resolution)
+        outlines = seen_outlines(cells, shape, world.resolution, world.origin) if len(cells) else []
         self._state.outlines = tuple(read_only(corners) for corners in calm(outlines, self._state.outlines))
         return msgspec.structs.replace(
             world,
             occupied=read_only(occupied),
-            distance=read_only(np.minimum(base.distance, seen)),
-            polygons=base.polygons + self._state.outlines,
+            distance=read_only(np.minimum(base.distance[window], seen)),
+            polygons=polygons_within(base.polygons, world.origin, world.origin + extent) + self._state.outlines,
             seen_points=read_only(points.copy()),
             seen_static=read_only(world.seen_static[standing].copy()),
         )
@@ -117,14 +119,14 @@ FAST = Method(
     summary="The paper's method, which keeps to its plans, considers all rings, and tells what stands from what moves.",
     source="own",
     chosen=(
-        "A plan is kept, period after period, until one is found that is cheaper than what is left of it: a search that "
-        "starts anew finds another plan of about the same cost each time, and between obstacles the robot followed none "
-        "of them. Candidates on all rings of 0.6 to 0.8 m, not on the smallest that has a viable one; the chosen one "
-        "stays while it is free at all. What was followed for 0.5 s without moving is static for the arm, not after "
-        "3 s. What has moved in the last 2 s is an obstacle of placement and driving from 2.0 m on, until it is 2.6 m "
-        "away; until then it will have moved on. Tried and no better: to expect it on its course in the search, with "
-        "the global path round where the robot would meet it (both then wait for each other), and to place the base "
-        "where something near drives now."
+        "A plan is kept, period after period, until one is found that is cheaper than what is left of it: a search "
+        "that starts anew finds another plan of about the same cost each time, and between obstacles the robot "
+        "followed none of them. Candidates on all rings of 0.6 to 0.8 m, not on the smallest that has a viable one; "
+        "the chosen one stays while it is free at all. What was followed for 0.5 s without moving is static for the "
+        "arm, not after 3 s. What has moved in the last 2 s is an obstacle of placement and driving from 2.0 m on, "
+        "until it is 2.6 m away; until then it will have moved on. Tried and no better: to expect it on its course in "
+        "the search, with the global path round where the robot would meet it (both then wait for each other), and to "
+        "place the base where something near drives now."
     ),
     follows_movers=True,
     planner=fast_planner,

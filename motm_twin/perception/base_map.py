@@ -40,6 +40,13 @@ def build_base_map(known: KnownWorld, resolution: float) -> BaseMap:
     )
 
 
+def polygons_within(polygons: tuple[Array, ...], low: Array, high: Array) -> tuple[Array, ...]:
+    """Those that are in part between the corners (2,) of a rectangle [m]."""
+    return tuple(
+        corners for corners in polygons if (corners.max(axis=0) >= low).all() and (corners.min(axis=0) <= high).all()
+    )
+
+
 def _distance(solids: tuple[Solid, ...], grid: Grid) -> NDArray[np.float32]:
     """Distance [m] of every cell centre to the nearest footprint; on a large map only up to `FAR`, and `FAR` beyond."""
     if grid.shape[0] * grid.shape[1] <= WHOLE:

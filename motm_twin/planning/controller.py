@@ -103,7 +103,7 @@ class StaaController:
         if solution < 0:
             why = self._no_motion(problem, target, field, expansions)
             return self._brake(problem, field, why, goal, expansions, cut=cut)
-        branch = _branch(memory, solution)
+        branch = search_memory.branch_to(memory, solution)
         poses = memory.state[branch]
         t_h = self._time_to_goal(problem, world.job, settings, goal)
         return BasePlan(
@@ -115,7 +115,7 @@ class StaaController:
             intermediate_goal=frozen(goal.pose),
             local_poses=frozen(poses),
             local_times=frozen(np.arange(len(branch)) * self._p.node_duration),
-            local_to_go=frozen(_to_go(memory, branch)),
+            local_to_go=frozen(search_memory.to_go(memory, branch)),
             bezier=frozen(self._bezier(poses[-1], settings, bool(memory.passed[solution]))),
             expansions=expansions,
             cut_by_clock=cut,
@@ -386,16 +386,3 @@ class StaaController:
 def proximity_scale(t_h: float, k_min: float = 0.1, k_time: float = 3.0) -> float:
     """k = max(0.1, min(t_h / 3, 1)): scale of the proximity penalty t_h [s] before the goal (Paper, Sec. III-D)."""
     return max(k_min, min(t_h / k_time, 1.0))
-
-
-def _to_go(memory: search_memory.Memory, branch: list[int]) -> Array:
-    """Cost [s] from each node of the branch on: that of the edges that follow, and the heuristic at its end."""
-    spent = memory.cost[branch, search_memory.G]
-    return spent[-1] - spent + memory.cost[branch[-1], search_memory.H]
-
-
-def _branch(memory: search_memory.Memory, node: int) -> list[int]:
-    branch = [node]
-    while memory.link[branch[-1], search_memory.PARENT] >= 0:
-        branch.append(int(memory.link[branch[-1], search_memory.PARENT]))
-    return branch[::-1]

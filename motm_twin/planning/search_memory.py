@@ -139,3 +139,17 @@ def forget_sights(cells: CellSights) -> None:
     """Make the store empty, for another graph: without touching every cell of a large map."""
     cells.used[0] = 0
     cells.newest[0] += 1
+
+
+def branch_to(memory: Memory, node: int) -> list[int]:
+    """The nodes from the root to this one."""
+    branch = [node]
+    while memory.link[branch[-1], PARENT] >= 0:
+        branch.append(int(memory.link[branch[-1], PARENT]))
+    return branch[::-1]
+
+
+def to_go(memory: Memory, branch: list[int]) -> Array:
+    """Cost [s] from each node of the branch on: that of the edges that follow, and the heuristic at its end."""
+    spent = memory.cost[branch, G]
+    return spent[-1] - spent + memory.cost[branch[-1], H]
