@@ -30,7 +30,8 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     begins: float = 0.12  # [m/s] above which a thing moves
     young: float = 0.3  # [s] for which a thing must have been followed before its velocity counts
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
-    settles: float = 0.5  # [s] for which a thing must have been followed to be known to stand
+    settles: float = 0.5  # [s] for which a thing must have been followed that has never moved to be known to stand
+    rests: float = 3.0  # [s] since it moved last after which a thing is static for the arm
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
@@ -76,7 +77,7 @@ class MoverTracker(Stateful[MoverState]):
         self._state = MoverState()
 
     def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
-        """The map with its movers, and with what is seen to stand as static, be it seen for less than 3 s.
+        """The map with its movers. Static in it is what has stood since it was seen first, and what has for 3 s.
 
         ``viewpoint``: where the lidar is, shape (2,) or longer [m].
         """
@@ -88,7 +89,9 @@ class MoverTracker(Stateful[MoverState]):
         for track in state.tracks:
             track.position = track.position + dt * track.velocity
         pairs = self._correct(self._clusters(world, viewpoint[:2]), world.stamp, dt)
-        state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
+        state.tracks = [
+            track for track in state.tracks if world.stamp - track.seen <= p.lost_after or self._rests(track)
+        ]
         for track in state.tracks:
             grown_up = world.stamp - track.born >= p.young
             if grown_up and math.hypot(*track.velocity) >= p.begins:
@@ -96,15 +99,36 @@ class MoverTracker(Stateful[MoverState]):
         self._part(viewpoint[:2])
         static = world.seen_static.copy()
         for track, seen in pairs:
-            static[seen.points] |= world.stamp - track.born >= p.settles and not self._moving(track)
+            static[seen.points] |= world.stamp - track.born >= p.settles and track.moved is None
+        static &= ~self._resting(world.seen_points)
         static.setflags(write=False)
-        found = [(*t.position, *t.velocity, t.radius, t.near) for t in state.tracks if self._moving(t) and not t.wide]
+        found = [
+            (*track.position, *track.velocity, track.radius, track.near)
+            for track in state.tracks
+            if self._moving(track) and not track.wide and world.stamp - track.seen <= p.lost_after
+        ]
         movers = np.array(found) if found else NO_MOVERS
         return msgspec.structs.replace(world, seen_static=static, movers=movers)
 
     def _moving(self, track: Track) -> bool:
         now = self._state.time
         return track.moved is not None and now is not None and now - track.moved <= self.parameters.stands_after
+
+    def _rests(self, track: Track) -> bool:
+        """It has moved, less than 3 s ago."""
+        now = self._state.time
+        return track.moved is not None and now is not None and now - track.moved < self.parameters.rests
+
+    def _resting(self, points: Array) -> NDArray[np.bool_]:
+        """Which points (m, 2) are of something that moved less than 3 s ago.
+
+        The map takes it for static earlier: its cells were hit while it came to rest.
+        """
+        found = np.zeros(len(points), dtype=bool)
+        for track in self._state.tracks:
+            if self._rests(track):
+                found |= np.hypot(*(points - track.position).T) <= track.radius + self.parameters.edge
+        return found
 
     def _part(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
@@ -113,7 +137,7 @@ class MoverTracker(Stateful[MoverState]):
             track.near = math.hypot(*(track.position - viewpoint)) <= limit
 
     def _clusters(self, world: WorldMap, viewpoint: Array) -> list[Seen]:
-        p, young = self.parameters, np.flatnonzero(~world.seen_static)
+        p, young = self.parameters, np.flatnonzero(~world.seen_static | self._resting(world.seen_points))
         points = world.seen_points[young]
         if not len(points):
             return []

@@ -97,3 +97,15 @@ def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
     assert state_hash(copy.snapshot()) == state_hash(tracker.snapshot())
     copy.restore(MoverTracker().snapshot())
     assert state_hash(copy.snapshot()) != state_hash(tracker.snapshot())
+
+
+def test_what_has_come_to_rest_is_static_after_3_seconds_not_before() -> None:
+    """The map alone counts from when its cells were hit first, while it was still coming."""
+    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(6)
+    for k in range(110):
+        time, stops = k * STEP, 1.5
+        body = shapely.Point(2.0, -0.5 + 0.4 * min(time, stops)).buffer(RADIUS)
+        world = tracker.sort(mapper.update(_seen(time, np.zeros(3), [body], rng)), np.zeros(3))
+        if 0.6 < time < stops + 2.9:
+            assert not world.seen_static.any(), time
+    assert world.seen_static.any()
