@@ -13,7 +13,7 @@ from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
-from motm_twin.planning.global_path import GraphCache, goal_table, leaves_disc, path_to_goal, rates_of, shortest_path
+from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
@@ -162,11 +162,11 @@ class StaaController:
         after = 0.0
         if self._p.drive_on and placement.chosen >= 0 and math.isfinite(placement.cost_next[placement.chosen]):
             after = self._next_weight * float(placement.cost_next[placement.chosen])
-        table = goal_table(graph, goal, self._global_rates)
+        table = self._graphs.table(graph, goal, self._global_rates)
         path, in_reverse = path_to_goal(graph, table, problem.pose)
         leaves = leaves_disc(path, self._p.local_radius)
         if leaves is None:
-            local = goal_table(graph, goal, self._rates, np.array([after]))
+            local = self._graphs.table(graph, goal, self._rates, np.array([after]))
             return LocalGoal(goal, 0.0, local, after, path, float(goal[2]), len(path) > 1, True)
         segment, place = leaves
         step = path[segment + 1] - path[segment]
@@ -177,7 +177,7 @@ class StaaController:
             v_f=self._limits.forward_speed, v_r=self._limits.reverse_speed, w_max=self._limits.yaw_rate,
         )  # fmt: skip
         pose = np.array([place[0], place[1], heading if self._p.goal_orientation else math.nan])
-        local = goal_table(graph, pose, self._rates, np.array([after + remaining]))
+        local = self._graphs.table(graph, pose, self._rates, np.array([after + remaining]))
         return LocalGoal(pose, remaining, local, after, path, float(goal[2]), True, False)
 
     def _settings(
@@ -240,7 +240,7 @@ class StaaController:
             given = placement.next_goal
             poses = np.array([[given[0], given[1], given[2] if len(given) > 2 else math.nan]])
         order = np.lexsort((poses[:, 1], poses[:, 0]))
-        return goal_table(graph, poses[order], self._rates)
+        return self._graphs.table(graph, poses[order], self._rates)
 
     def _cell_sights(self, graph: Graph, field: Field) -> search_memory.CellSights:
         grid = (field.x, field.y, field.inverse_cell, *field.value.shape)

@@ -19,6 +19,8 @@ from motm_twin.planning.cost_to_go import Rates, Table, make_table, trace
 from motm_twin.planning.least_cost import Sights, costs_from, sights_of
 from motm_twin.planning.visibility import Graph, build_graph
 
+KEPT = 8  # tables of costs to goals: those of a period, goal and next targets do not change in most
+
 
 class GraphCache:
     """Builds visibility graph and field, and remembers the newest: pure functions of their arguments, so no state."""
@@ -27,6 +29,7 @@ class GraphCache:
         self._key: tuple[bytes, float, tuple[float, ...]] | None = None
         self._graph: Graph | None = None
         self._field: tuple[Array, Array, Field] | None = None
+        self._tables: dict[tuple[bytes, bytes, Rates], Table] = {}  # of the newest graph
 
     def graph(self, world: WorldMap, g: float) -> Graph:
         """The graph of the map's polygons grown by g [m]; the same object while nothing changed."""
@@ -35,7 +38,19 @@ class GraphCache:
         key = (b"|".join(p.tobytes() for p in world.polygons), g, bounds)
         if self._graph is None or key != self._key:
             self._graph, self._key = build_graph(world.polygons, g, bounds), key
+            self._tables.clear()
         return self._graph
+
+    def table(self, graph: Graph, poses: Array, rates: Rates, offsets: Array | None = None) -> Table:
+        """`goal_table`; the same object for what was asked lately on the same graph."""
+        if graph is not self._graph:
+            return goal_table(graph, poses, rates, offsets)
+        key = (poses.tobytes(), b"" if offsets is None else offsets.tobytes(), rates)
+        found = self._tables.pop(key, None) or goal_table(graph, poses, rates, offsets)
+        self._tables[key] = found  # the newest at the end
+        if len(self._tables) > KEPT:
+            del self._tables[next(iter(self._tables))]
+        return found
 
     def field(self, world: WorldMap) -> Field:
         """The distance field of the map; the same object while nothing changed."""

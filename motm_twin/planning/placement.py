@@ -17,7 +17,6 @@ from motm_twin.planning.global_path import (
     GraphCache,
     costs_on,
     costs_to,
-    goal_table,
     path_to_goal,
     poses_at,
     rates_of,
@@ -87,6 +86,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         self._graphs = graphs or GraphCache()
         self._rates = rates_of(profile.base)
         self._state = PlacementState()
+        self._kept: tuple[Graph, Field, tuple[object, ...], Array | None] | None = None  # of `_next_poses`
         self._last: Searched | None = None  # only to explain the last period: no decision reads it
 
     def place(self, problem: BaseProblem) -> Placement:
@@ -99,8 +99,8 @@ class NextTargetPlacement(Stateful[PlacementState]):
         graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
         here = Here(problem.world, self._graphs.field(problem.world), self._body, graph)
         from_robot = robot_table(graph, problem.pose, self._rates)
-        next_poses = self._next_poses(problem.next_target, here)
-        to_next = goal_table(graph, next_poses, self._rates) if next_poses is not None else None
+        next_poses = self._next_poses_kept(problem.next_target, here)
+        to_next = self._graphs.table(graph, next_poses, self._rates) if next_poses is not None else None
         candidates, current, onward = self._evaluate(target, here, from_robot, to_next)
         viable = np.isfinite(current)  # an infinite cost times a weight of 0 would be no number
         cost = current + self._parameters.placement.next_weight * np.where(viable, onward, 0.0)
@@ -244,6 +244,16 @@ class NextTargetPlacement(Stateful[PlacementState]):
         onward[blocked] = np.inf
         return current, onward
 
+    def _next_poses_kept(self, target: Target | None, here: Here) -> Array | None:
+        """`_next_poses`, from the last call when neither the target nor the map has changed since."""
+        if target is None:
+            return None
+        asked = (target.kind, target.name, target.position.tobytes(), target.heading)
+        kept = self._kept
+        if kept is None or kept[0] is not here.graph or kept[1] is not here.field or kept[2] != asked:
+            kept = self._kept = (here.graph, here.field, asked, self._next_poses(target, here))
+        return kept[3]
+
     def _next_poses(self, target: Target | None, here: Here) -> Array | None:
         """Where the next target can be served from, shape (m, 3)."""
         if target is None:
@@ -261,7 +271,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
 
     def _best_next(self, goal: Array, next_poses: Array, graph: Graph) -> Array:
         """The poses of the next target that are cheapest from the goal, cheapest first, shape (k, 3)."""
-        reverse = robot_table(graph, goal, self._rates)
+        reverse = self._graphs.table(graph, np.array([[goal[0], goal[1], goal[2] + math.pi]]), self._rates)
         asked = np.where(np.isnan(next_poses), 0.0, next_poses)
         place, place_of = np.unique(asked[:, :2], axis=0, return_inverse=True)
         cost = costs_to(graph, reverse, poses_at(graph, asked, place, place_of.reshape(-1).astype(np.int32)))
