@@ -101,10 +101,11 @@ def plot(by_count: Curve, by_time: Curve, target: Path) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
     shipped = SearchBudget().expansions
-    panels = ((axes[0], by_count, 1.0, "expansions"), (axes[1], by_time, 1e3, "time limit of the search [ms]"))
-    for axis, curve, scale, label in panels:
+    curves = [(by_count, 1.0, "expansions"), (by_time, 1e3, "time limit of the search [ms]")][: 2 if by_time else 1]
+    figure, grid = plt.subplots(1, len(curves), figsize=(5 * len(curves), 4), sharey=True, squeeze=False)
+    axes = grid[0]
+    for axis, (curve, scale, label) in zip(axes, curves, strict=True):
         limits = [scale * float(limit) for limit in curve]
         for trial in TRIALS:
             axis.plot(limits, [point[trial]["time_s"] for point in curve.values()], ".-", alpha=0.5, label=trial)
