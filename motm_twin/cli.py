@@ -195,6 +195,7 @@ def bench(
     seconds: float = 60.0,
     minutes: float = 3.0,
     share: float = 1.0,
+    quick: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> int:
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
@@ -205,7 +206,7 @@ def bench(
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency.
+            efficiency, growth, anytime, solvers.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         workers: Processes.
@@ -215,7 +216,8 @@ def bench(
         out: Folder of the JSON results.
         seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
-        share: Soak only: part of the full counts.
+        share: Soak and period only: part of the full counts.
+        quick: Growth, anytime and solvers only: a few points, half a minute.
     """
     from motm_twin.bench.__main__ import main as run_groups
 
@@ -225,6 +227,7 @@ def bench(
     given = {"--trials": trials, "--backend": backend, "--address": address}
     options += [part for name, value in given.items() if value is not None for part in (name, str(value))]
     options += ["--retry-failed"] if retry_failed else []
+    options += ["--quick"] if quick else []
     return run_groups([*groups, *options])
 
 
