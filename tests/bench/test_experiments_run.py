@@ -123,7 +123,14 @@ def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when
     assert again.computed == 1
 
 
-def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path):
+@pytest.mark.parametrize(
+    "end",
+    [
+        pytest.param(lambda pid: os.killpg(pid, signal.SIGINT), id="ctrl-c"),  # as a terminal does
+        pytest.param(lambda pid: os.kill(pid, signal.SIGTERM), id="sigterm"),
+    ],
+)
+def test_ctrl_c_ends_at_once_and_says_how_to_go_on(end, tmp_path):
     entry = f"Entry(title='t', specs=lambda methods, trials: (TrialSpec({SCENE!r}, None, s) for s in range(500)))"
     program = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
@@ -139,12 +146,25 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path):
     store = tmp_path / "exp1" / "trials.jsonl"
     while not (store.is_file() and store.stat().st_size) and process.poll() is None:
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    end(process.pid)
     said = process.communicate(timeout=60)[0]
     assert process.returncode == 130, said
     assert "goes on from there" in said
     assert "Traceback" not in said
     assert 1 <= len(Store(tmp_path / "exp1").read()) < 500
+    deadline = time.monotonic() + 60.0
+    while _any_left(process.pid):
+        assert time.monotonic() < deadline, "a worker goes on"
+        time.sleep(0.05)
+
+
+def _any_left(group):
+    """Whether a process of the group lives."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def test_a_second_run_on_the_same_folder_is_refused(tmp_path):

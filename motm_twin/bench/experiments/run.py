@@ -1,7 +1,9 @@
 """Runs experiments: what is in the store already is not run again, and what breaks is kept with its reason."""
 
-from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
+import signal
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -59,8 +61,8 @@ def run(
 ) -> Results:
     """Run what is not in ``out``/<experiment>/trials.jsonl yet; the results of all.
 
-    After Ctrl-C (KeyboardInterrupt) or a crash the same call goes on where it ended. ``retry_failed`` runs trials again
-    that were without success. ``backend`` "ray" needs the extra ``cluster``; ``address`` is the cluster's.
+    After Ctrl-C or SIGTERM (KeyboardInterrupt) or a crash the same call goes on where it ended. ``retry_failed`` runs
+    trials again that were without success. ``backend`` "ray" needs the extra ``cluster``; ``address`` is the cluster's.
     Raises ValueError for a spec that cannot be run, before any trial begins.
     """
     chosen = [experiments] if isinstance(experiments, Experiment) else list(experiments)
@@ -70,6 +72,7 @@ def run(
     source = made_with()[SOURCE]
     results = Results(out, {name: [{} for _ in these] for name, these in jobs.items()})
     with ExitStack() as stack:
+        stack.enter_context(_sigterm_as_ctrl_c())
         stores = {name: stack.enter_context(Store(out / name)) for name in jobs}
         tasks = _missing(jobs, stores, results, source, retry_failed=retry_failed)
         if tasks:
@@ -81,6 +84,19 @@ def run(
         for name, store in stores.items():
             store.write_results(results.trials[name])
     return results
+
+
+@contextmanager
+def _sigterm_as_ctrl_c() -> Iterator[None]:
+    """Whoever is told to end ends the processes that work for it, too."""
+    if threading.current_thread() is not threading.main_thread():  # signals are not for this one
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _missing(
