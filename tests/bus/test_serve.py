@@ -138,7 +138,7 @@ def test_serve_ends_at_once_on_a_signal_while_clients_read_and_its_session_rerun
         for client in clients:
             until(client.tick, "no tick", READY)
         assert clients[0].command(AddObstacle(name="crate", x=1.0, y=-0.6, size=(0.3, 0.3, 0.5))).ok
-        until(lambda: clients[0].tick().index > 40, "it stands")
+        until(lambda: clients[0].tick().obstacles and clients[0].tick().index > 40, "it stands, or no crate")
         session = msgspec.json.decode(clients[1].session(), type=Session)
         pids = children(process)
         process.send_signal(signal.SIGTERM)
