@@ -1,5 +1,6 @@
 """A recording on the bus: it looks like a twin, goes where it is told, and refuses to be changed."""
 
+import json
 import time
 
 import msgspec
@@ -15,8 +16,10 @@ from motm_twin.bus.pacing import PERIOD
 from motm_twin.bus.server import TwinServer
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
+from motm_twin.record.mcap_file import McapFile
 from motm_twin.record.player import Player
 from motm_twin.record.player_server import PlayerServer
+from motm_twin.record.reader import read
 from motm_twin.record.session import SessionError
 
 LAST = 60
@@ -88,8 +91,8 @@ def test_steps_and_leaps_keep_a_past_that_readers_can_look_back_at(client):
     until(lambda: client.tick().index == 0, "it did not go to its start")
 
 
-def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they_were(path):
-    sent, frames = [], Frames(path)
+def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they_were(path, tmp_path):
+    sent, frames = [], Frames(with_more_states(path, tmp_path / "more.mcap"))
     player = Player(
         frames,
         name="x",
@@ -114,6 +117,19 @@ def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they
     sent.clear()
     player._seek(number + 1)  # what waits is sent first
     assert sent[: len(waiting)] == [ch.ROBOT.topic] * len(waiting)
+
+
+def with_more_states(path, target):
+    """A copy with three states of the robot for each: how many were sent depends on how busy the machine was."""
+    file = McapFile(target)
+    for entry in read(path):
+        for k in range(3 if entry.topic == ch.ROBOT.topic else 1):
+            message = json.loads(entry.data)
+            if entry.topic == ch.ROBOT.topic:
+                message["time"] += 0.02 * k
+            file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9 + 1e-6 * k, json.dumps(message).encode())
+    file.close()
+    return target
 
 
 def test_what_would_change_it_is_refused_with_a_reason(client):
