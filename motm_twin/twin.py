@@ -261,7 +261,7 @@ class Twin:
             self.plant,
             self._planner(known, planning),
             self._arm_side(known, arm),
-            settings=Settings(budget=self._budget, follows_movers=self.method.follows_movers),
+            settings=Settings(budget=self._budget),
             truth=self.plant.truth,
             clock=self._clock or (lambda: 0.0),
         )

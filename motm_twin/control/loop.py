@@ -39,7 +39,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
     budget: SearchBudget = SearchBudget()
     arm_steps: int = ARM_STEPS
-    follows_movers: bool = False  # see `perception.movers`
 
 
 @dataclass
@@ -70,7 +69,7 @@ class ControlLoop(Stateful[LoopState]):
         self.plant = plant
         self.settings = settings or Settings()
         self.mapper = Mapper(known)
-        self.movers = MoverTracker() if self.settings.follows_movers else None
+        self.movers = MoverTracker()
         self.tracker = ObjectTracker(known)
         self.targets = Targets(known, self.tracker)
         self.sequence = TaskSequence(known)
@@ -84,11 +83,10 @@ class ControlLoop(Stateful[LoopState]):
 
     def parts(self) -> dict[str, HasState]:
         """Everything of the loop that has state."""
-        followed = {"movers": self.movers} if self.movers else {}
         return {
             "loop": self,
             "mapper": self.mapper,
-            **followed,
+            "movers": self.movers,
             "tracker": self.tracker,
             "sequence": self.sequence,
             "planner": self.planner,
@@ -111,7 +109,7 @@ class ControlLoop(Stateful[LoopState]):
             self.monitor.begin_from(observation.twist)
         with stages.measure("map"):
             world = self.mapper.update(observation, self._whereabouts(observation) if self.mapper.large else ())
-            world = self.movers.sort(world, observation.pose) if self.movers else world
+            world = self.movers.sort(world, observation.pose)
             self.tracker.update(observation, self.sequence.held)
         with stages.measure("place"):
             problem = self._problem(observation, world)

@@ -58,6 +58,5 @@ class Method:
     known: str = ""  # what has been published of it
     chosen: str = ""  # what is not, and what was chosen here
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)  # of `control.tuning`, other than shipped
-    follows_movers: bool = False  # the map says what moves and how (`perception.movers`)
     planner: Callable[[PlannerParts], BasePlanner] = paper_planner
     arm: Callable[[ArmParts], Manipulator] = paper_arm
