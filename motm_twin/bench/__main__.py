@@ -3,7 +3,7 @@
 "all" are the groups of trials. The others run only when they are named: "page" measures the served page and needs
 Chromium, "bus" measures what goes over Zenoh, "soak" treats a server badly for long, "scale" loads a router,
 "efficiency" tells what more processes are worth, "growth" makes the world larger, "anytime" the search shorter and
-longer, "solvers" compares those of the QP.
+longer, "solvers" compares those of the QP, "task" tells how long the work takes, with `fast` beside the paper's method.
 
 With --methods, --trials, --backend, --address or --retry-failed a name is that of an experiment instead: any methods,
 any number of trials, kept on disk and gone on with, compared in a table. Some names are experiments only.
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from motm_twin.bench import anytime, bus, growth, page, period, scale, soak, solvers
+from motm_twin.bench import anytime, bus, growth, page, period, scale, soak, solvers, task
 from motm_twin.bench.experiments import command, efficiency
 from motm_twin.bench.experiments.catalogue import EXPERIMENTS
 from motm_twin.bench.groups import GROUPS
@@ -23,6 +23,7 @@ from motm_twin.bench.table import bench
 
 KNOWN = (
     *GROUPS, page.NAME, bus.NAME, soak.NAME, scale.NAME, efficiency.NAME, growth.NAME, anytime.NAME, solvers.NAME,
+    task.NAME,
 )  # fmt: skip
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in KNOWN)
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
@@ -38,9 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out/bench"), help="folder of the JSON files")
     page.add_options(parser)
     command.add_options(parser)
-    parser.add_argument(
-        "--share", type=float, default=1.0, help="soak, period: of the full counts (default 1: half an hour)"
-    )
+    parser.add_argument("--share", type=float, default=1.0, help="soak, period, task: of the full counts (default 1)")
     parser.add_argument("--quick", action="store_true", help="growth, anytime, solvers: a few points, half a minute")
     options = parser.parse_args(arguments)
     problem = _problem(options)
@@ -93,6 +92,8 @@ def _reached(name: str, options: argparse.Namespace, console: Console) -> bool:
         return anytime.bench_anytime(options.out, console, quick=options.quick)
     if name == solvers.NAME:
         return solvers.bench_solvers(options.out, console, quick=options.quick)
+    if name == task.NAME:
+        return task.bench_task(options.out, options.share, options.workers, console)
     reached = bench(GROUPS[name], options.out, options.workers, console)
     return period.bench_period(options.out, options.share, console) and reached if name == "period" else reached
 

@@ -22,6 +22,7 @@ from rich.table import Table
 
 from motm_twin.bench.machine import machine
 from motm_twin.bench.report import load_average, write
+from motm_twin.bench.wanted import Wanted, enough, wanted_table
 from motm_twin.control.loop import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_file import load_scene
@@ -35,19 +36,6 @@ WARM_UP = 60  # periods that are not counted
 SOAK = 1000.0  # [s] of simulated time in which memory has to stay flat
 EARLY = 0.1  # of it, after which memory counts
 MARGIN_MB = 2.0  # [MB] that the allocator may take in steps
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wanted:
-    """A row of the table: what is wanted at least, and what would be better still."""
-
-    key: str
-    name: str
-    unit: str
-    least: float
-    best: float
-    more: bool = False  # the measured value has to be this much or more, else this much or less
-    decimals: int = 2
 
 
 def _times(scene: str) -> tuple[Wanted, ...]:
@@ -208,8 +196,8 @@ def bench_period(out: Path, share: float, console: Console) -> bool:
         memory = memory_gained(SOAK * share)
         values["memory"] = memory["megabytes"]
     console.print(stage_table(stages))
-    console.print(wanted_table(values, processor))
-    reached = all(_enough(row, values[row.key], row.least) for row in WANTED)
+    console.print(wanted_table(WANTED, {"measured": values, "processor time": processor}))
+    reached = all(enough(row, values[row.key], row.least) for row in WANTED)
     report = {
         "group": NAME, "title": TITLE, "machine": machine(), "core": core, "reached": reached,
         "rows": [{"name": row.name, "unit": row.unit, "least": row.least, "best": row.best,
@@ -237,10 +225,6 @@ def _scene_values(
     return table
 
 
-def _enough(row: Wanted, value: float, limit: float) -> bool:
-    return value >= limit if row.more else value <= limit
-
-
 def stage_table(stages: dict[str, dict[str, dict[str, float]]]) -> Table:
     """Every stage of a period, and one arm step of it, as p50 / p99 / max [ms]."""
     table = Table(box=None, header_style="bold", pad_edge=False)
@@ -249,19 +233,4 @@ def stage_table(stages: dict[str, dict[str, dict[str, float]]]) -> Table:
     for stage in next(iter(stages.values())):
         cells = (" / ".join(f"{value:.2f}" for value in stages[scene][stage].values()) for scene in stages)
         table.add_row(stage, *cells)
-    return table
-
-
-def wanted_table(values: dict[str, float], processor: dict[str, float]) -> Table:
-    """Every row: what was measured, the same in processor time, what is wanted at least and what to reach for."""
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for name in ("number to reach", "unit", "measured", "processor time", "at least", "", "reach for", " "):
-        table.add_column(name, justify="left" if name in ("number to reach", "unit") else "right")
-    for row in WANTED:
-        verdicts = []
-        for limit in (row.least, row.best):
-            good = _enough(row, values[row.key], limit)
-            verdicts += [f"{limit:g}", "[green]reached[/green]" if good else "[red]not reached[/red]"]
-        own = f"{processor[row.key]:.{row.decimals}f}" if row.key in processor else "-"
-        table.add_row(row.name, row.unit, f"{values[row.key]:.{row.decimals}f}", own, *verdicts)
     return table

@@ -116,16 +116,16 @@ def fast_planner(parts: PlannerParts) -> BasePlanner:
 FAST = Method(
     name="fast",
     title="MotM, fast",
-    summary="The paper's method, which keeps to its plans, considers all rings, and drives as if what moves far away were gone.",
+    summary="The paper's method, which keeps to its plans, considers all rings, and leaves out what moves far away.",
     source="own",
     chosen=(
         "A plan is kept, period after period, until one is found that is cheaper than what is left of it: a search "
         "that starts anew finds another plan of about the same cost each time, and between obstacles the robot "
         "followed none of them. Candidates on all rings of 0.6 to 0.8 m, not on the smallest that has a viable one; "
-        "the chosen one stays while it is free at all. What has moved in the last 2 s is an obstacle of placement and driving from 2.0 m on, "
-        "until it is 2.6 m away; until then it will have moved on. Tried and no better: to expect it on its course in "
-        "the search, with the global path round where the robot would meet it (both then wait for each other), and to "
-        "place the base where something near drives now."
+        "the chosen one stays while it is free at all. What has moved in the last 2 s is an obstacle of placement and "
+        "driving from 2.0 m on, until it is 2.6 m away; until then it will have moved on. Tried and no better: to "
+        "expect it on its course in the search, with the global path round where the robot would meet it (both then "
+        "wait for each other), and to place the base where something near drives now."
     ),
     planner=fast_planner,
 )

@@ -1,6 +1,6 @@
 """Experiments by name: the paper's, each modification switched off alone, and sweeps of its parameters."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from motm_twin.bench import robustness
@@ -22,6 +22,12 @@ SWEEPS: dict[str, tuple[float, ...]] = {  # parameter of `control.tuning`: value
     "bezier_offset": (0.1, 0.4, 0.5),
     "radius_min": (0.45, 0.5, 0.55, 0.65, 0.7),
     "radius_max": (0.7, 0.75, 0.85, 0.9, 0.95),
+}
+
+QUICK_ROBOT = {  # twice the speed and acceleration, and a gripper that closes in 0.2 s
+    "robot.base.forward_speed": 1.0,  # [m/s]
+    "robot.base.linear_acceleration": 1.0,  # [m/s^2]
+    "robot.gripper.closing_time": 0.2,  # [s]
 }
 
 Specs = Iterable[TrialSpec]
@@ -78,10 +84,12 @@ def _known(name: str) -> None:
         raise MethodError(f"{error}; or 'all', or 'ablations'") from error
 
 
-def _on(scene: str) -> Callable[[Sequence[str], int | None], Specs]:
+def _on(scene: str, changes: Mapping[str, float] | None = None) -> Callable[[Sequence[str], int | None], Specs]:
     """Every method on every arrangement: all of one arrangement, then the next, so that an early end compares."""
     return lambda methods, trials: (
-        TrialSpec(scene, variant, seed, method) for variant, seed in arrangements(trials) for method in methods
+        TrialSpec(scene, variant, seed, method, changes=dict(changes or {}))
+        for variant, seed in arrangements(trials)
+        for method in methods
     )
 
 
@@ -126,6 +134,9 @@ EXPERIMENTS: dict[str, Entry] = {
         title="One pick with one error at a time: reactive, and the same plan open-loop",
         specs=robustness.robustness_specs,
         methods=robustness.METHODS,
+    ),
+    "quick_robot": Entry(
+        title="Experiment 1 with a robot of 1 m/s, 1 m/s^2 and a quick gripper", specs=_on("exp1", QUICK_ROBOT)
     ),
     "further_scenes": Entry(title="Six further scenes, same code and parameters", specs=unseen.further_specs),
     "generated": Entry(title="Generated scenes of growing difficulty", specs=unseen.generated_specs),

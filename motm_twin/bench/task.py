@@ -1,0 +1,158 @@
+"""How fast the work gets done: `fast` is judged, and the paper's method stands beside it.
+
+The paper's experiments, a quicker robot, and scenes that the code was not made for. Every trial is an experiment's
+(`bench.experiments`), kept on disk and gone on with after Ctrl-C.
+"""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from motm_twin.bench.experiments import statistics
+from motm_twin.bench.experiments.catalogue import experiment
+from motm_twin.bench.experiments.run import Result, Results, run
+from motm_twin.bench.experiments.spec import Experiment
+from motm_twin.bench.experiments.store import Store
+from motm_twin.bench.groups import drove_into
+from motm_twin.bench.machine import machine
+from motm_twin.bench.report import write
+from motm_twin.bench.wanted import Wanted, enough, wanted_table
+from motm_twin.methods.fast import FAST
+from motm_twin.methods.modifications import MOTM
+
+NAME = "task"
+TITLE = "How long the task takes: the paper's experiments, a quicker robot, and scenes that the code was not made for"
+METHODS = (FAST.name, MOTM.name)  # the first is judged
+RANDOM = 50  # seeds of the random arrangements
+GENERATED = 200  # scenes
+
+
+def _completed_share(key: str, what: str, least: float) -> Wanted:
+    return Wanted(key=key, name=f"{what}, completed", unit="%", least=least, best=100.0, more=True, decimals=1)
+
+
+WANTED = (
+    Wanted(key="exp1", name="exp1, ten trials, mean", unit="s", least=88.0, best=80.0, decimals=1),
+    Wanted(key="exp1a", name="exp1a, ten trials, mean", unit="s", least=97.0, best=88.0, decimals=1),
+    Wanted(key="random", name="exp1, random arrangements, mean", unit="s", least=88.0, best=80.0, decimals=1),
+    Wanted(key="four", name="exp2, four Temis, over exp1 by seed", unit="%", least=20.0, best=12.0, decimals=1),
+    Wanted(key="one", name="exp2, one Temi, over exp1 by seed", unit="%", least=4.0, best=2.0, decimals=1),
+    Wanted(
+        key="closing", name="exp1, base speed while the fingers close", unit="m/s", least=0.3, best=0.4, more=True,
+        decimals=3,
+    ),
+    Wanted(key="quick", name="quick robot, time by reference tour", unit="", least=1.7, best=1.5),
+    _completed_share("further", "further scenes", 100.0),
+    _completed_share("generated", "generated scenes", 99.0),
+    _completed_share("paper", "the paper's experiments", 100.0),
+    Wanted(key="contacts", name="contacts that the robot drove into", unit="", least=0.0, best=0.0, decimals=0),
+)  # fmt: skip
+
+
+def experiments(share: float) -> dict[str, Experiment]:
+    """The experiments by the folder that they are kept in; ``share`` of the random seeds and generated scenes."""
+    random, generated = math.ceil(RANDOM * share), math.ceil(GENERATED * share)
+    wanted = {
+        "exp1": experiment("exp1", METHODS),
+        "exp1a": experiment("exp1a", METHODS),
+        "exp1_random": experiment("exp1", METHODS, random),
+        "exp2": experiment("exp2", METHODS, random),
+        "one_temi": experiment("one_temi", METHODS, random),
+        "quick_robot": experiment("quick_robot", METHODS),
+        "further_scenes": experiment("further_scenes", METHODS),
+        "generated": experiment("generated", METHODS, generated),
+    }
+    return {name: Experiment(name, each.title, each.specs) for name, each in wanted.items()}
+
+
+def bench_task(out: Path, share: float, workers: int, console: Console) -> bool:
+    """Run, print, write ``out/task.json``; True when `fast` reaches everything that is wanted at least.
+
+    About 900 trials with a share of 1: six hours of one core.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    chosen = experiments(share)
+    try:
+        results = run(chosen.values(), out=out / NAME, workers=workers, console=console)
+    except KeyboardInterrupt:
+        kept = sum(len(Store(out / NAME / name).read()) for name in chosen)
+        console.print(f"\nstopped; {kept} finished trials are in {out / NAME}: the same command goes on from there")
+        return False
+    columns = {method: values(results, method) for method in METHODS}
+    console.print(wanted_table(WANTED, columns))
+    for method in METHODS:
+        for result in _without_success(results, method):
+            what = f"{result['scene']}/{result['variant']} seed {result['seed']} {method}: {result['reason']}"
+            console.print(f"  not completed: {what}", style="yellow", markup=False)
+    reached = all(enough(row, columns[METHODS[0]][row.key], row.least) for row in WANTED)
+    rows = [
+        {"name": row.name, "unit": row.unit, "least": row.least, "best": row.best}
+        | {method: round(columns[method][row.key], 4) for method in METHODS}
+        for row in WANTED
+    ]
+    counts = {name: len(each.specs) // len(METHODS) for name, each in chosen.items()}
+    whole = {"group": NAME, "title": TITLE, "machine": machine(), "reached": reached, "trials": counts, "rows": rows}
+    write(out / f"{NAME}.json", whole)
+    console.print(f"{machine()}, {workers} processes; written to {out / f'{NAME}.json'}")
+    return reached
+
+
+def values(results: Results, method: str) -> dict[str, float]:
+    """Every number of `WANTED` for one method. A mean time is nan unless all trials were completed."""
+    of = {name: results.of(name, method=method) for name in results.trials}
+    ten, paper = (
+        of["exp1"],
+        [result for name in ("exp1", "exp1a", "exp1_random", "exp2", "one_temi") for result in of[name]],
+    )
+    every = [result for these in of.values() for result in these]
+    return {
+        "exp1": _mean_time(ten),
+        "exp1a": _mean_time(of["exp1a"]),
+        "random": _mean_time(of["exp1_random"]),
+        "four": _over_exp1(of["exp2"]),
+        "one": _over_exp1(of["one_temi"]),
+        "closing": float(np.mean([result["mean_closing_base_speed_mps"] or 0.0 for result in ten])),
+        "quick": float(
+            np.mean([result["time_s"] / result["reference_tour_s"] for result in of["quick_robot"]])
+            if all(result["success"] for result in of["quick_robot"])
+            else math.nan
+        ),
+        "further": _completed(of["further_scenes"]),
+        "generated": _completed(of["generated"]),
+        "paper": _completed(paper),
+        "contacts": float(drove_into(every)),
+    }
+
+
+def _mean_time(results: list[Result]) -> float:
+    if not all(result["success"] for result in results):
+        return math.nan
+    return float(np.mean([result["time_s"] for result in results]))
+
+
+def _over_exp1(results: Iterable[Result]) -> float:
+    """By how much [%] the trials with Temis take longer than those without, by seed."""
+    times: dict[str, dict[int, float]] = {"exp1": {}, "exp2": {}}
+    for result in results:
+        if not result["success"]:
+            return math.nan
+        times[result["scene"]][result["seed"]] = result["time_s"]
+    return 100.0 * statistics.paired_ratio(times["exp2"], times["exp1"]).value
+
+
+def _completed(results: list[Result]) -> float:
+    return 100.0 * sum(result["success"] for result in results) / len(results)
+
+
+def _without_success(results: Results, method: str) -> list[Result]:
+    """Each once: the arrangements of Experiment 1 are in several experiments."""
+    found = {
+        (result["scene"], result["variant"], result["seed"]): result
+        for name in results.trials
+        for result in results.of(name, method=method)
+        if not result["success"]
+    }
+    return list(found.values())
