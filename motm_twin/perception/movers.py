@@ -16,6 +16,8 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.clusters import label_cells
 from motm_twin.perception.world_map import NO_MOVERS, WorldMap
 
+SAME_POINT = 0.08  # [m] between the middles of cells that may show the same point
+
 
 class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     """How moving obstacles are told from standing ones. Choices of this project."""
@@ -27,16 +29,26 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     gate: float = 0.35  # [m] between where a thing is expected and where it is seen
     alpha: float = 0.5  # gain of the position per map of 50 ms
     beta: float = 0.08  # gain of the velocity: its error halves in 0.2 s
-    begins: float = 0.12  # [m/s] above which a thing moves
-    young: float = 0.3  # [s] for which a thing must have been followed before its velocity counts
+    leaves: float = 0.10  # [m] from its place, beyond which a thing may have moved
+    gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
+    grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
-    settles: float = 0.5  # [s] for which a thing must have been followed that has never moved to be known to stand
+    settles: float = 0.8  # [s] in the same place after which a thing that has never moved is static for the arm
     rests: float = 3.0  # [s] since it moved last after which a thing is static for the arm
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
     parted: float = 2.6  # [m] and beyond which it no longer is
     edge: float = 0.12  # [m] round a mover that seen cells belong to it
+
+
+class Place(msgspec.Struct, frozen=True, eq=False):
+    """Where a thing was when it was last seen to move or to grow."""
+
+    time: float  # [s]
+    middle: Array  # [m], shape (2,)
+    radius: float  # [m]
+    points: Array  # [m], shape (n, 2): where it was seen
 
 
 @dataclass
@@ -51,6 +63,7 @@ class Track:
     moved: float | None = None  # [s] last time that it moved
     wide: bool = False  # two things side by side, or furniture: its middle is no point of it
     near: bool = False  # in the way
+    place: Place | None = None  # where it is, as long as it does not move and no more of it is seen
 
 
 @dataclass
@@ -92,14 +105,12 @@ class MoverTracker(Stateful[MoverState]):
         state.tracks = [
             track for track in state.tracks if world.stamp - track.seen <= p.lost_after or self._rests(track)
         ]
-        for track in state.tracks:
-            grown_up = world.stamp - track.born >= p.young
-            if grown_up and math.hypot(*track.velocity) >= p.begins:
-                track.moved = world.stamp
+        for track, seen in pairs:
+            self._judge(track, seen, world)
         self._part(viewpoint[:2])
         static = world.seen_static.copy()
         for track, seen in pairs:
-            static[seen.points] |= world.stamp - track.born >= p.settles and track.moved is None
+            static[seen.points] |= self._settled(track, seen, world.stamp)
         static &= ~self._resting(world.seen_points)
         static.setflags(write=False)
         found = [
@@ -109,6 +120,31 @@ class MoverTracker(Stateful[MoverState]):
         ]
         movers = np.array(found) if found else NO_MOVERS
         return msgspec.structs.replace(world, seen_static=static, movers=movers)
+
+    def _judge(self, track: Track, seen: Seen, world: WorldMap) -> None:
+        """Whether a thing has left its place: its middle is elsewhere, and where it was seen, most of it is no more.
+
+        What comes into sight bit by bit, or goes out of it, shifts its middle too: to the side by half of what appears,
+        and in depth by as much, since a thing is taken to be as deep as it is wide. But nothing of it is gone.
+        """
+        p, place = self.parameters, track.place
+        moved = place is not None and self._away(track, seen, place) and _share_gone(place.points, world) > p.gone
+        if moved and not track.wide:
+            track.moved = world.stamp
+        if place is None or moved or track.wide or seen.radius > place.radius + p.grows:
+            track.place = Place(world.stamp, track.position, seen.radius, world.seen_points[seen.points])
+
+    def _away(self, track: Track, seen: Seen, place: Place) -> bool:
+        sight = math.sqrt(2.0) * abs(place.radius - seen.radius)
+        return math.hypot(*(track.position - place.middle)) > self.parameters.leaves + sight
+
+    def _settled(self, track: Track, seen: Seen, now: float) -> bool:
+        """It has never moved, and has been in the same place for a while."""
+        place = track.place
+        assert place is not None
+        return (
+            track.moved is None and now - place.time >= self.parameters.settles and not self._away(track, seen, place)
+        )
 
     def _moving(self, track: Track) -> bool:
         now = self._state.time
@@ -149,7 +185,7 @@ class MoverTracker(Stateful[MoverState]):
             members = np.flatnonzero(label == k)
             if len(members) >= p.smallest:
                 middle, radius = _front(points[members], viewpoint, world.resolution)
-                found.append(Seen(middle, max(radius, p.radius_min), young[members]))
+                found.append(Seen(middle, radius, young[members]))
         return found
 
     def _correct(self, seen: list[Seen], now: float, dt: float) -> list[tuple[Track, Seen]]:
@@ -172,7 +208,7 @@ class MoverTracker(Stateful[MoverState]):
             met.append((tracks[i], seen[k]))
         for k, one in enumerate(seen):
             if k not in of_seen:
-                tracks.append(Track(one.middle, np.zeros(2), one.radius, now, now, wide=one.radius > p.radius_max))
+                tracks.append(_begun(one, now, p))
                 met.append((tracks[-1], one))
         return met
 
@@ -200,12 +236,24 @@ def _front(cluster: Array, viewpoint: Array, resolution: float) -> tuple[Array, 
     return viewpoint + depth * ahead + side * np.array([-ahead[1], ahead[0]]), radius
 
 
+def _share_gone(points: Array, world: WorldMap) -> float:
+    """Share of these points (n, 2) [m] near which nothing is seen any more."""
+    apart = np.hypot(*(points[:, None] - world.seen_points[None]).transpose(2, 0, 1)).min(axis=1)
+    return float(np.mean(apart > SAME_POINT))
+
+
+def _begun(seen: Seen, now: float, p: MoverParameters) -> Track:
+    """The track of something that is seen for the first time."""
+    radius = max(seen.radius, p.radius_min)
+    return Track(seen.middle, np.zeros(2), radius, now, now, wide=radius > p.radius_max)
+
+
 def _follow(track: Track, seen: Seen, now: float, dt: float, p: MoverParameters) -> None:
     """Correct a track that was moved on already."""
     off = seen.middle - track.position
     track.position = track.position + p.alpha * off
     if dt > 0.0:
         track.velocity = track.velocity + p.beta / dt * off
-    track.radius = max(seen.radius, track.radius + 0.02 * (seen.radius - track.radius))
+    track.radius = max(seen.radius, p.radius_min, track.radius + 0.02 * (seen.radius - track.radius))
     track.wide = track.radius > p.radius_max
     track.seen = now

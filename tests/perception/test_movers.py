@@ -109,3 +109,19 @@ def test_what_has_come_to_rest_is_static_after_3_seconds_not_before() -> None:
         if 0.6 < time < stops + 2.9:
             assert not world.seen_static.any(), time
     assert world.seen_static.any()
+
+
+@settings(max_examples=6, deadline=None)
+@given(speed=st.floats(0.2, 0.5), side=st.sampled_from((-1.0, 1.0)), seed=st.integers(0, 99))
+def test_what_comes_into_sight_bit_by_bit_does_not_move(speed: float, side: float, seed: int) -> None:
+    """A box behind the end of a wall: more and more of it is seen as the robot drives past."""
+    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(seed)
+    wall = shapely.box(-0.5, 1.0, 0.6, 1.1)
+    box = shapely.box(0.5, 1.7, 1.0, 2.2)
+    mirrored = [shapely.affinity.scale(body, 1.0, side, origin=(0.0, 0.0)) for body in (wall, box)]
+    for k in range(round(1.8 / speed / STEP)):
+        pose = np.array([speed * k * STEP - 0.6, 0.0, 0.0])
+        world = tracker.sort(mapper.update(_seen(k * STEP, pose, mirrored, rng)), pose)
+        assert len(world.movers) == 0, (k, tracker.snapshot())
+        if k * STEP > 3.5:
+            assert world.seen_static.mean() > 0.6, k  # more of it still comes
