@@ -58,7 +58,6 @@ class Track:
     position: Array  # of its middle [m], shape (2,)
     velocity: Array  # [m/s], shape (2,)
     radius: float  # [m]
-    born: float  # [s]
     seen: float  # [s] last time
     moved: float | None = None  # [s] last time that it moved
     wide: bool = False  # two things side by side, or furniture: its middle is no point of it
@@ -245,7 +244,7 @@ def _share_gone(points: Array, world: WorldMap) -> float:
 def _begun(seen: Seen, now: float, p: MoverParameters) -> Track:
     """The track of something that is seen for the first time."""
     radius = max(seen.radius, p.radius_min)
-    return Track(seen.middle, np.zeros(2), radius, now, now, wide=radius > p.radius_max)
+    return Track(seen.middle, np.zeros(2), radius, now, wide=radius > p.radius_max)
 
 
 def _follow(track: Track, seen: Seen, now: float, dt: float, p: MoverParameters) -> None:
