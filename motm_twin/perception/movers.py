@@ -33,8 +33,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
-    settles: float = 0.8  # [s] in the same place after which a thing that has never moved is static for the arm
-    rests: float = 3.0  # [s] since it moved last after which a thing is static for the arm
+    rests: float = 3.0  # [s] in the same place after which a thing is static for the arm (Paper, Sec. V)
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
@@ -89,7 +88,7 @@ class MoverTracker(Stateful[MoverState]):
         self._state = MoverState()
 
     def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
-        """The map with its movers. Static in it is what has stood since it was seen first, and what has for 3 s.
+        """The map with its movers. Static in it is what has been in the same place for 3 s, not what has only just come.
 
         ``viewpoint``: where the lidar is, shape (2,) or longer [m].
         """
@@ -138,12 +137,10 @@ class MoverTracker(Stateful[MoverState]):
         return math.hypot(*(track.position - place.middle)) > self.parameters.leaves + sight
 
     def _settled(self, track: Track, seen: Seen, now: float) -> bool:
-        """It has never moved, and has been in the same place for a while."""
+        """It has been in the same place for 3 s."""
         place = track.place
         assert place is not None
-        return (
-            track.moved is None and now - place.time >= self.parameters.settles and not self._away(track, seen, place)
-        )
+        return now - place.time >= self.parameters.rests and not self._away(track, seen, place)
 
     def _moving(self, track: Track) -> bool:
         now = self._state.time
