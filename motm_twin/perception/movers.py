@@ -88,7 +88,7 @@ class MoverTracker(Stateful[MoverState]):
         self._state = MoverState()
 
     def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
-        """The map with its movers. Static in it is what has been in the same place for 3 s, not what has only just come.
+        """The map with its movers. Static in it is what has been in the same place for 3 s.
 
         ``viewpoint``: where the lidar is, shape (2,) or longer [m].
         """
