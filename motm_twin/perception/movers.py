@@ -30,6 +30,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     alpha: float = 0.5  # gain of the position per map of 50 ms
     beta: float = 0.08  # gain of the velocity: its error halves in 0.2 s
     leaves: float = 0.10  # [m] from its place, beyond which a thing may have moved
+    young: float = 0.2  # [s] that it must have been there for: what has just appeared flickers
     gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
@@ -104,7 +105,7 @@ class MoverTracker(Stateful[MoverState]):
             track for track in state.tracks if world.stamp - track.seen <= p.lost_after or self._rests(track)
         ]
         for track, seen in pairs:
-            self._judge(track, seen, world)
+            self._judge(track, seen, world, viewpoint[:2])
         self._part(viewpoint[:2])
         static = world.seen_static.copy()
         for track, seen in pairs:
@@ -119,14 +120,16 @@ class MoverTracker(Stateful[MoverState]):
         movers = np.array(found) if found else NO_MOVERS
         return msgspec.structs.replace(world, seen_static=static, movers=movers)
 
-    def _judge(self, track: Track, seen: Seen, world: WorldMap) -> None:
+    def _judge(self, track: Track, seen: Seen, world: WorldMap, viewpoint: Array) -> None:
         """Whether a thing has left its place: its middle is elsewhere, and where it was seen, most of it is no more.
 
         What comes into sight bit by bit, or goes out of it, shifts its middle too: to the side by half of what appears,
         and in depth by as much, since a thing is taken to be as deep as it is wide. But nothing of it is gone.
         """
         p, place = self.parameters, track.place
-        moved = place is not None and self._away(track, seen, place) and _share_gone(place.points, world) > p.gone
+        moved = False
+        if place is not None and world.stamp - place.time >= p.young and self._away(track, seen, place):
+            moved = _share_gone(place.points, world.seen_points, world.seen_points[seen.points], viewpoint) > p.gone
         if moved and not track.wide:
             track.moved = world.stamp
         if place is None or moved or track.wide or seen.radius > place.radius + p.grows:
@@ -232,10 +235,16 @@ def _front(cluster: Array, viewpoint: Array, resolution: float) -> tuple[Array, 
     return viewpoint + depth * ahead + side * np.array([-ahead[1], ahead[0]]), radius
 
 
-def _share_gone(points: Array, world: WorldMap) -> float:
-    """Share of these points (n, 2) [m] near which nothing is seen any more."""
-    apart = np.hypot(*(points[:, None] - world.seen_points[None]).transpose(2, 0, 1)).min(axis=1)
-    return float(np.mean(apart > SAME_POINT))
+def _share_gone(before: Array, seen: Array, own: Array, viewpoint: Array) -> float:
+    """Share of these points (m, 2) [m] near which nothing is seen now (n, 2), or that are behind its own (k, 2)."""
+    near = np.hypot(*(before[:, None] - seen[None]).transpose(2, 0, 1)) <= SAME_POINT
+    sight = before - viewpoint
+    sight = sight / np.maximum(np.hypot(*sight.T), SAME_POINT)[:, None]
+    apart = before[:, None] - own[None]
+    ahead = apart[..., 0] * sight[:, None, 0] + apart[..., 1] * sight[:, None, 1]
+    across = apart[..., 0] * sight[:, None, 1] - apart[..., 1] * sight[:, None, 0]
+    behind = (ahead > SAME_POINT) & (np.abs(across) <= 0.5 * SAME_POINT)
+    return float(np.mean(~near.any(axis=1) | behind.any(axis=1)))
 
 
 def _begun(seen: Seen, now: float, p: MoverParameters) -> Track:
