@@ -6,6 +6,7 @@ row: its speed towards the solid is at most ``xi (d - d_s) / (d_i - d_s)``.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -50,8 +51,7 @@ class Solids:
     z: Array  # bottom and top [m], shape (n, 2)
 
 
-@dataclass(frozen=True)
-class Balls:
+class Balls(NamedTuple):
     """Balls that cover the arm's capsules."""
 
     frame: IntArray  # index into ARM_FRAMES, shape (n,)
@@ -109,9 +109,10 @@ def arm_balls() -> Balls:
     return Balls(np.array(frames), np.array(centres), np.array(radii), np.array(bodies))
 
 
-def placed(balls: Balls, width: float, held_side: float) -> tuple[Array, Array]:
-    """Centres and radii with the finger tips at the gripper's width and the held cube; radius 0 switches a ball off."""
-    centre, radius = balls.centre.copy(), balls.radius.copy()
+@njit(cache=True)
+def placed(centre: Array, radius: Array, width: float, held_side: float) -> tuple[Array, Array]:
+    """Centres and radii of balls with the finger tips at the gripper's width and the held cube; radius 0: not there."""
+    centre, radius = centre.copy(), radius.copy()
     centre[-3, 1] += 0.5 * width
     centre[-2, 1] -= 0.5 * width
     radius[-1] = 0.72 * held_side

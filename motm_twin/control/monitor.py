@@ -18,6 +18,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
+_ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 
 
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,6 +50,9 @@ class Monitor(Stateful[MonitorState]):
     def __init__(self, profile: RobotProfile, parameters: MonitorParameters | None = None) -> None:
         self.profile = profile
         self.parameters = parameters or MonitorParameters()
+        body = profile.footprint
+        self._rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
+        self._corner = float(np.hypot(self._rectangle[0] + abs(body.offset_x), self._rectangle[1]))  # [m] the furthest
         self._state = MonitorState()
 
     @property
@@ -65,7 +69,7 @@ class Monitor(Stateful[MonitorState]):
 
         `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands.
         """
-        if not _healthy(observation):
+        if not _healthy(observation.pose, observation.odometry, observation.twist, observation.q, observation.dq):
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
         twist, reason = self._age(actuation.twist, observation, scan_stamp)
         twist = self._within_limits(twist, dt)
@@ -73,7 +77,7 @@ class Monitor(Stateful[MonitorState]):
         if not free:
             stop = np.array([0.0, twist[1] if turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
-        rates = self._arm_share(observation.age) * np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)
+        rates = _slowed(actuation.joint_velocity, self._arm_share(observation.age))
         return self._let_through(twist, rates, actuation.gripper, reason)
 
     def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
@@ -113,10 +117,10 @@ class Monitor(Stateful[MonitorState]):
 
     def _within_limits(self, twist: Array, dt: float) -> Array:
         limits = self.profile.base
-        last = self._state.twist
+        (v, w), (last_v, last_w) = twist.tolist(), self._state.twist.tolist()
         dv, dw = limits.linear_acceleration * dt, limits.yaw_acceleration * dt
-        v = min(max(twist[0], last[0] - dv), last[0] + dv)
-        w = min(max(twist[1], last[1] - dw), last[1] + dw)
+        v = min(max(v, last_v - dv), last_v + dv)
+        w = min(max(w, last_w - dw), last_w + dw)
         return np.array(
             [
                 min(max(v, -limits.reverse_speed), limits.forward_speed),
@@ -132,21 +136,22 @@ class Monitor(Stateful[MonitorState]):
 
         A base that turns away from something may have to keep turning while it brakes.
         """
-        scan, base, body = observation.scan, self.profile.base, self.profile.footprint
-        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):
+        scan, base = observation.scan, self.profile.base
+        v, w = twist.tolist()
+        if scan is None or (abs(v) < 1e-3 and abs(w) < 1e-3):
             return True, False
-        rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
-        v, w = float(twist[0]), float(twist[1])
         travel = abs(v) * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
-        reach = travel + float(np.hypot(rectangle[0] + abs(body.offset_x), rectangle[1])) + _MARGIN_OF_REACH
+        reach = travel + self._corner + _MARGIN_OF_REACH
         if observation.ahead > 0.0:  # the scan was made some way before
             reach += float(np.hypot(*(observation.pose - scan.pose)[:2]))
         points = near_points(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach)
+        if len(points) < self.parameters.minimum_points:
+            return True, False
         if observation.ahead > 0.0:
             points = to_frame(observation.pose, from_frame(scan.pose, points))
         counts = [
             points_in_stop(
-                points, v, w, base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, held, rectangle,
+                points, v, w, base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, held, self._rectangle,
                 self.parameters.stop_margin,
             )
             for held in (False, True)
@@ -154,9 +159,26 @@ class Monitor(Stateful[MonitorState]):
         return min(counts) < self.parameters.minimum_points, counts[1] < counts[0]
 
 
-def _healthy(observation: Observation) -> bool:
-    values = (observation.pose, observation.odometry, observation.twist, observation.q, observation.dq)
-    return all(bool(np.isfinite(value).all()) for value in values)
+@njit(cache=True)
+def _healthy(pose: Array, odometry: Array, twist: Array, q: Array, dq: Array) -> bool:
+    return _finite(pose) and _finite(odometry) and _finite(twist) and _finite(q) and _finite(dq)
+
+
+@njit(cache=True)
+def _finite(values: Array) -> bool:
+    for value in values:
+        if not math.isfinite(value):
+            return False
+    return True
+
+
+@njit(cache=True)
+def _slowed(rates: Array, share: float) -> Array:
+    """Joint rates (7,) within `DQ_MAX`, times a share."""
+    slowed = np.empty(rates.shape[0])
+    for k in range(rates.shape[0]):
+        slowed[k] = share * min(max(rates[k], -DQ_MAX[k]), DQ_MAX[k])
+    return slowed
 
 
 @njit(cache=True)
@@ -164,8 +186,9 @@ def near_points(ranges: Array, angle_min: float, angle_step: float, origin: Arra
     """Scan points within `reach` [m] of the base's centre, base frame, shape (m, 2)."""
     points = np.empty((ranges.shape[0], 2))
     count = 0
+    farthest = reach + math.hypot(origin[0], origin[1]) + _ROUNDING
     for i in range(ranges.shape[0]):
-        if not ranges[i] < math.inf:
+        if not ranges[i] < farthest:
             continue
         angle = angle_min + i * angle_step
         x = origin[0] + ranges[i] * math.cos(angle)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm_avoidance import no_limits
 from motm_twin.control.arm_phases import enter
 from motm_twin.control.arm_view import ManipulatorState, View, look
 from motm_twin.control.manipulation import Manipulator
@@ -62,7 +61,6 @@ class ArmAction(Manipulator):
             reference=None,
             slack=np.zeros(6),
             active=tuple(f"joint {k + 1}" for k in at_limit),
-            lidar=no_limits(),
             status=STATUS,
             outcome=outcome,
             reason=f"the arm is {STATUS}",

@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm_avoidance import no_limits
 from motm_twin.control.arm_view import ManipulatorState, look
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.qp_rows import lag_factor
@@ -191,7 +190,6 @@ class OpenLoopArm(Manipulator):
             reference=None,
             slack=np.zeros(6),
             active=(),
-            lidar=no_limits(),
             status="open loop",
             outcome=outcome,
             reason=state.script.refused or (_over(plan) if over else ""),
