@@ -155,6 +155,8 @@ def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Arr
 
 @njit(cache=True)
 def _nearest_per_sector(points: Array, reach: Array, x: float, y: float, sectors: int) -> NDArray[np.int64]:
+    if points.shape[0] == 0:
+        return np.empty(0, dtype=np.int64)
     best = np.full(sectors, np.inf)
     index = np.full(sectors, -1, dtype=np.int64)
     for i in range(points.shape[0]):

@@ -27,6 +27,9 @@ from motm_twin.model.exact import hypot, wrap_angle
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
 
+_HOME, _OUT, _FIXED = 0, 1, 2
+_SWINGS = {"stow": _HOME, "carry": _HOME, "transit": _OUT}  # phases in which the hand swings about the mount
+_ANCHORED = ("closing", "lift", "release")  # phases in which it keeps to a point chosen before
 _EASE = 1.5  # a transit of T seconds goes at gain EASE / T: it begins briskly and arrives softly
 _RADIAL, _VERTICAL, _ANGULAR = 0.9, 0.5, 3.0  # [m/s], [m/s], [rad/s] largest
 _FOOT_RADIUS = 0.26  # [m] from the mount within which the hand is over the base
@@ -68,25 +71,43 @@ def hand_motion(
 
     ``p``: `numbers` of the parameters.
     """
-    velocity, reference = np.empty(6), np.empty(3)
-    if state.phase in ("stow", "carry"):
-        _stow(
-            view.p, view.q, view.R, view.pose, view.twist, view.mount, mount, view.azimuth, view.goal.kind == "none",
-            state.clear_z, p, velocity, reference,
-        )  # fmt: skip
-    elif state.phase == "transit":
-        _transit(
-            view.p, view.q, view.R, view.T, view.pose, view.twist, view.mount, mount, view.target, inputs.plan_times,
-            inputs.plan_poses, view.radius, view.distance, view.time_to_range, view.goal.kind == "pick",
-            view.goal.kind == "place", np.nan if state.yaw is None else state.yaw, p, velocity, reference,
-        )  # fmt: skip
-    else:
-        reference = _point(state, view, parameters)
-        over = view.target if state.phase in ("final", "retry") else state.anchor
-        yaw = math.nan if state.yaw is None or state.phase == "release" else state.yaw
-        fastest = parameters.hold_speed if state.phase == "closing" else _RADIAL
-        _fixed(view.p, view.R, view.mount, reference, over, yaw, fastest, view.goal.kind == "place", p, velocity)
+    goal, swinging = view.goal.kind, state.phase in _SWINGS
+    velocity, reference = np.empty(6), np.empty(3) if swinging else _point(state, view, parameters)
+    _fill_motion(
+        _SWINGS.get(state.phase, _FIXED), view.p, view.q, view.R, view.T, view.pose, view.twist, view.mount, mount,
+        state.anchor if state.phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses, view.radius,
+        view.azimuth, view.distance, view.time_to_range, goal == "none", goal == "pick", goal == "place",
+        state.clear_z, math.nan if state.yaw is None or state.phase == "release" else state.yaw,
+        parameters.hold_speed if state.phase == "closing" else _RADIAL, p, velocity, reference,
+    )  # fmt: skip
     return Motion(velocity, reference)
+
+
+@njit(cache=True)
+def _fill_motion(
+    way: int, p: Array, q: Array, R: Array, T: Array, pose: Array, twist: Array, mount: Array, base_mount: Array,
+    target: Array, plan_times: Array, plan_poses: Array, radius: float, azimuth: float, distance: float,
+    time_to_range: float, idle: bool, pick: bool, place: bool, clear_z: float, yaw: float, fastest: float,
+    parameters: Numbers, velocity: Array, reference: Array,
+) -> None:  # fmt: skip
+    """Fill in velocity and reference of a `Motion`; ``way``: home, out to the target, or to the reference as it is.
+
+    One kernel of all phases, so that none of them begins with a kernel that has to be loaded first.
+    """
+    if way == _FIXED:
+        _fixed(p, R, mount, reference, target, yaw, fastest, place, parameters, velocity)
+        return
+    if way == _HOME:
+        planar, rotation = 1.0, _stow_rotation(p, mount, parameters)
+        swing = _stowed(p, mount, azimuth, idle, clear_z, parameters)
+    else:
+        planar = _planar_share(p, mount, target, time_to_range)
+        rotation = _transit_rotation(p, R, T, mount, target, radius, pick, place, yaw, planar, parameters)
+        swing = _inbound(
+            p, q, pose, twist, mount, base_mount, target, plan_times, plan_poses, distance, time_to_range, pick, place,
+            parameters,
+        )  # fmt: skip
+    _swing(swing, rotation, p, q, R, pose, twist, base_mount, planar, parameters, velocity, reference)
 
 
 def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
@@ -138,36 +159,20 @@ def _fixed(
 
 
 @njit(cache=True)
-def _stow(
-    p: Array, q: Array, R: Array, pose: Array, twist: Array, mount: Array, base_mount: Array, azimuth: float,
-    idle: bool, clear_z: float, parameters: Numbers, velocity: Array, reference: Array,
-) -> None:  # fmt: skip
+def _stowed(p: Array, mount: Array, azimuth: float, idle: bool, clear_z: float, parameters: Numbers) -> _Swing:
     """Gripper, object and elbow inside the footprint, turned a little towards the target, unless there is none."""
     n = parameters[0]
     azimuth = 0.0 if idle else min(max(azimuth, -n.stow_azimuth), n.stow_azimuth)
     z = mount[2] + n.stow_height
     if hypot(p[0] - mount[0], p[1] - mount[1]) > _HAND_CLEAR:
         z = max(z, clear_z)
-    outward = _outward(mount, p)
-    rotation = tool_rotation(outward, n.stow_tilt, outward)
-    swing = _Swing(n.stow_radius, azimuth, z, 0.0, 0.0, n.k_transit, n.k_transit)
-    _swing(swing, rotation, p, q, R, pose, twist, base_mount, 1.0, parameters, velocity, reference)
+    return _Swing(n.stow_radius, azimuth, z, 0.0, 0.0, n.k_transit, n.k_transit)
 
 
 @njit(cache=True)
-def _transit(
-    p: Array, q: Array, R: Array, T: Array, pose: Array, twist: Array, mount: Array, base_mount: Array, target: Array,
-    plan_times: Array, plan_poses: Array, radius: float, distance: float, time_to_range: float, pick: bool,
-    place: bool, yaw: float, parameters: Numbers, velocity: Array, reference: Array,
-) -> None:  # fmt: skip
-    """To the hover point, in the arm's own plane at first, at last turned as over the object."""
-    planar = _planar_share(p, mount, target, time_to_range)
-    rotation = _transit_rotation(p, R, T, mount, target, radius, pick, place, yaw, planar, parameters)
-    swing = _inbound(
-        p, q, pose, twist, mount, base_mount, target, plan_times, plan_poses, distance, time_to_range, pick, place,
-        parameters,
-    )  # fmt: skip
-    _swing(swing, rotation, p, q, R, pose, twist, base_mount, planar, parameters, velocity, reference)
+def _stow_rotation(p: Array, mount: Array, parameters: Numbers) -> Array:
+    outward = _outward(mount, p)
+    return tool_rotation(outward, parameters[0].stow_tilt, outward)
 
 
 @njit(cache=True)

@@ -192,10 +192,10 @@ class Manipulator(Stateful[ManipulatorState]):
         return self._report(
             view,
             inputs,
-            twist=state.twist,
-            rates=state.rates,
+            twist=frozen(state.twist),
+            rates=frozen(state.rates),
             reference=None,
-            slack=np.zeros(6),
+            slack=frozen(np.zeros(6)),
             active=(),
             status=f"damped stop: {why}",
             outcome=outcome,
@@ -218,6 +218,7 @@ class Manipulator(Stateful[ManipulatorState]):
         outcome: str,
         reason: str,
     ) -> ArmStep:
+        """The step for the Tick; the arrays given are read-only."""
         state = self._state
         there, figures = np.zeros(3), (0.0, 0.0, 0.0, math.inf)
         if view is not None:
@@ -227,11 +228,11 @@ class Manipulator(Stateful[ManipulatorState]):
         return ArmStep(
             time=inputs.observation.time,
             phase=state.phase,
-            actuation=Actuation(twist=frozen(twist), joint_velocity=frozen(rates), gripper=state.gripper),
+            actuation=Actuation(twist=twist, joint_velocity=rates, gripper=state.gripper),
             reference=frozen(there),
             error=error,
             tilt=tilt,
-            slack=frozen(slack),
+            slack=slack,
             manipulability=dexterity,
             active=active,
             limiter=limiter,

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numba import njit
 
-from motm_twin.model.geometry import Array, from_frame, to_frame
+from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
@@ -142,21 +142,40 @@ class Monitor(Stateful[MonitorState]):
             return True, False
         travel = abs(v) * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
         reach = travel + self._corner + _MARGIN_OF_REACH
-        if observation.ahead > 0.0:  # the scan was made some way before
+        moved = observation.ahead > 0.0  # the scan was made some way before
+        if moved:
             reach += float(np.hypot(*(observation.pose - scan.pose)[:2]))
-        points = near_points(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach)
-        if len(points) < self.parameters.minimum_points:
-            return True, False
-        if observation.ahead > 0.0:
-            points = to_frame(observation.pose, from_frame(scan.pose, points))
-        counts = [
-            points_in_stop(
-                points, v, w, base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, held, self._rectangle,
-                self.parameters.stop_margin,
-            )
-            for held in (False, True)
-        ]  # fmt: skip
-        return min(counts) < self.parameters.minimum_points, counts[1] < counts[0]
+        turning, holding = _counts(
+            scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach, scan.pose, observation.pose, moved, v, w,
+            base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, self._rectangle,
+            self.parameters.stop_margin,
+        )  # fmt: skip
+        return min(turning, holding) < self.parameters.minimum_points, holding < turning
+
+
+@njit(cache=True)
+def _counts(
+    ranges: Array, angle_min: float, angle_step: float, origin: Array, reach: float, pose: Array, now: Array,
+    moved: bool, v: float, w: float, a: float, b: float, lag: float, rectangle: Array, margin: float,
+) -> tuple[int, int]:  # fmt: skip
+    """`points_in_stop` of a scan made at ``pose``, stopping from ``now`` by braking the turn, or holding it."""
+    points = near_points(ranges, angle_min, angle_step, origin, reach)
+    if moved:
+        _carry(points, pose, now)
+    return (
+        points_in_stop(points, v, w, a, b, lag, False, rectangle, margin),
+        points_in_stop(points, v, w, a, b, lag, True, rectangle, margin),
+    )
+
+
+@njit(cache=True)
+def _carry(points: Array, pose: Array, now: Array) -> None:
+    """Points (m, 2) given in the frame of one base pose, rewritten in that of another."""
+    c, s, back_c, back_s = math.cos(pose[2]), math.sin(pose[2]), math.cos(now[2]), math.sin(now[2])
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        dx, dy = pose[0] + c * x - s * y - now[0], pose[1] + s * x + c * y - now[1]
+        points[i, 0], points[i, 1] = back_c * dx + back_s * dy, -back_s * dx + back_c * dy
 
 
 @njit(cache=True)

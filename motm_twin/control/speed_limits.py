@@ -26,7 +26,7 @@ from motm_twin.control.furniture import (
     solid_bounds,
 )
 from motm_twin.control.parameters import AvoidanceParameters, Numbers, numbers
-from motm_twin.control.qp_rows import FURNITURE_ELASTIC, LIDAR_ELASTIC, elastic_rows
+from motm_twin.control.qp_rows import FURNITURE_ELASTIC, LIDAR_ELASTIC, SIZE, elastic_rows
 from motm_twin.control.seen_rows import seen_rows
 from motm_twin.control.types import ArmInputs
 from motm_twin.model.geometry import Array
@@ -36,7 +36,7 @@ _OWN_ROWS = 8
 _DEEP = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _TOUCHING = ("final", "closing", "lift", "retry")  # phases in which the fingers are at the supporting surface
 _LIDAR = ("lidar moving", "lidar static")  # rows of the gripper
-_OWN_SOLIDS = 2
+_OWN_SOLIDS, _COLUMN = 2, 1  # base and column: elbow, forearm and wrist belong to the column
 _SEEN = len(_LIDAR)  # where the names of rows of seen obstacles begin: one per body
 _OWN = _SEEN + len(BODIES)  # and those of the robot's own base, and of furniture: body by body, solid by solid
 _MAPPED = _OWN + len(BODIES) * _OWN_SOLIDS
@@ -65,16 +65,19 @@ class SpeedLimits:
             *(f"{body} - {solid}" for solids in (own, mapped) for body in BODIES for solid in solids.names),
         )
         self._arrays = (*_arrays(mapped), *_arrays(own), *arm_balls(), numbers(parameters))
+        self._room = parameters.sectors + MAX_ROWS + _OWN_ROWS + 2 * HAND_BODY
         arm = known.robot.arm
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
 
     def rows(self, view: View, state: ManipulatorState, inputs: ArmInputs, relaxing: Array) -> Rows:
         """Rows of one step; ``relaxing`` [m], shape (t, 2): grasps for which static obstacles give way."""
-        return _rows(
-            view.T, view.J, view.p, view.pose, view.mount, self._mount, inputs.T_odom_world,
-            view.measured, inputs.obstacles.points, inputs.obstacles.static, relaxing,
-            view.width, state.side if state.holding else 0.0, state.phase in _TOUCHING, view.beta, *self._arrays,
+        G, h, which = np.empty((self._room, SIZE)), np.empty(self._room), np.empty(self._room, dtype=np.int64)
+        count, tightest, allowed = _fill_rows(
+            view.T, view.J, view.p, view.pose, view.mount, self._mount, inputs.T_odom_world, view.measured,
+            inputs.obstacles.points, inputs.obstacles.static, relaxing, view.width,
+            state.side if state.holding else 0.0, state.phase in _TOUCHING, view.beta, *self._arrays, G, h, which,
         )  # fmt: skip
+        return Rows(G[:count], h[:count], which[:count], tightest, allowed)
 
 
 def _arrays(solids: Solids) -> tuple[IntArray, Array, Array, Array, Array]:
@@ -82,50 +85,38 @@ def _arrays(solids: Solids) -> tuple[IntArray, Array, Array, Array, Array]:
 
 
 @njit(cache=True)
-def _rows(
+def _fill_rows(
     T: Array, J: Array, p: Array, pose: Array, mount: Array, base_mount: Array, T_odom_world: Array, measured: Array,
     points: Array, static: NDArray[np.bool_], relaxing: Array,
     width: float, held: float, touching: bool, beta: float,
     first: IntArray, vertices: Array, radius: Array, z: Array, bounds: Array,
     own_first: IntArray, own_vertices: Array, own_radius: Array, own_z: Array, own_bounds: Array,
     frame: IntArray, centre: Array, ball_radius: Array, body: IntArray,
-    avoidance: Numbers,
-) -> Rows:  # fmt: skip
-    """Rows of gripper, mapped furniture, own base and seen obstacles; ``mount`` in the odometry frame."""
+    avoidance: Numbers, G: Array, h: Array, which: IntArray,
+) -> tuple[int, int, float]:  # fmt: skip
+    """Fill in rows of gripper, mapped furniture, own base and seen obstacles; returns how many, and the tightest.
+
+    ``mount`` [m] is in the odometry frame, ``base_mount`` in the base.
+    """
     a = avoidance[0]
     centre, ball_radius = placed(centre, ball_radius, width, held)
     d_s, d_i = _distances(avoidance, touching)
-    room = a.sectors + MAX_ROWS + _OWN_ROWS + 2 * HAND_BODY
-    rows, limits, which = np.empty((room, 9)), np.empty(room), np.empty(room, np.int64)
+    rows, limits = np.empty((len(h), 9)), np.empty(len(h))
 
     gripper = lidar_limits(p, points, static, relaxing, avoidance)
     normal = np.zeros((len(gripper.allowed), 3))
     normal[:, :2] = gripper.normal
-    own_elastic = _added(
-        rows, limits, which, 0, normal @ J[:3], gripper.allowed, gripper.static.astype(np.int64), -np.inf
-    )
-    count = own_elastic
+    nearby = _added(rows, limits, which, 0, normal @ J[:3], gripper.allowed, gripper.static.astype(np.int64), -np.inf)
+    count = nearby
     if z.shape[0]:
         turn = T_odom_world[2]
         c, s = math.cos(turn), math.sin(turn)
         dx, dy = mount[0] - T_odom_world[0], mount[1] - T_odom_world[1]
         there = np.array([c * dx + s * dy, -s * dx + c * dy, pose[2] - turn])
         distance, away, ball = body_distances(
-            T,
-            frame,
-            centre,
-            ball_radius,
-            body,
-            len(BODIES),
-            d_i,
-            there,
-            base_mount[2],
-            first,
-            vertices,
-            radius,
-            z,
-            bounds,
-        )
+            T, frame, centre, ball_radius, body, len(BODIES), d_i, there, base_mount[2],
+            first, vertices, radius, z, bounds, -1,
+        )  # fmt: skip
         new, most, names = damper_rows(
             T, frame, centre, distance, away, ball, d_s, d_i, a.xi, turn, pose, base_mount, MAX_ROWS
         )
@@ -133,9 +124,8 @@ def _rows(
     there = np.array([base_mount[0], base_mount[1], 0.0])
     distance, away, ball = body_distances(
         T, frame, centre, ball_radius, body, len(BODIES), d_i, there, base_mount[2],
-        own_first, own_vertices, own_radius, own_z, own_bounds,
+        own_first, own_vertices, own_radius, own_z, own_bounds, _COLUMN,
     )  # fmt: skip
-    distance[:HAND_BODY, 1] = np.inf  # elbow, forearm and wrist belong to the column
     new, most, names = damper_rows(
         T, frame, centre, distance, away, ball, d_s, d_i, a.xi, pose[2], pose, base_mount, _OWN_ROWS
     )
@@ -148,13 +138,13 @@ def _rows(
             )
             count = _added(rows, limits, which, count, new, most, _SEEN + names, -np.inf)
 
-    G, h = elastic_rows(rows[:count], limits[:count], own_elastic, beta, measured)
+    G[:count], h[:count] = elastic_rows(rows[:count], limits[:count], nearby, beta, measured)
     for k in range(seen, count):  # these give way together with the gripper's lidar rows:
         G[k, FURNITURE_ELASTIC], G[k, LIDAR_ELASTIC] = 0.0, -1.0  # mapped furniture must not give way for them
-    if own_elastic == 0:
-        return Rows(G, h, which[:count], -1, np.inf)
+    if nearby == 0:
+        return count, -1, np.inf
     tightest = np.argmin(gripper.allowed)
-    return Rows(G, h, which[:count], which[tightest], gripper.allowed[tightest])
+    return count, which[tightest], gripper.allowed[tightest]
 
 
 @njit(cache=True)

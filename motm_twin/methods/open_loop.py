@@ -185,10 +185,10 @@ class OpenLoopArm(Manipulator):
         return self._report(
             view,
             inputs,
-            twist=inputs.base_twist,
-            rates=rates,
+            twist=frozen(inputs.base_twist),
+            rates=frozen(rates),
             reference=None,
-            slack=np.zeros(6),
+            slack=frozen(np.zeros(6)),
             active=(),
             status="open loop",
             outcome=outcome,
