@@ -12,7 +12,6 @@ from motm_twin.control.arm_reference import (
     capped,
     carried_velocity,
     from_polar,
-    norm,
     polar,
     pose_at,
     reach_radius,
@@ -23,7 +22,7 @@ from motm_twin.control.arm_reference import (
 from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.parameters import ArmParameters, Numbers
 from motm_twin.control.types import ArmInputs
-from motm_twin.model.exact import hypot, wrap_angle
+from motm_twin.model.exact import hypot, norm, wrap_angle
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
 

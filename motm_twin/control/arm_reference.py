@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from motm_twin.model.exact import hypot, wrap_angle
+from motm_twin.model.exact import hypot, norm, product, wrap_angle
 from motm_twin.model.geometry import Array
 
 QUARTER = math.pi / 2.0
@@ -126,13 +126,13 @@ def tool_rotation(yaw: float, tilt: float, outward: float) -> Array:
     turn = np.array(
         [[c + ax * ax * t, ax * ay * t, ay * s], [ax * ay * t, c + ay * ay * t, -ax * s], [-ay * s, ax * s, c]]
     )
-    return turn @ down
+    return product(turn, down)
 
 
 @njit(cache=True)
 def rotation_error(R: Array, R_desired: Array) -> Array:
     """Rotation vector that turns R into R_desired, in their common frame [rad], shape (3,)."""
-    E = R_desired @ R.T
+    E = product(R_desired, R.T)
     v = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
     sine = 0.5 * math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     cosine = 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)
@@ -160,12 +160,6 @@ def carried_velocity(point: Array, pose: Array, twist: Array) -> Array:
     return np.array(
         [v * math.cos(pose[2]) - w * (point[1] - pose[1]), v * math.sin(pose[2]) + w * (point[0] - pose[0]), 0.0]
     )
-
-
-@njit(cache=True)
-def norm(vector: Array) -> float:
-    """Euclidean length, to the bit that of ``np.linalg.norm``."""
-    return math.sqrt(np.dot(vector, vector))
 
 
 @njit(cache=True)

@@ -8,7 +8,7 @@ from numba import njit
 from motm_twin.control.arm_avoidance import nearest_distance, nearest_static
 from motm_twin.control.arm_motion import Motion, hand_motion
 from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged, fingers_at_work
-from motm_twin.control.arm_reference import norm, planar_joints, tilt_of
+from motm_twin.control.arm_reference import planar_joints, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View, look
 from motm_twin.control.furniture import IntArray
 from motm_twin.control.parameters import ArmParameters, numbers
@@ -28,6 +28,7 @@ from motm_twin.control.speed_limits import Rows, SpeedLimits
 from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.transit import TransitRule
 from motm_twin.control.types import ArmInputs, ArmStep, ArmTiming
+from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.kinematics import manipulability
 from motm_twin.model.known import KnownWorld

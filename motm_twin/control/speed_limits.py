@@ -104,9 +104,11 @@ def _fill_rows(
     rows, limits = np.empty((len(h), 9)), np.empty(len(h))
 
     gripper = lidar_limits(p, points, static, relaxing, avoidance)
-    normal = np.zeros((len(gripper.allowed), 3))
-    normal[:, :2] = gripper.normal
-    nearby = _added(rows, limits, which, 0, normal @ J[:3], gripper.allowed, gripper.static.astype(np.int64), -np.inf)
+    nearby = len(gripper.allowed)
+    if nearby:
+        normal = np.zeros((nearby, 3))
+        normal[:, :2] = gripper.normal
+        _added(rows, limits, which, 0, normal @ J[:3], gripper.allowed, gripper.static.astype(np.int64), -np.inf)
     count = nearby
     if z.shape[0]:
         turn = T_odom_world[2]

@@ -1,18 +1,21 @@
-"""Arithmetic that kernels share with Python to the last bit: `hypot`, `math.remainder` and `wrap_angle`.
+"""Arithmetic that kernels share with Python and NumPy to the last bit: a run must not depend on what is compiled.
 
 Numba's ``math.hypot`` is the C library's: now and then it differs from Python's in the last bit. ``math.remainder`` it
-does not have. A run must not depend on which of its parts are compiled.
+does not have. Its ``np.dot`` and ``@`` call BLAS, as NumPy does, which takes longer than three products, and which sums
+them as here.
 """
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from numba.extending import overload, register_jitable
+from numba import njit, types
+from numba.extending import intrinsic, overload, register_jitable
 
-from motm_twin.model.geometry import wrap_angle
+from motm_twin.model.geometry import Array, wrap_angle
 
-__all__ = ["hypot", "wrap_angle"]
+__all__ = ["hypot", "norm", "product", "wrap_angle"]
 
 _SPLIT = 134217729.0  # 2^27 + 1: halves a number of 53 bits (Veltkamp and Dekker)
 _TINY = 1e-300  # lengths below it are not told from the larger coordinate
@@ -66,6 +69,32 @@ def _remainder(x: float, y: float) -> Callable[[float, float], float]:
 
 
 register_jitable(wrap_angle)
+
+
+@intrinsic
+def fma(context: Any, a: Any, b: Any, c: Any) -> Any:
+    """``a * b + c``, rounded once; in kernels only."""
+    return types.float64(types.float64, types.float64, types.float64), lambda _, builder, __, given: builder.fma(*given)
+
+
+@njit(cache=True)
+def norm(vector: Array) -> float:
+    """Length of a vector of two or three: ``np.linalg.norm``."""
+    total = 0.0
+    for value in vector:
+        total = fma(value, value, total)
+    return math.sqrt(total)
+
+
+@njit(cache=True)
+def product(A: Array, B: Array) -> Array:
+    """``A @ B`` of matrices (3, 3)."""
+    C = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                C[i, j] = fma(A[i, k], B[k, j], C[i, j])
+    return C
 
 
 @register_jitable
