@@ -226,11 +226,12 @@ class Manipulator(Stateful[ManipulatorState]):
             there = view.p if reference is None else reference
             figures = _figures(there, view.p, view.R, view.q, inputs.obstacles.points)
         error, tilt, dexterity, nearest = figures
+        there.setflags(write=False)
         return ArmStep(
             time=inputs.observation.time,
             phase=state.phase,
             actuation=Actuation(twist=twist, joint_velocity=rates, gripper=state.gripper),
-            reference=frozen(there),
+            reference=there,
             error=error,
             tilt=tilt,
             slack=slack,

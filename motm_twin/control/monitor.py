@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from numba import njit
 
+from motm_twin.control.parameters import Numbers, numbers
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation
@@ -50,7 +51,7 @@ class Monitor(Stateful[MonitorState]):
     def __init__(self, profile: RobotProfile, parameters: MonitorParameters | None = None) -> None:
         self.profile = profile
         self.parameters = parameters or MonitorParameters()
-        body = profile.footprint
+        body, self._base = profile.footprint, numbers(profile.base)
         self._rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
         self._corner = float(np.hypot(self._rectangle[0] + abs(body.offset_x), self._rectangle[1]))  # [m] the furthest
         self._state = MonitorState()
@@ -116,17 +117,9 @@ class Monitor(Stateful[MonitorState]):
         )
 
     def _within_limits(self, twist: Array, dt: float) -> Array:
-        limits = self.profile.base
-        (v, w), (last_v, last_w) = twist.tolist(), self._state.twist.tolist()
-        dv, dw = limits.linear_acceleration * dt, limits.yaw_acceleration * dt
-        v = min(max(v, last_v - dv), last_v + dv)
-        w = min(max(w, last_w - dw), last_w + dw)
-        return np.array(
-            [
-                min(max(v, -limits.reverse_speed), limits.forward_speed),
-                min(max(w, -limits.yaw_rate), limits.yaw_rate),
-            ]
-        )
+        limited = np.empty(2)
+        _limit(twist, self._state.twist, dt, self._base, limited)
+        return limited
 
     def _brake(self, dt: float) -> Array:
         return self._within_limits(np.zeros(2), dt)
@@ -189,6 +182,17 @@ def _finite(values: Array) -> bool:
         if not math.isfinite(value):
             return False
     return True
+
+
+@njit(cache=True)
+def _limit(twist: Array, last: Array, dt: float, base: Numbers, limited: Array) -> None:
+    """Fill in a twist (2,) within one step's acceleration of the last one, and within the speed limits."""
+    b = base[0]
+    dv, dw = b.linear_acceleration * dt, b.yaw_acceleration * dt
+    v = min(max(twist[0], last[0] - dv), last[0] + dv)
+    w = min(max(twist[1], last[1] - dw), last[1] + dw)
+    limited[0] = min(max(v, -b.reverse_speed), b.forward_speed)
+    limited[1] = min(max(w, -b.yaw_rate), b.yaw_rate)
 
 
 @njit(cache=True)

@@ -44,13 +44,11 @@ def solve(program: Program, *, solver: str, residual: float) -> Answer:
     """Solve and check: inputs finite, found, answer finite, no row violated by more than ``residual``."""
     if solver not in SOLVERS:
         raise ValueError(f"QP solver {solver!r}: use one of {', '.join(SOLVERS)}")
-    p = program
-    flaw = _flaw(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)
+    flaw, x = _daqp(program) if solver == "daqp" else _by_qpsolvers(program, solver)
     if flaw == _INFINITE:
         return _none(program, f"{_not_finite(program)} not finite")
     if flaw == _CROSSING:
         return _none(program, "bounds cross")
-    x = _daqp(program) if solver == "daqp" else _by_qpsolvers(program, solver)
     if x is None:
         return _none(program, f"{solver} found no answer")
     worst = violation(program, x)
@@ -79,27 +77,37 @@ def _flaw(P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Arr
     return 0
 
 
-def _daqp(program: Program) -> Array | None:
-    """The minimiser by DAQP, without the 50 us that qpsolvers takes for its checks and its report."""
+def _daqp(program: Program) -> tuple[int, Array | None]:
+    """Flaw, or the minimiser by DAQP without the 50 us that qpsolvers takes for its checks and its report."""
     p = program
     n, k, e = len(p.P), len(p.h), len(p.b)
-    H, rows = np.zeros((n, n)), np.empty((k + e, n))
-    upper, lower, sense = np.empty(n + k + e), np.empty(n + k + e), np.zeros(n + k + e, np.int32)
-    _as_daqp(p.P, p.A, p.b, p.G, p.h, p.lower, p.upper, H, rows, upper, lower, sense)
-    x, _, flag, _ = daqp.solve(H, p.c, rows, upper, lower, sense)
-    return np.asarray(x) if flag > 0 else None
+    H, rows, bounds, sense = (
+        np.zeros((n, n)),
+        np.empty((k + e, n)),
+        np.empty((2, n + k + e)),
+        np.zeros(n + k + e, np.int32),
+    )
+    flaw = _fill_daqp(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper, H, rows, bounds, sense)
+    if flaw:
+        return flaw, None
+    x, _, flag, _ = daqp.solve(H, p.c, rows, bounds[1], bounds[0], sense)
+    return 0, np.asarray(x) if flag > 0 else None
 
 
 @njit(cache=True)
-def _as_daqp(
-    P: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array,
-    H: Array, rows: Array, high: Array, low: Array, sense: NDArray[np.int32],
-) -> None:  # fmt: skip
-    """Fill in DAQP's form: cost matrix, rows, upper and lower bounds, kinds; bounds first, then G, then A (equalities).
+def _fill_daqp(
+    P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array,
+    H: Array, rows: Array, bounds: Array, sense: NDArray[np.int32],
+) -> int:  # fmt: skip
+    """Fill in DAQP's form: cost matrix, rows, lower and upper bounds, kinds; variables first, then G, then A (equal).
 
-    ``H`` and ``sense`` come as zeros.
+    ``H`` and ``sense`` come as zeros. Returns the flaw of a program that is not to be solved.
     """
+    flaw = _flaw(P, c, A, b, G, h, lower, upper)
+    if flaw:
+        return flaw
     n, k, e = P.shape[0], h.shape[0], b.shape[0]
+    low, high = bounds[0], bounds[1]
     low[n:] = _NO_BOUND
     for i in range(n):
         H[i, i], high[i], low[i] = P[i], upper[i], lower[i]
@@ -111,22 +119,18 @@ def _as_daqp(
         high[n + k + r], sense[n + k + r] = b[r], _EQUALITY
         for i in range(n):
             rows[k + r, i] = A[r, i]
+    return 0
 
 
-def _by_qpsolvers(program: Program, solver: str) -> Array | None:
-    rows = len(program.h) > 0
-    problem = Problem(
-        np.diag(program.P),
-        program.c,
-        program.G if rows else None,
-        program.h if rows else None,
-        program.A,
-        program.b,
-        program.lower,
-        program.upper,
-    )
+def _by_qpsolvers(program: Program, solver: str) -> tuple[int, Array | None]:
+    p = program
+    flaw = _flaw(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)
+    if flaw:
+        return flaw, None
+    rows = len(p.h) > 0
+    problem = Problem(np.diag(p.P), p.c, p.G if rows else None, p.h if rows else None, p.A, p.b, p.lower, p.upper)
     solution = solve_problem(_sparse(problem), solver=solver, **_OPTIONS[solver])
-    return np.asarray(solution.x) if solution.found and solution.x is not None else None
+    return 0, np.asarray(solution.x) if solution.found and solution.x is not None else None
 
 
 def violation(program: Program, x: Array) -> float:

@@ -59,7 +59,7 @@ class Actuation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def __post_init__(self) -> None:
         if self.twist.shape != (2,) or self.joint_velocity.shape != (7,):
             raise ValueError(f"actuation shapes {self.twist.shape}, {self.joint_velocity.shape}: need (2,) and (7,)")
-        if not all(map(math.isfinite, (*self.twist.tolist(), *self.joint_velocity.tolist()))):
+        if not math.isfinite(sum(self.twist.tolist()) + sum(self.joint_velocity.tolist())):
             raise ValueError("actuation is not finite: send a damped stop instead")
         if self.gripper not in ("open", "close"):
             raise ValueError(f"gripper command {self.gripper!r}: use 'open' or 'close'")
