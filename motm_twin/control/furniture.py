@@ -286,7 +286,6 @@ def damper_rows(
     turn: float,
     pose: Array,
     mount: Array,
-    room: int,
 ) -> tuple[Array, Array, IntArray]:
     """One row per body and solid, nearest first: coefficients of (v, w, arm) for the approach speed, its bound.
 
@@ -294,20 +293,18 @@ def damper_rows(
     """
     solids = distance.shape[1]
     flat = distance.ravel()
-    if not (flat < np.inf).any():
-        return np.empty((0, 9)), np.empty(0), np.empty(0, dtype=np.int64)
+    close = np.flatnonzero(flat < np.inf)
+    rows, limit, which = np.zeros((len(close), 9)), np.zeros(len(close)), np.zeros(len(close), dtype=np.int64)
+    if len(close) == 0:
+        return rows, limit, which
     if flat.shape[0] <= _FEW:
         order = np.argsort(flat)
     else:  # most are far away: sort the others only
-        close = np.flatnonzero(flat < np.inf)
         order = close[np.argsort(flat[close])]
-    rows = np.zeros((room, 9))
-    limit = np.zeros(room)
-    which = np.zeros(room, dtype=np.int64)
     count = 0
     c, s = math.cos(turn), math.sin(turn)
     for index in order:
-        if count == room or not flat[index] < np.inf:
+        if not flat[index] < np.inf:
             break
         b, k = index // solids, index % solids
         i = ball[b, k]
@@ -326,7 +323,7 @@ def damper_rows(
         limit[count] = xi * (flat[index] - d_s[b]) / (d_i[b] - d_s[b])
         which[count] = index
         count += 1
-    return rows[:count], limit[:count], which[:count]
+    return rows, limit, which
 
 
 def solid_bounds(solids: Solids) -> Array:

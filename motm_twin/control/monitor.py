@@ -155,10 +155,10 @@ def _counts(
     points = near_points(ranges, angle_min, angle_step, origin, reach)
     if moved:
         _carry(points, pose, now)
-    return (
-        points_in_stop(points, v, w, a, b, lag, False, rectangle, margin),
-        points_in_stop(points, v, w, a, b, lag, True, rectangle, margin),
-    )
+    found = np.empty(2, np.int64)
+    for k in range(2):
+        found[k] = points_in_stop(points, v, w, a, b, lag, k == 1, rectangle, margin)
+    return found[0], found[1]
 
 
 @njit(cache=True)

@@ -42,7 +42,7 @@ def seen_rows(
     )
     rows, limits, which = damper_rows(
         T, frame, centre, distance, normal, ball, np.full(HAND_BODY, d_s), np.full(HAND_BODY, d_i), a.xi, 0.0, pose,
-        base_mount, HAND_BODY,
+        base_mount,
     )  # fmt: skip
     if standing:
         for k in range(len(limits)):

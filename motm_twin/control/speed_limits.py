@@ -104,12 +104,13 @@ def _fill_rows(
     rows, limits = np.empty((len(h), 9)), np.empty(len(h))
 
     gripper = lidar_limits(p, points, static, relaxing, avoidance)
-    nearby = len(gripper.allowed)
+    count = nearby = len(gripper.allowed)
     if nearby:
         normal = np.zeros((nearby, 3))
         normal[:, :2] = gripper.normal
-        _added(rows, limits, which, 0, normal @ J[:3], gripper.allowed, gripper.static.astype(np.int64), -np.inf)
-    count = nearby
+        rows[:nearby], limits[:nearby] = normal @ J[:3], gripper.allowed
+        for k in range(nearby):
+            which[k] = 1 if gripper.static[k] else 0
     if z.shape[0]:
         turn = T_odom_world[2]
         c, s = math.cos(turn), math.sin(turn)
@@ -117,22 +118,18 @@ def _fill_rows(
         there = np.array([c * dx + s * dy, -s * dx + c * dy, pose[2] - turn])
         distance, away, ball = body_distances(
             T, frame, centre, ball_radius, body, len(BODIES), d_i, there, base_mount[2],
-            first, vertices, radius, z, bounds, -1,
+            first, vertices, radius, z, bounds, np.int64(-1),
         )  # fmt: skip
-        new, most, names = damper_rows(
-            T, frame, centre, distance, away, ball, d_s, d_i, a.xi, turn, pose, base_mount, MAX_ROWS
-        )
-        count = _added(rows, limits, which, count, new, most, _MAPPED + names, _DEEP)
+        new, most, names = damper_rows(T, frame, centre, distance, away, ball, d_s, d_i, a.xi, turn, pose, base_mount)
+        count = _added(rows, limits, which, count, new[:MAX_ROWS], most[:MAX_ROWS], _MAPPED + names, _DEEP)
     there = np.array([base_mount[0], base_mount[1], 0.0])
     distance, away, ball = body_distances(
         T, frame, centre, ball_radius, body, len(BODIES), d_i, there, base_mount[2],
-        own_first, own_vertices, own_radius, own_z, own_bounds, _COLUMN,
+        own_first, own_vertices, own_radius, own_z, own_bounds, np.int64(_COLUMN),
     )  # fmt: skip
-    new, most, names = damper_rows(
-        T, frame, centre, distance, away, ball, d_s, d_i, a.xi, pose[2], pose, base_mount, _OWN_ROWS
-    )
+    new, most, names = damper_rows(T, frame, centre, distance, away, ball, d_s, d_i, a.xi, pose[2], pose, base_mount)
     new[:, :2] = 0.0  # the base carries its own body along
-    seen = count = _added(rows, limits, which, count, new, most, _OWN + names, _DEEP)
+    seen = count = _added(rows, limits, which, count, new[:_OWN_ROWS], most[:_OWN_ROWS], _OWN + names, _DEEP)
     if a.enabled and points.shape[0]:
         for standing in (False, True):
             new, most, names = seen_rows(
