@@ -232,7 +232,7 @@ def body_distances(
     radius: Array,
     heights: Array,
     bounds: Array,
-    column: int,
+    column: np.int64,
 ) -> tuple[Array, Array, IntArray]:
     """Nearest ball of each body to each solid closer than d_i; elbow, forearm and wrist keep off no solid ``column``.
 

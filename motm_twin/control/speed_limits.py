@@ -75,7 +75,7 @@ class SpeedLimits:
         count, tightest, allowed = _fill_rows(
             view.T, view.J, view.p, view.pose, view.mount, self._mount, inputs.T_odom_world, view.measured,
             inputs.obstacles.points, inputs.obstacles.static, relaxing, view.width,
-            state.side if state.holding else 0.0, state.phase in _TOUCHING, view.beta, *self._arrays, G, h, which,
+            state.side if state.holding else 0.0, state.phase in _TOUCHING, view.beta, G, h, which, *self._arrays,
         )  # fmt: skip
         return Rows(G[:count], h[:count], which[:count], tightest, allowed)
 
@@ -88,11 +88,11 @@ def _arrays(solids: Solids) -> tuple[IntArray, Array, Array, Array, Array]:
 def _fill_rows(
     T: Array, J: Array, p: Array, pose: Array, mount: Array, base_mount: Array, T_odom_world: Array, measured: Array,
     points: Array, static: NDArray[np.bool_], relaxing: Array,
-    width: float, held: float, touching: bool, beta: float,
+    width: float, held: float, touching: bool, beta: float, G: Array, h: Array, which: IntArray,
     first: IntArray, vertices: Array, radius: Array, z: Array, bounds: Array,
     own_first: IntArray, own_vertices: Array, own_radius: Array, own_z: Array, own_bounds: Array,
     frame: IntArray, centre: Array, ball_radius: Array, body: IntArray,
-    avoidance: Numbers, G: Array, h: Array, which: IntArray,
+    avoidance: Numbers,
 ) -> tuple[int, int, float]:  # fmt: skip
     """Fill in rows of gripper, mapped furniture, own base and seen obstacles; returns how many, and the tightest.
 

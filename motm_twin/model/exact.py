@@ -71,10 +71,12 @@ def _remainder(x: float, y: float) -> Callable[[float, float], float]:
 register_jitable(wrap_angle)
 
 
-@intrinsic
-def fma(context: Any, a: Any, b: Any, c: Any) -> Any:
-    """``a * b + c``, rounded once; in kernels only."""
+def _fma(context: Any, a: Any, b: Any, c: Any) -> Any:
+    """``a * b + c``, rounded once."""
     return types.float64(types.float64, types.float64, types.float64), lambda _, builder, __, given: builder.fma(*given)
+
+
+fma: Any = intrinsic(_fma)  # in kernels only
 
 
 @njit(cache=True)
