@@ -1,7 +1,7 @@
 """Speed limits of the whole arm towards mapped furniture, the robot's own base and what the lidar sees, as QP rows."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -64,7 +64,7 @@ class SpeedLimits:
             *(f"{body} - lidar" for body in BODIES),
             *(f"{body} - {solid}" for solids in (own, mapped) for body in BODIES for solid in solids.names),
         )
-        self._arrays = (*_arrays(mapped), *_arrays(own), *arm_balls(), numbers(parameters))
+        self._arrays: tuple[Any, ...] = (*_arrays(mapped), *_arrays(own), *arm_balls(), numbers(parameters))
         self._room = parameters.sectors + MAX_ROWS + _OWN_ROWS + 2 * HAND_BODY
         arm = known.robot.arm
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
