@@ -91,7 +91,8 @@ def _arm_inputs(observation: Observation) -> ArmInputs:
         kind="pick", name="cube", position=np.array([0.7, 0.3, 0.8]), yaw=0.0, side=0.04, position_sd=0.001,
         last_seen=observation.time,
     )  # fmt: skip
-    near = np.array([[0.8, -0.4], [0.8, 0.5]])
+    near, static = np.array([[0.8, -0.4], [0.8, 0.5]]), np.array([False, True])
+    static.setflags(write=False)  # as a map has it: kernels are compiled for read-only arrays apart
     return ArmInputs(
         observation=observation,
         dt=ARM_STEP,
@@ -100,7 +101,7 @@ def _arm_inputs(observation: Observation) -> ArmInputs:
         time_to_range=0.0,
         plan_times=np.array([0.3]),
         plan_poses=np.zeros((1, 5)),
-        obstacles=ArmObstacles(points=near, static=np.array([False, True])),
+        obstacles=ArmObstacles(points=near, static=static),
         T_odom_world=np.zeros(3),
     )
 

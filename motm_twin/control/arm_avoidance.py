@@ -11,22 +11,20 @@ target's distance to it less a margin, from the approach until the gripper is d_
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from motm_twin.control.parameters import AvoidanceParameters
-from motm_twin.control.types import ArmObstacles
+from motm_twin.control.parameters import AvoidanceParameters, Numbers
 from motm_twin.model.geometry import Array
 
 _LINK = 0.16  # [m] cells nearer than this belong to one obstacle
 _NEAR = 1.2  # [m] from gripper or target beyond which cells do not matter
 
 
-@dataclass(frozen=True)
-class LidarLimits:
+class LidarLimits(NamedTuple):
     """Directions in which the gripper is limited now, nearest first; all arrays of length k."""
 
     normal: Array  # horizontal unit vectors towards the obstacle, shape (k, 2)
@@ -34,12 +32,6 @@ class LidarLimits:
     d_s: Array  # [m]
     allowed: Array  # [m/s] damper line
     static: NDArray[np.bool_]
-
-
-def no_limits() -> LidarLimits:
-    """Nothing near."""
-    empty = np.zeros(0)
-    return LidarLimits(np.zeros((0, 2)), empty, empty, empty, np.zeros(0, dtype=np.bool_))
 
 
 def damper_line(d: float, d_s: float, d_i: float, xi: float) -> float:
@@ -54,50 +46,76 @@ def static_d_s(target_distance: float, parameters: AvoidanceParameters) -> float
     return max(0.0, min(parameters.d_s, target_distance - parameters.static_margin))
 
 
+@njit(cache=True)
 def lidar_limits(
-    gripper: Array, obstacles: ArmObstacles, targets: Array, parameters: AvoidanceParameters
+    gripper: Array, points: Array, static: NDArray[np.bool_], targets: Array, avoidance: Numbers
 ) -> LidarLimits:
-    """The nearest point of each sector round the gripper, with its d_s and its damper line.
+    """The nearest seen point of each sector round the gripper, with its d_s and its damper line.
 
-    ``targets`` [m], shape (t, 2): grasps that are under way, for which static obstacles give way.
+    ``points`` (m, 2) [m] and ``static`` (m,) as in `ArmObstacles`. ``targets`` (t, 2) [m]: grasps that are under way,
+    for which static obstacles give way.
     """
-    if not parameters.enabled or len(obstacles.points) == 0:
-        return no_limits()
-    near = _near(obstacles.points, gripper[:2], targets, _NEAR)
-    points, static = obstacles.points[near], obstacles.static[near]
-    d_s = np.full(len(points), parameters.d_s)
-    if len(targets):
-        distances = np.full(len(points), np.inf)
-        label_target_distance(points, static, targets, _LINK, distances)
-        d_s = np.maximum(0.0, np.minimum(d_s, distances - parameters.static_margin))
-    reach = np.where(static, parameters.d_i, parameters.d_i + parameters.moving_lead)
-    picked = _nearest_per_sector(points, reach, gripper[0], gripper[1], parameters.sectors)
-    offset = points[picked] - gripper[:2]
-    distance = np.hypot(offset[:, 0], offset[:, 1])
-    normal = offset / np.maximum(distance, 1e-6)[:, None]
-    chosen, room = d_s[picked], distance - np.where(static[picked], 0.0, parameters.moving_margin)
-    allowed = parameters.xi * (room - chosen) / (parameters.d_i - chosen)
-    return LidarLimits(normal, distance, chosen, allowed, static[picked])
-
-
-def nearest_distance(gripper: Array, obstacles: ArmObstacles) -> float:
-    """Horizontal distance [m] of the gripper centre to the nearest seen obstacle, inf when there is none."""
-    if len(obstacles.points) == 0:
-        return math.inf
-    offset = obstacles.points - gripper[:2]
-    return math.sqrt(float((offset * offset).sum(axis=1).min()))
+    a = avoidance[0]
+    count = 0
+    near = np.empty(points.shape)
+    standing = np.empty(points.shape[0], dtype=np.bool_)
+    if a.enabled:
+        for i in range(points.shape[0]):
+            if _near(points[i], gripper, targets):
+                near[count], standing[count] = points[i], static[i]
+                count += 1
+    d_s, reach = np.full(count, a.d_s), np.empty(count)
+    if targets.shape[0]:
+        distances = np.full(count, np.inf)
+        label_target_distance(near[:count], standing[:count], targets, _LINK, distances)
+        for i in range(count):
+            d_s[i] = max(0.0, min(d_s[i], distances[i] - a.static_margin))
+    for i in range(count):
+        reach[i] = a.d_i if standing[i] else a.d_i + a.moving_lead
+    picked = _nearest_per_sector(near[:count], reach, gripper[0], gripper[1], a.sectors)
+    normal, distance = np.empty((len(picked), 2)), np.empty(len(picked))
+    chosen, allowed = np.empty(len(picked)), np.empty(len(picked))
+    for k in range(len(picked)):
+        i = picked[k]
+        dx, dy = near[i, 0] - gripper[0], near[i, 1] - gripper[1]
+        distance[k], chosen[k] = math.hypot(dx, dy), d_s[i]
+        normal[k, 0], normal[k, 1] = dx / max(distance[k], 1e-6), dy / max(distance[k], 1e-6)
+        room = distance[k] - (0.0 if standing[i] else a.moving_margin)
+        allowed[k] = a.xi * (room - chosen[k]) / (a.d_i - chosen[k])
+    return LidarLimits(normal, distance, chosen, allowed, standing[picked])
 
 
 @njit(cache=True)
-def _near(points: Array, gripper: Array, targets: Array, reach: float) -> NDArray[np.bool_]:
-    keep = np.zeros(points.shape[0], dtype=np.bool_)
+def nearest_distance(gripper: Array, points: Array) -> float:
+    """Horizontal distance [m] of the gripper centre to the nearest seen point, inf when there is none."""
+    nearest = math.inf
     for i in range(points.shape[0]):
         dx, dy = points[i, 0] - gripper[0], points[i, 1] - gripper[1]
-        keep[i] = dx * dx + dy * dy < reach * reach
-        for t in range(targets.shape[0]):
-            dx, dy = points[i, 0] - targets[t, 0], points[i, 1] - targets[t, 1]
-            keep[i] |= dx * dx + dy * dy < reach * reach
-    return keep
+        nearest = min(nearest, dx * dx + dy * dy)
+    return math.sqrt(nearest)
+
+
+@njit(cache=True)
+def nearest_static(gripper: Array, points: Array, static: NDArray[np.bool_]) -> float:
+    """The same to the nearest static one."""
+    nearest = math.inf
+    for i in range(points.shape[0]):
+        if static[i]:
+            nearest = min(nearest, math.hypot(points[i, 0] - gripper[0], points[i, 1] - gripper[1]))
+    return nearest
+
+
+@njit(cache=True)
+def _near(point: Array, gripper: Array, targets: Array) -> bool:
+    """Whether a point is where it may matter to the gripper or to a grasp."""
+    dx, dy = point[0] - gripper[0], point[1] - gripper[1]
+    if dx * dx + dy * dy < _NEAR * _NEAR:
+        return True
+    for t in range(targets.shape[0]):
+        dx, dy = point[0] - targets[t, 0], point[1] - targets[t, 1]
+        if dx * dx + dy * dy < _NEAR * _NEAR:
+            return True
+    return False
 
 
 @njit(cache=True)
@@ -137,6 +155,8 @@ def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Arr
 
 @njit(cache=True)
 def _nearest_per_sector(points: Array, reach: Array, x: float, y: float, sectors: int) -> NDArray[np.int64]:
+    if points.shape[0] == 0:
+        return np.empty(0, dtype=np.int64)
     best = np.full(sectors, np.inf)
     index = np.full(sectors, -1, dtype=np.int64)
     for i in range(points.shape[0]):

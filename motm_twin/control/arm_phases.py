@@ -8,11 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from motm_twin.control.arm_reference import cube_yaw, hand_yaw, planar_joints, pose_at, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmInputs, ArmTiming
+from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, to_frame, wrap_angle
 from motm_twin.model.profile import RobotProfile
 
@@ -143,12 +145,28 @@ def _way(view: View, inputs: ArmInputs, rules: PhaseRules) -> float:
     """Distance [m] of the hand from where it must be, in the base frame, when the target comes into range."""
     if not math.isfinite(view.time_to_range):
         return view.distance
-    pose = pose_at(view.time_to_range, view.pose, inputs.plan_times, inputs.plan_poses)
-    there, here = to_frame(pose, view.target), to_frame(view.pose, view.p)
-    away = there[:2] - rules.mount[:2]
-    radius = float(np.linalg.norm(away))
-    there[:2] = rules.mount[:2] + away * min(1.0, _HOVER / max(radius, 1e-6))
-    return float(np.linalg.norm(there - here))
+    return _way_later(
+        view.time_to_range, view.pose, inputs.plan_times, inputs.plan_poses, view.target, view.p, rules.mount
+    )
+
+
+@njit(cache=True)
+def _way_later(
+    ahead: float, pose: Array, plan_times: Array, plan_poses: Array, target: Array, p: Array, mount: Array
+) -> float:
+    """The same ``ahead`` [s] of now."""
+    there = _in_base(pose_at(ahead, pose, plan_times, plan_poses), target)
+    away = there[:2] - mount[:2]
+    there[:2] = mount[:2] + away * min(1.0, _HOVER / max(norm(away), 1e-6))
+    return norm(there - _in_base(pose, p))
+
+
+@njit(cache=True)
+def _in_base(pose: Array, point: Array) -> Array:
+    """A point in the frame of the base, shape (3,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = point[0] - pose[0], point[1] - pose[1]
+    return np.array([c * dx + s * dy, -s * dx + c * dy, point[2]])
 
 
 def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> tuple[str, str]:
@@ -177,12 +195,20 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
     goal = view.goal
     if state.yaw is None or view.time_to_range > _YAW_TIME:
         ahead = view.time_to_range + _MID_DWELL
-        pose = pose_at(ahead, view.pose, inputs.plan_times, inputs.plan_poses)
-        local = to_frame(pose, view.target)
-        near = math.atan2(local[1] - rules.mount[1], local[0] - rules.mount[0]) + pose[2]
+        near = _azimuth_later(ahead, view.pose, inputs.plan_times, inputs.plan_poses, view.target, rules.mount)
     else:
         near = state.yaw
     state.yaw = cube_yaw(goal.yaw, near)
+
+
+@njit(cache=True)
+def _azimuth_later(
+    ahead: float, pose: Array, plan_times: Array, plan_poses: Array, target: Array, mount: Array
+) -> float:
+    """Direction [rad] of the target from the mount ``ahead`` [s] of now, in the odometry frame."""
+    later = pose_at(ahead, pose, plan_times, plan_poses)
+    local = _in_base(later, target)
+    return math.atan2(local[1] - mount[1], local[0] - mount[0]) + later[2]
 
 
 def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
@@ -195,9 +221,9 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[s
     if view.goal.position_sd > p.close_sd:
         return "", f"{view.goal.name} is known to {1e3 * view.goal.position_sd:.0f} mm only"
     point = grasp_point(view, p)
-    error = float(np.linalg.norm(view.p - point))
+    error = norm(view.p - point)
     yaw_error = abs(wrap_angle(hand_yaw(view.R) - (state.yaw or 0.0)))
-    still = float(np.linalg.norm(view.velocity)) <= p.close_speed
+    still = norm(view.velocity) <= p.close_speed
     if error <= p.close_error and still and yaw_error <= p.close_yaw and tilt_of(view.R) <= p.close_tilt:
         state.anchor = point
         state.gripper = "close"
@@ -208,12 +234,8 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[s
 
 def grasp_point(view: View, p: ArmParameters) -> Array:
     """Where the tool centre point has to be: in the cube's centre, or as much higher as the finger tips need."""
-    R = view.R
-    low = (
-        p.tip_half_depth * abs(R[2, 0])
-        + (0.5 * view.width + p.tip_thickness) * abs(R[2, 1])
-        + p.tip_length * abs(R[2, 2])
-    )
+    x, y, z = view.R[2].tolist()
+    low = p.tip_half_depth * abs(x) + (0.5 * view.width + p.tip_thickness) * abs(y) + p.tip_length * abs(z)
     rise = low + p.tip_clearance - 0.5 * view.goal.side
     return view.target + np.array([0.0, 0.0, min(max(rise, 0.0), p.highest_grasp)])
 
@@ -224,7 +246,7 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str,
     closing_time = rules.profile.gripper.closing_time
     if view.width < state.side - p.held_tolerance or elapsed > closing_time + _LONGEST:
         return _miss(state, view, rules, "the fingers closed on nothing: trying again")
-    if float(np.linalg.norm(view.p - state.anchor)) > _LEFT:
+    if norm(view.p - state.anchor) > _LEFT:
         return _miss(state, view, rules, "the hand could not stay on the object: trying again")
     if math.hypot(*(state.anchor[:2] - view.target[:2])) > _MOVED:
         return _miss(state, view, rules, "the object was pushed away: trying again")
@@ -292,7 +314,7 @@ def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool
     """Would an object released now, with the hand's velocity, fall into the release square?"""
     p, goal = rules.parameters, view.goal
     over = view.p[2] - goal.position[2]
-    if float(np.linalg.norm(view.velocity)) > p.release_speed or not 0.5 * state.side + 0.015 <= over <= 0.12:
+    if norm(view.velocity) > p.release_speed or not 0.5 * state.side + 0.015 <= over <= 0.12:
         return False
     fall = rules.profile.gripper.opening_time + math.sqrt(2.0 * (over + 0.1) / GRAVITY)
     land = view.p[:2] + view.velocity[:2] * fall

@@ -9,7 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
-from motm_twin.model.geometry import Array, wrap_angle
+from motm_twin.model.exact import hypot, norm, product, wrap_angle
+from motm_twin.model.geometry import Array
 
 QUARTER = math.pi / 2.0
 STRAIGHT = math.hypot(0.316, 0.0825) + math.hypot(0.384, 0.0825)  # [m] joint 6 from the shoulder, elbow straight
@@ -17,19 +18,22 @@ ELBOW = -math.atan(0.0825 / 0.316) - math.atan(0.0825 / 0.384)  # [rad] joint 4 
 _SHOULDER, _TOOL, _WRIST = 0.333, 0.2104, 0.088  # [m] height over the mount, joint 7 to tool, joint 6 to joint 7
 
 
+@njit(cache=True)
 def mount_point(pose: Array, mount: Array) -> Array:
     """Position of the arm mount in the frame of the base pose [m], shape (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     return np.array([pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1], mount[2]])
 
 
+@njit(cache=True)
 def polar(point: Array, pose: Array, mount: Array) -> tuple[float, float]:
     """Radius and azimuth of a point about the mount, azimuth in the base frame."""
     m = mount_point(pose, mount)
     dx, dy = point[0] - m[0], point[1] - m[1]
-    return math.hypot(dx, dy), wrap_angle(math.atan2(dy, dx) - pose[2])
+    return hypot(dx, dy), wrap_angle(math.atan2(dy, dx) - pose[2])
 
 
+@njit(cache=True)
 def from_polar(radius: float, azimuth: float, z: float, pose: Array, mount: Array) -> Array:
     """The point at radius, azimuth (base frame) and height z, in the frame of the base pose, shape (3,)."""
     m = mount_point(pose, mount)
@@ -37,15 +41,17 @@ def from_polar(radius: float, azimuth: float, z: float, pose: Array, mount: Arra
     return np.array([m[0] + radius * math.cos(angle), m[1] + radius * math.sin(angle), z])
 
 
+@njit(cache=True)
 def stretch(radius: float, height: float, tilt: float) -> float:
     """Distance [m] of joint 6 from the shoulder with the tool centre point at radius and height [m] over the mount.
 
     The tool is tilted outwards by ``tilt`` and the arm stands in one plane. `STRAIGHT` is the most the elbow gives.
     """
     c, s = math.cos(tilt), math.sin(tilt)
-    return math.hypot(radius - _TOOL * s - _WRIST * c, height + _TOOL * c - _WRIST * s - _SHOULDER)
+    return hypot(radius - _TOOL * s - _WRIST * c, height + _TOOL * c - _WRIST * s - _SHOULDER)
 
 
+@njit(cache=True)
 def reach_radius(height: float, tilt: float, longest: float) -> float:
     """Radius [m] from the mount at which `stretch` is ``longest``; 0 when the height alone is too much."""
     c, s = math.cos(tilt), math.sin(tilt)
@@ -72,6 +78,7 @@ def planar_joints(radius: float, height: float, tilt: float) -> Array:
     return np.array([0.0, q2, 0.0, q4, 0.0, q6, math.pi / 4.0])
 
 
+@njit(cache=True)
 def tilt_for(radius: float, height: float, longest: float, largest: float) -> float:
     """Least outward tilt [rad], at most ``largest``, with which radius and height [m] are within ``longest``."""
     if stretch(radius, height, 0.0) <= longest:
@@ -86,19 +93,21 @@ def tilt_for(radius: float, height: float, longest: float, largest: float) -> fl
     return high
 
 
+@njit(cache=True)
 def pose_at(time: float, now: Array, times: Array, poses: Array) -> Array:
     """Base pose that the local plan promises after ``time`` [s], linear between its nodes; shape (3,)."""
-    if time <= 0.0 or len(times) == 0:
-        return np.array(now[:3])
-    previous_time, previous = 0.0, np.array(now[:3])
-    for t, node in zip(times, poses, strict=True):
-        if t >= time:
-            part = (time - previous_time) / max(t - previous_time, 1e-6)
-            pose = previous + part * (node[:3] - previous)
+    previous_time, previous = 0.0, now[:3].copy()
+    if time <= 0.0:
+        return previous
+    for k in range(len(times)):
+        node = poses[k, :3].copy()
+        if times[k] >= time:
+            part = (time - previous_time) / max(times[k] - previous_time, 1e-6)
+            pose = previous + part * (node - previous)
             pose[2] = wrap_angle(previous[2] + part * wrap_angle(node[2] - previous[2]))
             return pose
-        previous_time, previous = t, node[:3]
-    return np.array(previous)
+        previous_time, previous = times[k], node
+    return previous
 
 
 def cube_yaw(yaw: float, near: float) -> float:
@@ -106,6 +115,7 @@ def cube_yaw(yaw: float, near: float) -> float:
     return near + math.remainder(yaw - near, QUARTER)
 
 
+@njit(cache=True)
 def tool_rotation(yaw: float, tilt: float, outward: float) -> Array:
     """Hand pointing down with x axis at ``yaw``, then tilted by ``tilt`` so that it points to azimuth ``outward``."""
     cy, sy = math.cos(yaw), math.sin(yaw)
@@ -116,13 +126,13 @@ def tool_rotation(yaw: float, tilt: float, outward: float) -> Array:
     turn = np.array(
         [[c + ax * ax * t, ax * ay * t, ay * s], [ax * ay * t, c + ay * ay * t, -ax * s], [-ay * s, ax * s, c]]
     )
-    return turn @ down
+    return product(turn, down)
 
 
 @njit(cache=True)
 def rotation_error(R: Array, R_desired: Array) -> Array:
     """Rotation vector that turns R into R_desired, in their common frame [rad], shape (3,)."""
-    E = R_desired @ R.T
+    E = product(R_desired, R.T)
     v = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
     sine = 0.5 * math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     cosine = 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0)
@@ -132,6 +142,7 @@ def rotation_error(R: Array, R_desired: Array) -> Array:
     return v * (0.5 * angle / sine)
 
 
+@njit(cache=True)
 def tilt_of(R: Array) -> float:
     """Angle of the tool axis from straight down [rad]."""
     return math.acos(min(1.0, max(-1.0, -R[2, 2])))
@@ -142,6 +153,7 @@ def hand_yaw(R: Array) -> float:
     return math.atan2(R[1, 0] + R[0, 1], R[0, 0] - R[1, 1])
 
 
+@njit(cache=True)
 def carried_velocity(point: Array, pose: Array, twist: Array) -> Array:
     """Velocity of a point fixed to the moving base [m/s], shape (3,)."""
     v, w = twist
@@ -150,16 +162,18 @@ def carried_velocity(point: Array, pose: Array, twist: Array) -> Array:
     )
 
 
+@njit(cache=True)
 def capped(vector: Array, limit: float) -> Array:
     """The vector, shortened to at most ``limit``."""
-    length = float(np.linalg.norm(vector))
+    length = norm(vector)
     return vector if length <= limit else vector * (limit / length)
 
 
+@njit(cache=True)
 def release_point(centre: Array, yaw: float, half: float, mount: Array, preferred_radius: float) -> Array:
     """The point of the release square that the arm reaches best: nearest to ``preferred_radius`` from the mount."""
     away = centre[:2] - mount[:2]
-    distance = float(np.linalg.norm(away))
+    distance = norm(away)
     wanted = -away * max(0.0, 1.0 - preferred_radius / max(distance, 1e-6))
     c, s = math.cos(yaw), math.sin(yaw)
     x = min(max(c * wanted[0] + s * wanted[1], -half), half)

@@ -6,6 +6,7 @@ row: its speed towards the solid is at most ``xi (d - d_s) / (d_i - d_s)``.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -35,8 +36,9 @@ _SPACING = 0.04  # [m] between balls along a capsule
 _TIP_Z, _TIP_RADIUS, _TIP_Y = 0.1024, 0.010, 0.006  # [m] ball at the tip of a finger, beyond the hand and its pad
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
 MAX_ROWS = 24
-_ARM_REACH = 2.0  # [m] from the mount beyond which no ball can be
 _FEW = 384  # distances that are sorted as they are
+_ROUNDING = 1e-9  # [m] more than distances are wrong by
+_ROUNDED_UP = 1.0 + 1e-9  # of a square, more than it is wrong by
 
 
 @dataclass(frozen=True)
@@ -50,8 +52,7 @@ class Solids:
     z: Array  # bottom and top [m], shape (n, 2)
 
 
-@dataclass(frozen=True)
-class Balls:
+class Balls(NamedTuple):
     """Balls that cover the arm's capsules."""
 
     frame: IntArray  # index into ARM_FRAMES, shape (n,)
@@ -109,9 +110,10 @@ def arm_balls() -> Balls:
     return Balls(np.array(frames), np.array(centres), np.array(radii), np.array(bodies))
 
 
-def placed(balls: Balls, width: float, held_side: float) -> tuple[Array, Array]:
-    """Centres and radii with the finger tips at the gripper's width and the held cube; radius 0 switches a ball off."""
-    centre, radius = balls.centre.copy(), balls.radius.copy()
+@njit(cache=True)
+def placed(centre: Array, radius: Array, width: float, held_side: float) -> tuple[Array, Array]:
+    """Centres and radii of balls with the finger tips at the gripper's width and the held cube; radius 0: not there."""
+    centre, radius = centre.copy(), radius.copy()
     centre[-3, 1] += 0.5 * width
     centre[-2, 1] -= 0.5 * width
     radius[-1] = 0.72 * held_side
@@ -155,7 +157,7 @@ def _plane_distance(
         length = ex * ex + ey * ey
         t = min(1.0, max(0.0, ((x - ax) * ex + (y - ay) * ey) / length)) if length > 0.0 else 0.0
         dx, dy = x - (ax + t * ex), y - (ay + t * ey)
-        d = math.hypot(dx, dy)
+        d = math.hypot(dx, dy) if dx * dx + dy * dy < best * best * _ROUNDED_UP else best
         if d < best:
             best = d
             if d > 1e-9:
@@ -182,6 +184,39 @@ def _near_solid(x: float, y: float, z: float, reach: float, k: int, bounds: Arra
 
 
 @njit(cache=True)
+def _overlap(low: Array, high: Array, k: int, bounds: Array) -> bool:
+    """Whether the box between two corners (3,) meets that of solid k."""
+    for axis in range(3):
+        if low[axis] >= bounds[k, 2 * axis + 1] or high[axis] <= bounds[k, 2 * axis]:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _ball_centres(
+    T: Array, frame: IntArray, centre: Array, ball_radius: Array, body: IntArray, d_i: Array, T_solids_mount: Array,
+    mount_z: float,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Centres (n, 3) of the balls in the frame of the solids, and the corners of the box in which solids matter."""
+    at, low, high = np.empty((frame.shape[0], 3)), np.full(3, np.inf), np.full(3, -np.inf)
+    c, s = math.cos(T_solids_mount[2]), math.sin(T_solids_mount[2])
+    for i in range(frame.shape[0]):
+        if ball_radius[i] <= 0.0:
+            continue
+        f, reach = frame[i], d_i[body[i]] + ball_radius[i] + _ROUNDING
+        px = T[f, 0, 3] + T[f, 0, 0] * centre[i, 0] + T[f, 0, 1] * centre[i, 1] + T[f, 0, 2] * centre[i, 2]
+        py = T[f, 1, 3] + T[f, 1, 0] * centre[i, 0] + T[f, 1, 1] * centre[i, 1] + T[f, 1, 2] * centre[i, 2]
+        pz = T[f, 2, 3] + T[f, 2, 0] * centre[i, 0] + T[f, 2, 1] * centre[i, 1] + T[f, 2, 2] * centre[i, 2]
+        at[i, 0] = T_solids_mount[0] + c * px - s * py
+        at[i, 1] = T_solids_mount[1] + s * px + c * py
+        at[i, 2] = mount_z + pz
+        for axis in range(3):
+            low[axis] = min(low[axis], at[i, axis] - reach)
+            high[axis] = max(high[axis], at[i, axis] + reach)
+    return at, low, high
+
+
+@njit(cache=True)
 def body_distances(
     T: Array,
     frame: IntArray,
@@ -197,8 +232,9 @@ def body_distances(
     radius: Array,
     heights: Array,
     bounds: Array,
+    column: np.int64,
 ) -> tuple[Array, Array, IntArray]:
-    """Nearest ball of each body to each solid closer than d_i.
+    """Nearest ball of each body to each solid closer than d_i; elbow, forearm and wrist keep off no solid ``column``.
 
     ``T_solids_mount`` is the planar pose of the mount in the frame of the solids. Returns distances (bodies, n),
     inf when further; directions away from the solid in the solids' frame (bodies, n, 3); index of the ball.
@@ -207,25 +243,25 @@ def body_distances(
     distance = np.full((bodies, solids), np.inf)
     normal = np.zeros((bodies, solids, 3))
     ball = np.zeros((bodies, solids), dtype=np.int64)
-    c, s = math.cos(T_solids_mount[2]), math.sin(T_solids_mount[2])
-    near = np.empty(solids, dtype=np.int64)  # no ball reaches further than those
+    at, low, high = _ball_centres(T, frame, centre, ball_radius, body, d_i, T_solids_mount, mount_z)
+    near = np.empty(solids, dtype=np.int64)
     count = 0
     for k in range(solids):
-        if _near_solid(T_solids_mount[0], T_solids_mount[1], mount_z, _ARM_REACH + d_i.max(), k, bounds):
+        if _overlap(low, high, k, bounds):
             near[count] = k
             count += 1
+    if count == 0:
+        return distance, normal, ball
     for i in range(frame.shape[0]):
         if ball_radius[i] <= 0.0:
             continue
-        f, b = frame[i], body[i]
-        px = T[f, 0, 3] + T[f, 0, 0] * centre[i, 0] + T[f, 0, 1] * centre[i, 1] + T[f, 0, 2] * centre[i, 2]
-        py = T[f, 1, 3] + T[f, 1, 0] * centre[i, 0] + T[f, 1, 1] * centre[i, 1] + T[f, 1, 2] * centre[i, 2]
-        pz = T[f, 2, 3] + T[f, 2, 0] * centre[i, 0] + T[f, 2, 1] * centre[i, 1] + T[f, 2, 2] * centre[i, 2]
-        x = T_solids_mount[0] + c * px - s * py
-        y = T_solids_mount[1] + s * px + c * py
-        z = mount_z + pz
-        for k in near[:count]:
-            if not _near_solid(x, y, z, d_i[b] + ball_radius[i], k, bounds):
+        b, x, y, z = body[i], at[i, 0], at[i, 1], at[i, 2]
+        for n in range(count):
+            k = near[n]
+            if k == column and b < HAND_BODY:
+                continue
+            reach = min(d_i[b], distance[b, k]) + ball_radius[i] + _ROUNDING  # what is further off changes nothing
+            if not _near_solid(x, y, z, reach, k, bounds):
                 continue
             d, nx, ny, nz = solid_distance(x, y, z, k, first, vertices, radius, heights)
             d -= ball_radius[i]
@@ -250,7 +286,6 @@ def damper_rows(
     turn: float,
     pose: Array,
     mount: Array,
-    room: int,
 ) -> tuple[Array, Array, IntArray]:
     """One row per body and solid, nearest first: coefficients of (v, w, arm) for the approach speed, its bound.
 
@@ -258,18 +293,18 @@ def damper_rows(
     """
     solids = distance.shape[1]
     flat = distance.ravel()
+    close = np.flatnonzero(flat < np.inf)
+    rows, limit, which = np.zeros((len(close), 9)), np.zeros(len(close)), np.zeros(len(close), dtype=np.int64)
+    if len(close) == 0:
+        return rows, limit, which
     if flat.shape[0] <= _FEW:
         order = np.argsort(flat)
     else:  # most are far away: sort the others only
-        close = np.flatnonzero(flat < np.inf)
         order = close[np.argsort(flat[close])]
-    rows = np.zeros((room, 9))
-    limit = np.zeros(room)
-    which = np.zeros(room, dtype=np.int64)
     count = 0
     c, s = math.cos(turn), math.sin(turn)
     for index in order:
-        if count == room or not flat[index] < np.inf:
+        if not flat[index] < np.inf:
             break
         b, k = index // solids, index % solids
         i = ball[b, k]
@@ -288,7 +323,7 @@ def damper_rows(
         limit[count] = xi * (flat[index] - d_s[b]) / (d_i[b] - d_s[b])
         which[count] = index
         count += 1
-    return rows[:count], limit[:count], which[:count]
+    return rows, limit, which
 
 
 def solid_bounds(solids: Solids) -> Array:

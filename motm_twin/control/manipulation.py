@@ -1,42 +1,36 @@
 """The arm side of the control period: phases, reference, QP and obstacle avoidance (Paper, Sec. V)."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_avoidance import LidarLimits, lidar_limits, nearest_distance, no_limits
+from motm_twin.control.arm_avoidance import nearest_distance, nearest_static
 from motm_twin.control.arm_motion import Motion, hand_motion
 from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged, fingers_at_work
-from motm_twin.control.arm_reference import planar_joints, polar, tilt_of
+from motm_twin.control.arm_reference import planar_joints, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View, look
-from motm_twin.control.furniture_rows import SEEN, FurnitureRows, IntArray
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.furniture import IntArray
+from motm_twin.control.parameters import ArmParameters, numbers
 from motm_twin.control.qp import Program, solve
 from motm_twin.control.qp_rows import (
     ARM,
     BASE,
-    FURNITURE_ELASTIC,
-    LIDAR_ELASTIC,
     SIZE,
     SLACK,
-    anchored,
-    base_bounds,
-    elastic_rows,
-    hand_rows,
-    joint_bounds,
+    anchor,
+    fill_program,
+    joint_limits,
     lag_factor,
-    posture_error,
-    variable_bounds,
     weights,
 )
+from motm_twin.control.speed_limits import Rows, SpeedLimits
 from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.transit import TransitRule
 from motm_twin.control.types import ArmInputs, ArmStep, ArmTiming
+from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen
-from motm_twin.model.joint_limits import DDQ_MAX
-from motm_twin.model.kinematics import manipulability, manipulability_gradient
+from motm_twin.model.kinematics import manipulability
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation
 from motm_twin.model.state import Stateful
@@ -45,18 +39,9 @@ _STOWED = 0.25  # [rad] joints this near to the stow pose are there
 _TURNED = 0.8  # [rad] and joint 1, which may turn a little towards the target
 _ACTIVE = 1e-6  # a row or bound this close to equality is active
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
+_LIMITERS = ("moving obstacle", "static obstacle", "")  # by `Rows.tightest`
 _SWINGING = ("stow", "carry", "transit")
 _GRASPING = ("transit", "final", "closing", "lift", "retry")
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Inequality rows of one step."""
-
-    G: Array  # shape (k, 17)
-    h: Array  # shape (k,)
-    which: IntArray  # furniture rows: body and solid, for `FurnitureRows.name`
-    lidar: LidarLimits
 
 
 class Manipulator(Stateful[ManipulatorState]):
@@ -77,8 +62,10 @@ class Manipulator(Stateful[ManipulatorState]):
             timing=timing or TransitRule(k_A=p.k_A, base_speed=p.transit_base_speed, hand_speed=p.hand_speed),
             mount=self._mount,
         )
-        self._furniture = FurnitureRows(known, p.avoidance)
+        self._limits = SpeedLimits(known, p.avoidance)
+        self._numbers, self._qp, self._base = numbers(p), numbers(p.qp), numbers(known.robot.base)
         self._weights = {swinging: weights(p.qp, swinging=swinging) for swinging in (False, True)}
+        self._joint_limits = joint_limits(p.qp.elbow_limit)
         self._stow_joints = planar_joints(p.stow_radius, p.stow_height, p.stow_tilt)
         self._state = ManipulatorState()
 
@@ -110,6 +97,7 @@ class Manipulator(Stateful[ManipulatorState]):
         if answer.reason:
             return self._damped_stop(inputs, view, answer.reason, outcome=outcome)
         x = answer.x
+        x.setflags(write=False)
         self._state.twist, self._state.rates, self._state.stop_rates = x[BASE].copy(), x[ARM].copy(), None
         return self._report(
             view,
@@ -119,7 +107,8 @@ class Manipulator(Stateful[ManipulatorState]):
             reference=motion.reference,
             slack=x[SLACK],
             active=self._active(program, rows, x),
-            lidar=rows.lidar,
+            limiter=_LIMITERS[rows.tightest],
+            allowed=rows.allowed,
             status="solved",
             outcome=outcome,
             reason=reason,
@@ -127,51 +116,34 @@ class Manipulator(Stateful[ManipulatorState]):
 
     def _motion(self, view: View, inputs: ArmInputs) -> Motion:
         """What the hand should do in this step."""
-        return hand_motion(self._state, view, inputs, self._mount, self.parameters)
+        return hand_motion(self._state, view, inputs, self._mount, self.parameters, self._numbers)
 
     def _anchor_commands(self, inputs: ArmInputs) -> None:
         """Keep the remembered commands near what the robot does, should somebody else have commanded it."""
-        state, limits = self._state, self.profile.base
-        room = (2.0 * inputs.dt * limits.linear_acceleration, 2.0 * inputs.dt * limits.yaw_acceleration)
-        follow = DDQ_MAX * (self.profile.arm.velocity_lag + 3.0 * inputs.dt)
-        dq = np.asarray(inputs.observation.dq, dtype=float)
-        state.twist, state.rates = anchored(state.twist, state.rates, inputs.base_twist, room, dq, follow)
+        state, limits, dt = self._state, self.profile.base, inputs.dt
+        twist, rates = np.empty(2), np.empty(7)
+        anchor(
+            state.twist, state.rates, inputs.base_twist, np.asarray(inputs.observation.dq, dtype=float),
+            2.0 * dt * limits.linear_acceleration, 2.0 * dt * limits.yaw_acceleration,
+            self.profile.arm.velocity_lag + 3.0 * dt, twist, rates,
+        )  # fmt: skip
+        state.twist, state.rates = twist, rates
 
     def _rows(self, view: View, inputs: ArmInputs) -> Rows:
         """Speed limits towards lidar obstacles and furniture."""
-        p = self.parameters.avoidance
-        beta = lag_factor(inputs.dt, self.profile)
-        lidar = lidar_limits(view.p, inputs.obstacles, self._relaxing(view, inputs), p)
-        towards = np.hstack([lidar.normal, np.zeros((len(lidar.distance), 1))]) @ view.J[:3]
-        furniture, allowed, which = self._furniture.rows(view, self._state, inputs.T_odom_world, inputs.obstacles)
-        velocity = np.vstack([towards, furniture])
-        G, h = elastic_rows(
-            velocity, np.concatenate([lidar.allowed, allowed]), len(towards), beta, np.asarray(inputs.observation.twist)
-        )
-        seen = len(towards) + np.flatnonzero(which >= SEEN)  # these give way together with the gripper's lidar rows:
-        G[seen, FURNITURE_ELASTIC], G[seen, LIDAR_ELASTIC] = 0.0, -1.0  # mapped furniture must not give way for them
-        return Rows(G, h, which, lidar)
+        return self._limits.rows(view, self._state, inputs, self._relaxing(view, inputs))
 
     def _active(self, program: Program, rows: Rows, x: Array) -> tuple[str, ...]:
         """Names of rows and bounds that hold with equality."""
-        found = []
-        for k in np.flatnonzero(program.G @ x >= program.h - _ACTIVE).tolist():
-            lidar = k < len(rows.lidar.static)
-            if lidar:
-                found.append("lidar static" if rows.lidar.static[k] else "lidar moving")
-            else:
-                found.append(self._furniture.name(int(rows.which[k - len(rows.lidar.static)])))
-        rates, low, high = x[: ARM.stop], program.lower[: ARM.stop], program.upper[: ARM.stop]
-        at_bound = np.flatnonzero((rates <= low + _ACTIVE) | (rates >= high - _ACTIVE))
-        found += [_BOUND_NAMES[k] for k in at_bound]
-        return tuple(dict.fromkeys(found))
+        found = _binding(program.G, program.h, program.lower, program.upper, x).tolist()
+        names, which, count = self._limits.names, rows.which.tolist(), len(rows.h)
+        return tuple(dict.fromkeys(names[which[k]] if k < count else _BOUND_NAMES[k - count] for k in found))
 
     def _relaxing(self, view: View, inputs: ArmInputs) -> Array:
         """Grasps for which static obstacles give way: the one under way, and the last until the gripper has left."""
         state = self._state
         if len(state.relaxed):
-            points = inputs.obstacles.points[inputs.obstacles.static]
-            away = math.inf if len(points) == 0 else float(np.hypot(*(points - view.p[:2]).T).min())
+            away = nearest_static(view.p, inputs.obstacles.points, inputs.obstacles.static)
             if away >= self.parameters.avoidance.d_s and state.phase != "lift":
                 state.relaxed = np.zeros((0, 2))
         if view.goal.kind == "pick" and not state.holding and state.phase in _GRASPING:
@@ -182,27 +154,17 @@ class Manipulator(Stateful[ManipulatorState]):
 
     def _program(self, view: View, inputs: ArmInputs, motion: Motion, rows: Rows) -> Program:
         """min 1/2 x'Px + c'x: track v_B, small arm rates, manipulability, little slack; s.t. the hand's velocity."""
-        p = self.parameters.qp
-        beta = lag_factor(inputs.dt, self.profile)
-        cost = self._weights[self._state.phase in _SWINGING]
-        c = np.zeros(SIZE)
-        c[BASE] = -p.base_weight * inputs.base_twist
-        c[ARM] = cost[ARM] * self._posture_error(view) - p.manipulability_weight * manipulability_gradient(view.q)
-        c[SLACK.stop :] = p.elastic_weight
-        A, b = hand_rows(view.J, motion.velocity, beta, np.asarray(inputs.observation.twist))
-        lower, upper = variable_bounds(
-            base_bounds(self._state.twist, inputs.dt, self.profile),
-            joint_bounds(view.q, self._state.rates, inputs.dt, p),
-        )
+        swinging = self._state.phase in _SWINGING
+        cost = self._weights[swinging]
+        c, A, b = np.empty(SIZE), np.empty((6, SIZE)), np.empty(6)
+        lower, upper = np.empty(SIZE), np.empty(SIZE)
+        fill_program(
+            view.q, view.p, view.pose, view.J, self._mount, motion.velocity, view.measured, inputs.base_twist,
+            self._state.twist, self._state.rates, cost, self._joint_limits, view.beta, inputs.dt, swinging, self._qp,
+            self._base, c, A, b, lower, upper,
+        )  # fmt: skip
         cost = self._free_return(view, cost, c)
         return Program(P=cost, c=c, A=A, b=b, G=rows.G, h=rows.h, lower=lower, upper=upper)
-
-    def _posture_error(self, view: View) -> Array:
-        """Rates [rad/s] of the joints away from an arm that stands in one plane with its hand."""
-        p = self.parameters.qp
-        swinging = self._state.phase in _SWINGING
-        gain, fastest = (p.swing_posture_gain, p.swing_posture_rate) if swinging else (p.posture_gain, p.posture_rate)
-        return posture_error(view.q, polar(view.p, view.pose, self._mount)[1], gain, fastest)
 
     def _free_return(self, view: View, cost: Array, c: Array) -> Array:
         """When the way to the stow pose is stuck: the same program, but led by the joints. Returns the cost."""
@@ -231,12 +193,11 @@ class Manipulator(Stateful[ManipulatorState]):
         return self._report(
             view,
             inputs,
-            twist=state.twist,
-            rates=state.rates,
+            twist=frozen(state.twist),
+            rates=frozen(state.rates),
             reference=None,
-            slack=np.zeros(6),
+            slack=frozen(np.zeros(6)),
             active=(),
-            lidar=no_limits(),
             status=f"damped stop: {why}",
             outcome=outcome,
             reason=f"the arm was stopped: {why}",
@@ -252,29 +213,33 @@ class Manipulator(Stateful[ManipulatorState]):
         reference: Array | None,
         slack: Array,
         active: tuple[str, ...],
-        lidar: LidarLimits,
+        limiter: str = "",
+        allowed: float = math.inf,
         status: str,
         outcome: str,
         reason: str,
     ) -> ArmStep:
+        """The step for the Tick; the arrays given are read-only."""
         state = self._state
-        limited = int(np.argmin(lidar.allowed)) if len(lidar.allowed) else -1
-        kind = "" if limited < 0 else ("static obstacle" if lidar.static[limited] else "moving obstacle")
-        here = np.zeros(3) if view is None else view.p
-        there = here if reference is None else reference
+        there, figures = np.zeros(3), (0.0, 0.0, 0.0, math.inf)
+        if view is not None:
+            there = view.p if reference is None else reference
+            figures = _figures(there, view.p, view.R, view.q, inputs.obstacles.points)
+        error, tilt, dexterity, nearest = figures
+        there.setflags(write=False)
         return ArmStep(
             time=inputs.observation.time,
             phase=state.phase,
-            actuation=Actuation(twist=frozen(twist), joint_velocity=frozen(rates), gripper=state.gripper),
-            reference=frozen(there),
-            error=float(np.linalg.norm(there - here)),
-            tilt=0.0 if view is None else tilt_of(view.R),
-            slack=frozen(slack),
-            manipulability=0.0 if view is None else float(manipulability(view.q)),
+            actuation=Actuation(twist=twist, joint_velocity=rates, gripper=state.gripper),
+            reference=there,
+            error=error,
+            tilt=tilt,
+            slack=slack,
+            manipulability=dexterity,
             active=active,
-            limiter=kind,
-            obstacle_distance=math.inf if view is None else nearest_distance(view.p, inputs.obstacles),
-            allowed_approach=math.inf if limited < 0 else float(lidar.allowed[limited]),
+            limiter=limiter,
+            obstacle_distance=nearest,
+            allowed_approach=allowed,
             qp_status=status,
             holding=state.holding,
             engaged=engaged(state),
@@ -282,6 +247,31 @@ class Manipulator(Stateful[ManipulatorState]):
             outcome=outcome,
             reason=reason,
         )
+
+
+@njit(cache=True)
+def _binding(G: Array, h: Array, lower: Array, upper: Array, x: Array) -> IntArray:
+    """Rows of G x <= h that hold with equality, then bounds of base twist and arm rates, counted on from the rows."""
+    count, size = h.shape[0], 0
+    found = np.empty(count + ARM.stop, np.int64)
+    for r in range(count):
+        total = 0.0
+        for i in range(x.shape[0]):
+            total += G[r, i] * x[i]
+        if total >= h[r] - _ACTIVE:
+            found[size] = r
+            size += 1
+    for i in range(ARM.stop):
+        if x[i] <= lower[i] + _ACTIVE or x[i] >= upper[i] - _ACTIVE:
+            found[size] = count + i
+            size += 1
+    return found[:size]
+
+
+@njit(cache=True)
+def _figures(there: Array, p: Array, R: Array, q: Array, points: Array) -> tuple[float, float, float, float]:
+    """Error [m] of the hand, its tilt [rad], the arm's manipulability, distance [m] of the nearest seen obstacle."""
+    return norm(there - p), tilt_of(R), manipulability(q), nearest_distance(p, points)
 
 
 def _not_finite(inputs: ArmInputs) -> str:

@@ -11,13 +11,15 @@ import msgspec
 import numpy as np
 from numba import njit
 
-from motm_twin.model.geometry import Array, from_frame, to_frame
+from motm_twin.control.parameters import Numbers, numbers
+from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
+_ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 
 
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,6 +51,9 @@ class Monitor(Stateful[MonitorState]):
     def __init__(self, profile: RobotProfile, parameters: MonitorParameters | None = None) -> None:
         self.profile = profile
         self.parameters = parameters or MonitorParameters()
+        body, self._base = profile.footprint, numbers(profile.base)
+        self._rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
+        self._corner = float(np.hypot(self._rectangle[0] + abs(body.offset_x), self._rectangle[1]))  # [m] the furthest
         self._state = MonitorState()
 
     @property
@@ -65,7 +70,7 @@ class Monitor(Stateful[MonitorState]):
 
         `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands.
         """
-        if not _healthy(observation):
+        if not _healthy(observation.pose, observation.odometry, observation.twist, observation.q, observation.dq):
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
         twist, reason = self._age(actuation.twist, observation, scan_stamp)
         twist = self._within_limits(twist, dt)
@@ -73,7 +78,7 @@ class Monitor(Stateful[MonitorState]):
         if not free:
             stop = np.array([0.0, twist[1] if turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
-        rates = self._arm_share(observation.age) * np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)
+        rates = _slowed(actuation.joint_velocity, self._arm_share(observation.age))
         return self._let_through(twist, rates, actuation.gripper, reason)
 
     def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
@@ -112,17 +117,9 @@ class Monitor(Stateful[MonitorState]):
         )
 
     def _within_limits(self, twist: Array, dt: float) -> Array:
-        limits = self.profile.base
-        last = self._state.twist
-        dv, dw = limits.linear_acceleration * dt, limits.yaw_acceleration * dt
-        v = min(max(twist[0], last[0] - dv), last[0] + dv)
-        w = min(max(twist[1], last[1] - dw), last[1] + dw)
-        return np.array(
-            [
-                min(max(v, -limits.reverse_speed), limits.forward_speed),
-                min(max(w, -limits.yaw_rate), limits.yaw_rate),
-            ]
-        )
+        limited = np.empty(2)
+        _limit(twist, self._state.twist, dt, self._base, limited)
+        return limited
 
     def _brake(self, dt: float) -> Array:
         return self._within_limits(np.zeros(2), dt)
@@ -132,31 +129,79 @@ class Monitor(Stateful[MonitorState]):
 
         A base that turns away from something may have to keep turning while it brakes.
         """
-        scan, base, body = observation.scan, self.profile.base, self.profile.footprint
-        if scan is None or (abs(twist[0]) < 1e-3 and abs(twist[1]) < 1e-3):
+        scan, base = observation.scan, self.profile.base
+        v, w = twist.tolist()
+        if scan is None or (abs(v) < 1e-3 and abs(w) < 1e-3):
             return True, False
-        rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
-        v, w = float(twist[0]), float(twist[1])
         travel = abs(v) * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
-        reach = travel + float(np.hypot(rectangle[0] + abs(body.offset_x), rectangle[1])) + _MARGIN_OF_REACH
-        if observation.ahead > 0.0:  # the scan was made some way before
+        reach = travel + self._corner + _MARGIN_OF_REACH
+        moved = observation.ahead > 0.0  # the scan was made some way before
+        if moved:
             reach += float(np.hypot(*(observation.pose - scan.pose)[:2]))
-        points = near_points(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach)
-        if observation.ahead > 0.0:
-            points = to_frame(observation.pose, from_frame(scan.pose, points))
-        counts = [
-            points_in_stop(
-                points, v, w, base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, held, rectangle,
-                self.parameters.stop_margin,
-            )
-            for held in (False, True)
-        ]  # fmt: skip
-        return min(counts) < self.parameters.minimum_points, counts[1] < counts[0]
+        turning, holding = _counts(
+            scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach, scan.pose, observation.pose, moved, v, w,
+            base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, self._rectangle,
+            self.parameters.stop_margin,
+        )  # fmt: skip
+        return min(turning, holding) < self.parameters.minimum_points, holding < turning
 
 
-def _healthy(observation: Observation) -> bool:
-    values = (observation.pose, observation.odometry, observation.twist, observation.q, observation.dq)
-    return all(bool(np.isfinite(value).all()) for value in values)
+@njit(cache=True)
+def _counts(
+    ranges: Array, angle_min: float, angle_step: float, origin: Array, reach: float, pose: Array, now: Array,
+    moved: bool, v: float, w: float, a: float, b: float, lag: float, rectangle: Array, margin: float,
+) -> tuple[int, int]:  # fmt: skip
+    """`points_in_stop` of a scan made at ``pose``, stopping from ``now`` by braking the turn, or holding it."""
+    points = near_points(ranges, angle_min, angle_step, origin, reach)
+    if moved:
+        _carry(points, pose, now)
+    found = np.empty(2, np.int64)
+    for k in range(2):
+        found[k] = points_in_stop(points, v, w, a, b, lag, k == 1, rectangle, margin)
+    return found[0], found[1]
+
+
+@njit(cache=True)
+def _carry(points: Array, pose: Array, now: Array) -> None:
+    """Points (m, 2) given in the frame of one base pose, rewritten in that of another."""
+    c, s, back_c, back_s = math.cos(pose[2]), math.sin(pose[2]), math.cos(now[2]), math.sin(now[2])
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        dx, dy = pose[0] + c * x - s * y - now[0], pose[1] + s * x + c * y - now[1]
+        points[i, 0], points[i, 1] = back_c * dx + back_s * dy, -back_s * dx + back_c * dy
+
+
+@njit(cache=True)
+def _healthy(pose: Array, odometry: Array, twist: Array, q: Array, dq: Array) -> bool:
+    return _finite(pose) and _finite(odometry) and _finite(twist) and _finite(q) and _finite(dq)
+
+
+@njit(cache=True)
+def _finite(values: Array) -> bool:
+    for value in values:
+        if not math.isfinite(value):
+            return False
+    return True
+
+
+@njit(cache=True)
+def _limit(twist: Array, last: Array, dt: float, base: Numbers, limited: Array) -> None:
+    """Fill in a twist (2,) within one step's acceleration of the last one, and within the speed limits."""
+    b = base[0]
+    dv, dw = b.linear_acceleration * dt, b.yaw_acceleration * dt
+    v = min(max(twist[0], last[0] - dv), last[0] + dv)
+    w = min(max(twist[1], last[1] - dw), last[1] + dw)
+    limited[0] = min(max(v, -b.reverse_speed), b.forward_speed)
+    limited[1] = min(max(w, -b.yaw_rate), b.yaw_rate)
+
+
+@njit(cache=True)
+def _slowed(rates: Array, share: float) -> Array:
+    """Joint rates (7,) within `DQ_MAX`, times a share."""
+    slowed = np.empty(rates.shape[0])
+    for k in range(rates.shape[0]):
+        slowed[k] = share * min(max(rates[k], -DQ_MAX[k]), DQ_MAX[k])
+    return slowed
 
 
 @njit(cache=True)
@@ -164,8 +209,9 @@ def near_points(ranges: Array, angle_min: float, angle_step: float, origin: Arra
     """Scan points within `reach` [m] of the base's centre, base frame, shape (m, 2)."""
     points = np.empty((ranges.shape[0], 2))
     count = 0
+    farthest = reach + math.hypot(origin[0], origin[1]) + _ROUNDING
     for i in range(ranges.shape[0]):
-        if not ranges[i] < math.inf:
+        if not ranges[i] < farthest:
             continue
         angle = angle_min + i * angle_step
         x = origin[0] + ranges[i] * math.cos(angle)

@@ -3,8 +3,21 @@
 import math
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 DEG = math.pi / 180.0
+Numbers = NDArray[np.void]  # one record of what `numbers` gives: a kernel reads `p[0].k_P`, and has one argument of it
+
+
+def numbers(parameters: msgspec.Struct) -> Numbers:
+    """The numbers and switches of parameters by their names, as a record that kernels can read, shape (1,)."""
+    values = {name: getattr(parameters, name) for name in parameters.__struct_fields__}
+    values = {name: value for name, value in values.items() if isinstance(value, (bool, int, float))}
+    fields = [(name, np.int64 if isinstance(value, int) else np.float64) for name, value in values.items()]
+    record = np.array([tuple(values.values())], dtype=fields)
+    record.setflags(write=False)
+    return record
 
 
 class QpParameters(msgspec.Struct, frozen=True, kw_only=True):

@@ -14,6 +14,7 @@ from motm_twin.model.geometry import Array
 
 SOLVERS = ("daqp", "osqp")
 _NO_BOUND, _EQUALITY = -1e30, 5  # as DAQP writes them
+_INFINITE, _CROSSING = 1, 2  # flaws of a program
 _OPTIONS: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "polishing": True, "max_iter": 20000, "adaptive_rho_interval": 50},
 }
@@ -43,56 +44,71 @@ def solve(program: Program, *, solver: str, residual: float) -> Answer:
     """Solve and check: inputs finite, found, answer finite, no row violated by more than ``residual``."""
     if solver not in SOLVERS:
         raise ValueError(f"QP solver {solver!r}: use one of {', '.join(SOLVERS)}")
-    bad = _not_finite(program)
-    if bad:
-        return _none(program, f"{bad} not finite")
-    if crossing(program.lower, program.upper):
+    flaw, x = _daqp(program) if solver == "daqp" else _by_qpsolvers(program, solver)
+    if flaw == _INFINITE:
+        return _none(program, f"{_not_finite(program)} not finite")
+    if flaw == _CROSSING:
         return _none(program, "bounds cross")
-    x = _daqp(program) if solver == "daqp" else _by_qpsolvers(program, solver)
     if x is None:
         return _none(program, f"{solver} found no answer")
-    if not all_finite(x):
-        return _none(program, f"{solver} answered with numbers that are not finite")
     worst = violation(program, x)
+    if math.isnan(worst):
+        return _none(program, f"{solver} answered with numbers that are not finite")
     if worst > residual:
         return _none(program, f"{solver} left a residual of {worst:.1e}")
     return Answer(x=x, reason="")
 
 
 @njit(cache=True)
-def all_finite(values: Array) -> bool:
-    """Whether every number is finite, shape (n,)."""
-    for value in values:
-        if not math.isfinite(value):
-            return False
-    return True
-
-
-@njit(cache=True)
-def crossing(lower: Array, upper: Array) -> bool:
-    """Whether a lower bound is above its upper one."""
+def _flaw(P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array) -> int:
+    """What keeps a program from being given to a solver; 0: nothing."""
+    for values in (P, c, b, h, lower, upper):
+        for value in values:
+            if not math.isfinite(value):
+                return _INFINITE
+    for matrix in (A, G):
+        for r in range(matrix.shape[0]):
+            for i in range(matrix.shape[1]):
+                if not math.isfinite(matrix[r, i]):
+                    return _INFINITE
     for i in range(lower.shape[0]):
         if lower[i] > upper[i]:
-            return True
-    return False
+            return _CROSSING
+    return 0
 
 
-def _daqp(program: Program) -> Array | None:
-    """The minimiser by DAQP, without the 50 us that qpsolvers takes for its checks and its report."""
+def _daqp(program: Program) -> tuple[int, Array | None]:
+    """Flaw, or the minimiser by DAQP without the 50 us that qpsolvers takes for its checks and its report."""
     p = program
-    H, rows, upper, lower, sense = _as_daqp(p.P, p.A, p.b, p.G, p.h, p.lower, p.upper)
-    x, _, flag, _ = daqp.solve(H, p.c, rows, upper, lower, sense)
-    return np.asarray(x) if flag > 0 else None
+    n, k, e = len(p.P), len(p.h), len(p.b)
+    H, rows, bounds, sense = (
+        np.zeros((n, n)),
+        np.empty((k + e, n)),
+        np.empty((2, n + k + e)),
+        np.zeros(n + k + e, np.int32),
+    )
+    flaw = _fill_daqp(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper, H, rows, bounds, sense)
+    if flaw:
+        return flaw, None
+    x, _, flag, _ = daqp.solve(H, p.c, rows, bounds[1], bounds[0], sense)
+    return 0, np.asarray(x) if flag > 0 else None
 
 
 @njit(cache=True)
-def _as_daqp(
-    P: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array
-) -> tuple[Array, Array, Array, Array, NDArray[np.int32]]:
-    """Cost matrix, rows, upper and lower bounds and kinds in DAQP's form: bounds first, then G, then A (equalities)."""
+def _fill_daqp(
+    P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array,
+    H: Array, rows: Array, bounds: Array, sense: NDArray[np.int32],
+) -> int:  # fmt: skip
+    """Fill in DAQP's form: cost matrix, rows, lower and upper bounds, kinds; variables first, then G, then A (equal).
+
+    ``H`` and ``sense`` come as zeros. Returns the flaw of a program that is not to be solved.
+    """
+    flaw = _flaw(P, c, A, b, G, h, lower, upper)
+    if flaw:
+        return flaw
     n, k, e = P.shape[0], h.shape[0], b.shape[0]
-    H, rows = np.zeros((n, n)), np.empty((k + e, n))
-    high, low, sense = np.empty(n + k + e), np.full(n + k + e, _NO_BOUND), np.zeros(n + k + e, np.int32)
+    low, high = bounds[0], bounds[1]
+    low[n:] = _NO_BOUND
     for i in range(n):
         H[i, i], high[i], low[i] = P[i], upper[i], lower[i]
     for r in range(k):
@@ -103,27 +119,22 @@ def _as_daqp(
         high[n + k + r], sense[n + k + r] = b[r], _EQUALITY
         for i in range(n):
             rows[k + r, i] = A[r, i]
-    return H, rows, high, low, sense
+    return 0
 
 
-def _by_qpsolvers(program: Program, solver: str) -> Array | None:
-    rows = len(program.h) > 0
-    problem = Problem(
-        np.diag(program.P),
-        program.c,
-        program.G if rows else None,
-        program.h if rows else None,
-        program.A,
-        program.b,
-        program.lower,
-        program.upper,
-    )
+def _by_qpsolvers(program: Program, solver: str) -> tuple[int, Array | None]:
+    p = program
+    flaw = _flaw(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)
+    if flaw:
+        return flaw, None
+    rows = len(p.h) > 0
+    problem = Problem(np.diag(p.P), p.c, p.G if rows else None, p.h if rows else None, p.A, p.b, p.lower, p.upper)
     solution = solve_problem(_sparse(problem), solver=solver, **_OPTIONS[solver])
-    return np.asarray(solution.x) if solution.found and solution.x is not None else None
+    return 0, np.asarray(solution.x) if solution.found and solution.x is not None else None
 
 
 def violation(program: Program, x: Array) -> float:
-    """Largest violation of any equality, row or bound."""
+    """Largest violation of any equality, row or bound; nan when x is not finite."""
     return float(_violation(program.A, program.b, program.G, program.h, program.lower, program.upper, x))
 
 
@@ -131,6 +142,8 @@ def violation(program: Program, x: Array) -> float:
 def _violation(A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, x: Array) -> float:
     worst = 0.0
     for i in range(x.shape[0]):
+        if not math.isfinite(x[i]):
+            return math.nan
         worst = max(worst, lower[i] - x[i], x[i] - upper[i])
     for r in range(b.shape[0]):
         total = -b[r]
@@ -155,27 +168,9 @@ def _sparse(problem: Problem) -> Problem:
 
 
 def _not_finite(program: Program) -> str:
-    p = program
-    if math.isfinite(_total(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)):
-        return ""
-    for name in program.__struct_fields__:
-        if not np.isfinite(getattr(program, name)).all():
-            return f"QP input {name}"
-    return ""
-
-
-@njit(cache=True)
-def _total(P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array) -> float:
-    """A sum that is finite only when every number is (or nearly: then each is looked at)."""
-    total = 0.0
-    for values in (P, c, b, h, lower, upper):
-        for i in range(values.shape[0]):
-            total += abs(values[i])
-    for matrix in (A, G):
-        for r in range(matrix.shape[0]):
-            for i in range(matrix.shape[1]):
-                total += abs(matrix[r, i])
-    return total
+    """The first array with a number that is not finite."""
+    names = (name for name in program.__struct_fields__ if not np.isfinite(getattr(program, name)).all())
+    return f"QP input {next(names)}"
 
 
 def _none(program: Program, reason: str) -> Answer:

@@ -15,8 +15,9 @@ import math
 import numpy as np
 from numba import njit
 
-from motm_twin.control.parameters import QpParameters
-from motm_twin.model.arm_kernels import fk_arm, point_jacobian
+from motm_twin.control.arm_reference import polar
+from motm_twin.control.parameters import Numbers, QpParameters, numbers
+from motm_twin.model.arm_kernels import fk_arm, manipulability_gradient, point_jacobian
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.profile import RobotProfile
@@ -114,11 +115,11 @@ _LIMITS = np.vstack([Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX])
 def joint_bounds(q: Array, previous: Array, dt: float, parameters: QpParameters) -> tuple[Array, Array]:
     """Bounds of the arm rates: speed, acceleration round the previous command, damper before position limits."""
     p = parameters
-    return _joint_bounds(q, previous, dt, _limits(p.elbow_limit), p.damper_gain, p.damper_start, p.damper_stop)
+    return _joint_bounds(q, previous, dt, joint_limits(p.elbow_limit), p.damper_gain, p.damper_start, p.damper_stop)
 
 
 @functools.cache
-def _limits(elbow_limit: float) -> Array:
+def joint_limits(elbow_limit: float) -> Array:
     """Least and largest joint angles, speeds and accelerations, shape (4, 7), the elbow never straighter than that."""
     limits = _LIMITS.copy()
     limits[1, 3] = min(limits[1, 3], elbow_limit)
@@ -127,15 +128,14 @@ def _limits(elbow_limit: float) -> Array:
 
 def base_bounds(previous: Array, dt: float, profile: RobotProfile) -> tuple[Array, Array]:
     """Bounds of the commanded base twist: one step's acceleration round the previous command, and the speed limits."""
-    limits = profile.base
-    fastest, slowest = (limits.forward_speed, limits.yaw_rate), (-limits.reverse_speed, -limits.yaw_rate)
-    return _base_bounds(previous, dt, (limits.linear_acceleration, limits.yaw_acceleration), slowest, fastest)
+    return _base_bounds(previous, dt, numbers(profile.base))
 
 
 @njit(cache=True)
-def _base_bounds(
-    previous: Array, dt: float, most: tuple[float, float], slowest: tuple[float, float], fastest: tuple[float, float]
-) -> tuple[Array, Array]:
+def _base_bounds(previous: Array, dt: float, base: Numbers) -> tuple[Array, Array]:
+    limits = base[0]
+    most, fastest = (limits.linear_acceleration, limits.yaw_acceleration), (limits.forward_speed, limits.yaw_rate)
+    slowest = (-limits.reverse_speed, -limits.yaw_rate)
     lower, upper = np.empty(2), np.empty(2)
     for k in range(2):
         low = min(max(previous[k] - most[k] * dt, slowest[k]), fastest[k])
@@ -187,32 +187,44 @@ def weights(parameters: QpParameters, *, swinging: bool) -> Array:
     )
 
 
-def variable_bounds(base: tuple[Array, Array], arm: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Lower and upper bounds of the whole decision, shape (17,) each."""
-    return _variable_bounds(*base, *arm)
-
-
 @njit(cache=True)
-def _variable_bounds(base_low: Array, base_high: Array, arm_low: Array, arm_high: Array) -> tuple[Array, Array]:
-    lower, upper = np.empty(SIZE), np.empty(SIZE)
-    lower[:2], upper[:2] = base_low, base_high
-    lower[2:9], upper[2:9] = arm_low, arm_high
+def fill_program(
+    q: Array, p: Array, pose: Array, J: Array, mount: Array, nu: Array, measured: Array, wanted: Array,
+    twist: Array, rates: Array, cost: Array, limits: Array, beta: float, dt: float, swinging: bool,
+    parameters: Numbers, base: Numbers, c: Array, A: Array, b: Array, lower: Array, upper: Array,
+) -> None:  # fmt: skip
+    """Fill in linear cost, rows A x = b and bounds of a step's program; ``twist``, ``rates``: commanded last.
+
+    ``wanted`` is the base planner's v_B, ``cost`` from `weights`, ``limits`` from `joint_limits`, ``parameters`` and
+    ``base`` are the `numbers` of `QpParameters` and `BaseLimits`.
+    """
+    n = parameters[0]
+    gain, fastest = (n.swing_posture_gain, n.swing_posture_rate) if swinging else (n.posture_gain, n.posture_rate)
+    error = posture_error(q, polar(p, pose, mount)[1], gain, fastest)
+    c[:2] = -n.base_weight * wanted
+    c[2:9] = cost[2:9] * error - n.manipulability_weight * manipulability_gradient(q)
+    c[9:15], c[15:] = 0.0, n.elastic_weight
+    A[:], b[:] = hand_rows(J, nu, beta, measured)
+    lower[:2], upper[:2] = _base_bounds(twist, dt, base)
+    lower[2:9], upper[2:9] = _joint_bounds(q, rates, dt, limits, n.damper_gain, n.damper_start, n.damper_stop)
     lower[9:15], upper[9:15] = -_SLACK_BOUND, _SLACK_BOUND
     lower[15:], upper[15:] = 0.0, _FREE
-    return lower, upper
 
 
 @njit(cache=True)
-def anchored(
-    twist: Array, rates: Array, wanted: Array, room: tuple[float, float], dq: Array, follow: Array
-) -> tuple[Array, Array]:
-    """Base twist (2,) within `room` of the wanted one, and arm rates (7,) within `follow` of dq and the limits."""
-    near, held = np.empty(2), np.empty(7)
-    for k in range(2):
-        near[k] = _clipped(twist[k], wanted[k] - room[k], wanted[k] + room[k])
+def anchor(
+    twist: Array, rates: Array, wanted: Array, dq: Array, room_v: float, room_w: float, follow: float, near: Array,
+    held: Array,
+) -> None:  # fmt: skip
+    """Fill in the base twist (2,) within ``room`` of the wanted one, and arm rates (7,) near dq and in the limits.
+
+    ``follow`` [s] of the largest acceleration may lie between the rates and dq.
+    """
+    near[0] = _clipped(twist[0], wanted[0] - room_v, wanted[0] + room_v)
+    near[1] = _clipped(twist[1], wanted[1] - room_w, wanted[1] + room_w)
     for k in range(7):
-        held[k] = _clipped(_clipped(rates[k], dq[k] - follow[k], dq[k] + follow[k]), -DQ_MAX[k], DQ_MAX[k])
-    return near, held
+        room = DDQ_MAX[k] * follow
+        held[k] = _clipped(_clipped(rates[k], dq[k] - room, dq[k] + room), -DQ_MAX[k], DQ_MAX[k])
 
 
 @njit(cache=True)

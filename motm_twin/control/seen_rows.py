@@ -8,43 +8,45 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from motm_twin.control.arm_view import View
-from motm_twin.control.furniture import HAND_BODY, Balls, IntArray, damper_rows
-from motm_twin.control.parameters import AvoidanceParameters
-from motm_twin.control.types import ArmObstacles
+from motm_twin.control.furniture import HAND_BODY, IntArray, damper_rows
+from motm_twin.control.parameters import Numbers
 from motm_twin.model.geometry import Array
 
 _REACH = 1.2  # [m] from the mount: no part of the arm is further out
 _HALF_CELL = 0.025  # [m] a seen point is the centre of a map cell
 
 
+@njit(cache=True)
 def seen_rows(
-    view: View, balls: Balls, placed: tuple[Array, Array], obstacles: ArmObstacles, mount: Array, p: AvoidanceParameters
-) -> tuple[Array, Array, IntArray]:
-    """Rows over (v, w, arm), shape (k, 9), their bounds [m/s], shape (k,), and the body of each; ``mount`` in the base.
+    T: Array, frame: IntArray, centre: Array, ball_radius: Array, body: IntArray,
+    points: Array, static: NDArray[np.bool_], standing: bool, mount: Array, pose: Array, base_mount: Array,
+    avoidance: Numbers,
+) -> tuple[Array, Array, IntArray]:  # fmt: skip
+    """Rows over (v, w, arm), shape (k, 9), their bounds [m/s], shape (k,), and the body of each.
 
-    A static obstacle is not approached further; a moving one is retreated from.
+    Of the static points, if ``standing``, which are not approached further, or of the moving ones, which are retreated
+    from. ``mount`` is in the odometry frame, ``base_mount`` in the base.
     """
-    near = np.hypot(obstacles.points[:, 0] - view.mount[0], obstacles.points[:, 1] - view.mount[1]) < _REACH
-    parts = []
-    for static in (False, True):
-        points = obstacles.points[near & (obstacles.static == static)]
-        if len(points) == 0:
-            continue
-        d_s, d_i = (p.static_link_d_s, p.static_link_d_i) if static else (p.link_d_s, p.link_d_i)
-        centre, radius = placed
-        distance, normal, ball = seen_distances(
-            view.T, balls.frame, centre, radius, balls.body, HAND_BODY, d_i, points, view.mount, float(view.pose[2])
-        )
-        rows, limits, which = damper_rows(
-            view.T, balls.frame, centre, distance, normal, ball, np.full(HAND_BODY, d_s), np.full(HAND_BODY, d_i),
-            p.xi, 0.0, view.pose, mount, HAND_BODY,
-        )  # fmt: skip
-        parts.append((rows, np.maximum(limits, 0.0) if static else limits, which))
-    if not parts:
-        return np.zeros((0, 9)), np.zeros(0), np.zeros(0, dtype=np.int64)
-    rows, limits, which = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    a = avoidance[0]
+    d_s, d_i = (a.static_link_d_s, a.static_link_d_i) if standing else (a.link_d_s, a.link_d_i)
+    near = np.empty(points.shape)
+    count = 0
+    for k in range(points.shape[0]):
+        if static[k] == standing and math.hypot(points[k, 0] - mount[0], points[k, 1] - mount[1]) < _REACH:
+            near[count] = points[k]
+            count += 1
+    distance, normal, ball = seen_distances(
+        T, frame, centre, ball_radius, body, HAND_BODY, d_i, near[:count], mount, pose[2]
+    )
+    rows, limits, which = damper_rows(
+        T, frame, centre, distance, normal, ball, np.full(HAND_BODY, d_s), np.full(HAND_BODY, d_i), a.xi, 0.0, pose,
+        base_mount,
+    )  # fmt: skip
+    if standing:
+        for k in range(len(limits)):
+            limits[k] = max(limits[k], 0.0)
     return rows, limits, which
 
 

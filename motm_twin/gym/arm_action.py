@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm_avoidance import no_limits
 from motm_twin.control.arm_phases import enter
 from motm_twin.control.arm_view import ManipulatorState, View, look
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp_rows import base_bounds, joint_bounds, lag_factor
 from motm_twin.control.types import ArmInputs, ArmStep
-from motm_twin.model.geometry import Array, to_frame
+from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.known import KnownWorld
 
 STATUS = "commanded from outside"
@@ -57,12 +56,11 @@ class ArmAction(Manipulator):
         return self._report(
             view,
             inputs,
-            twist=state.twist,
-            rates=state.rates,
+            twist=frozen(state.twist),
+            rates=frozen(state.rates),
             reference=None,
-            slack=np.zeros(6),
+            slack=frozen(np.zeros(6)),
             active=tuple(f"joint {k + 1}" for k in at_limit),
-            lidar=no_limits(),
             status=STATUS,
             outcome=outcome,
             reason=f"the arm is {STATUS}",

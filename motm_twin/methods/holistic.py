@@ -19,10 +19,11 @@ import numpy as np
 from motm_twin.control.arm_motion import Motion
 from motm_twin.control.arm_reference import rotation_error, tilt_for, tool_rotation
 from motm_twin.control.arm_view import View
-from motm_twin.control.manipulation import Manipulator, Rows
+from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp import Program
 from motm_twin.control.qp_rows import ARM, BASE, SLACK
+from motm_twin.control.speed_limits import Rows
 from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.methods.method import ArmParts, Method, PlannerParts
 from motm_twin.methods.motm2022 import TangentController, TangentParameters, TangentPlacement

@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm_avoidance import no_limits
 from motm_twin.control.arm_view import ManipulatorState, look
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.qp_rows import lag_factor
@@ -186,12 +185,11 @@ class OpenLoopArm(Manipulator):
         return self._report(
             view,
             inputs,
-            twist=inputs.base_twist,
-            rates=rates,
+            twist=frozen(inputs.base_twist),
+            rates=frozen(rates),
             reference=None,
-            slack=np.zeros(6),
+            slack=frozen(np.zeros(6)),
             active=(),
-            lidar=no_limits(),
             status="open loop",
             outcome=outcome,
             reason=state.script.refused or (_over(plan) if over else ""),

@@ -1,9 +1,9 @@
 """The robot as the control loop sees it: a Plant with three verbs, what it reports, and what it is told."""
 
+import math
 from typing import Protocol
 
 import msgspec
-import numpy as np
 
 from motm_twin.model.geometry import Array
 
@@ -59,7 +59,7 @@ class Actuation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def __post_init__(self) -> None:
         if self.twist.shape != (2,) or self.joint_velocity.shape != (7,):
             raise ValueError(f"actuation shapes {self.twist.shape}, {self.joint_velocity.shape}: need (2,) and (7,)")
-        if not (np.isfinite(self.twist).all() and np.isfinite(self.joint_velocity).all()):
+        if not math.isfinite(sum(self.twist.tolist()) + sum(self.joint_velocity.tolist())):
             raise ValueError("actuation is not finite: send a damped stop instead")
         if self.gripper not in ("open", "close"):
             raise ValueError(f"gripper command {self.gripper!r}: use 'open' or 'close'")

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.control.arm_avoidance import damper_line, lidar_limits, nearest_distance, static_d_s
-from motm_twin.control.parameters import AvoidanceParameters
-from motm_twin.control.types import ArmObstacles
+from motm_twin.control import arm_avoidance
+from motm_twin.control.arm_avoidance import LidarLimits, damper_line, nearest_distance, static_d_s
+from motm_twin.control.parameters import AvoidanceParameters, numbers
 
 PARAMETERS = AvoidanceParameters()
 NO_TARGETS = np.zeros((0, 2))
@@ -15,7 +15,11 @@ NO_TARGETS = np.zeros((0, 2))
 
 def obstacles(points, static):
     points = np.array(points, dtype=float).reshape(-1, 2)
-    return ArmObstacles(points=points, static=np.full(len(points), static))
+    return points, np.full(len(points), static)
+
+
+def lidar_limits(gripper, obstacles, targets, parameters) -> LidarLimits:
+    return arm_avoidance.lidar_limits(gripper, *obstacles, targets, numbers(parameters))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +69,7 @@ def test_obstacles_on_both_sides_limit_both_directions():
 def test_what_is_beyond_d_i_limits_nothing_but_is_reported():
     far = obstacles([(0.7, 0.0)], True)
     assert len(lidar_limits(np.zeros(3), far, NO_TARGETS, PARAMETERS).distance) == 0
-    assert nearest_distance(np.zeros(3), far) == pytest.approx(0.7)
+    assert nearest_distance(np.zeros(3), far[0]) == pytest.approx(0.7)
 
 
 def test_for_what_moves_the_line_goes_on_beyond_d_i_so_that_nothing_crosses_it_too_fast():

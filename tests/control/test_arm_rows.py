@@ -119,7 +119,7 @@ def test_bounds_of_solids_contain_them():
 
 def test_balls_cover_the_axis_of_every_capsule_from_the_elbow_to_the_hand():
     balls = arm_balls()
-    centre, radius = placed(balls, 0.08, 0.04)
+    centre, radius = placed(balls.centre, balls.radius, 0.08, 0.04)
     T = fk_arm(READY)
     points = np.array([T[f, :3, :3] @ c + T[f, :3, 3] for f, c in zip(balls.frame, centre, strict=True)])
     for i, segment in enumerate(capsule_segments(T)):

@@ -16,7 +16,7 @@ BALLS = arm_balls()
 
 
 def distances(points, heading=0.0, reach=0.35, q=READY):
-    centre, radius = placed(BALLS, 0.08, 0.0)
+    centre, radius = placed(BALLS.centre, BALLS.radius, 0.08, 0.0)
     frames = fk_arm(np.asarray(q, dtype=float))
     return seen_distances(
         frames, BALLS.frame, centre, radius, BALLS.body, HAND_BODY, reach, np.array(points), MOUNT, heading
@@ -26,7 +26,7 @@ def distances(points, heading=0.0, reach=0.35, q=READY):
 def test_a_point_beside_the_elbow_is_measured_from_its_surface():
     distance, normal, ball = distances([[0.15, 0.30]])
     elbow = BODIES.index("elbow")
-    centre, radius = placed(BALLS, 0.08, 0.0)
+    centre, radius = placed(BALLS.centre, BALLS.radius, 0.08, 0.0)
     frame = fk_arm(np.asarray(READY, dtype=float))[BALLS.frame[ball[elbow, 0]]]
     here = MOUNT + (frame @ np.append(centre[ball[elbow, 0]], 1.0))[:3]
     expected = math.hypot(here[0] - 0.15, here[1] - 0.30) - radius[ball[elbow, 0]] - 0.025
