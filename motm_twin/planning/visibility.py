@@ -151,9 +151,15 @@ def _see_each_other(vertex: Array, walls: Rings, free: NDArray[np.bool_]) -> Non
                 free[u, v] = free[v, u] = True
 
 
+def _neighbours(ring: Array) -> tuple[Array, Array]:
+    """The point before and the one after each of a ring, shape (n, 2) each."""
+    return np.concatenate((ring[-1:], ring[:-1])), np.concatenate((ring[1:], ring[:1]))
+
+
 def _corners(ring: Array) -> tuple[Array, IntArray]:
     """The ring shrunk by SHRINK, and the indices of its convex corners."""
-    come, go = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
+    before, after = _neighbours(ring)
+    come, go = ring - before, after - ring
     come /= np.hypot(come[:, 0], come[:, 1])[:, None]
     go /= np.hypot(go[:, 0], go[:, 1])[:, None]
     inward = np.column_stack((-(come[:, 1] + go[:, 1]), come[:, 0] + go[:, 0]))
@@ -177,10 +183,10 @@ def _box(ring: Array) -> tuple[float, ...]:
 
 def _oriented(coordinates: Array, *, counter_clockwise: bool) -> Array:
     ring = np.ascontiguousarray(coordinates[:-1])
-    x, y = ring[:, 0], ring[:, 1]
-    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    _, after = _neighbours(ring)
+    area = float(np.sum(ring[:, 0] * after[:, 1] - after[:, 0] * ring[:, 1]))
     ring = ring if (area > 0.0) == counter_clockwise else ring[::-1].copy()
-    keep = np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > 1e-6
+    keep = np.hypot(*(ring - _neighbours(ring)[0]).T) > 1e-6
     return np.ascontiguousarray(ring[keep])
 
 
