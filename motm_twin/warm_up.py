@@ -12,6 +12,7 @@ import numpy as np
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
+from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.known import known_world
 from motm_twin.model.plant import Observation, Scan
@@ -25,6 +26,7 @@ from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
 PERIODS = 10  # of Experiment 1: the first one needs nearly every kernel that is left
+METHODS = ("motm", "fast", "irm")  # that have all kernels of methods between them
 
 
 def is_warm() -> bool:
@@ -109,9 +111,10 @@ def _arm_inputs(observation: Observation) -> ArmInputs:
 def main() -> None:
     """Compile everything, by running the twin."""
     compile_kernels()
-    twin = Twin(load_scene("exp1"))
-    for _ in range(PERIODS):
-        twin.advance()
+    for name in METHODS:
+        twin = Twin(load_scene("exp1"), method=find_method(name))
+        for _ in range(PERIODS):
+            twin.advance()
 
 
 if __name__ == "__main__":

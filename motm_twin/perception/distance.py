@@ -84,22 +84,32 @@ def proximity_cost(distance: NDArray[np.float32], width: float, blur: int) -> ND
 
     ``width`` [m]: cost falls from 1 at an obstacle to 0 there; ``blur``: whole cells each way. Shape (rows, columns).
     """
-    rows, columns = distance.shape
-    size = 2 * blur + 1
-    padded = np.empty((rows + 2 * blur, columns + 2 * blur), np.float32)
-    inner = padded[blur : blur + rows, blur : blur + columns]
-    np.multiply(distance, np.float32(-1.0 / width), out=inner)
-    inner += np.float32(1.0)
-    np.maximum(inner, np.float32(0.0), out=inner)
-    for k in range(blur):  # the border continues outwards
-        padded[k], padded[-1 - k] = padded[blur], padded[-1 - blur]
-    for k in range(blur):
-        padded[:, k], padded[:, -1 - k] = padded[:, blur], padded[:, -1 - blur]
-    along = padded[:rows].copy()
-    for k in range(1, size):
-        along += padded[k : k + rows]
-    cost = along[:, :columns].copy()
-    for k in range(1, size):
-        cost += along[:, k : k + columns]
-    cost *= np.float32(1.0 / size**2)
+    cost = np.empty_like(distance)
+    _blurred(distance, np.float32(-1.0 / width), blur, np.float32(1.0 / (2 * blur + 1) ** 2), cost)
     return cost
+
+
+@njit(cache=True)
+def _blurred(distance, slope, blur, share, cost):
+    """Fill ``cost``: sums along columns, then along rows, of ``clip(1 + slope distance, 0, 1)``, times ``share``."""
+    rows, columns = distance.shape
+    one, zero = np.float32(1.0), np.float32(0.0)
+    along = np.empty(columns + 2 * blur, np.float32)
+    near = np.empty((rows, columns), np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            near[row, column] = max(distance[row, column] * slope + one, zero)
+    inner = along[blur : blur + columns]
+    for row in range(rows):
+        inner[:] = near[max(0, row - blur)]
+        for k in range(1 - blur, blur + 1):  # the border continues outwards
+            other = near[min(rows - 1, max(0, row + k))]
+            for column in range(columns):
+                inner[column] += other[column]
+        for k in range(blur):
+            along[k], along[columns + 2 * blur - 1 - k] = inner[0], inner[columns - 1]
+        for column in range(columns):
+            total = along[column]
+            for k in range(1, 2 * blur + 1):
+                total += along[column + k]
+            cost[row, column] = total * share

@@ -172,6 +172,7 @@ class Mapper(Stateful[MapperState]):
             self._frame,
             (settings.explained_margin, settings.explained_per_range),
         )
+        occupied = occupied_cells(evidence.level, (self._state.cells, self.base.grid.cell_of(ends[hit])))
         clear_rays(
             evidence.level,
             hit_now,
@@ -179,6 +180,7 @@ class Mapper(Stateful[MapperState]):
             evidence.last_hit,
             evidence.near_since,
             evidence.near_hit,
+            occupied,
             scan.origin,
             ends,
             struck,
@@ -194,7 +196,7 @@ class Mapper(Stateful[MapperState]):
             self._frame,
         )
         return settle(
-            occupied_cells(evidence.level, (self._state.cells, self.base.grid.cell_of(ends[hit]))),
+            occupied,
             evidence.level,
             evidence.last_hit,
             evidence.near_since,

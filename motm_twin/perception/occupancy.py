@@ -18,6 +18,7 @@ GRACE_MS = 300  # a break shorter than this is noise at a cell border
 HIDDEN_MS = 1000  # what hides behind a newer hit this long and is not static has come closer, or was noise
 SHADOW = 0.6  # [m] depth behind a hit in which that is so: a little more than an agent
 NEVER = -(2**30)  # time stamp of what has not happened [ms]
+SECTORS = 256  # of the view round the sensor, in which beams are asked how far there is evidence
 
 
 @dataclass
@@ -60,14 +61,34 @@ def mark_hits(level, last_hit, hit_now, visible_distance, inside, ends, ranges, 
 
 
 @njit(cache=True)
-def clear_rays(level, hit_now, passed_now, last_hit, near_since, near_hit, sensor, ends, struck, now_ms, frame):
+def _evidence_in_sectors(occupied, columns, x0, y0):
+    """How far [cells] there is evidence in each sector round (x0, y0) [cells], 0 where there is none; (SECTORS,)."""
+    far = np.zeros(SECTORS)
+    per_radian = SECTORS / (2.0 * math.pi)
+    for i in range(occupied.shape[0]):
+        dx, dy = occupied[i] % columns + 0.5 - x0, occupied[i] // columns + 0.5 - y0
+        distance = math.sqrt(dx * dx + dy * dy)
+        half = 1.0 / distance if distance > 2.0 else math.pi  # [rad] seen of a cell: at most asin(0.71 / distance)
+        middle = math.atan2(dy, dx)
+        first, last = math.floor((middle - half) * per_radian), math.floor((middle + half) * per_radian)
+        for k in range(first, min(last, first + SECTORS - 1) + 1):
+            far[k % SECTORS] = max(far[k % SECTORS], distance + 2.0)
+    return far
+
+
+@njit(cache=True)
+def clear_rays(
+    level, hit_now, passed_now, last_hit, near_since, near_hit, occupied, sensor, ends, struck, now_ms, frame
+):
     """Take evidence away, once per scan, from every cell that a beam passed through before its end.
 
     Behind the end of a beam that ``struck`` something [m range, < 0: nothing], up to SHADOW, what is not static and was
     not hit for HIDDEN_MS is forgotten: an agent that drives towards the robot hides the cells it was seen in before.
+    ``occupied``: flat indices of cells with evidence; no beam is followed beyond the last of them in its direction.
     """
     rows, columns = level.shape
     x0, y0 = (sensor[0] - frame[0]) / frame[2], (sensor[1] - frame[1]) / frame[2]
+    far = _evidence_in_sectors(occupied, columns, x0, y0)
     for beam in range(ends.shape[0]):
         if math.isnan(ends[beam, 0]):
             continue
@@ -79,6 +100,8 @@ def clear_rays(level, hit_now, passed_now, last_hit, near_since, near_hit, senso
         next_x = ((column + 1 - x0) if dx > 0.0 else (x0 - column)) * per_x if dx != 0.0 else math.inf
         next_y = ((row + 1 - y0) if dy > 0.0 else (y0 - row)) * per_y if dy != 0.0 else math.inf
         last = 1.0 + SHADOW / struck[beam] if struck[beam] > 0.0 else 1.0
+        reach = far[math.floor(math.atan2(dy, dx) * (SECTORS / (2.0 * math.pi))) % SECTORS]
+        last = min(last, reach / max(1e-9, math.sqrt(dx * dx + dy * dy)))
         entered = 0.0  # where the beam entered this cell, as a share of its length
         while entered < last:
             leaves = min(next_x, next_y)
@@ -103,14 +126,16 @@ def clear_rays(level, hit_now, passed_now, last_hit, near_since, near_hit, senso
 def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, forget_ms):
     """Forget what was not confirmed, keep count of how long cells are occupied, and list the occupied cells.
 
-    ``occupied``: flat indices of cells with evidence, ascending. Returns (cells, static): row and column of those that
-    remain, in the same order, shape (m, 2), and whether each is static, shape (m,).
+    ``occupied``: flat indices, ascending, of all cells with evidence and perhaps others. Returns (cells, static): row
+    and column of those that remain, in the same order, shape (m, 2), and whether each is static, shape (m,).
     """
     rows, columns = level.shape
     cells = np.empty((occupied.shape[0], 2), np.int32)
     count = 0
     for i in range(occupied.shape[0]):
         row, column = occupied[i] // columns, occupied[i] % columns
+        if level[row, column] == 0:
+            continue
         lasting = near_hit[row, column] - near_since[row, column] >= STATIC_MS
         if not lasting and now_ms - last_hit[row, column] > forget_ms:
             level[row, column] = 0

@@ -13,6 +13,10 @@ from motm_twin.planning.kernel import kernel
 
 # How fast the interpolated distance of a field can change along a line, and what rounding adds to it [m].
 SLOPE, ROUNDING = 1.4143, 1e-4
+# [m] Between points that are d apart it changes by sqrt(d^2 + cell^2) at most: the mean distance of two points, each
+# drawn from the corners of its cell with the weights of the interpolation, is not more. Cells up to this size.
+COARSEST = 0.1
+BORDER = 0.1  # [m] this near to the border of the map, where the distance jumps, nothing is taken from that
 
 
 class Field(NamedTuple):
@@ -25,17 +29,23 @@ class Field(NamedTuple):
 
 
 class Body(NamedTuple):
-    """Footprint: covering circles (m, 3) x, y, radius in the base frame; corners (4, 2); centre; radii [m]."""
+    """Footprint: covering circles (m, 4) x, y, radius in the base frame and reach; corners (4, 2); centre; radii [m].
+
+    A circle has at least the clearance of the centre's distance less its reach.
+    """
 
     circle: Array
     corner: Array
     centre_x: float
     outer: float  # circumscribed
     inner: float  # inscribed
+    slack: float  # by which the largest reach is more than `outer`
 
 
 def field_of(world: WorldMap) -> Field:
     """The map's distance field with the border of the map as an obstacle, as a copy that is not read-only."""
+    if world.resolution > COARSEST:
+        raise ValueError(f"a map with cells of {world.resolution} m: planning needs {COARSEST} m or less")
     rows, columns = world.distance.shape
     across = (np.minimum(np.arange(columns), np.arange(columns)[::-1]) + 0.5) * world.resolution
     along = (np.minimum(np.arange(rows), np.arange(rows)[::-1]) + 0.5) * world.resolution
@@ -57,10 +67,13 @@ def body_of(footprint: Footprint) -> Body:
     table = np.array(sorted(circles))
     if upright:
         table[:, [0, 1]] = table[:, [1, 0]]
+    reach = np.sqrt(table[:, 0] ** 2 + table[:, 1] ** 2 + COARSEST**2) + table[:, 2] + ROUNDING
+    table = np.column_stack((table, reach))[np.argsort(-reach, kind="stable")]
     table[:, 0] += footprint.offset_x
     corner = np.array([(x, y) for x in (-1, 1) for y in (-1, 1)]) * (footprint.length / 2, footprint.width / 2)
     corner[:, 0] += footprint.offset_x
-    return Body(table, corner, footprint.offset_x, math.hypot(half_l, half_w), half_w)
+    outer = math.hypot(half_l, half_w)
+    return Body(table, corner, footprint.offset_x, outer, half_w, float(reach.max()) - outer)
 
 
 @kernel
@@ -89,7 +102,10 @@ def clearance(px: float, py: float, heading: float, enough: float, field: Field,
 def clearance_from(
     px: float, py: float, c: float, s: float, enough: float, too_little: float, field: Field, body: Body
 ) -> float:
-    """`clearance` for a heading whose cosine c and sine s are known; any number below `too_little` once it is."""
+    """`clearance` for a heading whose cosine c and sine s are known; any number below `too_little` once it is.
+
+    A circle that cannot be nearer than the nearest so far is not looked at.
+    """
     middle = distance_at(px + c * body.centre_x, py + s * body.centre_x, field)
     if middle - body.outer >= enough:
         return enough
@@ -97,6 +113,8 @@ def clearance_from(
     for i in range(body.circle.shape[0]):
         if least < too_little:
             return least
+        if middle - body.circle[i, 3] >= max(least, BORDER):
+            continue
         x, y, r = body.circle[i, 0], body.circle[i, 1], body.circle[i, 2]
         least = min(least, distance_at(px + c * x - s * y, py + s * x + c * y, field) - r)
     return least

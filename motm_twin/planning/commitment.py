@@ -17,7 +17,7 @@ import numpy as np
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.state import Stateful
 from motm_twin.planning.braking import stopping_clearance
-from motm_twin.planning.collision import Body, Field, clearance, field_of
+from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.kernel import kernel
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
@@ -90,7 +90,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
             Bounds(limits.forward_speed, limits.reverse_speed, limits.yaw_rate, limits.linear_acceleration,
                    limits.yaw_acceleration, self._p.margin, self._p.margin_floor,
                    self._p.brake_depth * self._p.node_duration),
-            field_of(problem.world), self._body, job,
+            self._graphs.field(problem.world), self._body, job,
         )  # fmt: skip
         if not done if kept.arrives else not free:
             return None

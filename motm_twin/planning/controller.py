@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.model.geometry import Array, drive, frozen
+from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
@@ -15,7 +15,7 @@ from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.reach import Job, ReachModel, first_in_reach, in_reach
+from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
 from motm_twin.planning.visibility import Graph
@@ -311,13 +311,9 @@ class StaaController:
     def _time_to_range(self, poses: Array, job: Job, graph: Graph, goal: LocalGoal) -> float:
         """When the target comes into reach: in the local plan, else on the path that follows it [s]."""
         dt = self._p.node_duration
-        for i, pose in enumerate(poses):
-            if in_reach(*pose, job):
-                return i * dt
-            if i + 1 < len(poses):
-                middle = drive(pose[:3], 0.5 * (pose[3] + poses[i + 1, 3]), 0.5 * (pose[4] + poses[i + 1, 4]), dt / 2)
-                if in_reach(middle[0], middle[1], middle[2], pose[3], pose[4], job):
-                    return (i + 0.5) * dt
+        reached = first_node_in_reach(poses, dt, job)
+        if reached < math.inf:
+            return reached * dt
         start = (len(poses) - 1) * dt
         path, in_reverse = path_to_goal(graph, goal.table, poses[-1, :3])
         if not goal.is_goal:

@@ -16,6 +16,7 @@ from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import Field, field_of
 from motm_twin.planning.cost_to_go import Rates, Table, make_table, trace
+from motm_twin.planning.kernel import kernel
 from motm_twin.planning.least_cost import Sights, costs_from, sights_of
 from motm_twin.planning.visibility import Graph, build_graph
 
@@ -84,13 +85,31 @@ def goal_table(graph: Graph, poses: Array, rates: Rates, offsets: Array | None =
 
     Poses with equal positions must follow each other.
     """
-    poses = np.ascontiguousarray(np.atleast_2d(poses), dtype=np.float64)
-    offset = np.zeros(len(poses)) if offsets is None else np.ascontiguousarray(offsets, dtype=np.float64)
-    first = np.ones(len(poses), dtype=bool)
-    first[1:] = (poses[1:, :2] != poses[:-1, :2]).any(axis=1)
-    start = np.append(np.flatnonzero(first), len(poses)).astype(np.int32)
-    goal = np.column_stack((poses[:, 2], offset))
-    return make_table(graph, np.ascontiguousarray(poses[first, :2]), start, goal, rates)
+    poses = np.ascontiguousarray(poses, dtype=np.float64).reshape(-1, 3)
+    goal = np.zeros((len(poses), 2))
+    goal[:, 0] = poses[:, 2]
+    if offsets is not None:
+        goal[:, 1] = offsets
+    place, start = grouped(poses)
+    return make_table(graph, place, start, goal, rates)
+
+
+def grouped(poses: Array) -> tuple[Array, NDArray[np.int32]]:
+    """Places (p, 2) of poses (m, 3), equal ones following each other, and the first pose of each, then m: (p + 1,)."""
+    place, start = np.empty((len(poses), 2)), np.empty(len(poses) + 1, np.int32)
+    count = _group(poses, place, start)
+    return place[:count], start[: count + 1]
+
+
+@kernel
+def _group(poses: Array, place: Array, start: NDArray[np.int32]) -> int:
+    count = 0
+    for i in range(poses.shape[0]):
+        if count == 0 or poses[i, 0] != poses[i - 1, 0] or poses[i, 1] != poses[i - 1, 1]:
+            place[count, 0], place[count, 1], start[count] = poses[i, 0], poses[i, 1], i
+            count += 1
+    start[count] = poses.shape[0]
+    return count
 
 
 def robot_table(graph: Graph, pose: Array, rates: Rates) -> Table:

@@ -5,26 +5,26 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
-from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.collision import Body, Field, body_of, clearances
+from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import (
     GraphCache,
+    Poses,
     costs_on,
     costs_to,
+    grouped,
     path_to_goal,
     poses_at,
     rates_of,
     robot_table,
 )
-from motm_twin.planning.kernel import kernel
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
+from motm_twin.planning.rejections import Here, rejections
 from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
 from motm_twin.planning.visibility import Graph
@@ -56,15 +56,6 @@ class Candidates(NamedTuple):
         return np.array([not why for why in self.rejected], dtype=bool)
 
 
-class Here(NamedTuple):
-    """One period's map, ready for tests."""
-
-    world: WorldMap
-    field: Field
-    body: Body
-    graph: Graph
-
-
 class Searched(NamedTuple):
     """What the costs of the last period were read from."""
 
@@ -86,7 +77,11 @@ class NextTargetPlacement(Stateful[PlacementState]):
         self._graphs = graphs or GraphCache()
         self._rates = rates_of(profile.base)
         self._state = PlacementState()
+        p = parameters.placement
+        steps = max(1, round((p.radius_max - p.radius_min) / p.radius_step))
+        self._radii = np.linspace(p.radius_min, p.radius_max, steps + 1)
         self._kept: tuple[Graph, Field, tuple[object, ...], Array | None] | None = None  # of `_next_poses`
+        self._served: tuple[Graph, Array, Poses] | None = None  # the poses of the next target, and what they see
         self._last: Searched | None = None  # only to explain the last period: no decision reads it
 
     def place(self, problem: BaseProblem) -> Placement:
@@ -167,11 +162,10 @@ class NextTargetPlacement(Stateful[PlacementState]):
 
     def _rings(self, target: Target, here: Here):
         p = self._parameters.placement
-        steps = max(1, round((p.radius_max - p.radius_min) / p.radius_step))
-        for radius in np.linspace(p.radius_min, p.radius_max, steps + 1):
+        for radius in self._radii:
             pose, place, place_of = ring(target.position, radius, p.positions)
             reached = self._reach.reached_from(pose, target)
-            rejected = self._rejections(pose, here)
+            rejected = rejections(pose, p.clearance, here)
             rejected = [why or ("" if ok else "arm cannot reach") for why, ok in zip(rejected, reached, strict=True)]
             candidates = Candidates("ring", float(radius), pose, place, place_of, rejected)
             if candidates.viable().any() or radius == p.radius_max:
@@ -205,24 +199,16 @@ class NextTargetPlacement(Stateful[PlacementState]):
                 yield Candidates("closest", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
 
     def _drive(self, target: Target, here: Here) -> Candidates:
-        count = self._parameters.placement.drive_headings if target.heading is None else 1
+        p = self._parameters.placement
+        count = p.drive_headings if target.heading is None else 1
         pose = np.empty((count, 3))
         pose[:, :2] = target.position[:2]
         pose[:, 2] = 0.0 if target.heading is None else target.heading
         pose[:, 2] += np.arange(count) * (2.0 * math.pi / count)
         pose[:, 2] = np.arctan2(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
-        return Candidates("drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), self._rejections(pose, here))
-
-    def _rejections(self, pose: Array, here: Here) -> list[str]:
-        """Why the footprint does not fit at each pose; "" where it does."""
-        wanted = self._parameters.placement.clearance
-        free = clearances(pose, wanted, here.field, here.body) >= wanted
-        if free.all():
-            return [""] * len(pose)
-        seen = _near_seen(pose, here)
-        outside = _beyond_border(pose, wanted, here)
-        why = np.where(seen, "collision with a seen obstacle", "collision with mapped furniture")
-        return np.where(free, "", np.where(outside, "outside the map", why)).tolist()
+        return Candidates(
+            "drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejections(pose, p.clearance, here)
+        )
 
     def _costs(
         self, candidates: Candidates, graph: Graph, from_robot: Table, to_next: Table | None
@@ -233,8 +219,11 @@ class NextTargetPlacement(Stateful[PlacementState]):
         viable = candidates.viable()
         if not viable.any():
             return current, onward
-        used, place_of = np.unique(candidates.place_of[viable], return_inverse=True)
-        poses = poses_at(graph, candidates.pose[viable], candidates.place[used], place_of.astype(np.int32))
+        place_of = candidates.place_of[viable]
+        used = np.zeros(len(candidates.place), dtype=bool)
+        used[place_of] = True
+        number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+        poses = poses_at(graph, candidates.pose[viable], candidates.place[used], number[place_of])
         current[viable] = costs_to(graph, from_robot, poses)
         onward[viable] = costs_on(graph, to_next, poses) if to_next is not None else 0.0
         blocked = viable & ~np.isfinite(current)
@@ -272,9 +261,13 @@ class NextTargetPlacement(Stateful[PlacementState]):
     def _best_next(self, goal: Array, next_poses: Array, graph: Graph) -> Array:
         """The poses of the next target that are cheapest from the goal, cheapest first, shape (k, 3)."""
         reverse = self._graphs.table(graph, np.array([[goal[0], goal[1], goal[2] + math.pi]]), self._rates)
-        asked = np.where(np.isnan(next_poses), 0.0, next_poses)
-        place, place_of = np.unique(asked[:, :2], axis=0, return_inverse=True)
-        cost = costs_to(graph, reverse, poses_at(graph, asked, place, place_of.reshape(-1).astype(np.int32)))
+        served = self._served
+        if served is None or served[0] is not graph or served[1] is not next_poses:
+            place, first = grouped(next_poses)
+            place_of = np.repeat(np.arange(len(place), dtype=np.int32), np.diff(first))
+            asked = np.where(np.isnan(next_poses), 0.0, next_poses)
+            served = self._served = (graph, next_poses, poses_at(graph, asked, place, place_of))
+        cost = costs_to(graph, reverse, served[2])
         order = np.argsort(cost, kind="stable")[: self._parameters.placement.next_goals]
         return next_poses[order]
 
@@ -343,46 +336,6 @@ def _outside(target: Target, here: Here) -> str:
         return ""
     where = "" if target.kind == "drive" else f" at ({x:.2f}, {y:.2f})"  # the name of a drive is its point
     return f"{target.name}{where} is outside the map, x {x_min:.2f} to {x_max:.2f} m, y {y_min:.2f} to {y_max:.2f} m"
-
-
-def _beyond_border(pose: Array, margin: float, here: Here) -> Array:
-    """Whether the footprint with a margin [m] reaches over the border of the map, shape (m,) of bool."""
-    c, s = np.cos(pose[:, 2])[:, None], np.sin(pose[:, 2])[:, None]
-    corner = here.body.corner
-    points = np.stack((c * corner[:, 0] - s * corner[:, 1], s * corner[:, 0] + c * corner[:, 1]), axis=-1)
-    points += pose[:, None, :2]
-    low = np.array([here.field.x, here.field.y]) + margin
-    high = low - 2.0 * margin + np.array(here.world.distance.shape[::-1]) * here.world.resolution
-    return ((points < low) | (points > high)).any(axis=(1, 2))
-
-
-def _near_seen(pose: Array, here: Here) -> Array:
-    """Whether an obstacle seen outside the map is at the footprint of each pose, shape (m,) of bool."""
-    points = here.world.seen_points
-    result = np.zeros(len(pose), dtype=bool)
-    if not len(points):
-        return result
-    reach = here.body.outer + 0.1
-    low, high = pose[:, :2].min(axis=0) - reach, pose[:, :2].max(axis=0) + reach
-    near = points[((points >= low) & (points <= high)).all(axis=1)]
-    if not len(near):
-        return result
-    half = here.body.corner.max(axis=0) - (here.body.centre_x, 0.0) + 0.1
-    _any_within(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), near, half, here.body.centre_x, result)
-    return result
-
-
-@kernel
-def _any_within(
-    pose: Array, c: Array, s: Array, points: Array, half: Array, centre_x: float, result: NDArray[np.bool_]
-) -> None:
-    """Whether a point (m, 2) lies in a rectangle of that half size at each pose (n, 3); c, s of the headings."""
-    for i in range(pose.shape[0]):
-        for k in range(points.shape[0]):
-            dx, dy = points[k, 0] - pose[i, 0], points[k, 1] - pose[i, 1]
-            if abs(c[i] * dx + s[i] * dy - centre_x) <= half[0] and abs(-s[i] * dx + c[i] * dy) <= half[1]:
-                result[i] = True
-                break
 
 
 def _nothing_to_do(pose: Array) -> Placement:

@@ -9,7 +9,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.planning.kernel import kernel, length_of
 from motm_twin.planning.parameters import ReachParameters, StaaParameters
-from motm_twin.planning.rtr import turn
+from motm_twin.planning.rtr import TWO_PI, turn
 from motm_twin.planning.types import Target
 
 MANIPULATE, DRIVE = 1, 2
@@ -65,6 +65,42 @@ def first_in_reach(start: Array, step: Array, length: float, heading: float, job
         if in_reach(start[0] + s / length * step[0], start[1] + s / length * step[1], heading, 0.0, 0.0, job):
             return s
     return math.inf
+
+
+@kernel
+def first_node_in_reach(states: Array, dt: float, job: Job) -> float:
+    """The first node (x, y, heading, v, w; shape (n, 5)), or the middle after it, from which the target is in reach.
+
+    Nodes are dt [s] apart, and an arc of constant speeds between them; inf when there is none.
+    """
+    n = states.shape[0]
+    for i in range(n):
+        x, y, heading, v, w = states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4]
+        if in_reach(x, y, heading, v, w, job):
+            return i
+        if i + 1 < n:
+            v_m, w_m = 0.5 * (v + states[i + 1, 3]), 0.5 * (w + states[i + 1, 4])
+            mx, my, facing = _driven(x, y, heading, v_m, w_m, dt / 2)
+            if in_reach(mx, my, facing, v, w, job):
+                return i + 0.5
+    return math.inf
+
+
+@kernel
+def _driven(x: float, y: float, heading: float, v: float, w: float, dt: float) -> tuple[float, float, float]:
+    """`model.geometry.drive` to the bit."""
+    turned = w * dt
+    facing = np.fmod(heading + turned, TWO_PI)
+    if facing > math.pi:
+        facing -= TWO_PI
+    elif facing <= -math.pi:
+        facing += TWO_PI
+    if abs(turned) < 1e-9:
+        return x + v * dt * math.cos(heading), y + v * dt * math.sin(heading), facing
+    radius = v / w
+    x += radius * (math.sin(heading + turned) - math.sin(heading))
+    y -= radius * (math.cos(heading + turned) - math.cos(heading))
+    return x, y, facing
 
 
 class ReachModel:

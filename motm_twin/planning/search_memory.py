@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.planning.bezier import bernstein
 from motm_twin.planning.collision import Body, Field
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.reach import Job
@@ -13,7 +14,7 @@ from motm_twin.planning.visibility import Graph
 
 IntArray = NDArray[np.int32]
 BEZIER_SAMPLES = 8
-SWING = 23  # columns, named in staa.py
+SWING = 25  # columns, named in staa.py
 
 
 class Settings(NamedTuple):
@@ -97,12 +98,15 @@ class Memory(NamedTuple):
     cost: Array  # (n, 4) g, h, time that the job still needs, estimated time until the goal is achieved [s]
     link: IntArray  # (n, 3) parent, action, depth
     passed: NDArray[np.bool_]  # (n,) ends the search
+    cell: NDArray[np.int64]  # (n,) of the closed list
     key: Array
     item: IntArray
     closed: NDArray[np.int64]
     count: NDArray[np.int64]
     scratch: IntArray
     curve: Array
+    weights: Array  # of the curve's control points, (BEZIER_SAMPLES + 1, 4)
+    goal_way: Array  # (2,) cosine and sine of the goal's heading
     swing: Array  # (notches, SWING) what all children of a node with the same yaw rate at their end share
 
 
@@ -115,12 +119,15 @@ def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
         cost=np.zeros((n, 4)),
         link=np.zeros((n, 3), np.int32),
         passed=np.zeros(n, np.bool_),
+        cell=np.zeros(n, np.int64),
         key=np.zeros(n),
         item=np.zeros(n, np.int32),
         closed=np.full(slots, -1, np.int64),
         count=np.zeros(8, np.int64),
         scratch=np.zeros(vertices + 1, np.int32),
         curve=np.zeros((BEZIER_SAMPLES + 1, 2)),
+        weights=bernstein(BEZIER_SAMPLES),
+        goal_way=np.zeros(2),
         swing=np.zeros((notches, SWING)),
     )
 

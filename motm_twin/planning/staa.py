@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.bezier import bezier_points, curve_time
+from motm_twin.planning.bezier import bezier_points, time_below
 from motm_twin.planning.braking import can_stop
-from motm_twin.planning.collision import ROUNDING, SLOPE, Field, clearance, clearance_from, distance_at
+from motm_twin.planning.collision import BORDER, ROUNDING, SLOPE, Field, clearance, clearance_from, distance_at
 from motm_twin.planning.cost_to_go import FAR, Table
 from motm_twin.planning.heap import heap_pop, heap_push
 from motm_twin.planning.kernel import inlined, kernel, length_of
@@ -46,7 +46,18 @@ RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
 NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
 # Columns of a row of `Memory.swing`: at the end, in the middle (MID), direction of the way, cosine (C) and sine (S).
 YAW_RATE, NOTCH, CHORD, WAY_C, WAY_S, FACING, FACING_C, FACING_S = range(8)
-MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY = 8, 9, 10, 11, 12, 13, 18
+MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY, HEADING_BIN, YAW_RATE_BIN = (
+    8,
+    9,
+    10,
+    11,
+    12,
+    13,
+    18,
+    23,
+    24,
+)
+FREE = 0.25  # [m] of clearance at its end: half way it is not looked at
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
 
 
@@ -87,15 +98,18 @@ def cost_at(
     return cost_from(x, y, heading, sx, sy, pushed, seen, world.graph, table)
 
 
-@kernel
-def _bezier_cost(x: float, y: float, heading: float, limit: float, s: Settings, world: World, memory: Memory) -> float:
+@inlined
+def _bezier_cost(
+    x: float, y: float, heading: float, c: float, si: float, limit: float, s: Settings, world: World, memory: Memory
+) -> float:
     """Time [s] of the Bezier curve to the goal when it is free and below `limit`, else FAR."""
     straight = length_of(s.goal_x - x, s.goal_y - y)
     if straight / s.v_f + BEZIER_GAIN >= limit or straight < 1e-3:
         return FAR
     curve = memory.curve
-    bezier_points(x, y, heading, s.goal_x, s.goal_y, s.goal_heading, s.bezier_offset, curve)
-    time = curve_time(curve, heading, s.goal_heading, s.v_f, s.w_max, limit)
+    goal_c, goal_s = memory.goal_way[0], memory.goal_way[1]
+    bezier_points(x, y, c, si, s.goal_x, s.goal_y, goal_c, goal_s, s.bezier_offset, memory.weights, curve)
+    time = time_below(curve, heading, c, si, s.goal_heading, goal_c, goal_s, s.v_f, s.w_max, limit)
     if time >= limit:
         return FAR
     for i in range(1, curve.shape[0] - 1):
@@ -106,10 +120,10 @@ def _bezier_cost(x: float, y: float, heading: float, limit: float, s: Settings, 
 
 @inlined
 def _judge(
-    x: float, y: float, heading: float, reached: bool, done: bool, s: Settings, world: World, cells: CellSights,
-    memory: Memory,
+    x: float, y: float, heading: float, c: float, si: float, reached: bool, done: bool, s: Settings, world: World,
+    cells: CellSights, memory: Memory,
 ) -> tuple[float, float]:  # fmt: skip
-    """Heuristic h and time to the goal t_h [s] of a pose."""
+    """Heuristic h and time to the goal t_h [s] of a pose; c, si: cosine and sine of its heading."""
     onward = FAR
     if reached and s.drive_on:
         onward = 0.0
@@ -120,7 +134,7 @@ def _judge(
     h = cost_at(x, y, heading, world.table, world, cells, memory.scratch)
     if s.bezier and not math.isnan(s.goal_heading):
         after = world.table.goal[0, 1]
-        h = min(h, after + _bezier_cost(x, y, heading, h - after, s, world, memory))
+        h = min(h, after + _bezier_cost(x, y, heading, c, si, h - after, s, world, memory))
     return min(h, onward), 0.0 if reached else max(0.0, h - s.after_goal)
 
 
@@ -133,15 +147,17 @@ def _passes(x: float, y: float, heading: float, s: Settings) -> bool:
     return turn(heading, s.goal_heading) <= s.pass_heading
 
 
+@inlined
+def _cell_of(x: float, y: float, v_bin: int, row: Array, s: Settings) -> int:
+    """The cell of the closed list that a node lies in; row of `swing`."""
+    i, j = int(math.floor(x / s.cell)) + 100_000, int(math.floor(y / s.cell)) + 100_000
+    k, w = int(row[HEADING_BIN]), int(row[YAW_RATE_BIN])
+    return (((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v_bin) * s.yaw_rate_bins + w
+
+
 @kernel
-def _close(state: Array, s: Settings, closed: NDArray[np.int64], add: int) -> bool:
-    """Whether the node's cell is closed already; with `add`, it is from now on."""
-    i, j = int(math.floor(state[0] / s.cell)) + 100_000, int(math.floor(state[1] / s.cell)) + 100_000
-    turns = state[2] / TWO_PI
-    k = min(s.heading_bins - 1, int((turns - math.floor(turns)) * s.heading_bins))
-    v = min(s.speed_bins - 1, max(0, int((state[3] + s.v_r) / (s.v_f + s.v_r) * s.speed_bins)))
-    w = min(s.yaw_rate_bins - 1, max(0, int((state[4] + s.w_max) / (2.0 * s.w_max) * s.yaw_rate_bins)))
-    key = (((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v) * s.yaw_rate_bins + w
+def _close(key: int, closed: NDArray[np.int64], add: int) -> bool:
+    """Whether a cell is closed already; with `add`, it is from now on."""
     slots = closed.shape[0]
     at = (key * 2_654_435_761) & (slots - 1)
     while closed[at] != -1:
@@ -208,6 +224,10 @@ def _swings(node: int, left: float, by_reach: bool, s: Settings, memory: Memory)
         row[FACING_C], row[FACING_S] = math.cos(row[FACING]), math.sin(row[FACING])
         row[MID_WAY_C], row[MID_WAY_S], row[MID] = math.cos(middle), math.sin(middle), m_heading
         row[MID_C], row[MID_S] = math.cos(m_heading), math.sin(m_heading)
+        turns = row[FACING] / TWO_PI
+        row[HEADING_BIN] = min(s.heading_bins - 1, int((turns - math.floor(turns)) * s.heading_bins))
+        yaw_rate_bin = int((w_end + s.w_max) / (2.0 * s.w_max) * s.yaw_rate_bins)
+        row[YAW_RATE_BIN] = min(s.yaw_rate_bins - 1, max(0, yaw_rate_bin))
         if by_reach and left > 0.0:
             _turned(row[HALF_WAY:WHOLE_WAY], heading, w_0, w_end, min(0.5, left / dt), dt)
             _turned(row[WHOLE_WAY:], heading, w_0, w_end, min(1.0, left / dt), dt)
@@ -234,9 +254,15 @@ def _reached_at(x: float, y: float, v_0: float, v_end: float, f: float, dt: floa
 
 
 @inlined
+def _counts(s: Settings) -> float:
+    """Clearance [m] from which on costs do not depend on it."""
+    return max(BORDER, s.margin, s.grid_range if s.grid_weight > 0.0 and not s.grid_map else 0.0)
+
+
+@inlined
 def _child(
-    node: int, v_end: float, row: Array, action: int, allowed: float, root_reached: bool, s: Settings, world: World,
-    cells: CellSights, memory: Memory,
+    node: int, v_end: float, v_bin: int, row: Array, action: int, allowed: float, root_reached: bool, s: Settings,
+    world: World, cells: CellSights, memory: Memory,
 ) -> None:  # fmt: skip
     """Make the child that ends at the given speed and with a row of `swing`, if it is free and new, and queue it."""
     dt, job = s.node_duration, world.job
@@ -252,24 +278,32 @@ def _child(
     pose[3], pose[4] = v_end, w_end
     if length_of(pose[0] - s.region_x, pose[1] - s.region_y) > s.region_radius:
         return
-    if _close(pose, s, memory.closed, 0):
+    memory.cell[n] = _cell_of(pose[0], pose[1], v_bin, row, s)
+    if _close(memory.cell[n], memory.closed, 0):
         return
     depth = memory.link[node, DEPTH] + 1
-    enough = 0.25
+    # Costs count clearance up to `counts`; how much more there is matters only where the way is not free, or short.
+    enough = FREE if depth <= s.brake_depth else min(FREE, _counts(s) + world.body.slack)
     free = clearance_from(pose[0], pose[1], row[FACING_C], row[FACING_S], enough, allowed, world.field, world.body)
     if free < allowed:
         return
     v_m = 0.75 * v_0 + 0.25 * v_end
     mx, my, m_heading = x + 0.5 * v_m * dt * row[MID_WAY_C], y + 0.5 * v_m * dt * row[MID_WAY_S], row[MID]
-    if free < enough:
+    if free < FREE:
         away = length_of(pose[0] - mx, pose[1] - my)
         away += (world.body.outer + abs(world.body.centre_x)) * abs(pose[2] - m_heading)
-        if (allowed <= 0.0 or free - SLOPE * away < allowed + ROUNDING) and (
-            clearance_from(mx, my, row[MID_C], row[MID_S], enough, allowed, world.field, world.body) < allowed
-        ):
-            return
+        if allowed <= 0.0 or free - SLOPE * away < allowed + ROUNDING:
+            at_most = max(allowed, BORDER) + world.body.slack
+            middle = clearance_from(mx, my, row[MID_C], row[MID_S], at_most, allowed, world.field, world.body)
+            if middle < allowed and (
+                free < enough
+                or clearance_from(
+                    pose[0], pose[1], row[FACING_C], row[FACING_S], FREE, allowed, world.field, world.body
+                ) < FREE
+            ):  # fmt: skip
+                return
     if depth <= s.brake_depth and not can_stop(
-        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < enough else math.inf, v_end, w_end,
+        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < FREE else math.inf, v_end, w_end,
         s.a_max, s.b_max, allowed, world.field, world.body,
     ):  # fmt: skip
         return
@@ -293,7 +327,8 @@ def _child(
             if reached or in_reach(mx, my, m_heading, v_0, w_0, job):
                 left = 0.0
         done = left <= 0.0
-    h, t_goal = _judge(pose[0], pose[1], pose[2], reached or done, done, s, world, cells, memory)
+    c, si = row[FACING_C], row[FACING_S]
+    h, t_goal = _judge(pose[0], pose[1], pose[2], c, si, reached or done, done, s, world, cells, memory)
     if h >= FAR:
         return
     k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
@@ -323,6 +358,7 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
     # be possible, down to the floor; a root below the floor may not make it worse.
     allowed = s.margin if root >= s.margin else min(s.margin_floor, root - 0.001)
     root_reached = s.by_job and in_reach(start[0], start[1], start[2], start[3], start[4], world.job)
+    memory.goal_way[0], memory.goal_way[1] = math.cos(s.goal_heading), math.sin(s.goal_heading)
     half = s.notches // 2
     while True:
         if count[EXPANSIONS] >= limit:
@@ -339,7 +375,7 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
                 return GOAL
             if count[BEST] < 0 or memory.cost[node, H] < memory.cost[count[BEST], H]:
                 count[BEST] = node
-            if _close(memory.state[node], s, memory.closed, 1):
+            if _close(memory.cell[node], memory.closed, 1):
                 continue
         count[EXPANSIONS] += 1
         swings = _swings(node, memory.cost[node, LEFT], s.by_job and world.job.kind == MANIPULATE, s, memory)
@@ -350,7 +386,8 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
             if v_end == v_before:
                 continue
             v_before = v_end
+            v_bin = min(s.speed_bins - 1, max(0, int((v_end + s.v_r) / (s.v_f + s.v_r) * s.speed_bins)))
             for k in range(swings):
                 row = memory.swing[k]
                 action = (i + half) * s.notches + int(row[NOTCH])
-                _child(node, v_end, row, action, allowed, root_reached, s, world, cells, memory)
+                _child(node, v_end, v_bin, row, action, allowed, root_reached, s, world, cells, memory)

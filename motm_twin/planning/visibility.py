@@ -4,6 +4,7 @@ Rings keep the obstacle on their left. Vertices lie on the grown polygons; sight
 shrunk by 2 mm, so that a line along an edge or through a corner is free and any other crossing is not.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from motm_twin.planning.kernel import kernel, length_of
 IntArray = NDArray[np.int32]
 SHRINK = 0.002  # [m]
 FAR = 1e9  # [m]
+KEPT = 512  # polygons and outlines whose shape is remembered
 TOUCH = 1e-9  # [m^2] cross products smaller than this count as collinear
 
 
@@ -149,9 +151,15 @@ def _see_each_other(vertex: Array, walls: Rings, free: NDArray[np.bool_]) -> Non
                 free[u, v] = free[v, u] = True
 
 
+def _neighbours(ring: Array) -> tuple[Array, Array]:
+    """The point before and the one after each of a ring, shape (n, 2) each."""
+    return np.concatenate((ring[-1:], ring[:-1])), np.concatenate((ring[1:], ring[:1]))
+
+
 def _corners(ring: Array) -> tuple[Array, IntArray]:
     """The ring shrunk by SHRINK, and the indices of its convex corners."""
-    come, go = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
+    before, after = _neighbours(ring)
+    come, go = ring - before, after - ring
     come /= np.hypot(come[:, 0], come[:, 1])[:, None]
     go /= np.hypot(go[:, 0], go[:, 1])[:, None]
     inward = np.column_stack((-(come[:, 1] + go[:, 1]), come[:, 0] + go[:, 0]))
@@ -162,34 +170,64 @@ def _corners(ring: Array) -> tuple[Array, IntArray]:
     return ring + SHRINK * inward, convex
 
 
-def _rings(rings: list[Array]) -> Rings:
+def _rings(rings: list[Array], bounds: list[tuple[float, ...]]) -> Rings:
+    """Rings (n, 2) and of each x_low, y_low, x_high, y_high as one table."""
     end = np.cumsum([len(ring) for ring in rings])
-    table = [
-        [*ring.min(axis=0), *ring.max(axis=0), last - len(ring), last] for ring, last in zip(rings, end, strict=True)
-    ]
+    table = [(*box, last - len(ring), last) for box, ring, last in zip(bounds, rings, end, strict=True)]
     return Rings(np.concatenate(rings) if rings else np.zeros((0, 2)), np.array(table, dtype=np.float64).reshape(-1, 6))
+
+
+def _box(ring: Array) -> tuple[float, ...]:
+    return (*ring.min(axis=0).tolist(), *ring.max(axis=0).tolist())
 
 
 def _oriented(coordinates: Array, *, counter_clockwise: bool) -> Array:
     ring = np.ascontiguousarray(coordinates[:-1])
-    x, y = ring[:, 0], ring[:, 1]
-    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    _, after = _neighbours(ring)
+    area = float(np.sum(ring[:, 0] * after[:, 1] - after[:, 0] * ring[:, 1]))
     ring = ring if (area > 0.0) == counter_clockwise else ring[::-1].copy()
-    keep = np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > 1e-6
+    keep = np.hypot(*(ring - _neighbours(ring)[0]).T) > 1e-6
     return np.ascontiguousarray(ring[keep])
 
 
-def grown_rings(polygons: tuple[Array, ...], g: float) -> list[Array]:
+class Outline(NamedTuple):
+    """A grown ring, shrunk to what blocks sight, with the bounds of both and the convex corners (c, 6) of `Graph`."""
+
+    ring: Array
+    wall: Array
+    ring_box: tuple[float, ...]
+    wall_box: tuple[float, ...]
+    corner: Array
+
+
+# From one map to the next few polygons change. Both are pure functions of bytes of float64, shape (n, 2).
+@functools.lru_cache(maxsize=KEPT)
+def _grown(polygon: bytes, g: float) -> shapely.Geometry:
+    corners = np.frombuffer(polygon).reshape(-1, 2)
+    return shapely.buffer(shapely.Polygon(corners), g, quad_segs=2)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _outline(coordinates: bytes, counter_clockwise: bool) -> Outline | None:
+    ring = _oriented(np.frombuffer(coordinates).reshape(-1, 2), counter_clockwise=counter_clockwise)
+    if len(ring) < 3:
+        return None
+    wall, convex = _corners(ring)
+    corner = np.hstack((ring[convex], ring[convex - 1], ring[(convex + 1) % len(ring)]))
+    return Outline(ring, wall, _box(ring), _box(wall), corner)
+
+
+def outlines(polygons: tuple[Array, ...], g: float) -> list[Outline]:
     """Outlines of the union of the polygons grown by g [m], two chamfers per right angle; obstacle on the left."""
     if not polygons:
         return []
-    area = shapely.union_all(shapely.buffer([shapely.Polygon(p) for p in polygons], g, quad_segs=2))
+    area = shapely.union_all([_grown(np.asarray(p, dtype=np.float64).tobytes(), g) for p in polygons])
     area = shapely.simplify(area, 0.005)
-    rings = []
+    found = []
     for part in shapely.get_parts(area):
-        rings.append(_oriented(shapely.get_coordinates(part.exterior), counter_clockwise=True))
-        rings += [_oriented(shapely.get_coordinates(hole), counter_clockwise=False) for hole in part.interiors]
-    return [ring for ring in rings if len(ring) >= 3]
+        found.append(_outline(shapely.get_coordinates(part.exterior).tobytes(), True))
+        found += [_outline(shapely.get_coordinates(hole).tobytes(), False) for hole in part.interiors]
+    return [outline for outline in found if outline is not None]
 
 
 def build_graph(
@@ -199,16 +237,13 @@ def build_graph(
 
     Corners outside the bounds (x_min, y_min, x_max, y_max) are left out, so that no path leaves the map.
     """
-    outline = grown_rings(polygons, g)
-    shrunk, corners = [], [np.zeros((0, 6))]
-    for ring in outline:
-        wall, convex = _corners(ring)
-        convex = convex[(ring[convex] >= bounds[:2]).all(axis=1) & (ring[convex] <= bounds[2:]).all(axis=1)]
-        shrunk.append(wall)
-        corners.append(np.hstack((ring[convex], ring[convex - 1], ring[(convex + 1) % len(ring)])))
-    vertex = np.concatenate(corners)
-    walls = _rings(shrunk)
-    solids = _rings([np.array(p, dtype=np.float64) for p in polygons])
+    outline = outlines(polygons, g)
+    vertex = np.concatenate([np.zeros((0, 6)), *(one.corner for one in outline)])
+    at = vertex[:, :2]
+    vertex = vertex[(at >= bounds[:2]).all(axis=1) & (at <= bounds[2:]).all(axis=1)]
+    walls = _rings([one.wall for one in outline], [one.wall_box for one in outline])
+    solid = [np.asarray(p, dtype=np.float64) for p in polygons]
+    solids = _rings(solid, [_box(corners) for corners in solid])
     free = np.zeros((len(vertex), len(vertex)), dtype=bool)
     _see_each_other(vertex, walls, free)
     edge_from, edge_to = (part.astype(np.int32) for part in np.nonzero(free))
@@ -220,7 +255,7 @@ def build_graph(
     in_start[1:] = np.cumsum(np.bincount(edge_to, minlength=len(vertex)))
     return Graph(
         vertex=vertex,
-        outline=_rings(outline),
+        outline=_rings([one.ring for one in outline], [one.ring_box for one in outline]),
         walls=walls,
         solids=solids,
         out_start=out_start,

@@ -15,11 +15,11 @@ from motm_twin.planning.placement import (
     SAME_HEADING,
     SAME_PLACE,
     Candidates,
-    Here,
     NextTargetPlacement,
     joined,
     ring,
 )
+from motm_twin.planning.rejections import Here, rejections
 from motm_twin.planning.types import Target
 
 KEEP_CLEARANCE = 0.0  # [m] of the chosen pose: a cell at the edge of what the lidar sees comes and goes
@@ -40,12 +40,11 @@ class WidePlacement(NextTargetPlacement):
 
     def _every_ring(self, target: Target, here: Here) -> Candidates:
         p = self._parameters.placement
-        steps = max(1, round((p.radius_max - p.radius_min) / p.radius_step))
         found: Candidates | None = None
-        for radius in np.linspace(p.radius_min, p.radius_max, steps + 1):
+        for radius in self._radii:
             pose, place, place_of = ring(target.position, radius, p.positions)
             reached = self._reach.reached_from(pose, target)
-            rejected = self._unless_chosen(self._rejections(pose, here), target, pose, here)
+            rejected = self._unless_chosen(rejections(pose, p.clearance, here), target, pose, here)
             rejected = [why or ("" if ok else "arm cannot reach") for why, ok in zip(rejected, reached, strict=True)]
             candidates = Candidates("ring", float(radius), pose, place, place_of, rejected)
             found = candidates if found is None else joined(found, candidates)

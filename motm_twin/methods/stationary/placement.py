@@ -22,12 +22,12 @@ from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, goal_table, robot_table
 from motm_twin.planning.placement import (
     Candidates,
-    Here,
     NextTargetPlacement,
     PlacementState,
     Searched,
     spokes,
 )
+from motm_twin.planning.rejections import Here, rejections
 from motm_twin.planning.types import BaseProblem, Placement, Target
 
 IntArray = NDArray[np.integer[Any]]
@@ -227,7 +227,7 @@ class StationaryPlacement(NextTargetPlacement):
         current, onward, cost = judged.current[keep], judged.onward[keep], judged.cost[keep]
         chosen = int(np.argmin(cost))
         why = [judged.candidates.rejected[i] for i in keep]
-        reasons = self._rejections(pose, here)
+        reasons = rejections(pose, self._parameters.placement.clearance, here)
         why = [reason if text == NOT_FREE else text for text, reason in zip(why, reasons, strict=True)]
         self._last = Searched(here.graph, from_robot, to_next, pose, np.isfinite(cost))
         return Placement(
