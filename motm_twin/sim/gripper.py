@@ -82,7 +82,7 @@ class Gripper:
         solids: Solids,
     ) -> None:
         """One substep that ends at ``now`` [s] with the hand where the arguments say."""
-        by_name = {item.name: item for item in cubes}
+        by_name = {item.name: item for item in cubes} if state.held or self.moving(state) else {}
         if state.held:
             self._carry(state, rotation, hand, tcp_velocity, by_name[state.held])
         if state.phase == "closing":

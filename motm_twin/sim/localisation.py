@@ -10,6 +10,7 @@ from motm_twin.model.scene import Noise
 
 ODOMETRY_SCALE_SD = 0.003  # of distance and of angle, fixed for one seed
 TWIST_SD = 0.002  # [m/s] and [rad/s] of the measured twist
+_NO_DRAWS = np.zeros(5)
 
 
 @dataclass
@@ -53,13 +54,14 @@ class Localisation:
 
     def step(self, state: LocalisationState, pose: Array, mean_twist: Array, twist: Array) -> None:
         """One substep; mean twist over it and twist at its end [m/s, rad/s], shapes (2,)."""
-        draws = state.rng.standard_normal(5) if self._noisy else np.zeros(5)
+        draws = state.rng.standard_normal(5) if self._noisy else _NO_DRAWS
         state.error = self._keep * state.error + self._fresh * draws[:3]
         state.pose = _moved(pose, state.error)
-        v, w = mean_twist * state.scale
-        state.odometry = drive(state.odometry, float(v), float(w), self.dt)
+        v, w = (mean_twist * state.scale).tolist()
+        state.odometry = drive(state.odometry, v, w, self.dt)
         state.twist = twist + TWIST_SD * draws[3:]
 
 
 def _moved(pose: Array, error: Array) -> Array:
-    return np.array([pose[0] + error[0], pose[1] + error[1], wrap_angle(pose[2] + error[2])])
+    x, y, heading = (pose + error).tolist()
+    return np.array([x, y, wrap_angle(heading)])

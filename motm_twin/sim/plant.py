@@ -67,7 +67,9 @@ class SimulatedPlant(Stateful[PlantState]):
         self._camera = Camera(robot.camera, noise)
         self._localisation = Localisation(noise, SUBSTEP)
         self._referee = Referee(scene, SUBSTEP)
-        self._mount = np.array([robot.arm.mount_x, robot.arm.mount_y, robot.arm.mount_z])
+        self._mount = (robot.arm.mount_x, robot.arm.mount_y)
+        self._mount_frame = np.eye(4)  # world
+        self._mount_frame[2, 3] = robot.arm.mount_z
         self._lidar_period = max(1, round(1.0 / (robot.lidar.rate * SUBSTEP)))
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
         self._furnishings = Furnishings(scene)
@@ -269,16 +271,11 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def _frames(self, pose: Array, q: Array) -> Array:
         """World transforms of `ARM_FRAMES`, shape (11, 4, 4)."""
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y, z = self._mount
-        T = np.array(
-            [
-                [c, -s, 0.0, pose[0] + c * x - s * y],
-                [s, c, 0.0, pose[1] + s * x + c * y],
-                [0.0, 0.0, 1.0, z],
-                [0.0, 0.0, 0.0, 1.0],
-            ]
-        )
+        base_x, base_y, heading = pose.tolist()
+        c, s = math.cos(heading), math.sin(heading)
+        (x, y), T = self._mount, self._mount_frame
+        T[0, 0], T[0, 1], T[0, 3] = c, -s, base_x + c * x - s * y
+        T[1, 0], T[1, 1], T[1, 3] = s, c, base_y + s * x + c * y
         return T @ fk_arm(q)
 
     def _shadow(self, frames: Array) -> RobotShadow:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
-from motm_twin.model.profile import RobotProfile
+from motm_twin.model.profile import Footprint, RobotProfile
 from motm_twin.sim.kernels import Index, polygon_distance
 from motm_twin.sim.solids import Solids
 
@@ -141,7 +141,7 @@ class Surroundings:
         self.unmapped_corners = np.vstack([np.zeros((0, 2)), *(solids.polygon(i) for i in unmapped)])
         counts = [len(solids.polygon(i)) for i in unmapped]
         self.unmapped_first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        self.unmapped_discs = solids.discs[~solids.disc_mapped]
+        self.unmapped_discs = np.concatenate([solids.discs[~solids.disc_mapped], np.zeros((len(agents), 3))])
 
         self.corners = np.concatenate([solids.corners, np.zeros((4, 2))])
         self.first = np.append(solids.first, solids.first[-1] + 4)
@@ -151,14 +151,13 @@ class Surroundings:
         self.disc_z = np.concatenate([solids.disc_z, heights])
         self.motion = np.zeros(len(self.names))
 
-    def move(self, base: Array, base_motion: float, agents: Array, agents_before: Array) -> None:
-        """Put base rectangle (4, 2) and agents (n, 4) where they are now, and note how far they came [m]."""
-        self.corners[-4:] = base
+    def move(self, pose: Array, foot: Footprint, base_motion: float, agents: Array, agents_before: Array) -> None:
+        """Put base and agents (n, 4) where they are now, and note how far they came [m]."""
+        place_base(self.corners, pose, foot.length, foot.width, foot.offset_x)
         self.motion[self.own_base] = base_motion
         if len(agents):
-            self.discs[-len(agents) :] = agents[:, :3]
-            way = agents[:, :2] - agents_before[:, :2]
-            self.motion[self.first_agent : self.floor] = np.sqrt((way * way).sum(axis=1))
+            motion = self.motion[self.first_agent : self.floor]
+            place_agents(self.discs, self.unmapped_discs, motion, agents, agents_before)
 
     def settle(self, j: int, base: Array) -> None:
         """Bring the shape of column j to where it is now; base is the transform of the base body (4, 4)."""
@@ -184,6 +183,31 @@ def prism(corners: Array, low: float, high: float) -> coal.Convex:
         faces.append(coal.Triangle(i, j, n + j))
         faces.append(coal.Triangle(i, n + j, n + i))
     return coal.Convex(points, faces)
+
+
+@njit(cache=True)
+def place_base(corners: Array, pose: Array, length: float, width: float, offset_x: float) -> None:
+    """The rectangle of the base body [m] at a pose, shape (3,), as the last four of the corners, counter-clockwise."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x, y = pose[0] + offset_x * c, pose[1] + offset_x * s
+    first = corners.shape[0] - 4
+    for i in range(4):
+        along = 0.5 * length if i in (1, 2) else -0.5 * length
+        across = 0.5 * width if i >= 2 else -0.5 * width
+        corners[first + i, 0] = x + c * along - s * across
+        corners[first + i, 1] = y + s * along + c * across
+
+
+@njit(cache=True)
+def place_agents(discs: Array, unmapped: Array, motion: Array, agents: Array, before: Array) -> None:
+    """Agents [m], shape (n, 4), as the last n of both lists of discs, and how far each came [m], shape (n,)."""
+    n = agents.shape[0]
+    for i in range(n):
+        for k in range(3):
+            discs[discs.shape[0] - n + i, k] = agents[i, k]
+            unmapped[unmapped.shape[0] - n + i, k] = agents[i, k]
+        dx, dy = agents[i, 0] - before[i, 0], agents[i, 1] - before[i, 1]
+        motion[i] = math.sqrt(dx * dx + dy * dy)
 
 
 @njit(cache=True)
