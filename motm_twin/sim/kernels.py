@@ -31,6 +31,17 @@ def polygon_distance(x: float, y: float, corners: Array, begin: int, end: int) -
 
 
 @njit(cache=True)
+def put_rectangle(corners: Array, first: int, x: float, y: float, heading: float, length: float, width: float) -> None:
+    """Four corners [m] of a rectangle about (x, y), counter-clockwise, to ``corners[first : first + 4]``."""
+    c, s = math.cos(heading), math.sin(heading)
+    for i in range(4):
+        along = 0.5 * length if i in (1, 2) else -0.5 * length
+        across = 0.5 * width if i >= 2 else -0.5 * width
+        corners[first + i, 0] = x + c * along - s * across
+        corners[first + i, 1] = y + s * along + c * across
+
+
+@njit(cache=True)
 def clearance(x: float, y: float, corners: Array, first: Index, discs: Array) -> float:
     """Plane distance [m] from a point to the nearest polygon or disc, all taken as tall; 0 inside, inf if none."""
     best = np.inf

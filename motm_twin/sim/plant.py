@@ -18,6 +18,7 @@ from motm_twin.model.joint_limits import READY
 from motm_twin.model.plant import Actuation, Observation, Truth
 from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
+from motm_twin.sim.agent_kernels import shadow_corners
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
 from motm_twin.sim.arm import Arm, ArmState
 from motm_twin.sim.base import Base, BaseState
@@ -38,16 +39,17 @@ from motm_twin.sim.referee import Referee, World
 from motm_twin.sim.rehearsal import Rehearsal
 from motm_twin.sim.scenery import Scenery, build_scenery
 from motm_twin.sim.slides import RobotObstruction
-from motm_twin.sim.solids import rectangle
 from motm_twin.sim.throws import slide_body
 from motm_twin.sim.truth import truth_of
 from motm_twin.sim.world_edits import check_edit
 
 SUBSTEP = 0.01  # [s]
 _RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION = 0x11DA2, 0xCA3E2A, 0x10CA7E
-_SHADOW_TIMES = (0.0, 0.4, 0.8)  # [s] ahead at which agents expect the base
+_SHADOW_TIMES = np.array([0.0, 0.4, 0.8])  # [s] ahead at which agents expect the base
+_SHADOW_FIRST = 4 * np.arange(len(_SHADOW_TIMES) + 1)
 _NO_SLIDES: Mapping[str, Point] = MappingProxyType({})
-_SHADOW_LINKS = ((2, 0.10), (4, 0.10), (5, 0.10), (7, 0.10), (HAND, 0.11), (TCP, 0.06))  # frame, radius [m]
+_SHADOW_LINKS = np.array([2, 4, 5, 7, HAND, TCP])  # frames
+_SHADOW_RADII = np.array([0.10, 0.10, 0.10, 0.10, 0.11, 0.06])  # [m]
 
 
 class SimulatedPlant(Stateful[PlantState]):
@@ -280,16 +282,9 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def _shadow(self, frames: Array) -> RobotShadow:
         base, foot = self._state.base, self.scene.robot.footprint
-        rectangles = []
-        for ahead in _SHADOW_TIMES:
-            heading = float(base.pose[2]) + base.w * ahead
-            middle = float(base.pose[2]) + 0.5 * base.w * ahead
-            x = float(base.pose[0]) + base.v * ahead * math.cos(middle) + foot.offset_x * math.cos(heading)
-            y = float(base.pose[1]) + base.v * ahead * math.sin(middle) + foot.offset_x * math.sin(heading)
-            rectangles.append(rectangle(x, y, heading, (foot.length, foot.width)))
-        discs = np.array([[frames[i, 0, 3], frames[i, 1, 3], radius] for i, radius in _SHADOW_LINKS])
-        first = 4 * np.arange(len(rectangles) + 1)
-        return RobotShadow(corners=np.vstack(rectangles), first=first, discs=discs)
+        corners = shadow_corners(base.pose, base.v, base.w, _SHADOW_TIMES, foot.length, foot.width, foot.offset_x)
+        discs = np.column_stack([frames[_SHADOW_LINKS, :2, 3], _SHADOW_RADII])
+        return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs)
 
     def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
         """Use what is derived of the state: a cache, so it is no part of it."""
@@ -319,7 +314,7 @@ class SimulatedPlant(Stateful[PlantState]):
             objects=objects,
             solids=self._scenery.solids,
             agents=self._agents.discs(agents),
-            agent_velocity=self._agents.velocities(agents, slides),
+            agent_states=agents,
             agent_bodies=self._bodies,
             slides=slides,
         )

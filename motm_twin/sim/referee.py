@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
 from motm_twin.model.scene import PlanarPose, Scene, Task
+from motm_twin.sim.agents import AgentState
 from motm_twin.sim.blame import (
     NOT_BY_PUSH,
     UNMOVED,
@@ -57,7 +58,7 @@ class World:
     objects: list[ObjectState]
     solids: Solids
     agents: Array  # x, y, radius, height, shape (n, 4)
-    agent_velocity: Array  # shape (n, 2)
+    agent_states: list[AgentState]
     agent_bodies: tuple[tuple[str, float, float], ...]  # name, radius, height; the same object while nothing changes
     slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of bodies that a person threw
 
@@ -362,7 +363,8 @@ class Referee:
         if slide is not None:
             return np.append(slide, 0.0)
         if around.first_agent <= j < around.floor:
-            return np.append(world.agent_velocity[j - around.first_agent], 0.0)
+            agent = world.agent_states[j - around.first_agent]
+            return np.array([agent.v * math.cos(agent.pose[2]), agent.v * math.sin(agent.pose[2]), 0.0])
         return np.zeros(3)
 
     def _end_episodes(self, state: RefereeState, now: float) -> None:

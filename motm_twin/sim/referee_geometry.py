@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint, RobotProfile
-from motm_twin.sim.kernels import Index, polygon_distance
+from motm_twin.sim.kernels import Index, polygon_distance, put_rectangle
 from motm_twin.sim.solids import Solids
 
 HELD = "held"  # body name of the slot for a held cube
@@ -188,14 +188,8 @@ def prism(corners: Array, low: float, high: float) -> coal.Convex:
 @njit(cache=True)
 def place_base(corners: Array, pose: Array, length: float, width: float, offset_x: float) -> None:
     """The rectangle of the base body [m] at a pose, shape (3,), as the last four of the corners, counter-clockwise."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    x, y = pose[0] + offset_x * c, pose[1] + offset_x * s
-    first = corners.shape[0] - 4
-    for i in range(4):
-        along = 0.5 * length if i in (1, 2) else -0.5 * length
-        across = 0.5 * width if i >= 2 else -0.5 * width
-        corners[first + i, 0] = x + c * along - s * across
-        corners[first + i, 1] = y + s * along + c * across
+    x, y = pose[0] + offset_x * math.cos(pose[2]), pose[1] + offset_x * math.sin(pose[2])
+    put_rectangle(corners, corners.shape[0] - 4, x, y, pose[2], length, width)
 
 
 @njit(cache=True)
