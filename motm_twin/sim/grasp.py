@@ -1,6 +1,7 @@
 """Whether a cube stands between the fingers well enough, and what the closing pads do to it."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -60,20 +61,17 @@ def centre_between_pads(tcp: Array, rotation: Array, item: ObjectState, width: f
         item.position = item.position + shift * np.array([rotation[0, 1], rotation[1, 1], 0.0])
 
 
-def near(tcp: Array, position: Array) -> bool:
-    """Whether a finger may reach a cube."""
-    x, y, z = tcp.tolist()
-    px, py, pz = position.tolist()
-    return max(abs(px - x), abs(py - y), abs(pz - z)) <= NEARBY
+def near(tcp: Sequence[float], position: Array) -> bool:
+    """Whether a finger may reach a cube at a position [m], shape (3,)."""
+    x, y, z = position.tolist()
+    return max(abs(x - tcp[0]), abs(y - tcp[1]), abs(z - tcp[2])) <= NEARBY
 
 
-def push(tcp: Array, rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
+def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
     """Shift a cube on its support out of the way of the fingers; whether it was touched.
 
     By geometry only, at most `PUSH_PER_STEP` in a substep. A cube squeezed by both pads slips out along x of the hand.
     """
-    if not near(tcp, item.position):
-        return False
     local = rotation.T @ (item.position - hand)
     face = rotation.T @ item.rotation[:, 0]
     face = face[:2] / math.hypot(face[0], face[1])

@@ -214,9 +214,8 @@ class SimulatedPlant(Stateful[PlantState]):
             self._agents.step(
                 s.agents, look, self._shadow(frames) if look else _NO_SHADOW, self._scenery.in_the_way, slides
             )
-        twist = np.array([s.base.v, s.base.w])
-        mean_twist = np.array([0.5 * (old_v + s.base.v), 0.5 * (old_w + s.base.w)])
-        self._localisation.step(s.localisation, s.base.pose, mean_twist, twist)
+        mean_twist = 0.5 * (old_v + s.base.v), 0.5 * (old_w + s.base.w)
+        self._localisation.step(s.localisation, s.base.pose, mean_twist, (s.base.v, s.base.w))
         self._sense(frames)
         world = self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents, slides)
         self._referee.step(s.referee, world)
