@@ -57,18 +57,20 @@ def cast_rays(origin: Array, angle: float, step: float, n: int, segments: Array,
     """Ranges [m] of n rays from origin at ``angle + i * step``; inf beyond reach; shape (n,)."""
     ranges = np.empty(n)
     ox, oy = origin[0], origin[1]
+    edges = np.empty((segments.shape[0], 5))  # start from the origin, way to the end, and their cross product
+    for k in range(segments.shape[0]):
+        ax, ay = segments[k, 0] - ox, segments[k, 1] - oy
+        ex, ey = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
+        edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3], edges[k, 4] = ax, ay, ex, ey, ex * ay - ey * ax
     for i in range(n):
         dx, dy = math.cos(angle + i * step), math.sin(angle + i * step)
         best = np.inf
         for k in range(segments.shape[0]):
-            ax, ay = segments[k, 0] - ox, segments[k, 1] - oy
-            ex, ey = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
-            det = ex * dy - ey * dx
+            det = edges[k, 2] * dy - edges[k, 3] * dx
             if det == 0.0:
                 continue
-            r = (ex * ay - ey * ax) / det
-            u = (dx * ay - dy * ax) / det
-            if 0.0 <= r < best and 0.0 <= u <= 1.0:
+            r = edges[k, 4] / det
+            if 0.0 <= r < best and 0.0 <= (dx * edges[k, 1] - dy * edges[k, 0]) / det <= 1.0:
                 best = r
         for k in range(discs.shape[0]):
             cx, cy = discs[k, 0] - ox, discs[k, 1] - oy
