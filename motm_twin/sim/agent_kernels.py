@@ -191,7 +191,7 @@ def way_round(
     """
     half = int(window / cell)
     n = 2 * half + 1
-    free = _free_cells(start, radius, cell, half, corners, first, discs)
+    free = free_cells(start, radius, cell, half, corners, first, discs)
     cost = np.full((n, n), np.inf)
     parent = np.full((n, n), -1, dtype=np.int64)
     done = np.zeros((n, n), dtype=np.bool_)
@@ -238,7 +238,7 @@ def way_round(
 
 
 @njit(cache=True)
-def _free_cells(
+def free_cells(
     start: Array, radius: float, cell: float, half: int, corners: Array, first: Index, discs: Array
 ) -> NDArray[np.bool_]:
     """Cells of the grid of `way_round` in which the disc may be: each obstacle forbids those near it, shape (n, n)."""
