@@ -37,9 +37,14 @@ def _gap(body: Body, x: float, y: float, heading: float, at_x: float, at_y: floa
 
 
 @njit(cache=True)
-def base_gap(body: Body, pose: Array, agent: Array, radius: float) -> float:
-    """Gap [m] between the base body and an agent, 0 when they overlap; ``agent``: x, y, ..."""
-    return _gap(body, pose[0], pose[1], pose[2], agent[0], agent[1], radius)
+def base_gap(body: Body, pose: Array, x: float, y: float, radius: float) -> float:
+    """Gap [m] between the base body and a disc about (x, y), 0 when they overlap."""
+    return _gap(body, pose[0], pose[1], pose[2], x, y, radius)
+
+
+def body_of(foot: Footprint) -> Body:
+    """The base body as the kernels take it."""
+    return foot.offset_x, foot.length, foot.width
 
 
 @njit(cache=True)
@@ -66,7 +71,7 @@ def predicted_gap(body: Body, pose: Array, twist: tuple[float, float], agent: Ar
 
 def compile_gaps() -> None:
     """Compile now, not at the first encounter."""
-    base_gap((0.0, 1.0, 1.0), np.zeros(3), np.ones(4), 0.1)
+    base_gap((0.0, 1.0, 1.0), np.zeros(3), 1.0, 1.0, 0.1)
     predicted_gap((0.0, 1.0, 1.0), np.zeros(3), (0.1, 0.1), np.ones(4), 0.1)
 
 
@@ -128,7 +133,7 @@ class Encounters:
         foot = self.footprint
         self._outline = outline(foot)
         self._reach = float(np.hypot(self._outline[:, 0], self._outline[:, 1]).max())
-        self._body: Body = (foot.offset_x, foot.length, foot.width)
+        self._body = body_of(foot)
 
     @property
     def evading(self) -> bool:
@@ -180,7 +185,7 @@ class Encounters:
             self.cut_ins.append(found)
 
     def _near_miss(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
-        gap = base_gap(self._body, interval.start.pose, agent, radius)
+        gap = base_gap(self._body, interval.start.pose, agent[0], agent[1], radius)
         if gap > NEAR_END:
             self._near.discard(name)
         elif gap < NEAR and interval.moving:
