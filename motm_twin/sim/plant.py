@@ -236,18 +236,24 @@ class SimulatedPlant(Stateful[PlantState]):
         if s.faults.until:
             expire(s.faults, s.substep)
         if s.substep % self._lidar_period == 0 and not s.faults.active(LIDAR_OFF):
-            z = self.scene.robot.lidar.z
-            agents = self._agents.discs(s.agents)
-            discs = np.vstack([self._scenery.lidar_discs, agents[agents[:, 3] >= z, :3]])
-            cubes = [
-                item for item in s.objects if item.state != "held" and abs(item.position[2] - z) <= 0.5 * item.side
-            ]
-            segments = np.vstack([self._scenery.lidar_segments, *(_square(item) for item in cubes)])
+            segments, discs = self._at_lidar_height()
             self._lidar.sweep(s.lidar, self.time, s.base.pose, s.localisation.pose, segments, discs)
         if s.substep % self._camera_period == 0:
             self._photograph(frames)
         if s.camera.late:
             s.camera.arrive(s.substep)
+
+    def _at_lidar_height(self) -> tuple[Array, Array]:
+        """Segments (s, 4) and discs (d, 3) [m] that the lidar can see."""
+        s, z = self._state, self.scene.robot.lidar.z
+        segments, discs = self._scenery.lidar_segments, self._scenery.lidar_discs
+        cubes = [item for item in s.objects if item.state != "held" and abs(item.position[2] - z) <= 0.5 * item.side]
+        if cubes:
+            segments = np.concatenate([segments, *(_square(item) for item in cubes)])
+        if s.agents:
+            agents = self._agents.discs(s.agents)
+            discs = np.concatenate([discs, agents[agents[:, 3] >= z, :3]])
+        return segments, discs
 
     def _photograph(self, frames: Array) -> None:
         s, previous = self._state, self._state.camera.detections
