@@ -9,13 +9,14 @@ import msgspec
 import numpy as np
 
 from motm_twin.bench.measures import Measures
+from motm_twin.bench.measures.encounters import base_gap, body_of
 from motm_twin.bench.reference_tour import reference_tour_s
+from motm_twin.collection import freeze_setup
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
 from motm_twin.methods.method import Method
 from motm_twin.methods.modifications import MOTM
 from motm_twin.model.edits import ParameterValue
-from motm_twin.model.geometry import to_frame
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
@@ -54,10 +55,9 @@ class Tally:
     def meet(self, tick: Tick, footprint: Footprint) -> None:
         """Count encounters: an agent comes within 1 m of the base, and parts again before it counts anew."""
         assert tick.truth is not None
+        body = body_of(footprint)
         for agent in tick.truth.agents:
-            x, y = to_frame(tick.truth.pose, np.array(agent.position[:2])) - (footprint.offset_x, 0.0)
-            beside = np.maximum(np.abs([x, y]) - 0.5 * np.array([footprint.length, footprint.width]), 0.0)
-            gap = float(np.hypot(*beside)) - 0.5 * agent.size[0]
+            gap = base_gap(body, tick.truth.pose, agent.position[0], agent.position[1], 0.5 * agent.size[0])
             if gap < ENCOUNTER and agent.name not in self.meeting:
                 self.meeting.add(agent.name)
                 self.encounters += 1
@@ -83,6 +83,7 @@ def run_scene(
     ``parameters``: of `control.tuning`, on top of the method's.
     """
     twin = Twin(scene, method=method, parameters=parameters, budget=budget, clock=time.perf_counter, plant=plant)
+    freeze_setup()
     if plant is not None:
         _wait_for(plant)
     tally, measures = Tally(), Measures(scene, twin.loop.manipulator.parameters.avoidance)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motm_twin.bench.measures.encounters import compile_gaps
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
@@ -47,7 +48,7 @@ def compile_kernels() -> None:
 
 
 def _plant() -> None:
-    plant = SimulatedPlant(load_scene("exp1a"))
+    plant = SimulatedPlant(load_scene("exp2"))  # with agents
     for _ in range(PERIODS):
         plant.observe()
         plant.step(ARM_STEP)
@@ -111,6 +112,7 @@ def _arm_inputs(observation: Observation) -> ArmInputs:
 def main() -> None:
     """Compile everything, by running the twin."""
     compile_kernels()
+    compile_gaps()
     for name in METHODS:
         twin = Twin(load_scene("exp1"), method=find_method(name))
         for _ in range(PERIODS):

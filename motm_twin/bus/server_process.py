@@ -20,6 +20,7 @@ from motm_twin.bus.ports import TwinLike
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.bus.session import PortTaken, open_member
+from motm_twin.collection import freeze_setup
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
@@ -39,7 +40,9 @@ def make_twin(scene: Scene, *, budget: SearchBudget, method: "Method") -> TwinLi
     from motm_twin.warm_up import compile_kernels
 
     compile_kernels()
-    return Twin(scene, method=method, budget=budget, clock=time.perf_counter)
+    twin = Twin(scene, method=method, budget=budget, clock=time.perf_counter)
+    freeze_setup()
+    return twin
 
 
 def make_external_twin(
@@ -53,7 +56,9 @@ def make_external_twin(
     compile_kernels()
     scene = msgspec.structs.replace(scene, tasks=()) if robot.listen_only else scene
     plant = ZenohPlant(robot, scene, sender=sender)
-    return Twin(scene, method=method, budget=budget, clock=time.perf_counter, plant=plant)
+    twin = Twin(scene, method=method, budget=budget, clock=time.perf_counter, plant=plant)
+    freeze_setup()
+    return twin
 
 
 def reference_tour(scene: Scene) -> float:

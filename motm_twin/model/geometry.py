@@ -58,7 +58,7 @@ def from_frame(pose_a_b: Array, points_b: Array) -> Array:
 
 def drive(pose: Array, v: float, w: float, dt: float) -> Array:
     """Pose after driving the arc of constant forward speed v [m/s] and yaw rate w [rad/s] for dt [s]."""
-    x, y, heading = pose
+    x, y, heading = pose.tolist()
     turned = w * dt
     if abs(turned) < 1e-9:
         return np.array([x + v * dt * math.cos(heading), y + v * dt * math.sin(heading), wrap_angle(heading + turned)])

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.sim.kernels import Index, clearance, polygon_distance
+from motm_twin.sim.kernels import Index, clearance, polygon_distance, put_rectangle
 
 ACCELERATION = 0.5  # [m/s^2]
 YAW_RATE = 1.5  # [rad/s]
@@ -77,6 +78,60 @@ def steer(
 
 
 @njit(cache=True)
+def shadow_corners(
+    pose: Array, v: float, w: float, times: Array, length: float, width: float, offset_x: float
+) -> Array:
+    """Rectangles [m] of the robot's base, counter-clockwise, where it drives to within times [s], shape (4 k, 2)."""
+    corners = np.empty((4 * times.shape[0], 2))
+    for i in range(times.shape[0]):
+        ahead = times[i]
+        heading, middle = pose[2] + w * ahead, pose[2] + 0.5 * w * ahead
+        x = pose[0] + v * ahead * math.cos(middle) + offset_x * math.cos(heading)
+        y = pose[1] + v * ahead * math.sin(middle) + offset_x * math.sin(heading)
+        put_rectangle(corners, 4 * i, x, y, heading, length, width)
+    return corners
+
+
+@njit(cache=True)
+def look_about(
+    pose: Array,
+    body: float,
+    margin: float,
+    keep: float,
+    reach: float,
+    corners: Array,
+    first: Index,
+    fixed: Array,
+    expected: Array,
+    own: int,
+    robot_corners: Array,
+    robot_first: Index,
+    robot_discs: Array,
+) -> tuple[float, float]:
+    """How far [m] agent ``own`` can drive straight on, at most ``reach``, and the gap [m] on its tightest side.
+
+    Everything keeps a ``margin`` from it but the robot, which keeps ``keep``. ``fixed`` discs, shape (d, 3), and those
+    where each agent is expected, shape (agents, times, 3).
+    """
+    count, others = fixed.shape[0], expected.shape[0] - 1
+    discs = np.empty((count + others * expected.shape[1], 3))
+    discs[:count] = fixed
+    for i in range(expected.shape[0]):
+        if i != own:
+            discs[count : count + expected.shape[1]] = expected[i]
+            count += expected.shape[1]
+    free = min(
+        free_ahead(pose, body, margin, reach, corners, first, discs),
+        free_ahead(pose, body, keep, reach, robot_corners, robot_first, robot_discs),
+    )
+    gap = min(
+        clearance(pose[0], pose[1], corners, first, discs),
+        clearance(pose[0], pose[1], robot_corners, robot_first, robot_discs),
+    )
+    return free, gap - body
+
+
+@njit(cache=True)
 def free_ahead(
     pose: Array, body: float, margin: float, reach: float, corners: Array, first: Index, discs: Array
 ) -> float:
@@ -136,14 +191,7 @@ def way_round(
     """
     half = int(window / cell)
     n = 2 * half + 1
-    free = np.zeros((n, n), dtype=np.bool_)
-    here = clearance(start[0], start[1], corners, first, discs)
-    for i in range(n):
-        for j in range(n):
-            x, y = start[0] + (i - half) * cell, start[1] + (j - half) * cell
-            gap = clearance(x, y, corners, first, discs)
-            away = math.hypot(x - start[0], y - start[1])
-            free[i, j] = gap >= radius or (away < _NEAR and gap >= here + _AWAY * away)
+    free = free_cells(start, radius, cell, half, corners, first, discs)
     cost = np.full((n, n), np.inf)
     parent = np.full((n, n), -1, dtype=np.int64)
     done = np.zeros((n, n), dtype=np.bool_)
@@ -187,6 +235,43 @@ def way_round(
         path[k, 1] = start[1] + (node % n - half) * cell
         node = parent[node // n, node % n]
     return path
+
+
+@njit(cache=True)
+def free_cells(
+    start: Array, radius: float, cell: float, half: int, corners: Array, first: Index, discs: Array
+) -> NDArray[np.bool_]:
+    """Cells of the grid of `way_round` in which the disc may be: each obstacle forbids those near it, shape (n, n)."""
+    n = 2 * half + 1
+    free = np.ones((n, n), dtype=np.bool_)
+    here = clearance(start[0], start[1], corners, first, discs)
+    polygons = first.shape[0] - 1
+    for k in range(polygons + discs.shape[0]):
+        if k < polygons:
+            x_min, y_min, x_max, y_max = np.inf, np.inf, -np.inf, -np.inf
+            for c in range(first[k], first[k + 1]):
+                x_min, x_max = min(x_min, corners[c, 0]), max(x_max, corners[c, 0])
+                y_min, y_max = min(y_min, corners[c, 1]), max(y_max, corners[c, 1])
+        else:
+            x, y, r = discs[k - polygons, 0], discs[k - polygons, 1], discs[k - polygons, 2]
+            x_min, y_min, x_max, y_max = x - r, y - r, x + r, y + r
+        low_i, high_i = _cells(x_min - radius - start[0], x_max + radius - start[0], cell, half)
+        low_j, high_j = _cells(y_min - radius - start[1], y_max + radius - start[1], cell, half)
+        for i in range(low_i, high_i):
+            for j in range(low_j, high_j):
+                if free[i, j]:
+                    x, y = start[0] + (i - half) * cell, start[1] + (j - half) * cell
+                    gap = _gap_to(x, y, k, corners, first, discs)
+                    away = math.hypot(x - start[0], y - start[1])
+                    free[i, j] = gap >= radius or (away < _NEAR and gap >= here + _AWAY * away)
+    return free
+
+
+@njit(cache=True)
+def _cells(low: float, high: float, cell: float, half: int) -> tuple[int, int]:
+    """Range of the cells between two coordinates [m] from the start, and one more on either side."""
+    first, last = half + math.floor(low / cell) - 1, half + math.ceil(high / cell) + 1
+    return min(max(first, 0), 2 * half + 1), min(max(last + 1, 0), 2 * half + 1)
 
 
 @njit(cache=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Agent, Point
-from motm_twin.sim.agent_kernels import bearing_to, free_ahead, steer, way_round
+from motm_twin.sim.agent_kernels import bearing_to, look_about, steer, way_round
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.solids import Solids
 
@@ -34,6 +34,7 @@ WINDOW = 3.0  # [m] about the agent that the search covers
 DECISION_STEPS = 5  # substeps between two looks at the world
 FACING = 0.5  # [rad] off its course within which an agent that stands is waiting, not turning
 CREEP = 0.03  # [m/s] below which an agent that wants to drive counts as waiting
+_NO_DISCS = np.zeros((0, 4))
 
 
 @dataclass
@@ -82,22 +83,17 @@ class Agents:
     def __init__(self, dt: float) -> None:
         """Substeps of dt [s]."""
         self.dt = dt
+        # compiled now, not at the first meeting
         nothing = np.zeros((0, 2)), np.zeros(1, dtype=np.int64), np.zeros((0, 3))
-        way_round(np.zeros(2), np.ones(2), 0.1, GRID, GRID, *nothing)  # compiled now, not at the first meeting
+        way_round(np.zeros(2), np.ones(2), 0.1, GRID, GRID, *nothing)
+        look_about(np.zeros(3), 0.1, MARGIN, MARGIN, LOOK_AHEAD, *nothing, np.zeros((1, 1, 3)), 0, *nothing)
 
     @staticmethod
     def discs(states: Sequence[AgentState]) -> Array:
         """x, y, radius, height of all agents [m], shape (n, 4)."""
-        return np.array([[s.pose[0], s.pose[1], s.agent.radius, s.agent.height] for s in states], dtype=float).reshape(
-            -1, 4
-        )
-
-    @staticmethod
-    def velocities(states: Sequence[AgentState], slides: Mapping[str, Point]) -> Array:
-        """Velocities [m/s] of all agents, those included that slide as thrown, shape (n, 2)."""
-        return np.array(
-            [slides.get(s.agent.name) or (s.v * math.cos(s.pose[2]), s.v * math.sin(s.pose[2])) for s in states]
-        ).reshape(-1, 2)
+        if not states:
+            return _NO_DISCS
+        return np.array([(*s.pose[:2].tolist(), s.agent.radius, s.agent.height) for s in states])
 
     def step(
         self,
@@ -111,8 +107,8 @@ class Agents:
 
         ``slides`` are velocities [m/s] of those that slide as a person threw them.
         """
-        discs = self.discs(states) if look else np.zeros((0, 4))
-        expected = self._expected(states, discs, slides) if look else discs
+        discs = self.discs(states) if look else _NO_DISCS
+        expected = self._expected(states, slides) if look else _NO_DISCS
         for i, state in enumerate(states):
             if state.held or state.frozen or state.agent.name in slides:
                 state.mode = "held" if state.held else "sliding" if state.agent.name in slides else "frozen"
@@ -121,20 +117,20 @@ class Agents:
                 self._stand(state)
             else:
                 if look and state.agent.behaviour == "yield":
-                    now, later = np.delete(discs, i, axis=0), np.delete(expected, i, axis=0)
-                    self._look(state, now[:, :3], later.reshape(-1, 3), robot, obstacles)
+                    self._look(state, i, discs, expected, robot, obstacles)
                 self._drive(state)
 
     @staticmethod
-    def _expected(states: Sequence[AgentState], discs: Array, slides: Mapping[str, Point]) -> Array:
+    def _expected(states: Sequence[AgentState], slides: Mapping[str, Point]) -> Array:
         """Discs of all agents as they are and where they drive or slide to, shape (n, times, 3)."""
-        expected = np.repeat(discs[:, None, :3], len(EXPECT), axis=1)
-        for state, places in zip(states, expected, strict=True):
-            slide = slides.get(state.agent.name)
-            for place, ahead in zip(places, EXPECT, strict=True):
-                place[0] += slide[0] * ahead if slide else state.v * ahead * math.cos(state.pose[2])
-                place[1] += slide[1] * ahead if slide else state.v * ahead * math.sin(state.pose[2])
-        return expected
+        expected = []
+        for state in states:
+            x, y, heading = state.pose.tolist()
+            slide, c, s = slides.get(state.agent.name), math.cos(heading), math.sin(heading)
+            for ahead in EXPECT:
+                dx, dy = (slide[0] * ahead, slide[1] * ahead) if slide else (state.v * ahead * c, state.v * ahead * s)
+                expected.append((x + dx, y + dy, state.agent.radius))
+        return np.array(expected).reshape(-1, len(EXPECT), 3)
 
     def _stand(self, state: AgentState) -> None:
         """Brake, where it still rolls; then stand."""
@@ -148,26 +144,31 @@ class Agents:
     def _look(
         self,
         state: AgentState,
-        others: Array,
+        own: int,
+        agents: Array,
         expected: Array,
         robot: "RobotShadow",
         obstacles: Solids,
     ) -> None:
+        """See what is ahead and beside, and wait or look for a way round; ``own``: index among the ``agents``."""
         agent, rounding = state.agent, len(state.detour) > 0
         margin = MARGIN_ROUND if rounding else MARGIN
         keep = margin if rounding and state.squeezing else margin + ROBOT_KEEP
-        discs = np.vstack([obstacles.discs, expected])
-        look = (state.pose, agent.radius)
-        state.free = min(
-            free_ahead(*look, margin, LOOK_AHEAD, obstacles.corners, obstacles.first, discs),
-            free_ahead(*look, keep, LOOK_AHEAD, robot.corners, robot.first, robot.discs),
+        state.free, state.gap = look_about(
+            state.pose,
+            agent.radius,
+            margin,
+            keep,
+            LOOK_AHEAD,
+            obstacles.corners,
+            obstacles.first,
+            obstacles.discs,
+            expected,
+            own,
+            robot.corners,
+            robot.first,
+            robot.discs,
         )
-        x, y = float(state.pose[0]), float(state.pose[1])
-        nearest = min(
-            clearance(x, y, obstacles.corners, obstacles.first, discs),
-            clearance(x, y, robot.corners, robot.first, robot.discs),
-        )
-        state.gap = nearest - agent.radius
         wants = abs(bearing_to(state.pose, *self._goal(state))) < FACING
         if state.v > CREEP or not wants:
             state.waiting = max(0.0, state.waiting - self.dt * DECISION_STEPS * (state.v > CREEP))
@@ -182,7 +183,7 @@ class Agents:
         if state.waiting < state.next_attempt:
             return
         state.next_attempt = state.waiting + AGAIN + STAGGER * state.rank
-        self._search(state, others, robot, obstacles)
+        self._search(state, np.delete(agents[:, :3], own, axis=0), robot, obstacles)
 
     @staticmethod
     def _search(state: AgentState, others: Array, robot: "RobotShadow", obstacles: Solids) -> None:
@@ -210,11 +211,11 @@ class Agents:
     def _goal(self, state: AgentState) -> Point:
         """Point to drive to now; passes points of a way round and waypoints that are reached."""
         waypoints = state.agent.waypoints
-        x, y = float(state.pose[0]), float(state.pose[1])
+        x, y, _ = state.pose.tolist()
         while len(state.detour) > 0:
-            goal = float(state.detour[0, 0]), float(state.detour[0, 1])
-            if math.hypot(goal[0] - x, goal[1] - y) > PATH_STEP:
-                return goal
+            next_x, next_y = state.detour[0].tolist()
+            if math.hypot(next_x - x, next_y - y) > PATH_STEP:
+                return next_x, next_y
             state.detour = state.detour[1:]
         if state.errand is not None:
             if math.hypot(state.errand[0] - x, state.errand[1] - y) > (ARRIVED if waypoints else AT_REST):

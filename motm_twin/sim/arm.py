@@ -29,31 +29,19 @@ class Arm:
 
     def step(self, state: ArmState, joint_velocity: Array) -> None:
         """One substep towards the commanded joint rates [rad/s], shape (7,)."""
-        state.q, state.dq = _follow(
-            state.q, state.dq, joint_velocity, self._factor, self.dt, Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX
-        )
+        state.q, state.dq = _follow(state.q, state.dq, joint_velocity, self._factor, self.dt)
 
 
 @njit(cache=True)
-def _follow(
-    q: Array,
-    dq: Array,
-    command: Array,
-    factor: float,
-    dt: float,
-    q_min: Array,
-    q_max: Array,
-    dq_max: Array,
-    ddq_max: Array,
-) -> tuple[Array, Array]:
+def _follow(q: Array, dq: Array, command: Array, factor: float, dt: float) -> tuple[Array, Array]:
     new_q, new_dq = np.empty_like(q), np.empty_like(dq)
     for i in range(q.shape[0]):
-        a, old = ddq_max[i], dq[i]
-        wanted = old + factor * (min(dq_max[i], max(-dq_max[i], command[i])) - old)
-        wanted = min(wanted, _stoppable(q_max[i] - q[i], old, a, dt))
-        wanted = max(wanted, -_stoppable(q[i] - q_min[i], -old, a, dt))
+        a, old = DDQ_MAX[i], dq[i]
+        wanted = old + factor * (min(DQ_MAX[i], max(-DQ_MAX[i], command[i])) - old)
+        wanted = min(wanted, _stoppable(Q_MAX[i] - q[i], old, a, dt))
+        wanted = max(wanted, -_stoppable(q[i] - Q_MIN[i], -old, a, dt))
         new_dq[i] = old + min(a * dt, max(-a * dt, wanted - old))
-        new_q[i] = min(q_max[i], max(q_min[i], q[i] + 0.5 * (old + new_dq[i]) * dt))
+        new_q[i] = min(Q_MAX[i], max(Q_MIN[i], q[i] + 0.5 * (old + new_dq[i]) * dt))
     return new_q, new_dq
 
 

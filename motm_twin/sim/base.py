@@ -40,8 +40,9 @@ class Base:
     def step(self, state: BaseState, twist: Array) -> None:
         """One substep towards the commanded forward speed and yaw rate, shape (2,)."""
         limits, dt = self.limits, self.dt
-        v_wanted = min(limits.forward_speed, max(-limits.reverse_speed, self.scale[0] * float(twist[0])))
-        w_wanted = min(limits.yaw_rate, max(-limits.yaw_rate, self.scale[1] * float(twist[1])))
+        v_told, w_told = twist.tolist()
+        v_wanted = min(limits.forward_speed, max(-limits.reverse_speed, self.scale[0] * v_told))
+        w_wanted = min(limits.yaw_rate, max(-limits.yaw_rate, self.scale[1] * w_told))
         v = _towards(state.v, v_wanted, self._factor, limits.linear_acceleration * dt)
         w = _towards(state.w, w_wanted, self._factor, limits.yaw_acceleration * dt)
         state.pose = drive(state.pose, 0.5 * (state.v + v), 0.5 * (state.w + w), dt)

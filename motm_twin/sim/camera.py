@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.plant import Detection
@@ -43,6 +44,16 @@ class CameraState:
             self.late = [entry for entry in self.late if entry[0] > now]
 
 
+@njit(cache=True)
+def _hidden(eye: Array, point: Array, frames: Array) -> bool:
+    """Whether the arm is between the eye and a point; ``frames`` of the arm (n, 4, 4)."""
+    for i, j, radius in LINK_CAPSULES:
+        begin, end = np.ascontiguousarray(frames[i, :3, 3]), np.ascontiguousarray(frames[j, :3, 3])
+        if segment_distance(eye, point, begin, end) < radius:
+            return True
+    return False
+
+
 class Camera:
     """Reports every object that is in the view cone, in range, in sight and not held."""
 
@@ -53,7 +64,7 @@ class Camera:
         self._noisy = max(self._sd_near, self._sd_far) > 0.0
         self._cos_half_cone = math.cos(spec.half_cone)
         ends = np.zeros((4, 3))
-        segment_distance(*ends)  # compiled now, not when the first object comes into view
+        _hidden(ends[0], ends[1], np.zeros((6, 4, 4)))  # compiled now, not when the first object comes into view
         none = np.zeros((0, 2))
         sight_blocked(ends[0], ends[1], none, np.zeros(1, dtype=np.int64), none, np.zeros((0, 3)), none)
 
@@ -71,9 +82,7 @@ class Camera:
         disc_z = np.vstack([solids.disc_z, np.column_stack([np.zeros(len(agents)), agents[:, 3]])])
         if sight_blocked(eye, point, solids.corners, solids.first, solids.z, discs, disc_z):
             return None
-        origins = np.ascontiguousarray(frames[:, :3, 3])
-        hidden = any(segment_distance(eye, point, origins[i], origins[j]) < radius for i, j, radius in LINK_CAPSULES)
-        return None if hidden else distance
+        return None if _hidden(eye, point, frames) else distance
 
     def frame(
         self,

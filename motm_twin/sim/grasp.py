@@ -1,6 +1,7 @@
 """Whether a cube stands between the fingers well enough, and what the closing pads do to it."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -60,13 +61,17 @@ def centre_between_pads(tcp: Array, rotation: Array, item: ObjectState, width: f
         item.position = item.position + shift * np.array([rotation[0, 1], rotation[1, 1], 0.0])
 
 
-def push(tcp: Array, rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
+def near(tcp: Sequence[float], position: Array) -> bool:
+    """Whether a finger may reach a cube at a position [m], shape (3,)."""
+    x, y, z = position.tolist()
+    return max(abs(x - tcp[0]), abs(y - tcp[1]), abs(z - tcp[2])) <= NEARBY
+
+
+def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
     """Shift a cube on its support out of the way of the fingers; whether it was touched.
 
     By geometry only, at most `PUSH_PER_STEP` in a substep. A cube squeezed by both pads slips out along x of the hand.
     """
-    if np.max(np.abs(item.position - tcp)) > NEARBY:
-        return False
     local = rotation.T @ (item.position - hand)
     face = rotation.T @ item.rotation[:, 0]
     face = face[:2] / math.hypot(face[0], face[1])

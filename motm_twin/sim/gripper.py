@@ -7,7 +7,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
-from motm_twin.sim.grasp import RELATIVE_SPEED, centre_between_pads, push, violation, width_across, yaw_misfit
+from motm_twin.sim.grasp import RELATIVE_SPEED, centre_between_pads, near, push, violation, width_across, yaw_misfit
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import Solids
 
@@ -82,18 +82,20 @@ class Gripper:
         solids: Solids,
     ) -> None:
         """One substep that ends at ``now`` [s] with the hand where the arguments say."""
-        by_name = {item.name: item for item in cubes}
+        by_name = {item.name: item for item in cubes} if state.held or self.moving(state) else {}
         if state.held:
             self._carry(state, rotation, hand, tcp_velocity, by_name[state.held])
         if state.phase == "closing":
             self._close(state, now, tcp, rotation, hand, tcp_velocity, by_name)
         elif state.phase == "opening":
             self._open(state, now, tcp_velocity, by_name)
+        place = tcp.tolist()
         for item in cubes:
-            between = item.name in (state.held, state.candidate)
-            if between or item.state == "falling" or item.state.startswith("binned:"):
+            if not near(place, item.position) or item.name in (state.held, state.candidate):
                 continue
-            if push(tcp, rotation, hand, item, state.width):
+            if item.state == "falling" or item.state.startswith("binned:"):
+                continue
+            if push(rotation, hand, item, state.width):
                 self.objects.check_support(item, cubes, solids)
 
     @staticmethod

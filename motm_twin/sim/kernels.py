@@ -31,6 +31,17 @@ def polygon_distance(x: float, y: float, corners: Array, begin: int, end: int) -
 
 
 @njit(cache=True)
+def put_rectangle(corners: Array, first: int, x: float, y: float, heading: float, length: float, width: float) -> None:
+    """Four corners [m] of a rectangle about (x, y), counter-clockwise, to ``corners[first : first + 4]``."""
+    c, s = math.cos(heading), math.sin(heading)
+    for i in range(4):
+        along = 0.5 * length if i in (1, 2) else -0.5 * length
+        across = 0.5 * width if i >= 2 else -0.5 * width
+        corners[first + i, 0] = x + c * along - s * across
+        corners[first + i, 1] = y + s * along + c * across
+
+
+@njit(cache=True)
 def clearance(x: float, y: float, corners: Array, first: Index, discs: Array) -> float:
     """Plane distance [m] from a point to the nearest polygon or disc, all taken as tall; 0 inside, inf if none."""
     best = np.inf
@@ -46,18 +57,20 @@ def cast_rays(origin: Array, angle: float, step: float, n: int, segments: Array,
     """Ranges [m] of n rays from origin at ``angle + i * step``; inf beyond reach; shape (n,)."""
     ranges = np.empty(n)
     ox, oy = origin[0], origin[1]
+    edges = np.empty((segments.shape[0], 5))  # start from the origin, way to the end, and their cross product
+    for k in range(segments.shape[0]):
+        ax, ay = segments[k, 0] - ox, segments[k, 1] - oy
+        ex, ey = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
+        edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3], edges[k, 4] = ax, ay, ex, ey, ex * ay - ey * ax
     for i in range(n):
         dx, dy = math.cos(angle + i * step), math.sin(angle + i * step)
         best = np.inf
         for k in range(segments.shape[0]):
-            ax, ay = segments[k, 0] - ox, segments[k, 1] - oy
-            ex, ey = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
-            det = ex * dy - ey * dx
+            det = edges[k, 2] * dy - edges[k, 3] * dx
             if det == 0.0:
                 continue
-            r = (ex * ay - ey * ax) / det
-            u = (dx * ay - dy * ax) / det
-            if 0.0 <= r < best and 0.0 <= u <= 1.0:
+            r = edges[k, 4] / det
+            if 0.0 <= r < best and 0.0 <= (dx * edges[k, 1] - dy * edges[k, 0]) / det <= 1.0:
                 best = r
         for k in range(discs.shape[0]):
             cx, cy = discs[k, 0] - ox, discs[k, 1] - oy

@@ -10,6 +10,9 @@ from motm_twin.model.scene import Noise
 
 ODOMETRY_SCALE_SD = 0.003  # of distance and of angle, fixed for one seed
 TWIST_SD = 0.002  # [m/s] and [rad/s] of the measured twist
+_NO_DRAWS = (0.0,) * 5
+
+Twist = tuple[float, float]  # forward speed [m/s], yaw rate [rad/s]
 
 
 @dataclass
@@ -36,7 +39,7 @@ class Localisation:
         self._noisy = bool(self._sd.any())
         correlation = noise.localisation_correlation_time
         self._keep = math.exp(-dt / correlation) if correlation > 0.0 else 0.0
-        self._fresh = self._sd * math.sqrt(1.0 - self._keep**2)
+        self._fresh = (self._sd * math.sqrt(1.0 - self._keep**2)).tolist()
 
     def start(self, pose: Array, rng: np.random.Generator) -> LocalisationState:
         """State at rest at the true pose, with errors drawn from their long-run distribution."""
@@ -51,15 +54,18 @@ class Localisation:
         """The base was put elsewhere: localisation measures where it is, odometry has not noticed."""
         state.pose = _moved(pose, state.error)
 
-    def step(self, state: LocalisationState, pose: Array, mean_twist: Array, twist: Array) -> None:
-        """One substep; mean twist over it and twist at its end [m/s, rad/s], shapes (2,)."""
-        draws = state.rng.standard_normal(5) if self._noisy else np.zeros(5)
-        state.error = self._keep * state.error + self._fresh * draws[:3]
+    def step(self, state: LocalisationState, pose: Array, mean_twist: Twist, twist: Twist) -> None:
+        """One substep; mean twist over it and twist at its end [m/s, rad/s]."""
+        *draws, draw_v, draw_w = state.rng.standard_normal(5).tolist() if self._noisy else _NO_DRAWS
+        errors = zip(state.error.tolist(), self._fresh, draws, strict=True)
+        state.error = np.array([self._keep * error + fresh * draw for error, fresh, draw in errors])
         state.pose = _moved(pose, state.error)
-        v, w = mean_twist * state.scale
-        state.odometry = drive(state.odometry, float(v), float(w), self.dt)
-        state.twist = twist + TWIST_SD * draws[3:]
+        (v, w), (scale_v, scale_w) = mean_twist, state.scale.tolist()
+        state.odometry = drive(state.odometry, v * scale_v, w * scale_w, self.dt)
+        state.twist = np.array([twist[0] + TWIST_SD * draw_v, twist[1] + TWIST_SD * draw_w])
 
 
 def _moved(pose: Array, error: Array) -> Array:
-    return np.array([pose[0] + error[0], pose[1] + error[1], wrap_angle(pose[2] + error[2])])
+    moved = pose + error
+    moved[2] = wrap_angle(float(moved[2]))
+    return moved

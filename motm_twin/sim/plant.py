@@ -18,6 +18,7 @@ from motm_twin.model.joint_limits import READY
 from motm_twin.model.plant import Actuation, Observation, Truth
 from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
+from motm_twin.sim.agent_kernels import shadow_corners
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
 from motm_twin.sim.arm import Arm, ArmState
 from motm_twin.sim.base import Base, BaseState
@@ -38,16 +39,17 @@ from motm_twin.sim.referee import Referee, World
 from motm_twin.sim.rehearsal import Rehearsal
 from motm_twin.sim.scenery import Scenery, build_scenery
 from motm_twin.sim.slides import RobotObstruction
-from motm_twin.sim.solids import rectangle
 from motm_twin.sim.throws import slide_body
 from motm_twin.sim.truth import truth_of
 from motm_twin.sim.world_edits import check_edit
 
 SUBSTEP = 0.01  # [s]
 _RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION = 0x11DA2, 0xCA3E2A, 0x10CA7E
-_SHADOW_TIMES = (0.0, 0.4, 0.8)  # [s] ahead at which agents expect the base
+_SHADOW_TIMES = np.array([0.0, 0.4, 0.8])  # [s] ahead at which agents expect the base
+_SHADOW_FIRST = 4 * np.arange(len(_SHADOW_TIMES) + 1)
 _NO_SLIDES: Mapping[str, Point] = MappingProxyType({})
-_SHADOW_LINKS = ((2, 0.10), (4, 0.10), (5, 0.10), (7, 0.10), (HAND, 0.11), (TCP, 0.06))  # frame, radius [m]
+_SHADOW_LINKS = np.array([2, 4, 5, 7, HAND, TCP])  # frames
+_SHADOW_RADII = np.array([0.10, 0.10, 0.10, 0.10, 0.11, 0.06])  # [m]
 
 
 class SimulatedPlant(Stateful[PlantState]):
@@ -67,7 +69,9 @@ class SimulatedPlant(Stateful[PlantState]):
         self._camera = Camera(robot.camera, noise)
         self._localisation = Localisation(noise, SUBSTEP)
         self._referee = Referee(scene, SUBSTEP)
-        self._mount = np.array([robot.arm.mount_x, robot.arm.mount_y, robot.arm.mount_z])
+        self._mount = (robot.arm.mount_x, robot.arm.mount_y)
+        self._mount_frame = np.eye(4)  # world
+        self._mount_frame[2, 3] = robot.arm.mount_z
         self._lidar_period = max(1, round(1.0 / (robot.lidar.rate * SUBSTEP)))
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
         self._furnishings = Furnishings(scene)
@@ -210,9 +214,8 @@ class SimulatedPlant(Stateful[PlantState]):
             self._agents.step(
                 s.agents, look, self._shadow(frames) if look else _NO_SHADOW, self._scenery.in_the_way, slides
             )
-        twist = np.array([s.base.v, s.base.w])
-        mean_twist = np.array([0.5 * (old_v + s.base.v), 0.5 * (old_w + s.base.w)])
-        self._localisation.step(s.localisation, s.base.pose, mean_twist, twist)
+        mean_twist = 0.5 * (old_v + s.base.v), 0.5 * (old_w + s.base.w)
+        self._localisation.step(s.localisation, s.base.pose, mean_twist, (s.base.v, s.base.w))
         self._sense(frames)
         world = self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents, slides)
         self._referee.step(s.referee, world)
@@ -233,18 +236,24 @@ class SimulatedPlant(Stateful[PlantState]):
         if s.faults.until:
             expire(s.faults, s.substep)
         if s.substep % self._lidar_period == 0 and not s.faults.active(LIDAR_OFF):
-            z = self.scene.robot.lidar.z
-            agents = self._agents.discs(s.agents)
-            discs = np.vstack([self._scenery.lidar_discs, agents[agents[:, 3] >= z, :3]])
-            cubes = [
-                item for item in s.objects if item.state != "held" and abs(item.position[2] - z) <= 0.5 * item.side
-            ]
-            segments = np.vstack([self._scenery.lidar_segments, *(_square(item) for item in cubes)])
+            segments, discs = self._at_lidar_height()
             self._lidar.sweep(s.lidar, self.time, s.base.pose, s.localisation.pose, segments, discs)
         if s.substep % self._camera_period == 0:
             self._photograph(frames)
         if s.camera.late:
             s.camera.arrive(s.substep)
+
+    def _at_lidar_height(self) -> tuple[Array, Array]:
+        """Segments (s, 4) and discs (d, 3) [m] that the lidar can see."""
+        s, z = self._state, self.scene.robot.lidar.z
+        segments, discs = self._scenery.lidar_segments, self._scenery.lidar_discs
+        cubes = [item for item in s.objects if item.state != "held" and abs(item.position[2] - z) <= 0.5 * item.side]
+        if cubes:
+            segments = np.concatenate([segments, *(_square(item) for item in cubes)])
+        if s.agents:
+            agents = self._agents.discs(s.agents)
+            discs = np.concatenate([discs, agents[agents[:, 3] >= z, :3]])
+        return segments, discs
 
     def _photograph(self, frames: Array) -> None:
         s, previous = self._state, self._state.camera.detections
@@ -269,30 +278,18 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def _frames(self, pose: Array, q: Array) -> Array:
         """World transforms of `ARM_FRAMES`, shape (11, 4, 4)."""
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y, z = self._mount
-        T = np.array(
-            [
-                [c, -s, 0.0, pose[0] + c * x - s * y],
-                [s, c, 0.0, pose[1] + s * x + c * y],
-                [0.0, 0.0, 1.0, z],
-                [0.0, 0.0, 0.0, 1.0],
-            ]
-        )
+        base_x, base_y, heading = pose.tolist()
+        c, s = math.cos(heading), math.sin(heading)
+        (x, y), T = self._mount, self._mount_frame
+        T[0, 0], T[0, 1], T[0, 3] = c, -s, base_x + c * x - s * y
+        T[1, 0], T[1, 1], T[1, 3] = s, c, base_y + s * x + c * y
         return T @ fk_arm(q)
 
     def _shadow(self, frames: Array) -> RobotShadow:
         base, foot = self._state.base, self.scene.robot.footprint
-        rectangles = []
-        for ahead in _SHADOW_TIMES:
-            heading = float(base.pose[2]) + base.w * ahead
-            middle = float(base.pose[2]) + 0.5 * base.w * ahead
-            x = float(base.pose[0]) + base.v * ahead * math.cos(middle) + foot.offset_x * math.cos(heading)
-            y = float(base.pose[1]) + base.v * ahead * math.sin(middle) + foot.offset_x * math.sin(heading)
-            rectangles.append(rectangle(x, y, heading, (foot.length, foot.width)))
-        discs = np.array([[frames[i, 0, 3], frames[i, 1, 3], radius] for i, radius in _SHADOW_LINKS])
-        first = 4 * np.arange(len(rectangles) + 1)
-        return RobotShadow(corners=np.vstack(rectangles), first=first, discs=discs)
+        corners = shadow_corners(base.pose, base.v, base.w, _SHADOW_TIMES, foot.length, foot.width, foot.offset_x)
+        discs = np.column_stack([frames[_SHADOW_LINKS, :2, 3], _SHADOW_RADII])
+        return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs)
 
     def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
         """Use what is derived of the state: a cache, so it is no part of it."""
@@ -322,7 +319,7 @@ class SimulatedPlant(Stateful[PlantState]):
             objects=objects,
             solids=self._scenery.solids,
             agents=self._agents.discs(agents),
-            agent_velocity=self._agents.velocities(agents, slides),
+            agent_states=agents,
             agent_bodies=self._bodies,
             slides=slides,
         )

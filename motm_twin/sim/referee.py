@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
 from motm_twin.model.scene import PlanarPose, Scene, Task
+from motm_twin.sim.agents import AgentState
 from motm_twin.sim.blame import (
     NOT_BY_PUSH,
     UNMOVED,
@@ -29,7 +30,7 @@ from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState, right_bins
 from motm_twin.sim.plant_check import PlantCheck, PlantCheckState
 from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, update_gaps
-from motm_twin.sim.solids import Solids, rectangle
+from motm_twin.sim.solids import Solids
 from motm_twin.sim.without import Without
 
 TOUCH = 1e-5  # [m] of penetration that counts as contact
@@ -57,7 +58,7 @@ class World:
     objects: list[ObjectState]
     solids: Solids
     agents: Array  # x, y, radius, height, shape (n, 4)
-    agent_velocity: Array  # shape (n, 2)
+    agent_states: list[AgentState]
     agent_bodies: tuple[tuple[str, float, float], ...]  # name, radius, height; the same object while nothing changes
     slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of bodies that a person threw
 
@@ -188,6 +189,8 @@ class Referee:
                     state.inside, state.placed = (*state.inside, item.name), (*state.placed, item.name)
             elif fell_from is not None and item.state != "held" and fell_from - item.bottom > DROP_HEIGHT:
                 state.drops += 1
+        if not world.held and not state.held:
+            return
         held = next((item for item in world.objects if item.name == world.held), None)
         if world.held != state.held:
             state.held, state.picked, state.resting_on = world.held, False, ()
@@ -231,8 +234,7 @@ class Referee:
                 state.placed_before[-1] = placed[-1]
         for name in world.slides:
             state.gaps[:, [other == name for other in around.names]] = -1.0
-        corners = rectangle(*_body_centre(world.pose, self._foot.offset_x), (self._foot.length, self._foot.width))
-        around.move(corners, self._base_motion(state, placed), world.agents, state.agents_before)
+        around.move(world.pose, self._foot, self._base_motion(state, placed), world.agents, state.agents_before)
         held_limit = (SUPPORT_CLEAR * 1.01 if state.resting_on else 0.0) if world.held else -math.inf
         pairs = update_gaps(
             state.gaps,
@@ -253,17 +255,17 @@ class Referee:
             self._measure(state, world, placed, around, pairs)
         if state.episodes:
             self._end_episodes(state, world.time)
-        discs = np.concatenate([around.unmapped_discs, world.agents[:, :3]])
-        state.ee_obstacle = clearance(
-            float(world.tcp[0]), float(world.tcp[1]), around.unmapped_corners, around.unmapped_first, discs
-        )
+        x, y, _ = world.tcp.tolist()
+        state.ee_obstacle = clearance(x, y, around.unmapped_corners, around.unmapped_first, around.unmapped_discs)
         state.min_ee_obstacle = min(state.min_ee_obstacle, state.ee_obstacle)
 
     def _base_motion(self, state: RefereeState, placed: Array) -> float:
         """Distance [m] that no point of the base body has moved beyond in the last substep."""
         old, new = state.placed_before[self._base_shape], placed[self._base_shape]
-        turned = abs(math.atan2(new[1, 0] * old[0, 0] - new[0, 0] * old[1, 0], new[:2, 0] @ old[:2, 0]))
-        return math.hypot(new[0, 3] - old[0, 3], new[1, 3] - old[1, 3]) + turned * self._base_reach
+        (old_c, _, _, old_x), (old_s, _, _, old_y) = old[:2].tolist()
+        (c, _, _, x), (s, _, _, y) = new[:2].tolist()
+        turned = abs(math.atan2(s * old_c - c * old_s, new[:2, 0] @ old[:2, 0]))
+        return math.hypot(x - old_x, y - old_y) + turned * self._base_reach
 
     def _measure(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, pairs: NDArray[np.int64]
@@ -361,17 +363,13 @@ class Referee:
         if slide is not None:
             return np.append(slide, 0.0)
         if around.first_agent <= j < around.floor:
-            return np.append(world.agent_velocity[j - around.first_agent], 0.0)
+            agent = world.agent_states[j - around.first_agent]
+            return np.array([agent.v * math.cos(agent.pose[2]), agent.v * math.sin(agent.pose[2]), 0.0])
         return np.zeros(3)
 
     def _end_episodes(self, state: RefereeState, now: float) -> None:
         for pair in [pair for pair, episode in state.episodes.items() if now - episode.last > EPISODE_END]:
             state.contacts.append(contact_of(pair, state.episodes.pop(pair)))
-
-
-def _body_centre(pose: Array, offset_x: float) -> tuple[float, float, float]:
-    x, y, heading = (float(value) for value in pose)
-    return x + offset_x * math.cos(heading), y + offset_x * math.sin(heading), heading
 
 
 def _motions(state: RefereeState, other: str) -> tuple[Motion, Motion]:

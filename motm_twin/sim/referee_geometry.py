@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.model.geometry import Array
-from motm_twin.model.profile import RobotProfile
-from motm_twin.sim.kernels import Index, polygon_distance
+from motm_twin.model.profile import Footprint, RobotProfile
+from motm_twin.sim.kernels import Index, polygon_distance, put_rectangle
 from motm_twin.sim.solids import Solids
 
 HELD = "held"  # body name of the slot for a held cube
@@ -31,6 +31,7 @@ class RobotShapes:
             self._model, xml, pin.GeometryType.COLLISION, package_dirs=[str(web_assets_dir().parent)]
         )
         self._data, self._geometry, self._geometry_data = self._model.createData(), geometry, geometry.createData()
+        self._rotations, self._translations = _placements(self._geometry_data)
         self._configuration = pin.neutral(self._model)
         self._cubes: dict[float, coal.Box] = {}
         bodies = [self._model.frames[item.parentFrame].name for item in geometry.geometryObjects]
@@ -42,6 +43,7 @@ class RobotShapes:
             shape.computeLocalAABB()
             self.centres[i], self.radii[i] = shape.aabb_center, shape.aabb_radius
         self.shapes.append(self.cube(1.0))
+        self._unplaced = np.tile(np.eye(4), (len(self.bodies), 1, 1))
 
     def place(self, pose: Array, q: Array, width: float) -> Array:
         """World transforms of all shapes but the held cube, whose slot is the identity; shape (n, 4, 4)."""
@@ -52,10 +54,8 @@ class RobotShapes:
         configuration[11:] = 0.5 * width
         pin.forwardKinematics(self._model, self._data, configuration)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data)
-        T = np.empty((len(self.bodies), 4, 4))
-        for i, placement in enumerate(self._geometry_data.oMg):
-            T[i] = placement.homogeneous
-        T[-1] = np.eye(4)
+        T = self._unplaced.copy()
+        T[:-1, :3, :3], T[:-1, :3, 3] = self._rotations, self._translations
         return T
 
     def cube(self, side: float) -> coal.Box:
@@ -63,6 +63,23 @@ class RobotShapes:
         if side not in self._cubes:
             self._cubes[side] = coal.Box(side, side, side)
         return self._cubes[side]
+
+
+def _placements(data: pin.GeometryData) -> tuple[Array, Array]:
+    """Views of the placements of all shapes, as pinocchio keeps them up to date; shapes (n, 3, 3), (n, 3).
+
+    They lie one behind the other. To ask for each of them takes a hundred times as long as the kinematics does.
+    """
+    rotations, translations = [T.rotation for T in data.oMg], [T.translation for T in data.oMg]
+    return _row(rotations), _row(translations)
+
+
+def _row(items: Sequence[Array]) -> Array:
+    """One view of arrays that lie at equal distances in memory."""
+    places = [item.__array_interface__["data"][0] for item in items]
+    step = places[1] - places[0]
+    assert all(place == places[0] + i * step for i, place in enumerate(places))
+    return np.lib.stride_tricks.as_strided(items[0], (len(items), *items[0].shape), (step, *items[0].strides))
 
 
 def _urdf(profile: RobotProfile) -> str:
@@ -124,7 +141,7 @@ class Surroundings:
         self.unmapped_corners = np.vstack([np.zeros((0, 2)), *(solids.polygon(i) for i in unmapped)])
         counts = [len(solids.polygon(i)) for i in unmapped]
         self.unmapped_first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        self.unmapped_discs = solids.discs[~solids.disc_mapped]
+        self.unmapped_discs = np.concatenate([solids.discs[~solids.disc_mapped], np.zeros((len(agents), 3))])
 
         self.corners = np.concatenate([solids.corners, np.zeros((4, 2))])
         self.first = np.append(solids.first, solids.first[-1] + 4)
@@ -134,14 +151,13 @@ class Surroundings:
         self.disc_z = np.concatenate([solids.disc_z, heights])
         self.motion = np.zeros(len(self.names))
 
-    def move(self, base: Array, base_motion: float, agents: Array, agents_before: Array) -> None:
-        """Put base rectangle (4, 2) and agents (n, 4) where they are now, and note how far they came [m]."""
-        self.corners[-4:] = base
+    def move(self, pose: Array, foot: Footprint, base_motion: float, agents: Array, agents_before: Array) -> None:
+        """Put base and agents (n, 4) where they are now, and note how far they came [m]."""
+        place_base(self.corners, pose, foot.length, foot.width, foot.offset_x)
         self.motion[self.own_base] = base_motion
         if len(agents):
-            self.discs[-len(agents) :] = agents[:, :3]
-            way = agents[:, :2] - agents_before[:, :2]
-            self.motion[self.first_agent : self.floor] = np.sqrt((way * way).sum(axis=1))
+            motion = self.motion[self.first_agent : self.floor]
+            place_agents(self.discs, self.unmapped_discs, motion, agents, agents_before)
 
     def settle(self, j: int, base: Array) -> None:
         """Bring the shape of column j to where it is now; base is the transform of the base body (4, 4)."""
@@ -167,6 +183,25 @@ def prism(corners: Array, low: float, high: float) -> coal.Convex:
         faces.append(coal.Triangle(i, j, n + j))
         faces.append(coal.Triangle(i, n + j, n + i))
     return coal.Convex(points, faces)
+
+
+@njit(cache=True)
+def place_base(corners: Array, pose: Array, length: float, width: float, offset_x: float) -> None:
+    """The rectangle of the base body [m] at a pose, shape (3,), as the last four of the corners, counter-clockwise."""
+    x, y = pose[0] + offset_x * math.cos(pose[2]), pose[1] + offset_x * math.sin(pose[2])
+    put_rectangle(corners, corners.shape[0] - 4, x, y, pose[2], length, width)
+
+
+@njit(cache=True)
+def place_agents(discs: Array, unmapped: Array, motion: Array, agents: Array, before: Array) -> None:
+    """Agents [m], shape (n, 4), as the last n of both lists of discs, and how far each came [m], shape (n,)."""
+    n = agents.shape[0]
+    for i in range(n):
+        for k in range(3):
+            discs[discs.shape[0] - n + i, k] = agents[i, k]
+            unmapped[unmapped.shape[0] - n + i, k] = agents[i, k]
+        dx, dy = agents[i, 0] - before[i, 0], agents[i, 1] - before[i, 1]
+        motion[i] = math.sqrt(dx * dx + dy * dy)
 
 
 @njit(cache=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from motm_twin.bench.measures.interval import Interval
 from motm_twin.model.geometry import Array, to_frame, wrap_angle
@@ -23,27 +24,55 @@ TURNS = math.radians(10.0)  # [rad/s] from which it is still turning away
 FAR = 3.5  # [m] between base and agent beyond which nothing is predicted
 EDGE = 0.05  # [m] between points on the outline
 
-
-def gaps(footprint: Footprint, poses: Array, points: Array, radius: float) -> Array:
-    """Gap [m] between the base body and a disc, 0 when they overlap; shapes (n, 3), (n, 2) to (n,)."""
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    dx, dy = points[:, 0] - poses[:, 0], points[:, 1] - poses[:, 1]
-    x, y = c * dx + s * dy - footprint.offset_x, -s * dx + c * dy
-    beside = np.hypot(
-        np.maximum(np.abs(x) - 0.5 * footprint.length, 0), np.maximum(np.abs(y) - 0.5 * footprint.width, 0)
-    )
-    return np.maximum(beside - radius, 0.0)
+Body = tuple[float, float, float]  # of the base: offset of its centre, length, width [m]
 
 
-def predicted_gap(footprint: Footprint, pose: Array, twist: tuple[float, float], agent: Array, radius: float) -> float:
+@njit(cache=True)
+def _gap(body: Body, x: float, y: float, heading: float, at_x: float, at_y: float, radius: float) -> float:
+    offset_x, length, width = body
+    c, s = math.cos(heading), math.sin(heading)
+    dx, dy = at_x - x, at_y - y
+    along, across = c * dx + s * dy - offset_x, -s * dx + c * dy
+    return max(math.hypot(max(abs(along) - 0.5 * length, 0.0), max(abs(across) - 0.5 * width, 0.0)) - radius, 0.0)
+
+
+@njit(cache=True)
+def base_gap(body: Body, pose: Array, x: float, y: float, radius: float) -> float:
+    """Gap [m] between the base body and a disc about (x, y), 0 when they overlap."""
+    return _gap(body, pose[0], pose[1], pose[2], x, y, radius)
+
+
+def body_of(foot: Footprint) -> Body:
+    """The base body as the kernels take it."""
+    return foot.offset_x, foot.length, foot.width
+
+
+@njit(cache=True)
+def _sinc(x: float) -> float:
+    """sin(pi x) / (pi x)."""
+    y = math.pi * x
+    return math.sin(y) / y if y != 0.0 else 1.0
+
+
+@njit(cache=True)
+def predicted_gap(body: Body, pose: Array, twist: tuple[float, float], agent: Array, radius: float) -> float:
     """Least gap [m] over the next 2 s when both go on as they do; ``agent``: x, y, and its velocity, shape (4,)."""
-    times = np.arange(0.0, HORIZON + 0.5 * STEP, STEP)
     v, w = twist
-    turned = w * times
-    chord = v * times * np.sinc(0.5 * turned / np.pi)  # of the arc, from its start
-    heading = pose[2] + 0.5 * turned
-    poses = np.column_stack([pose[0] + chord * np.cos(heading), pose[1] + chord * np.sin(heading), pose[2] + turned])
-    return float(gaps(footprint, poses, agent[:2] + times[:, None] * agent[2:], radius).min())
+    least = np.inf
+    for i in range(round(HORIZON / STEP) + 1):
+        time = i * STEP
+        half = 0.5 * (w * time)
+        chord = v * time * _sinc(half / math.pi)  # of the arc, from its start
+        x, y = pose[0] + chord * math.cos(pose[2] + half), pose[1] + chord * math.sin(pose[2] + half)
+        at_x, at_y = agent[0] + time * agent[2], agent[1] + time * agent[3]
+        least = min(least, _gap(body, x, y, pose[2] + w * time, at_x, at_y, radius))
+    return least
+
+
+def compile_gaps() -> None:
+    """Compile now, not at the first encounter."""
+    base_gap((0.0, 1.0, 1.0), np.zeros(3), 1.0, 1.0, 0.1)
+    predicted_gap((0.0, 1.0, 1.0), np.zeros(3), (0.1, 0.1), np.ones(4), 0.1)
 
 
 def outline(footprint: Footprint) -> Array:
@@ -101,7 +130,10 @@ class Encounters:
     _conflicts: dict[str, _Conflict] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._outline = outline(self.footprint)
+        foot = self.footprint
+        self._outline = outline(foot)
+        self._reach = float(np.hypot(self._outline[:, 0], self._outline[:, 1]).max())
+        self._body = body_of(foot)
 
     @property
     def evading(self) -> bool:
@@ -115,7 +147,7 @@ class Encounters:
             if math.hypot(x - pose[0], y - pose[1]) > FAR:
                 self._end(name, interval.start.time)
                 continue
-            agent = np.array([x, y, *interval.velocity(name)])
+            agent = np.array([x, y, *interval.velocity(name).tolist()])
             self._cut_in(interval, name, agent, radius)
             self._near_miss(interval, name, agent, radius)
             self._evade(interval, name, agent, radius)
@@ -131,7 +163,8 @@ class Encounters:
     def _cut_in(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
         time, pose = interval.start.time, interval.start.pose
         speed = math.hypot(agent[2], agent[3])
-        if speed < AGENT_MOVES:
+        apart = math.hypot(agent[0] - pose[0], agent[1] - pose[1]) - self._reach - radius
+        if speed < AGENT_MOVES or apart > CUT_DISTANCE + EDGE:  # no point of the base is near enough
             return
         c, s = math.cos(pose[2]), math.sin(pose[2])
         body = pose[:2] + self._outline @ np.array([[c, s], [-s, c]])
@@ -152,7 +185,7 @@ class Encounters:
             self.cut_ins.append(found)
 
     def _near_miss(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
-        gap = float(gaps(self.footprint, interval.start.pose[None], agent[None, :2], radius)[0])
+        gap = base_gap(self._body, interval.start.pose, agent[0], agent[1], radius)
         if gap > NEAR_END:
             self._near.discard(name)
         elif gap < NEAR and interval.moving:
@@ -165,7 +198,7 @@ class Encounters:
 
     def _evade(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
         time, pose, twist = interval.start.time, interval.start.pose, interval.twist
-        near = predicted_gap(self.footprint, pose, twist, agent, radius) < CONFLICT
+        near = predicted_gap(self._body, pose, twist, agent, radius) < CONFLICT
         conflict = self._conflicts.get(name)
         if conflict is None:
             if near and interval.moving:
@@ -180,7 +213,7 @@ class Encounters:
         if conflict.gave_way is not None and not slowed and abs(twist[1]) < TURNS:
             near = False  # it drives on beside the agent, as fast as before
         elif slowed and not near:
-            near = predicted_gap(self.footprint, pose, (v, 0.0), agent, radius) < CONFLICT
+            near = predicted_gap(self._body, pose, (v, 0.0), agent, radius) < CONFLICT
         if near:
             conflict.last = time
         elif time - conflict.last > APART:

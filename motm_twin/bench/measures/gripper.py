@@ -93,13 +93,16 @@ class GripperObstacles:
 
     def add(self, interval: Interval) -> None:
         """Take an interval into account."""
-        neighbours = [*self._agents(interval), *self._furniture(interval)]
         distance = interval.end.ee_obstacle
+        below = distance < self.avoidance.d_s
+        neighbours = self._agents(interval, whatever=below)
+        if below:
+            neighbours += self._furniture(interval)
         self.least = min(self.least, distance)
         for neighbour in neighbours:
             if not neighbour.static and neighbour.distance < self.avoidance.d_i:
                 self._judge(neighbour)
-        if distance < self.avoidance.d_s:
+        if below:
             self._open = self._open or _Stretch(interval.end.time, interval.end.time, distance)
             self._open.add(interval, distance, min(neighbours, key=lambda other: other.distance, default=None))
         elif self._open is not None:
@@ -123,7 +126,8 @@ class GripperObstacles:
         self.excess = max(self.excess, neighbour.own - line)
         self.advance_excess = max(self.advance_excess, neighbour.own - max(0.0, line))
 
-    def _agents(self, interval: Interval) -> list[Neighbour]:
+    def _agents(self, interval: Interval, *, whatever: bool) -> list[Neighbour]:
+        """Agents nearer than d_i; ``whatever``: those farther away, too."""
         found = []
         for name, (x, y, radius) in interval.start.agents.items():
             velocity = interval.velocity(name)
@@ -133,11 +137,13 @@ class GripperObstacles:
             before = math.hypot(x - interval.start.gripper[0], y - interval.start.gripper[1])
             at = np.array([x, y]) + velocity * interval.dt
             after = float(np.hypot(*(at - interval.end.gripper)))
+            distance = max(0.0, 0.5 * (before + after) - radius)
+            if distance >= self.avoidance.d_i and not whatever:
+                continue
             towards = (
                 np.array([x, y]) + 0.5 * velocity * interval.dt - 0.5 * (interval.start.gripper + interval.end.gripper)
             )
             normal = towards / max(float(np.hypot(*towards)), 1e-6)
-            distance = max(0.0, 0.5 * (before + after) - radius)
             own, other = float(normal @ interval.gripper_velocity), -float(normal @ velocity)
             found.append(Neighbour(name, distance, own, other, static))
         return found

@@ -6,6 +6,7 @@ that of the Tick before, and the start of the scene for the first one.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class Interval:
     start: Sample
     end: Sample
 
-    @property
+    @cached_property
     def dt(self) -> float:
         """Length [s]."""
         return self.end.time - self.start.time
@@ -48,18 +49,19 @@ class Interval:
         """What was decided at its start."""
         return self.start.tick
 
-    @property
+    @cached_property
     def path(self) -> float:
         """Distance [m] that the base drove."""
         return float(np.hypot(*(self.end.pose[:2] - self.start.pose[:2])))
 
-    @property
+    @cached_property
     def twist(self) -> tuple[float, float]:
         """Mean forward speed [m/s], negative in reverse, and yaw rate [rad/s] of the base."""
-        turned = wrap_angle(float(self.end.pose[2] - self.start.pose[2]))
-        heading = float(self.start.pose[2]) + 0.5 * turned
-        moved = self.end.pose[:2] - self.start.pose[:2]
-        return float(moved[0] * math.cos(heading) + moved[1] * math.sin(heading)) / self.dt, turned / self.dt
+        (x, y, heading), (end_x, end_y, end_heading) = self.start.pose.tolist(), self.end.pose.tolist()
+        turned = wrap_angle(end_heading - heading)
+        heading += 0.5 * turned
+        forward = (end_x - x) * math.cos(heading) + (end_y - y) * math.sin(heading)
+        return forward / self.dt, turned / self.dt
 
     @property
     def moving(self) -> bool:
@@ -73,7 +75,7 @@ class Interval:
             return np.zeros(2)
         return np.subtract(self.end.agents[agent][:2], self.start.agents[agent][:2]) / self.dt
 
-    @property
+    @cached_property
     def gripper_velocity(self) -> Array:
         """Mean velocity [m/s] of the gripper centre, world frame, shape (2,)."""
         return (self.end.gripper - self.start.gripper) / self.dt
