@@ -15,6 +15,7 @@ from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 1024, "height": 700}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+MOMENT = 8000  # [ms] for something that does not last
 SHOWN = 60.0  # [s] for something to appear: software rendering on a busy machine
 
 
@@ -128,6 +129,16 @@ class Visitor:
     def press(self, name):
         """Click a button of the panel."""
         self.button(name).click(timeout=SHOWN * 1000)
+
+    def presses(self, name, *, exact=True):
+        """Whether a button could be clicked within a moment; it may be gone again before."""
+        from playwright.sync_api import TimeoutError as TooLate
+
+        try:
+            self.page.get_by_role("button", name=name, exact=exact).locator("visible=true").first.click(timeout=MOMENT)
+        except TooLate:
+            return False
+        return True
 
     def tab(self, name):
         """Open a tab of the panel."""

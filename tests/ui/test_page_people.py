@@ -53,9 +53,7 @@ def test_a_cube_and_a_bin_are_clicked_and_two_people_share_one_wheel(tmp_path):
         bea.click(middle(client, "bin"))
         assert len(client.tick().tasks) == 1
 
-        take_the_wheel(ann)
-        bea.press("Ask for the wheel")
-        ann.page.get_by_role("button", name="Hand over to Bea").click()
+        until(lambda: handed_over(ann, bea), 240.0, "the wheel is not handed over")
         bea.says("You are driving")
         ann.says("Bea <img src=x")
         bea.close_notes()
@@ -81,6 +79,12 @@ def take_the_wheel(visitor):
     visitor.press("Reset")
     until(lambda: visitor.twin.client.tick().run > run, 60.0, "no reset")
     visitor.says("You are driving")
+
+
+def handed_over(ann, bea):
+    """Ask for the wheel and hand it over before the 10 s are over; on a busy machine that takes several tries."""
+    take_the_wheel(ann)
+    return bea.presses("Ask for the wheel") and ann.presses("Hand over to Bea", exact=False)
 
 
 def middle(client, name):
