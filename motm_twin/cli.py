@@ -79,6 +79,7 @@ def serve(
     plant: Literal["simulated", "zenoh", "mirror"] = "simulated",
     connect: Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT")] = None,
     method: str = "motm",
+    expansions_only: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> int:
     """Serve the twin in the browser, and its state on Zenoh.
 
@@ -99,6 +100,8 @@ def serve(
         plant: zenoh: drive a robot in another program (docs/external_robot.md); mirror: only show it.
         connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
         method: Who decides at the start: motm, or another of docs/method.md, or FILE.py:NAME of your own.
+        expansions_only: No clock ends a search of the base: the run is that of `motm-twin run`, bit for bit, however
+            slow the machine is.
     """
     from motm_twin.cli_serve import serve as serve_twin
 
@@ -119,6 +122,7 @@ def serve(
         plant=plant,
         connect=connect,
         method=method,
+        expansions_only=expansions_only,
     )
 
 

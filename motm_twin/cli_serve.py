@@ -46,6 +46,7 @@ def serve(
     plant: str = "simulated",
     connect: str | None = None,
     method: str = DEFAULT_METHOD,
+    expansions_only: bool = False,
 ) -> int:
     """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError and MethodError for what can not be used.
 
@@ -75,6 +76,7 @@ def serve(
     server += [] if variant is None else ["--variant", variant]
     server += [] if seed is None else ["--seed", str(seed)]
     server += ["--method", method]
+    server += ["--expansions-only"] if expansions_only else []
     server += [] if data is None else ["--data", str(data)]
     server += [] if record is None else ["--record", str(record.resolve())]
     server += ["--plant", plant] + ([] if connect is None else ["--connect", connect])

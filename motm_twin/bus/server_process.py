@@ -76,7 +76,7 @@ def main() -> None:
         library = FileLibrary(options.scene)
         methods = MethodLibrary(options.method)
         first = Load(scene=library.own_name, variant=options.variant, seed=options.seed, method=methods.own_name)
-        budget = SearchBudget(seconds=SEARCH_SECONDS)
+        budget = SearchBudget(seconds=None if options.expansions_only else SEARCH_SECONDS)
         server = TwinServer(
             library=library,
             make_twin=functools.partial(make_twin, budget=budget),
@@ -134,6 +134,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--plant", choices=("simulated", "zenoh", "mirror"), default="simulated", help="the robot")
     parser.add_argument("--connect", help="router where the robot is met; without it, at this server")
     parser.add_argument("--record", type=Path, help="MCAP file to record to from the start")
+    parser.add_argument("--expansions-only", action="store_true", help="no clock ends a search of the base")
     parser.add_argument("--paused", action="store_true", help="do not play at the start")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])
