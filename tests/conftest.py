@@ -18,9 +18,15 @@ settings.load_profile(os.environ.get("MOTM_EXAMPLES", "same"))
 
 
 def pytest_collection_modifyitems(items):
-    """The long tests, those in a browser, come first.
+    """The long tests, those in a browser, come first, and of them those that may take longest.
 
     `--dist worksteal` begins with a contiguous share for each worker: so they fall to one, which runs one browser at a
     time (each draws with all processors), while the others take the short ones, and then those that are left to it.
     """
-    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
+    items.sort(key=lambda item: (item.get_closest_marker("browser") is None, -_allowed(item)))
+
+
+def _allowed(item):
+    """The time [s] that a browser test may take; 0 for the others, which stay in their order."""
+    limit = item.get_closest_marker("timeout")
+    return limit.args[0] if limit and item.get_closest_marker("browser") else 0
