@@ -11,9 +11,9 @@ import numpy as np
 from motm_twin.bench.measures import Measures
 from motm_twin.bench.measures.encounters import base_gap, body_of
 from motm_twin.bench.reference_tour import reference_tour_s
-from motm_twin.collection import freeze_setup
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
+from motm_twin.memory import freeze_setup
 from motm_twin.methods.method import Method
 from motm_twin.methods.modifications import MOTM
 from motm_twin.model.edits import ParameterValue

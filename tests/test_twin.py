@@ -1,5 +1,8 @@
 """The twin as a whole: it does the job, twice the same, and can be rewound."""
 
+import gc
+import weakref
+
 import msgspec
 import numpy as np
 import pytest
@@ -30,6 +33,19 @@ def test_the_same_seed_gives_the_same_state_bit_for_bit():
         advance(twin, 200)
         hashes.add(twin.state_hash())
     assert len(hashes) == 1
+
+
+def test_a_reset_leaves_nothing_of_the_run_before_to_the_garbage_collection():
+    """A run holds robot models and arrays, which Python does not count: it would be kept for hundreds of resets."""
+    twin = Twin(load_scene("exp2", "random", 0))
+    advance(twin, 5)
+    past = [weakref.ref(part) for part in (twin.plant, twin.loop)]
+    gc.disable()
+    try:
+        twin.reset()
+        assert [part() for part in past] == [None, None]
+    finally:
+        gc.enable()
 
 
 def test_another_seed_gives_another_state():

@@ -16,6 +16,7 @@ from motm_twin.bus.commands import Load
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.server_process import SEARCH_SECONDS, make_twin
+from motm_twin.memory import share_arenas
 from motm_twin.planning.types import SearchBudget
 
 
@@ -61,6 +62,7 @@ def main() -> None:
     parser.add_argument("scene")
     parser.add_argument("--data", type=Path, required=True, help="folder of recordings")
     options = parser.parse_args()
+    share_arenas()
     library = FileLibrary(options.scene)
     server = TwinServer(
         library=library,

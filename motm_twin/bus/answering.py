@@ -1,5 +1,6 @@
 """What every server answers: commands, once they have passed the gate, and the schemas of all messages."""
 
+import functools
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -13,10 +14,12 @@ from motm_twin.bus.ports import Reply
 from motm_twin.bus.schemas import names, schema
 from motm_twin.external.schemas import KINDS, plant_schema
 
-SCHEMAS = {
-    **{name: lambda name=name: schema(name) for name in names()},
-    **{f"plant/{name}": lambda name=name: plant_schema(name) for name in KINDS},
-}
+
+@functools.cache
+def schemas() -> dict[str, bytes]:
+    """All schemas as JSON, made once: it takes 0.02 s of the interpreter, 0.3 s for the first time."""
+    made = {name: schema(name) for name in names()} | {f"plant/{name}": plant_schema(name) for name in KINDS}
+    return {name: msgspec.json.encode(found) for name, found in made.items()}
 
 
 class Answering:
@@ -33,6 +36,7 @@ class Answering:
         """``now``: server time [s]; ``request`` takes a checked command, or raises Refused."""
         self._keys, self._now, self._request = keys, now, request
         self._gate, self._encode = CommandGate(now), msgspec.json.Encoder().encode
+        self._schemas = [(zenoh.KeyExpr(keys.schema(name)), text) for name, text in schemas().items()]
         self._queryables = [
             session.declare_queryable(keys.commands, self._on_command),
             session.declare_queryable(keys.schemas, self._on_schema),
@@ -60,7 +64,6 @@ class Answering:
     def _on_schema(self, query: zenoh.Query) -> None:
         """Every schema that the query asks for, each on its own key."""
         with suppress(zenoh.ZError), query:
-            for name, made in SCHEMAS.items():
-                key = self._keys.schema(name)
-                if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, self._encode(made()), encoding=zenoh.Encoding.APPLICATION_JSON)
+            for key, text in self._schemas:
+                if query.key_expr.intersects(key):
+                    query.reply(key, text, encoding=zenoh.Encoding.APPLICATION_JSON)

@@ -20,8 +20,8 @@ from motm_twin.bus.ports import TwinLike
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.bus.session import PortTaken, open_member
-from motm_twin.collection import freeze_setup
 from motm_twin.external.robot_link import RobotLink
+from motm_twin.memory import freeze_setup, share_arenas
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
@@ -71,6 +71,7 @@ def reference_tour(scene: Scene) -> float:
 def main() -> None:
     """Run until a signal or the end of the parent."""
     options = _options()
+    share_arenas()
     report, stop = Reporter(options.report), stop_event(options.report is not None)
     try:
         library = FileLibrary(options.scene)

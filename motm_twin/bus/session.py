@@ -4,8 +4,10 @@ Zenoh's own defaults listen on all interfaces and look for others by multicast; 
 address only, finds nobody by itself, and takes messages of a bounded size.
 """
 
+import contextlib
 import errno
 import json
+import random
 import socket
 import threading
 import time
@@ -16,6 +18,8 @@ import zenoh
 from motm_twin.bus.config import session_config
 
 LOOPBACK = "127.0.0.1"
+FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
+TRIES = 50  # ports that are tried
 ATTEMPT = 0.5  # [s] that one attempt to connect takes at most; a stop is noticed between two
 
 
@@ -38,10 +42,15 @@ def require_free_port(host: str, port: int, use: str) -> None:
 
 
 def free_port(host: str = LOOPBACK) -> int:
-    """A TCP port that is free now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.bind((host, 0))
-        return int(probe.getsockname()[1])
+    """A TCP port that is free now, and that no outgoing connection takes before it is listened on. Raises PortTaken.
+
+    The operating system's own choice (port 0) is one of those that it gives to outgoing connections of any program.
+    """
+    for port in random.SystemRandom().sample(range(*FREE), TRIES):
+        with contextlib.suppress(PortTaken):
+            require_free_port(host, port, "")
+            return port
+    raise PortTaken(host, port, f"so were {TRIES - 1} others, or no program of this machine can listen on {host}")
 
 
 def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = ()) -> zenoh.Session:

@@ -3,11 +3,12 @@
     approach speed  <=  xi (d - d_s) / (d_i - d_s)      for d < d_i, horizontal distance d
 
 As printed in the paper the line reads as a bound of d-dot; it must bound the approach, -d-dot. Below d_s it asks the
-gripper to retreat. For what moves the line goes on beyond d_i, as an allowance above xi: where it began only at d_i, a
-hand that swings at 1 m/s was 0.4 m/s over it. It counts from where the obstacle may begin within its cell.
+gripper to retreat. The line goes on beyond d_i, as an allowance above xi: where it began only at d_i, a hand that
+swings at 1 m/s was 0.4 m/s over it. For what moves it counts from where the obstacle may begin within its cell.
 
-A static obstacle (its cells occupied for 3 s) close to the target would forbid the grasp, so its d_s shrinks to the
-target's distance to it less a margin, from the approach until the gripper is d_s away again. A moving one keeps d_s.
+A static obstacle (occupied for 3 s, at rest for 3.5 s if it ever moved) close to the target would forbid the grasp, so
+its d_s shrinks to the target's distance to it less a margin, from the approach until the gripper is d_s away again. A
+moving one keeps d_s.
 """
 
 import math
@@ -64,15 +65,13 @@ def lidar_limits(
             if _near(points[i], gripper, targets):
                 near[count], standing[count] = points[i], static[i]
                 count += 1
-    d_s, reach = np.full(count, a.d_s), np.empty(count)
+    d_s = np.full(count, a.d_s)
     if targets.shape[0]:
         distances = np.full(count, np.inf)
         label_target_distance(near[:count], standing[:count], targets, _LINK, distances)
         for i in range(count):
             d_s[i] = max(0.0, min(d_s[i], distances[i] - a.static_margin))
-    for i in range(count):
-        reach[i] = a.d_i if standing[i] else a.d_i + a.moving_lead
-    picked = _nearest_per_sector(near[:count], reach, gripper[0], gripper[1], a.sectors)
+    picked = _nearest_per_sector(near[:count], a.d_i + a.lead, gripper[0], gripper[1], a.sectors)
     normal, distance = np.empty((len(picked), 2)), np.empty(len(picked))
     chosen, allowed = np.empty(len(picked)), np.empty(len(picked))
     for k in range(len(picked)):
@@ -154,7 +153,7 @@ def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Arr
 
 
 @njit(cache=True)
-def _nearest_per_sector(points: Array, reach: Array, x: float, y: float, sectors: int) -> NDArray[np.int64]:
+def _nearest_per_sector(points: Array, reach: float, x: float, y: float, sectors: int) -> NDArray[np.int64]:
     if points.shape[0] == 0:
         return np.empty(0, dtype=np.int64)
     best = np.full(sectors, np.inf)
@@ -162,7 +161,7 @@ def _nearest_per_sector(points: Array, reach: Array, x: float, y: float, sectors
     for i in range(points.shape[0]):
         dx, dy = points[i, 0] - x, points[i, 1] - y
         d = math.hypot(dx, dy)
-        if d >= reach[i]:
+        if d >= reach:
             continue
         sector = int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * sectors) % sectors
         if d < best[sector]:

@@ -211,7 +211,7 @@ class ControlLoop(Stateful[LoopState]):
         dt = PERIOD / self.settings.arm_steps
         T_odom_world = odometry_to_world(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
-        obstacles = ArmObstacles(points=from_frame(T_odom_world, world.seen_points), static=world.seen_static)
+        obstacles = ArmObstacles.of(world, T_odom_world)
         start = self.monitor.twist
         steps: list[ArmStep] = []
         samples: list[Observation] = []

@@ -57,7 +57,7 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     xi: float = 0.6  # [m/s], Paper, Sec. V
     d_s: float = 0.25  # [m], Paper, Sec. V
     d_i: float = 0.6  # [m], Paper, Sec. V
-    moving_lead: float = 0.5  # [m] beyond d_i the line goes on for moving obstacles: no hand brakes from 1 m/s at once
+    lead: float = 0.5  # [m] by which the line goes on beyond d_i: no hand brakes from 1 m/s at once
     moving_margin: float = 0.035  # [m] that a moving one may be nearer than the middle of its cell: half its diagonal
     static_margin: float = 0.05  # [m] a static obstacle's d_s is the target's distance to it less this, at most d_s
     sectors: int = 12  # directions round the gripper, each limited by its nearest point

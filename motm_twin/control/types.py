@@ -6,8 +6,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import Actuation, Observation
+from motm_twin.perception.world_map import WorldMap
 
 
 class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -27,7 +28,15 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Lidar obstacles outside the map, in the odometry frame; any is assumed tall (Paper, Sec. V)."""
 
     points: Array  # [m], shape (m, 2)
-    static: NDArray[np.bool_]  # occupied unbroken for 3 s, shape (m,)
+    static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 3.5 s if it ever moved, shape (m,)
+
+    @classmethod
+    def of(cls, world: WorldMap, T_odom_world: Array) -> "ArmObstacles":
+        """What is seen, and the far sides of what may be moving."""
+        static = np.zeros(len(world.seen_points) + len(world.hidden), dtype=bool)
+        static[: len(world.seen_points)] = world.seen_static
+        points = np.concatenate((world.seen_points, world.hidden))
+        return cls(points=from_frame(T_odom_world, points), static=static)
 
 
 class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):

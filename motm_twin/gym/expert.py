@@ -78,6 +78,6 @@ def _inputs(view: AgentView, plan: BasePlan, twist: Array) -> ArmInputs:
         time_to_range=plan.time_to_range,
         plan_times=plan.local_times,
         plan_poses=poses,
-        obstacles=ArmObstacles(points=from_frame(T_odom_world, world.seen_points), static=world.seen_static),
+        obstacles=ArmObstacles.of(world, T_odom_world),
         T_odom_world=T_odom_world,
     )

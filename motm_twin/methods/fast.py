@@ -1,72 +1,20 @@
 """`fast`: the paper's rule that keeps to its plans, and goes round what moves only when it is near."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import msgspec
-import numpy as np
 
 from motm_twin.methods.method import Method, PlannerParts
-from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
-from motm_twin.model.state import HasState, Stateful
-from motm_twin.perception.base_map import BaseMap, build_base_map, polygons_within, read_only
-from motm_twin.perception.clusters import calm, seen_outlines
-from motm_twin.perception.distance import seen_distance, squared_cells
+from motm_twin.model.state import HasState
 from motm_twin.perception.movers import MoverParameters, standing
-from motm_twin.perception.world_map import WorldMap
+from motm_twin.perception.still_map import StandingMap, StillMap
 from motm_twin.planning.commitment import CommittedController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget
 from motm_twin.planning.wide_placement import WidePlacement
-
-
-@dataclass
-class StandingState:
-    """What is remembered between maps."""
-
-    outlines: tuple[Array, ...] = ()  # of what was seen to stand
-
-
-class StandingMap(Stateful[StandingState]):
-    """The map of a period without what moves."""
-
-    def __init__(self, known: KnownWorld) -> None:
-        self._known = known
-        self._base: BaseMap | None = None
-        self._state = StandingState()
-
-    def without(self, world: WorldMap, standing: np.ndarray) -> WorldMap:
-        """The map with only those seen points (m,) of bool that stand."""
-        if standing.all():
-            self._state.outlines = ()
-            return world
-        base = self._base_map(world.resolution)
-        shape, extent = world.occupied.shape, world.resolution * np.array(world.occupied.shape[::-1])
-        column, row = np.round((world.origin - np.array(base.grid.origin)) / world.resolution).astype(np.int32)
-        window = (slice(row, row + shape[0]), slice(column, column + shape[1]))  # of a large map it is a part
-        points = world.seen_points[standing]
-        cells = np.floor((points - world.origin) / world.resolution).astype(np.int32)[:, ::-1]
-        occupied = base.occupied[window].copy()
-        occupied[cells[:, 0], cells[:, 1]] = 1
-        seen = seen_distance(squared_cells(cells, *shape), world.resolution)
-        outlines = seen_outlines(cells, shape, world.resolution, world.origin) if len(cells) else []
-        self._state.outlines = tuple(read_only(corners) for corners in calm(outlines, self._state.outlines))
-        return msgspec.structs.replace(
-            world,
-            occupied=read_only(occupied),
-            distance=read_only(np.minimum(base.distance[window], seen)),
-            polygons=polygons_within(base.polygons, world.origin, world.origin + extent) + self._state.outlines,
-            seen_points=read_only(points.copy()),
-            seen_static=read_only(world.seen_static[standing].copy()),
-        )
-
-    def _base_map(self, resolution: float) -> BaseMap:
-        if self._base is None:
-            self._base = build_base_map(self._known, resolution)
-        return self._base
 
 
 class FastPlanner(BasePlanner):
@@ -82,9 +30,10 @@ class FastPlanner(BasePlanner):
     ) -> None:
         graphs = graphs or GraphCache()
         controller = CommittedController(known.robot, parameters, clock=clock, graphs=graphs)
-        placement = WidePlacement(known.robot, parameters, graphs)
-        super().__init__(known.robot, parameters, placement=placement, controller=controller, graphs=graphs)
         self.movers = MoverParameters()
+        self.still = StillMap(known, self.movers)
+        placement = WidePlacement(known.robot, parameters, graphs, self.still)
+        super().__init__(known.robot, parameters, placement=placement, controller=controller, graphs=graphs)
         self.standing = StandingMap(known)
         self._asked: tuple[BaseProblem, BaseProblem] | None = None  # of this period: as it came, and as it is solved
 
@@ -105,7 +54,7 @@ class FastPlanner(BasePlanner):
         return problem if without is world else msgspec.structs.replace(problem, world=without)
 
     def _stateful(self) -> dict[str, HasState]:
-        return {**super()._stateful(), "standing": self.standing}
+        return {**super()._stateful(), "standing": self.standing, "still": self.still}
 
 
 def fast_planner(parts: PlannerParts) -> BasePlanner:
@@ -123,9 +72,11 @@ FAST = Method(
         "that starts anew finds another plan of about the same cost each time, and between obstacles the robot "
         "followed none of them. Candidates on all rings of 0.6 to 0.8 m, not on the smallest that has a viable one; "
         "the chosen one stays while it is free at all. What has moved in the last 2 s is an obstacle of placement and "
-        "driving from 2.0 m on, until it is 2.6 m away; until then it will have moved on. Tried and no better: to "
-        "expect it on its course in the search, with the global path round where the robot would meet it (both then "
-        "wait for each other), and to place the base where something near drives now."
+        "driving from 2.0 m on, until it is 2.6 m away; until then it will have moved on. Where what moves leaves a "
+        "target no candidate, the robot waits beside the one that it can be at soonest; the free place closest to the "
+        "target is often on the other side of the table. Tried and no better: to expect what moves on its course in "
+        "the search, with the global path round where the robot would meet it (both then wait for each other), and to "
+        "place the base where something near drives now."
     ),
     planner=fast_planner,
 )

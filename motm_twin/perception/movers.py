@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import Stateful
 from motm_twin.perception.clusters import label_cells
-from motm_twin.perception.world_map import NO_MOVERS, WorldMap
+from motm_twin.perception.world_map import NO_MOVERS, NO_POINTS, WorldMap
 
+ROWS_APART = 1 << 32  # between the numbers of two cells in the same column
+FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
 SAME_POINT = 0.08  # [m] between the middles of cells that may show the same point
 
 
@@ -30,11 +32,12 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     alpha: float = 0.5  # gain of the position per map of 50 ms
     beta: float = 0.08  # gain of the velocity: its error halves in 0.2 s
     leaves: float = 0.10  # [m] from its place, beyond which a thing may have moved
+    creeps: float = 0.05  # [m] the same for one that is to be static: it starts counting again
     young: float = 0.2  # [s] that it must have been there for: what has just appeared flickers
     gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
-    rests: float = 3.0  # [s] in the same place after which a thing is static for the arm (Paper, Sec. V)
+    rests: float = 3.5  # [s] in the same place after which a thing is static: 3 (Paper, Sec. V), and the end of braking
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
@@ -63,6 +66,7 @@ class Track:
     wide: bool = False  # two things side by side, or furniture: its middle is no point of it
     near: bool = False  # in the way
     place: Place | None = None  # where it is, as long as it does not move and no more of it is seen
+    rest: Place | None = None  # where it is, as long as it does not even creep
 
 
 @dataclass
@@ -71,6 +75,7 @@ class MoverState:
 
     time: float | None = None
     tracks: list[Track] = field(default_factory=list)
+    static: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that are known to be
 
 
 class Seen(msgspec.Struct, frozen=True, eq=False):
@@ -89,7 +94,10 @@ class MoverTracker(Stateful[MoverState]):
         self._state = MoverState()
 
     def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
-        """The map with its movers. Static in it is what has been in the same place for 3 s.
+        """The map with its movers. Static in it is what was hit for 3 s, unless it has moved and not rested since.
+
+        The cells of a thing that comes to rest were hit while it was still coming. What was static once is never taken
+        for a new thing: noise at the edge of a box would be one.
 
         ``viewpoint``: where the lidar is, shape (2,) or longer [m].
         """
@@ -100,25 +108,30 @@ class MoverTracker(Stateful[MoverState]):
         state.time = world.stamp
         for track in state.tracks:
             track.position = track.position + dt * track.velocity
-        pairs = self._correct(self._clusters(world, viewpoint[:2]), world.stamp, dt)
-        state.tracks = [
-            track for track in state.tracks if world.stamp - track.seen <= p.lost_after or self._rests(track)
-        ]
-        for track, seen in pairs:
-            self._judge(track, seen, world, viewpoint[:2])
+        cells = _cells(world)
+        known = np.isin(cells, state.static)
+        seen = self._clusters(world, np.flatnonzero(~known), viewpoint[:2])
+        pairs = self._correct(seen, world.stamp, dt)
+        state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
+        for track, one in pairs:
+            self._judge(track, one, world, viewpoint[:2])
         self._part(viewpoint[:2])
-        static = world.seen_static.copy()
-        for track, seen in pairs:
-            static[seen.points] |= self._settled(track, seen, world.stamp)
-        static &= ~self._resting(world.seen_points)
+        static = world.seen_static | known
+        unsettled = [(track, one) for track, one in pairs if self._unsettled(track)]
+        for _, one in unsettled:
+            static[one.points] = False
+        state.static = cells[static]
         static.setflags(write=False)
         found = [
             (*track.position, *track.velocity, track.radius, track.near)
             for track in state.tracks
-            if self._moving(track) and not track.wide and world.stamp - track.seen <= p.lost_after
+            if self._moving(track) and not track.wide
         ]
         movers = np.array(found) if found else NO_MOVERS
-        return msgspec.structs.replace(world, seen_static=static, movers=movers)
+        hidden = [_behind(track, viewpoint[:2]) for track, _ in unsettled]
+        return msgspec.structs.replace(
+            world, seen_static=static, movers=movers, hidden=np.concatenate(hidden) if hidden else NO_POINTS
+        )
 
     def _judge(self, track: Track, seen: Seen, world: WorldMap, viewpoint: Array) -> None:
         """Whether a thing has left its place: its middle is elsewhere, and where it was seen, most of it is no more.
@@ -128,42 +141,26 @@ class MoverTracker(Stateful[MoverState]):
         """
         p, place = self.parameters, track.place
         moved = False
-        if place is not None and world.stamp - place.time >= p.young and self._away(track, seen, place):
+        if place is not None and world.stamp - place.time >= p.young and _away(track, seen, place, p.leaves):
             moved = _share_gone(place.points, world.seen_points, world.seen_points[seen.points], viewpoint) > p.gone
         if moved and not track.wide:
             track.moved = world.stamp
         if place is None or moved or track.wide or seen.radius > place.radius + p.grows:
-            track.place = Place(world.stamp, track.position, seen.radius, world.seen_points[seen.points])
-
-    def _away(self, track: Track, seen: Seen, place: Place) -> bool:
-        sight = math.sqrt(2.0) * abs(place.radius - seen.radius)
-        return math.hypot(*(track.position - place.middle)) > self.parameters.leaves + sight
-
-    def _settled(self, track: Track, seen: Seen, now: float) -> bool:
-        """It has been in the same place for 3 s."""
-        place = track.place
-        assert place is not None
-        return now - place.time >= self.parameters.rests and not self._away(track, seen, place)
+            place = Place(world.stamp, track.position, seen.radius, world.seen_points[seen.points])
+        track.place = place
+        if track.rest is None or place.time == world.stamp or _away(track, seen, track.rest, p.creeps):
+            track.rest = Place(world.stamp, track.position, seen.radius, NO_POINTS)
 
     def _moving(self, track: Track) -> bool:
         now = self._state.time
         return track.moved is not None and now is not None and now - track.moved <= self.parameters.stands_after
 
-    def _rests(self, track: Track) -> bool:
-        """It has moved, less than 3 s ago."""
+    def _unsettled(self, track: Track) -> bool:
+        """It has moved, and has not been in the same place for long since."""
         now = self._state.time
-        return track.moved is not None and now is not None and now - track.moved < self.parameters.rests
-
-    def _resting(self, points: Array) -> NDArray[np.bool_]:
-        """Which points (m, 2) are of something that moved less than 3 s ago.
-
-        The map takes it for static earlier: its cells were hit while it came to rest.
-        """
-        found = np.zeros(len(points), dtype=bool)
-        for track in self._state.tracks:
-            if self._rests(track):
-                found |= np.hypot(*(points - track.position).T) <= track.radius + self.parameters.edge
-        return found
+        if track.wide or track.moved is None or track.rest is None or now is None:
+            return False
+        return now - track.rest.time < self.parameters.rests
 
     def _part(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
@@ -171,9 +168,9 @@ class MoverTracker(Stateful[MoverState]):
             limit = self.parameters.parted if track.near else self.parameters.near
             track.near = math.hypot(*(track.position - viewpoint)) <= limit
 
-    def _clusters(self, world: WorldMap, viewpoint: Array) -> list[Seen]:
-        p, young = self.parameters, np.flatnonzero(~world.seen_static | self._resting(world.seen_points))
-        points = world.seen_points[young]
+    def _clusters(self, world: WorldMap, young: NDArray[np.int64], viewpoint: Array) -> list[Seen]:
+        """Clusters of those of the seen points, by index."""
+        p, points = self.parameters, world.seen_points[young]
         if not len(points):
             return []
         column, row = np.floor((points - world.origin).T / world.resolution).astype(np.int32)
@@ -212,6 +209,12 @@ class MoverTracker(Stateful[MoverState]):
         return met
 
 
+def _cells(world: WorldMap) -> NDArray[np.int64]:
+    """One number per cell of the seen points, the same in every map."""
+    column, row = np.floor(world.seen_points.T / world.resolution).astype(np.int64)
+    return row * ROWS_APART + column
+
+
 def standing(world: WorldMap, movers: Array, parameters: MoverParameters) -> NDArray[np.bool_]:
     """Which seen points of the map do not belong to one of these movers, shape (m,)."""
     points = world.seen_points
@@ -233,6 +236,19 @@ def _front(cluster: Array, viewpoint: Array, resolution: float) -> tuple[Array, 
     depth = float(((cluster - viewpoint) @ ahead).min()) - 0.5 * resolution + radius
     side = 0.5 * float(across.max() + across.min())
     return viewpoint + depth * ahead + side * np.array([-ahead[1], ahead[0]]), radius
+
+
+def _away(track: Track, seen: Seen, place: Place, limit: float) -> bool:
+    """Whether it is farther than this [m] from its place, and not just seen in another way."""
+    sight = math.sqrt(2.0) * abs(place.radius - seen.radius)
+    return math.hypot(*(track.position - place.middle)) > limit + sight
+
+
+def _behind(track: Track, viewpoint: Array) -> Array:
+    """Points of the half of a disc that is turned away from the viewpoint [m], shape (n, 2)."""
+    away = track.position - viewpoint
+    angle = math.atan2(away[1], away[0]) + FAR_SIDE
+    return track.position + track.radius * np.column_stack((np.cos(angle), np.sin(angle)))
 
 
 def _share_gone(before: Array, seen: Array, own: Array, viewpoint: Array) -> float:

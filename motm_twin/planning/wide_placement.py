@@ -1,16 +1,23 @@
-"""Base placement on all rings at once, loyal to its choice.
+"""Base placement on all rings at once, loyal to its choice, that waits beside what will move on.
 
 The paper takes the smallest ring that has a viable candidate, however long the way to that one is. Between boxes, what
 is left of the smallest ring may be on the other side of the table, while a little further out there is room right here.
+Where no ring has one, it goes to the free place that is closest to the target, be it on the other side of the table;
+when all that is in the way is something that moves, the candidates behind it will be free again.
 """
 
+import functools
 import math
 
 import numpy as np
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.profile import RobotProfile
+from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.collision import clearances
 from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.global_path import GraphCache, costs_on, poses_at
+from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import (
     SAME_HEADING,
     SAME_PLACE,
@@ -22,21 +29,70 @@ from motm_twin.planning.placement import (
 from motm_twin.planning.rejections import Here, rejections
 from motm_twin.planning.types import Target
 
+BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more
 KEEP_CLEARANCE = 0.0  # [m] of the chosen pose: a cell at the edge of what the lidar sees comes and goes
 
 
 class WidePlacement(NextTargetPlacement):
-    """C_i = C_iC + 1.05 C_iN over 36 x 2 candidates on every ring of 0.6 to 0.8 m."""
+    """C_i = C_iC + 1.05 C_iN over 36 x 2 candidates on every ring of 0.6 to 0.8 m.
+
+    Beside what moves, C_iN is the way from a free place to a candidate of the same target that is taken now.
+    """
+
+    def __init__(
+        self,
+        profile: RobotProfile,
+        parameters: PlanningParameters,
+        graphs: GraphCache | None = None,
+        still: StillMap | None = None,
+    ) -> None:
+        """``still``: gives the map without what moves; None: nothing is waited for."""
+        super().__init__(profile, parameters, graphs)
+        self._still, self._still_graphs = still, GraphCache()
+        self._waits = False
 
     def _evaluate(
         self, target: Target, here: Here, from_robot: Table, to_next: Table | None
     ) -> tuple[Candidates, Array, Array]:
-        if target.kind != "drive":
-            candidates = self._every_ring(target, here)
-            current, onward = self._costs(candidates, here.graph, from_robot, to_next)
-            if np.isfinite(current).any():
-                return candidates, current, onward
-        return super()._evaluate(target, here, from_robot, to_next)
+        self._waits = False
+        if target.kind == "drive":
+            return super()._evaluate(target, here, from_robot, to_next)
+        candidates = self._every_ring(target, here)
+        current, onward = self._costs(candidates, here.graph, from_robot, to_next)
+        if np.isfinite(current).any():
+            return candidates, current, onward
+        beside = self._beside(target, here, from_robot)
+        self._waits = beside is not None
+        return beside or super()._evaluate(target, here, from_robot, to_next)
+
+    def _beside(self, target: Target, here: Here, from_robot: Table) -> tuple[Candidates, Array, Array] | None:
+        """Free places, the way to each, and from it to a candidate that is free but for what moves; None: none is."""
+        world = here.world if self._still is None else self._still.of(here.world)
+        if world is here.world:
+            return None
+        graph = self._still_graphs.graph(world, self._parameters.staa.growth)
+        there = Here(world, self._still_graphs.field(world), here.body, graph)
+        wanted = self._every_ring(target, there)
+        pose = wanted.pose[wanted.viable()]
+        places = [free for free in self._closest_sets(target, here) if free.radius <= BESIDE]
+        if not len(pose) or not places:
+            return None
+        free = functools.reduce(joined, places)
+        table = self._still_graphs.table(graph, pose[np.lexsort((pose[:, 1], pose[:, 0]))], self._rates)
+        current, _ = self._costs(free, here.graph, from_robot, None)
+        onward = costs_on(graph, table, poses_at(graph, free.pose, free.place, free.place_of))
+        current[~np.isfinite(onward)] = np.inf
+        return (free, current, onward) if np.isfinite(current).any() else None
+
+    def _why(
+        self, candidates: Candidates, chosen: int, current: Array, onward: Array, target: Target, here: Here
+    ) -> str:
+        if not self._waits:
+            return super()._why(candidates, chosen, current, onward, target, here)
+        return (
+            f"what moves leaves no free candidate of {target.name}: driving to a free place beside it, "
+            f"{onward[chosen]:.1f} s from one"
+        )
 
     def _every_ring(self, target: Target, here: Here) -> Candidates:
         p = self._parameters.placement

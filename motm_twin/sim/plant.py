@@ -16,6 +16,7 @@ from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.plant import Actuation, Observation, Truth
+from motm_twin.model.profile import ArmSpec
 from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
 from motm_twin.sim.agent_kernels import shadow_corners
@@ -52,6 +53,24 @@ _SHADOW_LINKS = np.array([2, 4, 5, 7, HAND, TCP])  # frames
 _SHADOW_RADII = np.array([0.10, 0.10, 0.10, 0.10, 0.11, 0.06])  # [m]
 
 
+class _MountedArm:
+    """Kinematics of the arm on the base."""
+
+    def __init__(self, arm: ArmSpec) -> None:
+        self._mount = (arm.mount_x, arm.mount_y)
+        self._mount_frame = np.eye(4)  # world
+        self._mount_frame[2, 3] = arm.mount_z
+
+    def __call__(self, pose: Array, q: Array) -> Array:
+        """World transforms of `ARM_FRAMES`, shape (11, 4, 4)."""
+        base_x, base_y, heading = pose.tolist()
+        c, s = math.cos(heading), math.sin(heading)
+        (x, y), T = self._mount, self._mount_frame
+        T[0, 0], T[0, 1], T[0, 3] = c, -s, base_x + c * x - s * y
+        T[1, 0], T[1, 1], T[1, 3] = s, c, base_y + s * x + c * y
+        return T @ fk_arm(q)
+
+
 class SimulatedPlant(Stateful[PlantState]):
     """A robot in a scene: `observe`, `command`, `step`; and for people and programs `apply` and `truth`."""
 
@@ -69,9 +88,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._camera = Camera(robot.camera, noise)
         self._localisation = Localisation(noise, SUBSTEP)
         self._referee = Referee(scene, SUBSTEP)
-        self._mount = (robot.arm.mount_x, robot.arm.mount_y)
-        self._mount_frame = np.eye(4)  # world
-        self._mount_frame[2, 3] = robot.arm.mount_z
+        self._frames = _MountedArm(robot.arm)
         self._lidar_period = max(1, round(1.0 / (robot.lidar.rate * SUBSTEP)))
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
         self._furnishings = Furnishings(scene)
@@ -275,15 +292,6 @@ class SimulatedPlant(Stateful[PlantState]):
             s.camera.delay(s.substep + s.faults.delay, previous)
         elif s.camera.late:
             s.camera.late = []  # overtaken
-
-    def _frames(self, pose: Array, q: Array) -> Array:
-        """World transforms of `ARM_FRAMES`, shape (11, 4, 4)."""
-        base_x, base_y, heading = pose.tolist()
-        c, s = math.cos(heading), math.sin(heading)
-        (x, y), T = self._mount, self._mount_frame
-        T[0, 0], T[0, 1], T[0, 3] = c, -s, base_x + c * x - s * y
-        T[1, 0], T[1, 1], T[1, 3] = s, c, base_y + s * x + c * y
-        return T @ fk_arm(q)
 
     def _shadow(self, frames: Array) -> RobotShadow:
         base, foot = self._state.base, self.scene.robot.footprint

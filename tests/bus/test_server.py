@@ -1,6 +1,7 @@
 """The server over Zenoh, with a stand-in for the twin: what is published, what is refused, how it starts and ends."""
 
 import json
+import socket
 import threading
 import time
 
@@ -223,6 +224,13 @@ def test_a_client_waits_for_a_server_and_finds_it_again_after_a_restart():
                 until(lambda: client.command(Step(), timeout=0.5).ok, "no command got through")
                 until(lambda s=server: client.tick() and client.tick().time == s.loop.status().time, "old state")
             until(lambda: not client.alive, "the client does not notice that the server is gone")
+
+
+def test_a_free_port_is_none_that_an_outgoing_connection_may_get():
+    with socket.create_server(("127.0.0.1", 0)) as outgoing:
+        assert all(free_port() < min(32_768, outgoing.getsockname()[1]) for _ in range(20))
+    with pytest.raises(PortTaken, match=r"192\.0\.2\.1"):  # an address of no machine
+        free_port("192.0.2.1")
 
 
 def test_a_taken_port_is_an_error_and_not_another_port():

@@ -66,18 +66,20 @@ def test_obstacles_on_both_sides_limit_both_directions():
     np.testing.assert_allclose(limits.normal[0], [-1.0, 0.0])
 
 
-def test_what_is_beyond_d_i_limits_nothing_but_is_reported():
-    far = obstacles([(0.7, 0.0)], True)
+@pytest.mark.parametrize("static", [False, True])
+def test_what_is_beyond_the_end_of_the_line_limits_nothing_but_is_reported(static):
+    far = obstacles([(PARAMETERS.d_i + PARAMETERS.lead + 0.05, 0.0)], static)
     assert len(lidar_limits(np.zeros(3), far, NO_TARGETS, PARAMETERS).distance) == 0
-    assert nearest_distance(np.zeros(3), far[0]) == pytest.approx(0.7)
+    assert nearest_distance(np.zeros(3), far[0]) == pytest.approx(1.15)
 
 
-def test_for_what_moves_the_line_goes_on_beyond_d_i_so_that_nothing_crosses_it_too_fast():
-    beyond = lidar_limits(np.zeros(3), obstacles([(0.9, 0.0)], False), NO_TARGETS, PARAMETERS)
-    assert beyond.allowed[0] == pytest.approx(0.6 * (0.9 - 0.035 - 0.25) / 0.35)
-    at_d_i = lidar_limits(np.zeros(3), obstacles([(PARAMETERS.d_i, 0.0)], False), NO_TARGETS, PARAMETERS)
-    assert at_d_i.allowed[0] < PARAMETERS.xi < beyond.allowed[0]
-    assert len(lidar_limits(np.zeros(3), obstacles([(1.15, 0.0)], False), NO_TARGETS, PARAMETERS).distance) == 0
+@pytest.mark.parametrize(("static", "margin"), [(False, 0.035), (True, 0.0)])  # a static one may move again
+def test_the_line_goes_on_beyond_d_i_so_that_nothing_crosses_it_too_fast(static, margin):
+    beyond = lidar_limits(np.zeros(3), obstacles([(0.9, 0.0)], static), NO_TARGETS, PARAMETERS)
+    assert beyond.allowed[0] == pytest.approx(0.6 * (0.9 - margin - 0.25) / 0.35)
+    at_d_i = lidar_limits(np.zeros(3), obstacles([(PARAMETERS.d_i, 0.0)], static), NO_TARGETS, PARAMETERS)
+    assert at_d_i.allowed[0] == pytest.approx(PARAMETERS.xi * (1.0 - margin / 0.35))
+    assert at_d_i.allowed[0] < beyond.allowed[0]
 
 
 def test_avoidance_can_be_switched_off():

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motm_twin.methods.fast import StandingMap
 from motm_twin.methods.registry import find_method
 from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverParameters, standing
+from motm_twin.perception.still_map import StandingMap, StillMap
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
@@ -50,6 +50,14 @@ def test_the_map_of_the_planner_has_near_movers_and_no_far_ones(temis):
     world = planner.standing.without(tick.map, stands)
     assert len(world.seen_points) == stands.sum() and len(world.polygons) < len(tick.map.polygons)
     assert (world.distance >= tick.map.distance - 1e-6).all()
+
+
+def test_the_still_map_has_no_mover_at_all(temis):
+    _, tick = temis
+    world = StillMap(known_world(load_scene("exp2", "random", 0)), MoverParameters()).of(tick.map)
+    assert len(tick.map.movers) and len(world.seen_points) < len(tick.map.seen_points)
+    for x, y, *_, radius, _near in tick.map.movers:
+        assert (np.hypot(*(world.seen_points - (x, y)).T) > radius).all()
 
 
 def test_a_map_in_which_everything_stands_is_left_as_it_is():

@@ -136,3 +136,44 @@ def test_the_chosen_pose_stays_while_it_is_free_at_all():
     assert np.allclose(place(box(0.04)).goal, first.goal)
     assert not np.allclose(place(box(-0.06)).goal, first.goal)
     assert not np.allclose(place(box(0.04)).goal, first.goal)  # to be chosen anew it must have its whole clearance
+
+
+class Taken:
+    """The map once what moves is gone."""
+
+    def __init__(self, world):
+        self.world = world
+
+    def of(self, _world):
+        return self.world
+
+
+def _before_a_table_that_is_taken(still):
+    """A robot that drives to the south side of a table, along which people walk; the free side is the north."""
+    south = [(x, y) for x in (0.6, 1.2, 1.8, 2.4) for y in (0.05, -0.4)]
+    walkers = [rectangle(x - 0.2, y - 0.2, x + 0.2, y + 0.2) for x, y in (*south, (0.6, 0.9))]
+    world = world_of((TABLE, *walkers))
+    problem = BaseProblem(
+        time=0.0, world=world, pose=np.array([-0.8, -1.2, 0.0]), twist=np.zeros(2), engaged=False,
+        target=Target(kind="pick", name="cube", position=np.array(CUBE)), next_target=None,
+    )  # fmt: skip
+    placement = WidePlacement(RobotProfile(), PlanningParameters(), still=still)
+    return problem, placement.place(problem)
+
+
+def test_it_waits_beside_what_moves_and_does_not_go_round_the_table():
+    _, closest = _before_a_table_that_is_taken(None)
+    problem, beside = _before_a_table_that_is_taken(Taken(world_of((TABLE,))))
+    assert closest.mode in ("reach", "closest") and closest.goal[1] > 1.3  # the other side
+    assert beside.mode == "closest" and beside.goal[1] < 0.5
+    assert beside.reason.startswith("what moves leaves no free candidate of cube")
+    free = clearances(beside.goal[None], 1.0, field_of(problem.world), body_of(RobotProfile().footprint))
+    assert free[0] >= PlanningParameters().placement.clearance
+    assert beside.cost[beside.chosen] < closest.cost_current[closest.chosen]
+
+
+def test_what_is_taken_by_furniture_is_not_waited_for():
+    _, closest = _before_a_table_that_is_taken(None)
+    walled = [rectangle(-0.5, -0.6, 4.0, 0.5), rectangle(0.4, 0.5, 1.0, 3.0), rectangle(1.0, 1.3, 3.0, 2.5)]
+    _, placement = _before_a_table_that_is_taken(Taken(world_of((TABLE, *walled))))
+    assert np.allclose(placement.goal, closest.goal) and "what moves" not in placement.reason

@@ -61,10 +61,10 @@ def chromium():
 
 
 @contextmanager
-def visiting(twin, view=VIEW, dots=1.0):
+def visiting(twin, view=VIEW):
     """A browser with the page of a served twin open; yields its visitor, who has read how to drive."""
     with chromium() as browser:
-        yield Visitor.enter(browser, twin, view, dots)
+        yield Visitor.enter(browser, twin, view)
 
 
 class Visitor:
@@ -75,9 +75,9 @@ class Visitor:
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     @classmethod
-    def enter(cls, browser, twin, view=VIEW, dots=1.0):
-        """Open the page in a new window, drawn with this many dots per pixel, and put the introduction away."""
-        visitor = cls(browser.new_page(viewport=view, device_scale_factor=dots), twin)
+    def enter(cls, browser, twin, view=VIEW):
+        """Open the page in a new window and put the introduction away."""
+        visitor = cls(browser.new_page(viewport=view), twin)
         visitor.page.goto(twin.url)
         visitor.button("Play", "Pause").wait_for(timeout=SHOWN * 1000)
         visitor.close_notes()

@@ -24,7 +24,7 @@ def test_it_is_a_visitor_that_sees_widgets_and_nodes_and_counts_what_moves(serve
     moving = server.scene.add_frame("/moving")
     with PageReader(server.get_port()) as reader:
         assert reader.wait(lambda reader: reader.replayed is not None and reader.find("Paths", "Checkbox"), 10.0)
-        assert len(server.get_clients()) == 1
+        assert reader.wait(lambda _: len(server.get_clients()) == 1, 10.0)  # named a moment after it got the scene
         assert reader.bytes > 0
         reader.moved()
         moving.position = (1.0, 0.0, 0.0)

@@ -7,13 +7,12 @@ from motm_twin.bus.library import FileLibrary
 
 PERIODS = 3  # that a scene must run
 LITTLE = {"width": 720, "height": 440}  # the lists are the point here, and drawing takes time
-COARSE = 0.25  # dots per pixel
 
 
 @pytest.mark.browser
 @pytest.mark.timeout(1500)
 def test_every_shipped_scene_is_chosen_by_mouse_and_runs():
-    with serving("exp1") as twin, visiting(twin, LITTLE, COARSE) as visitor:
+    with serving("exp1") as twin, visiting(twin, LITTLE) as visitor:
         client, page = twin.client, visitor.page
         visitor.unfold("Scene")
         choices = sorted(FileLibrary("exp1").choices(), key=lambda choice: choice.name == "exp1")  # that one runs

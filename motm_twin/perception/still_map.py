@@ -1,0 +1,73 @@
+"""The map without what moves."""
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.state import Stateful
+from motm_twin.perception.base_map import BaseMap, build_base_map, polygons_within, read_only
+from motm_twin.perception.clusters import calm, seen_outlines
+from motm_twin.perception.distance import seen_distance, squared_cells
+from motm_twin.perception.movers import MoverParameters, standing
+from motm_twin.perception.world_map import WorldMap
+
+
+@dataclass
+class StandingState:
+    """What is remembered between maps."""
+
+    outlines: tuple[Array, ...] = ()  # of what was seen to stand
+
+
+class StandingMap(Stateful[StandingState]):
+    """The map of a period without what moves."""
+
+    def __init__(self, known: KnownWorld) -> None:
+        self._known = known
+        self._base: BaseMap | None = None
+        self._state = StandingState()
+
+    def without(self, world: WorldMap, standing: np.ndarray) -> WorldMap:
+        """The map with only those seen points (m,) of bool that stand."""
+        if standing.all():
+            self._state.outlines = ()
+            return world
+        base = self._base_map(world.resolution)
+        shape, extent = world.occupied.shape, world.resolution * np.array(world.occupied.shape[::-1])
+        column, row = np.round((world.origin - np.array(base.grid.origin)) / world.resolution).astype(np.int32)
+        window = (slice(row, row + shape[0]), slice(column, column + shape[1]))  # of a large map it is a part
+        points = world.seen_points[standing]
+        cells = np.floor((points - world.origin) / world.resolution).astype(np.int32)[:, ::-1]
+        occupied = base.occupied[window].copy()
+        occupied[cells[:, 0], cells[:, 1]] = 1
+        seen = seen_distance(squared_cells(cells, *shape), world.resolution)
+        outlines = seen_outlines(cells, shape, world.resolution, world.origin) if len(cells) else []
+        self._state.outlines = tuple(read_only(corners) for corners in calm(outlines, self._state.outlines))
+        return msgspec.structs.replace(
+            world,
+            occupied=read_only(occupied),
+            distance=read_only(np.minimum(base.distance[window], seen)),
+            polygons=polygons_within(base.polygons, world.origin, world.origin + extent) + self._state.outlines,
+            seen_points=read_only(points.copy()),
+            seen_static=read_only(world.seen_static[standing].copy()),
+        )
+
+    def _base_map(self, resolution: float) -> BaseMap:
+        if self._base is None:
+            self._base = build_base_map(self._known, resolution)
+        return self._base
+
+
+class StillMap(StandingMap):
+    """The map of a period without anything that moves."""
+
+    def __init__(self, known: KnownWorld, parameters: MoverParameters) -> None:
+        super().__init__(known)
+        self._parameters = parameters
+
+    def of(self, world: WorldMap) -> WorldMap:
+        """The map without its movers; the same object when it has none."""
+        return self.without(world, standing(world, world.movers, self._parameters))
