@@ -25,6 +25,10 @@ print(path)
 PY
 }
 
+# The reference pictures of the page are written in it.
+if ! fc-match -f '%{family}' Arial 2>/dev/null | grep -q Liberation; then
+  tools/apt.sh fonts-liberation fontconfig >&2 || echo "chromium: without the font Liberation Sans" >&2
+fi
 found && exit 0
 of_playwright && exit 0
 echo "chromium: none found; trying the system's package" >&2

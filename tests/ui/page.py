@@ -5,6 +5,7 @@ import os
 import shutil
 import time
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 1024, "height": 700}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+LIGHTLY = Path(__file__).with_name("lightly.js")
 MOMENT = 8000  # [ms] for something that does not last
 SHOWN = 60.0  # [s] for something to appear: software rendering on a busy machine
 
@@ -75,10 +77,17 @@ class Visitor:
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     @classmethod
-    def enter(cls, browser, twin, view=VIEW):
-        """Open the page in a new window and put the introduction away."""
-        visitor = cls(browser.new_page(viewport=view), twin)
-        visitor.page.goto(twin.url)
+    def enter(cls, browser, twin, view=VIEW, *, fine=False):
+        """Open the page in a new window and put the introduction away.
+
+        The scene is drawn as everybody sees it when ``fine``; else with rough edges, at most three times a second and
+        always with one dot per pixel: smooth edges take half of what software needs for a picture.
+        """
+        page = browser.new_page(viewport=view)
+        visitor = cls(page, twin)
+        if not fine:
+            page.add_init_script(path=LIGHTLY)
+        page.goto(twin.url if fine else f"{twin.url}?fixedDpr=1")
         visitor.button("Play", "Pause").wait_for(timeout=SHOWN * 1000)
         visitor.close_notes()
         return visitor
@@ -88,6 +97,16 @@ class Visitor:
     def says(self, text, exact=False):
         """Wait until a text is on the page."""
         self.page.get_by_text(text, exact=exact).first.wait_for(timeout=SHOWN * 1000)
+
+    def said(self, text):
+        """Whether a text appears on the page within a moment; it may be gone again before it is seen."""
+        from playwright.sync_api import TimeoutError as TooLate
+
+        try:
+            self.page.get_by_text(text).first.wait_for(timeout=MOMENT)
+        except TooLate:
+            return False
+        return True
 
     def state(self, name):
         """Wait until the page shows this state of the twin, such as Running."""

@@ -31,7 +31,7 @@ class State:
 
 def visitor(browser, twin, size=SIZE):
     """Somebody with a page of this size; the twin is paused."""
-    person = Visitor.enter(browser, twin, {"width": size[0], "height": size[1]})
+    person = Visitor.enter(browser, twin, {"width": size[0], "height": size[1]}, fine=True)
     at(person, START)
     return person
 

@@ -17,7 +17,7 @@ EVIL = "<img src=x onerror=window.hacked=1>"
 OCCUPIED = 255  # of a cell of the grid
 TOP = 0.5  # [m] of the shelf
 OLD, NEW = (-1.5, 0.5), (-1.5, -0.4)  # [m] where the shelf stands, and is dragged to
-HERE, THERE = (-0.7, 1.2), (0.2, 1.2)  # [m] free floor, which a box is thrown over
+HERE, THERE = (-1.2, 1.2), (-0.3, 1.2)  # [m] free floor, which a box is thrown over; 1.3 m from the table
 AWAY = (-0.6, -1.3)  # [m] free floor
 HEIGHT = 0.3  # [m] at which a box is taken
 TRIES = 6  # to throw: a page that draws slowly sees no speed at times
@@ -56,8 +56,9 @@ def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_n
         visitor.tab("Disturb")
         visitor.page.keyboard.press("Space")
         until(lambda: client.status().state == "playing", 30.0, "not playing")
+        the_robot_is_pushed(visitor)  # where there is room on all sides
         the_cube_is_taken_away(visitor)
-        the_robot_is_pushed_and_blinded(visitor)
+        the_robot_is_blinded(visitor)
         speed(visitor, "8x")
         until(lambda: client.tick().score.places == 1, 120.0, "the robot does not get over it")
         speed(visitor, "1x")
@@ -87,14 +88,17 @@ def the_cube_is_taken_away(visitor):
     visitor.button(take).wait_for(state="hidden", timeout=60_000)
 
 
-def the_robot_is_pushed_and_blinded(visitor):
-    client = visitor.twin.client
+def the_robot_is_pushed(visitor):
     for count, (press, moved) in enumerate((("◀ Left", 0.1), ("▼ Back", 0.1)), 1):
         visitor.press(press)
         pushes = until(
             lambda count=count: len(done(visitor, PushRobot)) == count and done(visitor, PushRobot), 30.0, press
         )
         assert math.hypot(pushes[-1].dx, pushes[-1].dy) == pytest.approx(moved)
+
+
+def the_robot_is_blinded(visitor):
+    client = visitor.twin.client
     visitor.press("Lidar off 1 s")
     until(lambda: done(visitor, InjectFault), 30.0, "the lidar is not off")
     words = until(lambda: client.tick().faults, 30.0, "no fault is shown")[0]
@@ -139,7 +143,7 @@ def a_hostile_name_is_only_text(visitor):
 
 
 def a_box_is_thrown(visitor):
-    place_new(visitor, "Box", "box 1", HERE)
+    place_new(visitor, "Box", "box 1", (HERE, THERE))
     for attempt in range(1, TRIES + 1):
         start = body(visitor, "box 1").position[:2]
         throw(visitor, start, max(HERE, THERE, key=lambda place: math.dist(place, start)))
@@ -157,13 +161,13 @@ def a_box_is_thrown(visitor):
 
 
 def a_temi_is_sent_frozen_and_deleted(visitor):
-    place_new(visitor, "Temi", "temi 1", HERE)
+    first = place_new(visitor, "Temi", "temi 1", (HERE, THERE))
     visitor.press("Send to…")
     visitor.says("should go")
     visitor.click((*AWAY, 0.0))
     (sent,) = until(lambda: done(visitor, SendAgent), 30.0, "not sent")
     assert math.dist((sent.x, sent.y), AWAY) < 0.05
-    until(lambda: math.dist(body(visitor, "temi 1").position[:2], HERE) > 0.2, 60.0, "it does not go")
+    until(lambda: math.dist(body(visitor, "temi 1").position[:2], first) > 0.2, 60.0, "it does not go")
     visitor.press("Freeze")
     until(lambda: body(visitor, "temi 1").state == "frozen", 30.0, "not frozen")
     visitor.press("Go on")
@@ -174,15 +178,18 @@ def a_temi_is_sent_frozen_and_deleted(visitor):
     until(lambda: body(visitor, "temi 1") is None, 30.0, "the Temi is still there")
 
 
-def place_new(visitor, button, name, place):
-    """Add a body, and click the floor where it should stand."""
+def place_new(visitor, button, name, places):
+    """Add a body, and click the floor where it should stand: at the one of the places that it hides least."""
     visitor.press(button)
-    until(lambda: body(visitor, name), 30.0, f"no {name}")
+    added = until(lambda: body(visitor, name), 30.0, f"no {name}").position
+    centre = visitor.pixel((*added[:2], HEIGHT))
+    place = max(places, key=lambda spot: math.dist(visitor.pixel((*spot, 0.0)), centre))
     visitor.says(f"Click the floor where {name} should stand")
     visitor.close_notes()  # they lie over the floor
     visitor.click((*place, 0.0))
     until(lambda: math.dist(body(visitor, name).position[:2], place) < 0.05, 30.0, f"{name} does not stand there")
     visitor.page.wait_for_timeout(1000)  # until the page draws it
+    return place
 
 
 def throw(visitor, start, end):
