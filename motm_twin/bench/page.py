@@ -14,6 +14,7 @@ from motm_twin.bus.commands import Pause
 NAME = "page"
 TITLE = "The page: a served Experiment 2 at 1x, measured from outside"
 DRAGS, JOINERS = 60, 5
+THINNED = 15  # one value of the memory in so many is kept: one in 30 s
 
 LIMITS = {
     "ratio": Limit(name="control period p99 with 5 readers / without", unit="x", limit=1.1, decimals=3),
@@ -25,6 +26,10 @@ LIMITS = {
     "drag_p95_ms": Limit(name="end of a drag until the tick that shows it, p95", unit="ms", limit=100.0, decimals=0),
     "viewer_slope": Limit(name="memory of the viewer, slope", unit="MB/min", limit=1.0, decimals=2),
     "page_slope": Limit(name="memory of the page's scripts, slope", unit="MB/min", limit=1.0, decimals=2),
+    "viewer_rise": Limit(
+        name="memory of the viewer, rise of the slope, for sure", unit="MB/min", limit=0.0, decimals=2
+    ),
+    "page_rise": Limit(name="memory of the page's scripts, rise of the slope", unit="MB/min", limit=0.0, decimals=2),
     "stop_s": Limit(name="Ctrl-C until all has ended", unit="s", limit=2.0, decimals=2),
 }
 
@@ -104,12 +109,19 @@ def _memory(twin: Served, report: Report, minutes: float) -> None:
         report.failures.append(f"memory of the page: {error}")
         series = page_measures.memory(twin, minutes)
     for name in ("viewer", "page"):
-        report.values[f"{name}_slope"] = page_measures.slope(series["time"], series[name])
-    report.details["memory_mb"] = {
-        name: {"start": float(values[0]), "end": float(values[-1]), "max": float(values.max())}
-        for name, values in series.items()
-        if name != "time"
-    }
+        values = series[name]
+        early, late = page_measures.slopes(series["time"], values)
+        report.values |= {f"{name}_slope": late.value, f"{name}_rise": page_measures.rise(early, late)}
+        report.details[f"memory_of_{name}_mb"] = {
+            "start": float(values[0]),
+            "end": float(values[-1]),
+            "max": float(values.max()),
+            "slope of the first half": early.value,
+            "its error": early.error,
+            "slope of the second half": late.value,
+            "its error ": late.error,
+        }
+    report.series = {name: values[::THINNED].tolist() for name, values in series.items()}
     report.details["memory_minutes"] = minutes
     page_measures.act(twin.client, Pause())
 

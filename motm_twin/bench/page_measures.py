@@ -4,6 +4,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,8 @@ DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], points, [s] betwe
 ARRIVED = 0.05  # [m] short of the end of a drag still counts as there
 BODY = "measured"
 DRIVEN = "is driving"  # what a refusal says while somebody else has the wheel
+PIECES = 8  # of half a series of memory
+SURE = 2.2  # standard errors: 95 % with 12 degrees of freedom, those of two lines through 8 pieces
 WHEEL = 15.0  # [s] to wait for the wheel
 
 
@@ -171,12 +174,37 @@ def memory(
     return {"time": time_min, "viewer": viewer, "page": heap}
 
 
-def slope(time_min: Array, value: Array) -> float:
-    """Slope [unit/min] of the line through the second half of a series."""
-    late = time_min >= 0.5 * time_min[-1]
-    if late.sum() < 3 or not np.isfinite(value).all():
-        return float("nan")
-    return float(np.polyfit(time_min[late], value[late], 1)[0])
+class Slope(NamedTuple):
+    """Slope of a line through values [unit/min], and its standard error."""
+
+    value: float
+    error: float
+
+
+def slopes(time_min: Array, value: Array) -> tuple[Slope, Slope]:
+    """Of the first and of the second half of a series, each from the medians of `PIECES` pieces of it.
+
+    Neighbouring values are alike, so that the error of a line through all of them would be far too small.
+    """
+    halves = [time_min < 0.5 * time_min[-1], time_min >= 0.5 * time_min[-1]]
+    early, late = (_slope(time_min[half], value[half]) for half in halves)
+    return early, late
+
+
+def _slope(time_min: Array, value: Array) -> Slope:
+    if len(value) < PIECES or not np.isfinite(value).all():
+        return Slope(np.nan, np.nan)
+    pieces = [
+        (piece.mean(), np.median(of))
+        for piece, of in zip(np.array_split(time_min, PIECES), np.array_split(value, PIECES), strict=True)
+    ]
+    line, spread = np.polyfit(*np.transpose(pieces), 1, cov=True)
+    return Slope(float(line[0]), float(np.sqrt(spread[0, 0])))
+
+
+def rise(early: Slope, late: Slope) -> float:
+    """By how much the slope has risen at least [unit/min], with 95 %; at most 0 where it falls or may be chance."""
+    return late.value - early.value - SURE * float(np.hypot(early.error, late.error))
 
 
 def _now(client: TwinClient) -> TickMessage:

@@ -34,6 +34,7 @@ class Report:
     details: dict[str, Any] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
     skipped: dict[str, str] = field(default_factory=dict)  # limits that are not judged, and why not
+    series: dict[str, list[float]] = field(default_factory=dict)  # written, not printed
 
 
 Steps = list[tuple[str, Callable[[], None]]]
@@ -67,6 +68,7 @@ def conclude(name: str, title: str, limits: dict[str, Limit], report: Report, ou
         "details": report.details,
         "skipped": report.skipped,
         "failures": report.failures,
+        "series": report.series,
     }
     write(out / f"{name}.json", whole)
     console.print(f"{whole['machine']}; written to {out / f'{name}.json'}")

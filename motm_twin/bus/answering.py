@@ -11,6 +11,7 @@ from motm_twin.bus.commands import Answer, Envelope, Refused
 from motm_twin.bus.gate import CommandGate
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.ports import Reply
+from motm_twin.bus.quiet import Quiet, QuietQueryable
 from motm_twin.bus.schemas import names, schema
 from motm_twin.external.schemas import KINDS, plant_schema
 
@@ -32,14 +33,15 @@ class Answering:
         *,
         now: Callable[[], float],
         request: Callable[[Envelope, Reply], None],
+        quiet: Quiet,
     ) -> None:
-        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused."""
+        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused; ``quiet``: when to."""
         self._keys, self._now, self._request = keys, now, request
         self._gate, self._encode = CommandGate(now), msgspec.json.Encoder().encode
         self._schemas = [(zenoh.KeyExpr(keys.schema(name)), text) for name, text in schemas().items()]
         self._queryables = [
-            session.declare_queryable(keys.commands, self._on_command),
-            session.declare_queryable(keys.schemas, self._on_schema),
+            QuietQueryable(session, keys.commands, self._on_command, quiet),
+            QuietQueryable(session, keys.schemas, self._on_schema, quiet),
         ]
 
     def close(self) -> None:

@@ -38,6 +38,7 @@ from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.pacing import PERIOD, Pacer
 from motm_twin.bus.ports import MakeTwin, Methods, Reply, SceneLibrary, SessionReply, Sink
+from motm_twin.bus.quiet import Quiet
 from motm_twin.bus.said import said
 from motm_twin.bus.source import SceneSource
 from motm_twin.bus.wheel import Wheel
@@ -75,7 +76,7 @@ class TwinLoop:
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
         self._stop, self._reload = threading.Event(), threading.Event()
         self._pacer, self._live = Pacer(), LiveTwin(make_twin, server_time, plant)
-        self._wheel = Wheel(self._post, self._tell)
+        self._wheel = Wheel(self._post, lambda: sink.status())  # noqa: PLW0108 - it is made later
         self._source = SceneSource(library, methods or MethodLibrary(), first)
         self._tour: float | None = None
         self._steps, self._settling = 0, SETTLE_PERIODS  # periods still to do: asked for, and after the last task
@@ -83,6 +84,7 @@ class TwinLoop:
         self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
         self._state, self._text = "loading", "starting"
         self.took = 0.0  # [s] of wall time that the last period needed
+        self.quiet = Quiet()  # while no period is computed
 
     def request(self, envelope: Envelope, reply: Reply) -> None:
         """Hand a checked command over; ``reply`` is called once, from the loop's thread. Raises Refused when full.
@@ -271,9 +273,6 @@ class TwinLoop:
         self._require_scene()
         self._keeper.write(command, self._live, lambda problem, path: reply(problem, index, path))
 
-    def _tell(self) -> None:
-        self._sink.status()
-
     def _post(self, edit: Edit) -> None:
         """An edit by the loop itself."""
         if self._live.twin is None:
@@ -380,7 +379,8 @@ class TwinLoop:
         self._pacer.started(time.monotonic())
         self._outdated = False
         began = time.perf_counter()
-        message, tick = self._live.advance(by_the_clock=self._state == "playing")
+        with self.quiet.broken():
+            message, tick = self._live.advance(by_the_clock=self._state == "playing")
         self.took = time.perf_counter() - began
         done = tick.done and not self._live.mirror
         self._sink.tick(message, tick, last=self._state != "playing" or done)

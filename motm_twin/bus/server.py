@@ -102,7 +102,9 @@ class TwinServer:
         )
         self.tick, self.scene, self.status = self._publisher.tick, self._publisher.scene, self._publisher.status
         self.event = self._publisher.event_log.add
-        self._answering = Answering(self._session, self.keys, now=clock, request=self.loop.request)
+        self._answering = Answering(
+            self._session, self.keys, now=clock, request=self.loop.request, quiet=self.loop.quiet
+        )
         self._queryable = self._session.declare_queryable(self.keys.session, self._on_session)
         self._token = self._session.liveliness().declare_token(self.keys.alive)
         self._stop = threading.Event()

@@ -10,6 +10,7 @@ import zenoh
 from motm_twin.bus.answering import Answering
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.latest import LatestValues
+from motm_twin.bus.quiet import Quiet
 from motm_twin.bus.server import HEARTBEAT, ServerClock
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
 from motm_twin.record import channels as ch
@@ -60,7 +61,7 @@ class PlayerServer:
             playing=playing,
         )
         self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
-        self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request)
+        self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request, quiet=Quiet())
         self._queryable = self._session.declare_queryable(keys.session, self._on_session)
         self._token = self._session.liveliness().declare_token(keys.alive)
         self._stop = threading.Event()

@@ -19,6 +19,7 @@ SAVE_INTERVAL = 0.4  # [s] between two chunks on the disk: what a sudden end can
 WAIT = 0.05  # [s] between looks at what else is to be done
 LAST_SESSION = 0.7  # [s] to wait for the session at the end
 SESSION_INTERVAL = 30.0  # [s] between two sessions, whose state hashes a rerun compares
+ASK_INTERVAL = 1.0  # [s] between two at least
 ASK_TIMEOUT = 5.0  # [s]
 WAITING_MOST = 20_000  # payloads, half a minute at eight times real time; then the disk is too slow for ever
 
@@ -42,6 +43,7 @@ class Recorder:
         for key in (keys.status, keys.scene, keys.tick, keys.grid, keys.robot):
             self._ask(key)  # late joiners get the last of each
         self._asked_at, self._session_at = -1e9, -1e9
+        self._asked_run: tuple[float, int] | None = None  # that was recorded when the session was asked for
         self._refused: set[str] = set()
 
     @property
@@ -70,14 +72,16 @@ class Recorder:
         """What still waits, and the session as it ends."""
         self._file.save()
         before = self._session_at
-        self._ask(self._keys.session)
+        self._ask_session()
         deadline = time.monotonic() + LAST_SESSION
         while self._session_at == before and time.monotonic() < deadline:
             self._take(time.monotonic() + WAIT)
 
     def _take(self, until: float) -> None:
-        """Write what arrives, and come back soon, in a flood too: the chunk wants to be closed."""
+        """Write what arrives, and come back soon, in a flood too: the chunk wants to be closed, a session asked for."""
         while (left := min(WAIT, until - time.monotonic())) > 0.0:
+            if self._stream.wants_session and time.monotonic() >= self._asked_at + ASK_INTERVAL:
+                return
             try:
                 self._write(*self._waiting.get(timeout=left))
             except queue.Empty:
@@ -90,7 +94,8 @@ class Recorder:
             return  # older than what came since
         try:
             if key == self._keys.session:
-                self._stream.session(payload)
+                if self._stream.run == self._asked_run:  # else it may be that of the run before
+                    self._stream.session(payload)
                 self._session_at = time.monotonic()
             else:
                 self._stream.take(key, payload, attachment)
@@ -101,9 +106,13 @@ class Recorder:
 
     def _ask_for_session(self, now: float) -> None:
         due = self._stream.run is not None and now >= max(self._session_at, self._asked_at) + SESSION_INTERVAL
-        if (self._stream.wants_session or due) and now >= self._asked_at + 1.0:
+        if (self._stream.wants_session or due) and now >= self._asked_at + ASK_INTERVAL:
             self._stream.wants_session, self._asked_at = False, now
-            self._ask(self._keys.session)
+            self._ask_session()
+
+    def _ask_session(self) -> None:
+        self._asked_run = self._stream.run
+        self._ask(self._keys.session)
 
     def _ask(self, key: str) -> None:
         def on_reply(reply: zenoh.Reply) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from motm_twin.bench.page_browser import SMALL, Load, alike
 from motm_twin.bench.page_client import PageReader
-from motm_twin.bench.page_measures import slope
+from motm_twin.bench.page_measures import rise, slopes
 from motm_twin.ui.guard import open_page
 
 
@@ -81,8 +81,14 @@ def test_a_picture_is_complete_when_it_is_first_the_one_that_stays():
     assert np.isnan(Load().complete_at)
 
 
-def test_the_slope_is_that_of_the_second_half():
-    time = np.linspace(0.0, 10.0, 101)
+def test_slopes_of_both_halves_and_whether_the_second_is_steeper():
+    time = np.linspace(0.0, 10.0, 201)
     value = np.where(time < 5.0, 100.0 * time, 500.0 + 2.0 * (time - 5.0))
-    assert slope(time, value) == pytest.approx(2.0)
-    assert np.isnan(slope(time, value * np.nan))
+    early, late = slopes(time, value)
+    assert (early.value, late.value) == (pytest.approx(100.0), pytest.approx(2.0))
+    assert rise(early, late) < 0.0
+    noise = np.random.default_rng(0).normal(0.0, 1.0, len(time))
+    assert rise(*slopes(time, noise)) <= 0.0
+    assert rise(*slopes(time, noise + time**2)) > 0.0
+    assert np.isnan(rise(*slopes(time, value * np.nan)))
+    assert np.isnan(rise(*slopes(time[:9], value[:9])))
