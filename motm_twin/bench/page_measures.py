@@ -194,11 +194,9 @@ def slopes(time_min: Array, value: Array) -> tuple[Slope, Slope]:
 def _slope(time_min: Array, value: Array) -> Slope:
     if len(value) < PIECES or not np.isfinite(value).all():
         return Slope(np.nan, np.nan)
-    pieces = [
-        (piece.mean(), np.median(of))
-        for piece, of in zip(np.array_split(time_min, PIECES), np.array_split(value, PIECES), strict=True)
-    ]
-    line, spread = np.polyfit(*np.transpose(pieces), 1, cov=True)
+    x = [piece.mean() for piece in np.array_split(time_min, PIECES)]
+    y = [np.median(piece) for piece in np.array_split(value, PIECES)]
+    line, spread = np.polyfit(x, y, 1, cov=True)
     return Slope(float(line[0]), float(np.sqrt(spread[0, 0])))
 
 
