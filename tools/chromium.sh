@@ -26,7 +26,7 @@ PY
 }
 
 # The reference pictures of the page are written in it.
-if ! fc-match -f '%{family}' Arial 2>/dev/null | grep -q Liberation; then
+if ! fc-list 2>/dev/null | grep -q 'Liberation Sans'; then
   tools/apt.sh fonts-liberation fontconfig >&2 || echo "chromium: without the font Liberation Sans" >&2
 fi
 found && exit 0

@@ -117,9 +117,9 @@ def _memory(twin: Served, report: Report, minutes: float) -> None:
             "end": float(values[-1]),
             "max": float(values.max()),
             "slope of the first half": early.value,
-            "its error": early.error,
+            "error of the first half": early.error,
             "slope of the second half": late.value,
-            "its error ": late.error,
+            "error of the second half": late.error,
         }
     report.series = {name: values[::THINNED].tolist() for name, values in series.items()}
     report.details["memory_minutes"] = minutes

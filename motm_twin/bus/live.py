@@ -58,6 +58,11 @@ class LiveTwin:
         return self._robot is not None and self._robot.mirror
 
     @property
+    def simulated(self) -> bool:
+        """Whether the robot is computed here."""
+        return self._robot is None
+
+    @property
     def real_time(self) -> bool:
         """Time passes by itself: the robot's clock is no simulated one."""
         return self._robot is not None and not self._robot.shared

@@ -17,7 +17,7 @@ TOGETHER = 32  # queries that are answered before the next look at whether it is
 
 
 class Quiet:
-    """Whether no period is computed now."""
+    """Whether the interpreter is free for answers: no period is computed now."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
@@ -33,9 +33,10 @@ class Quiet:
         self._event.wait(timeout)
 
     @contextlib.contextmanager
-    def broken(self) -> Iterator[None]:
-        """It is not quiet in this block."""
-        self._event.clear()
+    def broken(self, really: bool = True) -> Iterator[None]:
+        """It is not quiet in this block, if ``really`` so."""
+        if really:
+            self._event.clear()
         try:
             yield
         finally:
@@ -62,11 +63,12 @@ class QuietQueryable:
         while True:
             try:
                 queries = [self._queries.recv()]
-                self._quiet.wait(PATIENCE)
-                while len(queries) < TOGETHER and (query := self._queries.try_recv()) is not None:
-                    queries.append(query)
             except zenoh.ZError:  # undeclared
                 return
+            self._quiet.wait(PATIENCE)
+            with contextlib.suppress(zenoh.ZError):  # undeclared meanwhile: what came before is answered
+                while len(queries) < TOGETHER and (query := self._queries.try_recv()) is not None:
+                    queries.append(query)
             for query in queries:
                 try:
                     self._answer(query)

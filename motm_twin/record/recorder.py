@@ -71,16 +71,19 @@ class Recorder:
     def _finish(self) -> None:
         """What still waits, and the session as it ends."""
         self._file.save()
+        deadline = time.monotonic() + LAST_SESSION
+        while not self._waiting.empty() and time.monotonic() < deadline:
+            self._take(time.monotonic() + WAIT, ending=True)
         before = self._session_at
         self._ask_session()
         deadline = time.monotonic() + LAST_SESSION
         while self._session_at == before and time.monotonic() < deadline:
-            self._take(time.monotonic() + WAIT)
+            self._take(time.monotonic() + WAIT, ending=True)
 
-    def _take(self, until: float) -> None:
+    def _take(self, until: float, *, ending: bool = False) -> None:
         """Write what arrives, and come back soon, in a flood too: the chunk wants to be closed, a session asked for."""
         while (left := min(WAIT, until - time.monotonic())) > 0.0:
-            if self._stream.wants_session and time.monotonic() >= self._asked_at + ASK_INTERVAL:
+            if not ending and self._stream.wants_session and time.monotonic() >= self._asked_at + ASK_INTERVAL:
                 return
             try:
                 self._write(*self._waiting.get(timeout=left))

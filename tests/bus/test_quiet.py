@@ -89,6 +89,53 @@ def test_an_error_in_one_answer_does_not_end_the_answers_and_undeclare_does(pair
     assert list(client.get("test/errors", timeout=5.0)) == []
 
 
+def test_what_was_asked_before_undeclare_is_answered(pair, monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE", FOR_EVER)
+    server, client = pair
+    quiet, taken = Quiet(), threading.Event()
+    wait = quiet.wait
+
+    def told(timeout):
+        taken.set()
+        wait(timeout)
+
+    queryable = QuietQueryable(server, "test/last", echo, quiet)
+    linked(client, "test/last")
+    quiet.wait = told
+    with quiet.broken():
+        thread, answers = ask(client, "test/last")
+        assert taken.wait(20.0)
+        ending = threading.Thread(target=queryable.undeclare)
+        ending.start()
+    ending.join(20.0)
+    thread.join(20.0)
+    assert answers == [b"yes"]
+
+
+def test_nobody_waits_for_a_robot_in_another_program():
+    class Elsewhere:
+        mirror = shared = False
+
+        def ready(self):
+            return True
+
+        def text(self):
+            return "a robot"
+
+    class Outside(FakeTwin):
+        external = Elsewhere()
+
+        def advance(self, budget=None):
+            seen.append(running.loop.quiet.now)
+            return super().advance(budget)
+
+    seen = []
+    running = Running(Outside, playing=True)
+    with running:
+        until(lambda: len(seen) > 3, "it does not run")
+    assert all(seen[1:]), "the first one is before the robot is known"
+
+
 def test_it_is_quiet_except_while_a_period_is_computed():
     seen = []
 

@@ -7,6 +7,9 @@
     return make.call(this, kind, { ...how, antialias: false });
   };
   const ask = requestAnimationFrame.bind(window);
+  const forget = cancelAnimationFrame.bind(window);
+  const waiting = new Map(); // timers of delayed callbacks, by the number that was given for them
+  let number = -1; // never one of the browser's own
   const painters = new WeakSet(); // callbacks that have drawn
   const gl = WebGL2RenderingContext.prototype;
   const clear = gl.clear;
@@ -25,6 +28,18 @@
       last = performance.now();
     };
     const rest = painters.has(act) ? last + GAP - performance.now() : 0;
-    return rest > 0 ? setTimeout(() => ask(run), rest) : ask(run);
+    if (rest <= 0) return ask(run);
+    const own = number--;
+    const begin = () => {
+      waiting.delete(own);
+      ask(run);
+    };
+    waiting.set(own, setTimeout(begin, rest));
+    return own;
+  };
+  window.cancelAnimationFrame = (which) => {
+    if (!waiting.has(which)) return forget(which);
+    clearTimeout(waiting.get(which));
+    waiting.delete(which);
   };
 })();

@@ -17,6 +17,7 @@ from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 VIEW = {"width": 1024, "height": 700}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 LIGHTLY = Path(__file__).with_name("lightly.js")
+BETWEEN = 700  # [ms] between two looks at whether the picture has changed: two gaps of lightly.js
 MOMENT = 8000  # [ms] for something that does not last
 SHOWN = 60.0  # [s] for something to appear: software rendering on a busy machine
 
@@ -126,7 +127,7 @@ class Visitor:
         same, last = 0, self.picture()
         deadline = time.monotonic() + SHOWN
         while same < quiet and time.monotonic() < deadline:
-            self.page.wait_for_timeout(250)
+            self.page.wait_for_timeout(BETWEEN)
             now = self.picture()
             same = same + 1 if changed(last, now) < 1e-4 else 0
             last = now

@@ -1,0 +1,118 @@
+"""The recorder itself, fed by hand."""
+
+import threading
+import time
+
+import msgspec
+import pytest
+
+from motm_twin.record import recorder as module
+from motm_twin.record.recorder import Recorder
+
+
+class Bus:
+    """A session on which nobody else is."""
+
+    def __init__(self):
+        self.asked = []
+
+    def declare_subscriber(self, key, handler):
+        return self
+
+    def undeclare(self):
+        pass
+
+    def get(self, key, handler, timeout):
+        self.asked.append(key)
+        self.answer(key)
+
+    def answer(self, key):
+        """Nobody answers."""
+
+
+class Fed(Recorder):
+    """A recorder whose stream only notes what it is given."""
+
+    def __init__(self, path):
+        self.bus, self.got = Bus(), []
+        super().__init__(self.bus, "frankie", path)
+        self.keys, stream = self._keys, self._stream
+        stream.take, stream.session = self._note, lambda payload: self.got.append((self.keys.session, stream.run))
+        self._part = msgspec.json.Decoder(Part)
+
+    def _note(self, key, payload, attachment):
+        part = self._part.decode(payload)
+        self._stream._follow(part)
+        self.got.append((key, part.index))
+
+    def feed(self, key, payload=b"{}", asked=False):
+        self._waiting.put((key, payload, None, asked))
+
+    def tick(self, run, index):
+        self.feed(self.keys.tick, msgspec.json.encode(Part(run=run, began=float(run), index=index)))
+
+    def sessions_asked(self):
+        return self.bus.asked.count(self.keys.session)
+
+
+class Part(msgspec.Struct):
+    run: int
+    began: float
+    index: int
+
+
+@pytest.fixture
+def fed(tmp_path):
+    return Fed(tmp_path / "fed.mcap")
+
+
+def test_the_session_is_asked_for_while_periods_come_without_a_pause(fed):
+    done = threading.Event()
+
+    def flood():
+        index = 0
+        while not done.is_set():
+            fed.tick(1, index)
+            index += 1
+            time.sleep(0.001)
+
+    feeder, stop = threading.Thread(target=flood), threading.Event()
+    recording = threading.Thread(target=fed.run, args=(stop,))
+    feeder.start()
+    recording.start()
+    deadline = time.monotonic() + 20.0
+    while not fed.sessions_asked() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    asked_at = len(fed.got)
+    for event in (done, stop):
+        event.set()
+    for thread in (feeder, recording):
+        thread.join(20.0)
+    assert fed.sessions_asked() and asked_at < 0.5 * module.SAVE_INTERVAL / 0.001
+
+
+def test_what_waits_at_the_end_is_written_also_after_a_lost_period(fed):
+    stop = threading.Event()
+    stop.set()
+    for index in (0, 5, *range(6, 26)):  # after a gap: a session is wanted
+        fed.tick(1, index)
+    fed.bus.answer = lambda key: fed.feed(key, asked=True)
+    fed.run(stop)
+    assert [index for key, index in fed.got if key == fed.keys.tick] == [0, 5, *range(6, 26)]
+    assert fed.got[-1][0] == fed.keys.session
+    assert fed._waiting.empty()
+
+
+def test_a_session_that_comes_after_the_run_has_changed_is_not_taken_for_the_new_one(fed):
+    fed.tick(1, 0)
+    fed._take(time.monotonic() + 0.1, ending=True)
+    fed._ask_session()
+    fed.tick(2, 0)
+    fed.feed(fed.keys.session, asked=True)
+    fed._take(time.monotonic() + 0.1, ending=True)
+    assert [index for key, index in fed.got if key == fed.keys.tick] == [0, 0]
+    assert fed.keys.session not in [key for key, _ in fed.got]
+    fed._ask_session()
+    fed.feed(fed.keys.session, asked=True)
+    fed._take(time.monotonic() + 0.1, ending=True)
+    assert fed.got[-1] == (fed.keys.session, (2.0, 2))
