@@ -191,17 +191,15 @@ class Visitor:
         field.press("Enter")
 
     def close_notes(self):
-        """Close what lies over the scene."""
-        for name in ("Got it",):
-            if self.button(name).is_visible():
-                self.press(name)
+        """Close what lies over the scene; it may go by itself, as notes do, while it is being closed."""
         playwright = pytest.importorskip("playwright.sync_api")
-        note = self.page.locator(".mantine-Notification-closeButton").locator("visible=true")
+        notes = self.page.locator(".mantine-Notification-closeButton").locator("visible=true").first
         deadline = time.monotonic() + SHOWN
-        while note.count():
-            with suppress(playwright.TimeoutError):  # it went by itself, as notes do: look again
-                note.first.click(timeout=1000)
-            assert time.monotonic() < deadline, "a note can not be closed"
+        for closing in (self.button("Got it"), notes):
+            while closing.is_visible():
+                with suppress(playwright.TimeoutError):
+                    closing.click(timeout=1000)
+                assert time.monotonic() < deadline, "what lies over the scene can not be closed"
 
     # mouse in the scene
 
