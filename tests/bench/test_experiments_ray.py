@@ -59,6 +59,9 @@ def test_a_sweep_that_loses_a_machine_gives_the_same_as_one_process_bit_for_bit(
         ended.set()
     assert results.computed == 6
     assert all(result["success"] for result in results.of("drives"))
+    deadline = time.monotonic() + 60.0  # Ray notices after some missed signs of life
+    while sum(node["Alive"] for node in ray.nodes()) != 1 and time.monotonic() < deadline:
+        time.sleep(0.2)
     assert sum(node["Alive"] for node in ray.nodes()) == 1
     run(DRIVES, out=tmp_path / "here", console=Console(quiet=True))
     there, here = (tmp_path / name / "drives" / "results.jsonl" for name in ("ray", "here"))

@@ -198,7 +198,7 @@ class Visitor:
         for closing in (self.button("Got it"), notes):
             while closing.is_visible():
                 with suppress(playwright.TimeoutError):
-                    closing.click(timeout=1000)
+                    closing.click(timeout=MOMENT)
                 assert time.monotonic() < deadline, "what lies over the scene can not be closed"
 
     # mouse in the scene
