@@ -22,7 +22,7 @@ def main():
     parser.add_argument("--seconds", type=float, default=30.0, help="simulated time of the chase")
     options = parser.parse_args()
     with connect(options.endpoint, options.twin, name="chasing obstacle") as twin:
-        x, y, heading = twin.latest_tick().robot.pose
+        x, y, heading = next(twin.ticks(timeout=60.0)).robot.pose  # a twin that is loading has none yet
         x, y = x - START * math.cos(heading), y - START * math.sin(heading)
         twin.add_obstacle(NAME, x, y, shape="temi")
         twin.play()

@@ -191,15 +191,17 @@ class Visitor:
         field.press("Enter")
 
     def close_notes(self):
-        """Close what lies over the scene; it may go by itself, as notes do, while it is being closed."""
+        """Close what lies over the scene."""
+        for name in ("Got it",):
+            if self.button(name).is_visible():
+                self.press(name)
         playwright = pytest.importorskip("playwright.sync_api")
-        notes = self.page.locator(".mantine-Notification-closeButton").locator("visible=true").first
+        note = self.page.locator(".mantine-Notification-closeButton").locator("visible=true")
         deadline = time.monotonic() + SHOWN
-        for closing in (self.button("Got it"), notes):
-            while closing.is_visible():
-                with suppress(playwright.TimeoutError):
-                    closing.click(timeout=MOMENT)
-                assert time.monotonic() < deadline, "what lies over the scene can not be closed"
+        while note.count():
+            with suppress(playwright.TimeoutError):  # it went by itself, as notes do: look again
+                note.first.click(timeout=1000)
+            assert time.monotonic() < deadline, "a note can not be closed"
 
     # mouse in the scene
 
