@@ -9,7 +9,7 @@
   const ask = requestAnimationFrame.bind(window);
   const forget = cancelAnimationFrame.bind(window);
   const waiting = new Map(); // timers of delayed callbacks, by the number that was given for them
-  let number = -1; // never one of the browser's own
+  let number = 1e9; // never one of the browser's own, nor the -1 that libraries forget when they wait for none
   const painters = new WeakSet(); // callbacks that have drawn
   const gl = WebGL2RenderingContext.prototype;
   const clear = gl.clear;
@@ -29,7 +29,7 @@
     };
     const rest = painters.has(act) ? last + GAP - performance.now() : 0;
     if (rest <= 0) return ask(run);
-    const own = number--;
+    const own = number++;
     const begin = () => {
       waiting.delete(own);
       ask(run);
