@@ -26,7 +26,7 @@ PY
 }
 
 # The reference pictures of the page are written in it.
-if ! fc-list 2>/dev/null | grep -q 'Liberation Sans'; then
+if ! fc-list : family 2>/dev/null | grep 'Liberation Sans' >/dev/null; then  # -q would end fc-list by a signal
   tools/apt.sh fonts-liberation fontconfig >&2 || echo "chromium: without the font Liberation Sans" >&2
 fi
 found && exit 0

@@ -39,9 +39,11 @@ class Recorder:
         self._waiting: queue.Queue[tuple[str, bytes, bytes | None, bool]] = queue.Queue()
         self._declared = [session.declare_subscriber(key, _direct(self._on_sample)) for key in self._stream.keys]
         self._live: set[str] = set()  # keys of which something came by itself
-        keys = self._keys
-        for key in (keys.status, keys.scene, keys.tick, keys.grid, keys.robot):
-            self._ask(key)  # late joiners get the last of each
+        keys, self._listened = self._keys, threading.Event()
+        first = (keys.status, keys.scene, keys.tick, keys.grid, keys.robot)  # late joiners get the last of each
+        self._unanswered = set(first)
+        for key in first:
+            self._ask(key, lambda key=key: self._answered(key))
         self._asked_at, self._session_at = -1e9, -1e9
         self._asked_run: tuple[float, int] | None = None  # that was recorded when the session was asked for
         self._refused: set[str] = set()
@@ -50,6 +52,13 @@ class Recorder:
     def summary(self) -> dict[str, object]:
         """What was written so far."""
         return {"file": str(self._file.path), "bytes": self._file.size, "lost_periods": self._stream.lost}
+
+    def listens(self, timeout: float) -> bool:
+        """Wait until the twin knows that it is listened to: what it sends from now on is recorded. False: not known.
+
+        It has answered what was asked after the subscriptions were declared, on the same link.
+        """
+        return self._listened.wait(timeout)
 
     def run(self, stop: threading.Event, *, seconds: float | None = None) -> None:
         """Record until ``stop`` or for ``seconds``. Raises RecordingFailed; the file is closed in any case."""
@@ -117,12 +126,20 @@ class Recorder:
         self._asked_run = self._stream.run
         self._ask(self._keys.session)
 
-    def _ask(self, key: str) -> None:
+    def _ask(self, key: str, ended: Asked = lambda: None) -> None:
+        """``ended`` is called once all answers have come, in Zenoh's thread."""
+
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 self._on_sample(reply.ok, asked=True)
 
-        self._zenoh.get(key, zenoh.handlers.Callback(on_reply, indirect=False), timeout=ASK_TIMEOUT)
+        self._zenoh.get(key, zenoh.handlers.Callback(on_reply, ended, indirect=False), timeout=ASK_TIMEOUT)
+
+    def _answered(self, key: str) -> None:
+        """In Zenoh's thread."""
+        self._unanswered.discard(key)
+        if not self._unanswered:
+            self._listened.set()
 
     def _on_sample(self, sample: zenoh.Sample, asked: bool = False) -> None:
         """In Zenoh's thread."""

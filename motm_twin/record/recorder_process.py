@@ -11,6 +11,7 @@ from motm_twin.record.recorder import Recorder, RecordingFailed
 from motm_twin.record.session import SessionError
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
+LISTENS = 1.0  # [s] at most until the twin knows that it is recorded; what came meanwhile is recorded too
 
 
 def main() -> None:
@@ -26,6 +27,7 @@ def main() -> None:
         report("refused", text=str(error))
         leave(BAD_INPUT)
         return
+    recorder.listens(LISTENS)
     report("recording", **recorder.summary)
     try:
         recorder.run(stop, seconds=options.seconds)

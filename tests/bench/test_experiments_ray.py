@@ -43,12 +43,14 @@ def cluster(monkeypatch):
 def test_a_sweep_that_loses_a_machine_gives_the_same_as_one_process_bit_for_bit(cluster, tmp_path):
     made, second = cluster
     store = tmp_path / "ray" / "drives" / "trials.jsonl"
-    ended = threading.Event()
+    ended, lost = threading.Event(), threading.Event()
 
     def lose_a_machine():
         while not ended.is_set() and not (store.is_file() and store.stat().st_size):
             time.sleep(0.02)
         made.remove_node(second, allow_graceful=False)
+        if not ended.is_set():
+            lost.set()
 
     threading.Thread(target=lose_a_machine, daemon=True).start()
     try:
@@ -57,6 +59,7 @@ def test_a_sweep_that_loses_a_machine_gives_the_same_as_one_process_bit_for_bit(
         )
     finally:
         ended.set()
+    assert lost.is_set(), "the machine was not lost before the end of the sweep"
     assert results.computed == 6
     assert all(result["success"] for result in results.of("drives"))
     deadline = time.monotonic() + 60.0  # Ray notices after some missed signs of life

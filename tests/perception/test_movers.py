@@ -114,7 +114,7 @@ def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
 
 @settings(max_examples=6, deadline=None)
 @given(speed=st.floats(0.2, 0.5), course=st.floats(-math.pi, math.pi), braking=st.floats(0.3, 1.0))
-def test_what_has_come_to_rest_is_static_3_seconds_after_it_stopped_not_before(
+def test_what_has_come_to_rest_is_static_4_seconds_and_a_half_after_it_stopped_but_not_after_3(
     speed: float, course: float, braking: float
 ) -> None:
     """The map alone counts from when its cells were hit first, while it was still coming."""

@@ -116,3 +116,20 @@ def test_a_session_that_comes_after_the_run_has_changed_is_not_taken_for_the_new
     fed.feed(fed.keys.session, asked=True)
     fed._take(time.monotonic() + 0.1, ending=True)
     assert fed.got[-1] == (fed.keys.session, (2.0, 2))
+
+
+def test_it_listens_once_all_that_was_asked_first_is_answered(tmp_path):
+    class Slow(Bus):
+        handlers = ()
+
+        def get(self, key, handler, timeout):
+            self.handlers = (*self.handlers, handler)
+
+    bus = Slow()
+    recorder = Recorder(bus, "frankie", tmp_path / "slow.mcap")
+    *most, last = bus.handlers
+    for handler in most:
+        handler.drop()
+    assert not recorder.listens(0.01)
+    last.drop()
+    assert recorder.listens(0.01)
