@@ -8,7 +8,7 @@ import msgspec
 
 from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import path_message, tick_message
-from motm_twin.bus.messages import InspectedMessage, TickMessage
+from motm_twin.bus.messages import InspectedMessage, SessionInfo, TickMessage
 from motm_twin.bus.pacing import PERIOD
 from motm_twin.bus.ports import MakeTwin, Sink, TwinLike
 from motm_twin.bus.preview import Preview, tasks_previewed
@@ -230,6 +230,10 @@ class LiveTwin:
         if self._session is None or self._session[0] != now:
             self._session = now, msgspec.json.encode(self.twin.session())
         return self._session[1]
+
+    def session_info(self) -> bytes:
+        """Which run the session is of, as a SessionInfo in JSON."""
+        return msgspec.json.encode(SessionInfo(run=self.run, began=self._began))
 
     def _begin(self, began: float, first: int, past: int = -1) -> None:
         assert self._branches is not None

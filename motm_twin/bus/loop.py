@@ -99,11 +99,11 @@ class TwinLoop:
 
         def answer() -> None:
             try:
-                payload = self._live.session()
+                payload, info = self._live.session(), self._live.session_info()
             except Exception as error:
-                reply(b"", f"{said(error)} ({self._text or self._state})")
+                reply(b"", b"", f"{said(error)} ({self._text or self._state})")
             else:
-                reply(payload, "")
+                reply(payload, info, "")
 
         self._put(answer)
 

@@ -11,6 +11,7 @@ from motm_twin.model.edits import Edit, ParameterValue
 TICK_VERSION = "motm.tick/1"
 STATUS_VERSION = "motm.status/1"
 GRID_VERSION = "motm.grid/1"
+SESSION_INFO_VERSION = "motm.session_info/1"
 ROBOT_VERSION = "motm.robot/1"
 SCAN_VERSION = "motm.scan/1"
 EVENT_VERSION = "motm.event/1"
@@ -264,6 +265,14 @@ class GridInfo(msgspec.Struct, frozen=True, kw_only=True):
     width: int  # cells
     height: int  # cells
     stamp: float  # [s] simulated
+
+
+class SessionInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """Attachment of a session: the run that it is of."""
+
+    version: str = SESSION_INFO_VERSION
+    run: int  # as in the ticks
+    began: float  # [s] server time of its load or reset, as in the ticks
 
 
 class RobotStateMessage(msgspec.Struct, frozen=True, kw_only=True):

@@ -133,4 +133,4 @@ class Reply(Protocol):
         ...
 
 
-SessionReply = Callable[[bytes, str], None]  # the session as JSON, or why there is none
+SessionReply = Callable[[bytes, bytes, str], None]  # the session and its SessionInfo as JSON, or why there is none

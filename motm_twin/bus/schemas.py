@@ -17,6 +17,7 @@ from motm_twin.bus.messages import (
     ROBOT_VERSION,
     SCAN_VERSION,
     SCENE_VERSION,
+    SESSION_INFO_VERSION,
     STATUS_VERSION,
     TICK_VERSION,
     EventsMessage,
@@ -25,6 +26,7 @@ from motm_twin.bus.messages import (
     NumberedEvent,
     RobotStateMessage,
     ScanMessage,
+    SessionInfo,
     StatusMessage,
     TickMessage,
 )
@@ -46,6 +48,7 @@ MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "status": (STATUS_VERSION, StatusMessage),
     "scene": (SCENE_VERSION, Scene),
     "session": (SESSION_VERSION, Session),
+    "session_info": (SESSION_INFO_VERSION, SessionInfo),  # of the attachment
     "command": (COMMAND_VERSION, Envelope),  # payload of every command
     "answer": (ANSWER_VERSION, Answer),  # to every command
 }

@@ -169,14 +169,14 @@ class TwinServer:
                 self.loop.reload()
 
     def _on_session(self, query: zenoh.Query) -> None:
-        def reply(session: bytes, problem: str) -> None:
+        def reply(session: bytes, info: bytes, problem: str) -> None:
             with suppress(zenoh.ZError), query:
                 if problem:
                     query.reply_err(problem)
                 else:
-                    query.reply(query.key_expr, session)
+                    query.reply(query.key_expr, session, attachment=info)
 
         try:
             self.loop.session(reply)
         except Refused as refusal:
-            reply(b"", str(refusal))
+            reply(b"", b"", str(refusal))

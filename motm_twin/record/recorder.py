@@ -45,7 +45,6 @@ class Recorder:
         for key in first:
             self._ask(key, lambda key=key: self._answered(key))
         self._asked_at, self._session_at = -1e9, -1e9
-        self._asked_run: tuple[float, int] | None = None  # that was recorded when the session was asked for
         self._refused: set[str] = set()
 
     @property
@@ -84,7 +83,7 @@ class Recorder:
         while not self._waiting.empty() and time.monotonic() < deadline:
             self._take(time.monotonic() + WAIT, ending=True)
         before = self._session_at
-        self._ask_session()
+        self._ask(self._keys.session)
         deadline = time.monotonic() + LAST_SESSION
         while self._session_at == before and time.monotonic() < deadline:
             self._take(time.monotonic() + WAIT, ending=True)
@@ -106,9 +105,8 @@ class Recorder:
             return  # older than what came since
         try:
             if key == self._keys.session:
-                if self._stream.run == self._asked_run:  # else it may be that of the run before
-                    self._stream.session(payload)
                 self._session_at = time.monotonic()
+                self._stream.session(payload, attachment)
             else:
                 self._stream.take(key, payload, attachment)
         except (msgspec.MsgspecError, UnicodeDecodeError, ValueError) as error:
@@ -120,11 +118,7 @@ class Recorder:
         due = self._stream.run is not None and now >= max(self._session_at, self._asked_at) + SESSION_INTERVAL
         if (self._stream.wants_session or due) and now >= self._asked_at + ASK_INTERVAL:
             self._stream.wants_session, self._asked_at = False, now
-            self._ask_session()
-
-    def _ask_session(self) -> None:
-        self._asked_run = self._stream.run
-        self._ask(self._keys.session)
+            self._ask(self._keys.session)
 
     def _ask(self, key: str, ended: Asked = lambda: None) -> None:
         """``ended`` is called once all answers have come, in Zenoh's thread."""

@@ -9,7 +9,15 @@ from collections.abc import Callable
 import msgspec
 
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.messages import GridInfo, NumberedEvent, RobotStateMessage, ScanMessage, StatusMessage, TickMessage
+from motm_twin.bus.messages import (
+    GridInfo,
+    NumberedEvent,
+    RobotStateMessage,
+    ScanMessage,
+    SessionInfo,
+    StatusMessage,
+    TickMessage,
+)
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch
 from motm_twin.record.channels import Channel, RecordedGrid, RecordedScene, RecordedSession
@@ -74,12 +82,11 @@ class Stream:
         """Sort one payload in. Raises msgspec.MsgspecError for one that is not of its key."""
         self._take[key](payload, attachment)
 
-    def session(self, payload: bytes) -> None:
-        """Take the session of the run that the newest tick belongs to."""
-        if self.run is None:
-            return
-        began, run = self.run
-        recorded = RecordedSession(run=run, began=began, session=msgspec.json.decode(payload, type=Session))
+    def session(self, payload: bytes, attachment: bytes | None) -> None:
+        """Take the session of the run that its attachment names. Raises msgspec.MsgspecError."""
+        info = msgspec.json.decode(attachment or b"null", type=SessionInfo)
+        session = msgspec.json.decode(payload, type=Session)
+        recorded = RecordedSession(run=info.run, began=info.began, session=session)
         self._add(ch.SESSION, self.now, self._encode(recorded))
 
     def _on_tick(self, payload: bytes, _: bytes | None) -> None:

@@ -97,7 +97,7 @@ def test_a_session_says_its_method_and_is_rerun_with_it():
     with Running(Twin, library=FileLibrary("exp1"), first=first) as running:
         running.step(5)
         kept = []
-        running.loop.session(lambda payload, problem: kept.append(payload))
+        running.loop.session(lambda payload, info, problem: kept.append(payload))
         session = msgspec.json.decode(until(lambda: kept, "no session")[0], type=Session)
     assert (session.method, session.periods) == ("staa", 6)
     again = rerun(session)

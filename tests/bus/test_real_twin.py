@@ -68,7 +68,7 @@ def session(running):
     got = []
     running.loop.session(lambda *answer: got.append(answer))
     until(lambda: got, "no session")
-    payload, problem = got[0]
+    payload, _, problem = got[0]
     assert problem == ""
     return msgspec.json.decode(payload, type=Session)
 

@@ -12,7 +12,8 @@ from recordings import Recording, unprivileged
 from waiting import until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Load
+from motm_twin.bus.commands import Load, Step
+from motm_twin.bus.latest import LatestValues
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port
 from motm_twin.record.info import info
@@ -105,3 +106,28 @@ def test_nobody_to_record_is_bad_input(tmp_path):
     code, last = nobody.wait()
     assert (code, last["event"]) == (2, "refused")
     assert not (tmp_path / "x.mcap").exists()
+
+
+def test_a_server_that_answers_slowly_is_recorded_from_the_start(tmp_path, monkeypatch):
+    """On a busy machine what is asked at first is answered after the run has begun, or ended."""
+    answer = LatestValues._answer
+
+    def slowly(*arguments):
+        time.sleep(0.3)
+        answer(*arguments)
+
+    monkeypatch.setattr(LatestValues, "_answer", slowly)
+    with (
+        TwinServer(
+            library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False, data=tmp_path
+        ) as server,
+        TwinClient(server.endpoint) as client,
+    ):
+        until(lambda: client.tick() and client.status(), "no tick")
+        recorder = started(server, tmp_path / "slow.mcap")
+        assert client.command(Step(count=20)).ok
+        until(lambda: client.tick().index == 20, "the steps were not made")
+        recorder.end()
+    entries = list(read(tmp_path / "slow.mcap"))
+    assert [json.loads(entry.data)["index"] for entry in entries if entry.topic == "/motm/tick"] == list(range(21))
+    assert {"/motm/scene", "/motm/grid"} <= {entry.topic for entry in entries}
