@@ -10,6 +10,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.session import LOOPBACK
+from motm_twin.memory import share_arenas
 from motm_twin.ui.guard import open_page, page_url
 from motm_twin.ui.viewer import Viewer
 
@@ -23,6 +24,7 @@ def main() -> None:
     report, stop = Reporter(options.report), stop_event(options.report is not None)
     token = os.environ.pop("MOTM_TOKEN", None) or None
     os.nice(NICENESS)
+    share_arenas()
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no news
     try:
         server = open_page(options.host, options.port, token)
