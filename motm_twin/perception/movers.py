@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import Stateful
+from motm_twin.perception.base_map import read_only
 from motm_twin.perception.clusters import label_cells
 from motm_twin.perception.world_map import NO_MOVERS, NO_POINTS, WorldMap
 
 ROWS_APART = 1 << 32  # between the numbers of two cells in the same column
+_NEXT = np.arange(-1, 2)
+AROUND = (ROWS_APART * _NEXT[:, None] + _NEXT).ravel()  # added to a cell: it and its neighbours
 FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
 SAME_POINT = 0.08  # [m] between the middles of cells that may show the same point
 
@@ -33,6 +36,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     beta: float = 0.08  # gain of the velocity: its error halves in 0.2 s
     leaves: float = 0.10  # [m] from its place, beyond which a thing may have moved
     creeps: float = 0.05  # [m] the same for one that is to be static: it starts counting again
+    strays: float = 0.4  # [s] that it must be elsewhere for: a single wrong hit stays in the map for 0.3 s
     young: float = 0.2  # [s] that it must have been there for: what has just appeared flickers
     gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
@@ -67,6 +71,7 @@ class Track:
     near: bool = False  # in the way
     place: Place | None = None  # where it is, as long as it does not move and no more of it is seen
     rest: Place | None = None  # where it is, as long as it does not even creep
+    strayed: float | None = None  # [s] since when it has been elsewhere
 
 
 @dataclass
@@ -76,6 +81,8 @@ class MoverState:
     time: float | None = None
     tracks: list[Track] = field(default_factory=list)
     static: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that are known to be
+    held: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that can not be yet
+    held_until: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [s] each of them
 
 
 class Seen(msgspec.Struct, frozen=True, eq=False):
@@ -116,10 +123,11 @@ class MoverTracker(Stateful[MoverState]):
         for track, one in pairs:
             self._judge(track, one, world, viewpoint[:2])
         self._part(viewpoint[:2])
-        static = world.seen_static | known
         unsettled = [(track, one) for track, one in pairs if self._unsettled(track)]
-        for _, one in unsettled:
-            static[one.points] = False
+        held = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
+        held += [(cells[one.points], world.stamp) for one in self._absorbing(pairs, world)]
+        self._hold(held, world.stamp)
+        static = known | (world.seen_static & ~np.isin(cells, state.held))
         state.static = cells[static]
         static.setflags(write=False)
         found = [
@@ -148,8 +156,13 @@ class MoverTracker(Stateful[MoverState]):
         if place is None or moved or track.wide or seen.radius > place.radius + p.grows:
             place = Place(world.stamp, track.position, seen.radius, world.seen_points[seen.points])
         track.place = place
-        if track.rest is None or place.time == world.stamp or _away(track, seen, track.rest, p.creeps):
-            track.rest = Place(world.stamp, track.position, seen.radius, NO_POINTS)
+        if track.rest is None or not _away(track, seen, track.rest, p.creeps):
+            track.strayed = None
+        elif track.strayed is None:
+            track.strayed = world.stamp
+        strayed = track.strayed is not None and world.stamp - track.strayed >= p.strays
+        if track.rest is None or place.time == world.stamp or strayed:
+            track.rest, track.strayed = Place(world.stamp, track.position, seen.radius, NO_POINTS), None
 
     def _moving(self, track: Track) -> bool:
         now = self._state.time
@@ -161,6 +174,36 @@ class MoverTracker(Stateful[MoverState]):
         if track.wide or track.moved is None or track.rest is None or now is None:
             return False
         return now - track.rest.time < self.parameters.rests
+
+    def _absorbing(self, pairs: list[tuple[Track, Seen]], world: WorldMap) -> list[Seen]:
+        """Clusters too wide for a mover that one is part of now: it was followed until a moment ago."""
+        p = self.parameters
+        lost = [track for track in self._state.tracks if track.seen < world.stamp and self._unsettled(track)]
+        return [
+            one
+            for track, one in pairs
+            if track.wide
+            and any(np.any(np.hypot(*(world.seen_points[one.points] - ours.position).T) < p.gate) for ours in lost)
+        ]
+
+    def _hold(self, places: list[tuple[NDArray[np.int64], float]], now: float) -> None:
+        """Remember cells of what is unsettled, and since when [s] it has rested at the earliest.
+
+        Something else that passes close by makes one cluster of the two, which ends both tracks; but not this memory.
+        """
+        state = self._state
+        if not places and not len(state.held):
+            return
+        held, until = [state.held], [state.held_until]
+        for cells, since in places:
+            held.append((cells[:, None] + AROUND).ravel())  # the next map may have hits beside them
+            until.append(np.full(len(held[-1]), since + self.parameters.rests))
+        each, times = np.concatenate(held), np.concatenate(until)
+        order = np.lexsort((times, each))  # of each cell the last entry is the latest
+        last = np.append(each[order][1:] != each[order][:-1], True) if len(order) else np.zeros(0, dtype=bool)
+        kept = order[last]
+        kept = kept[times[kept] > now]
+        state.held, state.held_until = read_only(each[kept]), read_only(times[kept])
 
     def _part(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
