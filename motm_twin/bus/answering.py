@@ -40,8 +40,8 @@ class Answering:
         self._gate, self._encode = CommandGate(now), msgspec.json.Encoder().encode
         self._schemas = [(zenoh.KeyExpr(keys.schema(name)), text) for name, text in schemas().items()]
         self._queryables = [
-            QuietQueryable(session, keys.commands, self._on_command, quiet),
-            QuietQueryable(session, keys.schemas, self._on_schema, quiet),
+            QuietQueryable(session, [keys.commands], self._on_command, quiet),
+            QuietQueryable(session, [keys.schemas], self._on_schema, quiet),
         ]
 
     def close(self) -> None:

@@ -3,11 +3,11 @@
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 
 import zenoh
 
 from motm_twin.bus.keys import Keys
+from motm_twin.bus.quiet import Quiet, QuietQueryable
 
 MakeAnswer = Callable[[zenoh.Parameters], bytes | None]  # None: there is nothing yet. ValueError: why not
 
@@ -15,16 +15,16 @@ MakeAnswer = Callable[[zenoh.Parameters], bytes | None]  # None: there is nothin
 class LatestValues:
     """Publishes, and answers late joiners with the last value of each key."""
 
-    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
+    def __init__(self, session: zenoh.Session, keys: Keys, quiet: Quiet) -> None:
+        """``quiet``: when to answer."""
         self._lock = threading.Lock()
         self._last: dict[str, tuple[bytes, bytes | None]] = {}  # key: payload, attachment
         self._answers: dict[str, MakeAnswer] = {}
-        self._declared: list[zenoh.Publisher | zenoh.Queryable] = []
         self._publishers = {}
         shown = (keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event)
         for key in (*shown, keys.observations):
             # Not express: ticks that have to wait for a slow reader then share the batches of the send queue.
-            publisher = session.declare_publisher(
+            self._publishers[key] = session.declare_publisher(
                 key,
                 encoding=zenoh.Encoding.ZENOH_BYTES if key == keys.grid else zenoh.Encoding.APPLICATION_JSON,
                 congestion_control=_block_or_drop(key in (keys.scene, keys.event)),
@@ -32,9 +32,9 @@ class LatestValues:
                 priority=zenoh.Priority.INTERACTIVE_LOW if key == keys.event else zenoh.Priority.DATA,
                 reliability=zenoh.Reliability.RELIABLE,
             )
-            self._publishers[key] = publisher
-            queryable = session.declare_queryable(key, partial(self._answer, key))
-            self._declared += [publisher, queryable]
+        self._asked = [(key, zenoh.KeyExpr(key)) for key in self._publishers]
+        # One for all keys: who asks for several gets the answers in that order.
+        self._queryable = QuietQueryable(session, list(self._publishers), self._answer, quiet)
 
     def put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
         """Send a value of a key and keep it."""
@@ -48,18 +48,23 @@ class LatestValues:
 
     def close(self) -> None:
         """Withdraw everything."""
-        for declared in self._declared:
-            declared.undeclare()
+        self._queryable.undeclare()
+        for publisher in self._publishers.values():
+            publisher.undeclare()
 
-    def _answer(self, key: str, query: zenoh.Query) -> None:
+    def _answer(self, query: zenoh.Query) -> None:
+        """The last value of every key that the query asks for."""
         with suppress(zenoh.ZError), query:  # the asker may be gone
-            try:
-                found = self._found(key, query.parameters)
-            except ValueError as error:
-                query.reply_err(str(error))
-                return
-            if found is not None:
-                query.reply(key, found[0], attachment=found[1])
+            for key, expression in self._asked:
+                if not query.key_expr.intersects(expression):
+                    continue
+                try:
+                    found = self._found(key, query.parameters)
+                except ValueError as error:
+                    query.reply_err(str(error))
+                    continue
+                if found is not None:
+                    query.reply(key, found[0], attachment=found[1])
 
     def _found(self, key: str, parameters: zenoh.Parameters) -> tuple[bytes, bytes | None] | None:
         if (make := self._answers.get(key)) is not None:

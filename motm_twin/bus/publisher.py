@@ -20,6 +20,7 @@ from motm_twin.bus.latest import LatestValues
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.bus.metrics import Metrics
 from motm_twin.bus.outbox import Outbox
+from motm_twin.bus.quiet import Quiet
 from motm_twin.bus.robot_frames import RobotEncoder
 from motm_twin.bus.robot_stream import RobotStream
 from motm_twin.control.tick import Tick
@@ -46,11 +47,15 @@ class Publisher:
         status: Callable[[], StatusMessage],
         now: Callable[[], float],
         took: Callable[[], float] = lambda: 0.0,
+        quiet: Quiet,
     ) -> None:
-        """``status`` gives the state of the server, ``now`` its clock [s], ``took`` the time of the last period [s]."""
+        """``status`` gives the state of the server, ``now`` its clock [s], ``took`` the time of the last period [s].
+
+        ``quiet``: when queries are answered.
+        """
         self._keys, self._status, self._now, self._took = keys, status, now, took
         self._encode = msgspec.json.Encoder().encode
-        self._values, self._telling = LatestValues(session, keys), threading.Lock()
+        self._values, self._telling = LatestValues(session, keys, quiet), threading.Lock()
         self._log = EventLog(now, self._emit)
         self._watch, self._metrics = EventWatch(self._log), Metrics()
         self._values.answer(keys.status, lambda _: self._encode(status()))

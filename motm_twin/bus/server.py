@@ -98,7 +98,12 @@ class TwinServer:
         )
         self._library = library
         self._publisher = Publisher(
-            self._session, self.keys, status=self.loop.status, now=clock, took=lambda: self.loop.took
+            self._session,
+            self.keys,
+            status=self.loop.status,
+            now=clock,
+            took=lambda: self.loop.took,
+            quiet=self.loop.quiet,
         )
         self.tick, self.scene, self.status = self._publisher.tick, self._publisher.scene, self._publisher.status
         self.event = self._publisher.event_log.add

@@ -39,7 +39,8 @@ class PlayerServer:
         self._session = open_server(self.port, host, keys.own)
         self._clock = ServerClock()
         self._encode = msgspec.json.Encoder().encode
-        self._values = LatestValues(self._session, keys)
+        quiet = Quiet()  # always: nothing is computed here
+        self._values = LatestValues(self._session, keys, quiet)
         key_of = {
             ch.TICK.topic: keys.tick,
             ch.GRID.topic: keys.grid,
@@ -61,7 +62,7 @@ class PlayerServer:
             playing=playing,
         )
         self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
-        self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request, quiet=Quiet())
+        self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request, quiet=quiet)
         self._queryable = self._session.declare_queryable(keys.session, self._on_session)
         self._token = self._session.liveliness().declare_token(keys.alive)
         self._stop = threading.Event()

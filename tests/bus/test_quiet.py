@@ -45,8 +45,8 @@ def test_queries_wait_until_it_is_quiet_and_then_all_are_answered(pair, monkeypa
     monkeypatch.setattr(module, "PATIENCE", FOR_EVER)
     server, client = pair
     quiet = Quiet()
-    waiting = QuietQueryable(server, "test/waiting", echo, quiet)
-    prompt = QuietQueryable(server, "test/prompt", echo, Quiet())
+    waiting = QuietQueryable(server, ["test/waiting"], echo, quiet)
+    prompt = QuietQueryable(server, ["test/prompt"], echo, Quiet())
     linked(client, "test/waiting", "test/prompt")
     with quiet.broken():
         asked = [ask(client, "test/waiting") for _ in range(module.TOGETHER + 5)]
@@ -62,7 +62,7 @@ def test_queries_wait_until_it_is_quiet_and_then_all_are_answered(pair, monkeypa
 def test_nobody_waits_for_ever_where_it_is_never_quiet(pair):
     server, client = pair
     quiet = Quiet()
-    queryable = QuietQueryable(server, "test/never", echo, quiet)
+    queryable = QuietQueryable(server, ["test/never"], echo, quiet)
     linked(client, "test/never")
     with quiet.broken():
         thread, answers = ask(client, "test/never")
@@ -79,7 +79,7 @@ def test_an_error_in_one_answer_does_not_end_the_answers_and_undeclare_does(pair
             raise ValueError("this one is bad")
         echo(query)
 
-    queryable = QuietQueryable(server, "test/errors", answer, Quiet())
+    queryable = QuietQueryable(server, ["test/errors"], answer, Quiet())
     linked(client, "test/errors")
     assert list(client.get("test/errors?bad=1", timeout=5.0)) == []
     assert "this one is bad" in capfd.readouterr().err
@@ -99,7 +99,7 @@ def test_what_was_asked_before_undeclare_is_answered(pair, monkeypatch):
         taken.set()
         wait(timeout)
 
-    queryable = QuietQueryable(server, "test/last", echo, quiet)
+    queryable = QuietQueryable(server, ["test/last"], echo, quiet)
     linked(client, "test/last")
     quiet.wait = told
     with quiet.broken():

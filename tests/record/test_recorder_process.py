@@ -113,7 +113,7 @@ def test_a_server_that_answers_slowly_is_recorded_from_the_start(tmp_path, monke
     answer = LatestValues._answer
 
     def slowly(*arguments):
-        time.sleep(0.3)
+        time.sleep(0.1)
         answer(*arguments)
 
     monkeypatch.setattr(LatestValues, "_answer", slowly)

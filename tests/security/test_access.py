@@ -1,6 +1,7 @@
 """Who gets in, and who may do what: real sessions over TLS, with the files that `motm-twin security` makes."""
 
 import json
+import sys
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -9,7 +10,15 @@ import pytest
 import zenoh
 import zenoh.ext
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "bus"))
+
+from fake_twin import FakeLibrary, FakeTwin
+from waiting import until
+
 from motm_twin.bus import config
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Load
+from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port, open_member, open_server
 from motm_twin.ros2.forms import BridgeForm, RmwForm
 from motm_twin.ros2.outlets import Outlets
@@ -93,6 +102,21 @@ def arrives(place, session, key):
         session.put(key, b"from outside")
         time.sleep(0.02)
     return key in place.arrived
+
+
+def test_a_late_viewer_is_told_the_last_of_everything_by_a_real_twin(place, monkeypatch):
+    """As a peer, as programs connect by themselves: a question is sent only where an answer was announced."""
+    folder = place.folder.path.parent / "twin"
+    made = Folder(folder)
+    port = free_port()
+    made.create(People(hosts=["127.0.0.1"], port=port, passwords=place.passwords, names=NAMES))
+    monkeypatch.setenv(config.VARIABLE, str(made.server))
+    with TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False) as server:
+        until(lambda: server.loop.status().state == "paused", "the twin never started")
+        monkeypatch.setenv(config.VARIABLE, str(made.of("viewer", "ann")))
+        with TwinClient(config.configured_endpoint() or "") as client:
+            until(lambda: client.tick() and client.grid() and client.scene() and client.status(), "not told")
+            assert client.events(0) is not None
 
 
 def test_a_viewer_reads_and_can_do_nothing_else(place, monkeypatch):
