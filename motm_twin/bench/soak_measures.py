@@ -32,7 +32,8 @@ KILLED_EACH = 20  # clients of a process that is killed
 KILLED_SHARE = 0.1  # of all clients
 SETTLE = 15.0  # [s] until Zenoh has closed the links of those who were killed, and ended idle threads
 RATE = 1000.0  # malformed messages per second
-BLOCK = 10.0  # [s] of one look at the period, with and without malformed messages in turn
+BLOCK = 10.0  # [s] of one look at the period
+BLOCKS = ("without", "elsewhere", "attacked", "attacked", "elsewhere", "without")  # in turn: who gets the messages
 UP = 120.0  # [s] for a server to be there on a busy machine
 DOWN = 10.0  # [s] for it to end
 MARK = "MOTM_SOAK"  # environment variable that tells our processes from others
@@ -145,29 +146,34 @@ def attack_paused(twin: Measured, count: int, seed: int = 1) -> Attacked:
     return attacked
 
 
-def attack_playing(twin: Measured, count: int, seed: int = 2) -> Attacked:
-    """Malformed messages to a twin that runs, in blocks: off, on, on, off. Its periods meanwhile, and its edits after.
+def attack_playing(twin: Measured, count: int, other: Measured, seed: int = 2) -> Attacked:
+    """Malformed messages to a twin that runs, block by block as in `BLOCKS`. Its periods, and its edits after.
 
-    Raises RuntimeError when the log has an edit.
+    Sending and refusing so many keeps the machine busy, which makes any program on it slower: the same messages to the
+    paused ``other`` show by how much. Raises RuntimeError when the log has an edit.
     """
     attacked = Attacked()
-    found: dict[bool, list[float]] = {False: [], True: []}
+    found: dict[str, list[float]] = {name: [] for name in BLOCKS}
     each = max(1, min(count, round(RATE * BLOCK)))
+    restart(other.client, playing=False)
     with Worker(WORKER) as worker:
         sent = block = 0
-        while sent < count or block % 4:
-            on = block % 4 in (1, 2)
+        while sent < count or block % len(BLOCKS):
+            name = BLOCKS[block % len(BLOCKS)]
+            target = {"attacked": twin, "elsewhere": other}.get(name)
             restart(twin.client, playing=True)
-            if on:
-                worker.send("attack", **_where(twin), count=each, rate=RATE, seed=seed + block)
-                sent += each
-            found[on] += [tick.stage_ms["period"] for tick in ticks(twin.client, each / RATE)]
-            if on:
-                attacked.add(worker.answer(timeout=60.0 + each / 50.0))
+            if target is not None:
+                worker.send("attack", **_where(target), count=each, rate=RATE, seed=seed + block)
+            found[name] += [tick.stage_ms["period"] for tick in ticks(twin.client, each / RATE)]
+            if target is not None:
+                answer = worker.answer(timeout=60.0 + each / 50.0)
+                if target is twin:
+                    sent += each
+                    attacked.add(answer)
             block += 1
             if edits := state(twin.client)["edits"]:
                 raise RuntimeError(f"malformed messages became edits: {edits[:3]}")
-    attacked.period = {"without": percentiles(found[False]), "attacked": percentiles(found[True])}
+    attacked.period = {name: percentiles(periods) for name, periods in found.items()}
     return attacked
 
 
