@@ -75,8 +75,9 @@ FAST = Method(
         "driving from 2.0 m on, until it is 2.6 m away; until then it will have moved on. Where what moves leaves a "
         "target no candidate, the robot waits beside the one that it can be at soonest; the free place closest to the "
         "target is often on the other side of the table. Tried and no better: to expect what moves on its course in "
-        "the search, with the global path round where the robot would meet it (both then wait for each other), and to "
-        "place the base where something near drives now."
+        "the search, with the global path round where the robot would meet it (both then wait for each other); to "
+        "place the base where something near drives now; and instead of waiting to go where the arm reaches from "
+        "another heading, if that is no farther (exp2, seeds 0 to 9: 1.1 s longer)."
     ),
     planner=fast_planner,
 )

@@ -30,6 +30,7 @@ from motm_twin.planning.rejections import Here, rejections
 from motm_twin.planning.types import Target
 
 BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more
+PLACES = 72  # to wait at that are kept, the best: as many as candidates on a ring
 KEEP_CLEARANCE = 0.0  # [m] of the chosen pose: a cell at the edge of what the lidar sees comes and goes
 
 
@@ -81,8 +82,14 @@ class WidePlacement(NextTargetPlacement):
         table = self._still_graphs.table(graph, pose[np.lexsort((pose[:, 1], pose[:, 0]))], self._rates)
         current, _ = self._costs(free, here.graph, from_robot, None)
         onward = costs_on(graph, table, poses_at(graph, free.pose, free.place, free.place_of))
-        current[~np.isfinite(onward)] = np.inf
-        return (free, current, onward) if np.isfinite(current).any() else None
+        best = np.argsort(current + self._parameters.placement.next_weight * onward, kind="stable")[:PLACES]
+        best = np.sort(best[np.isfinite(current[best] + onward[best])])
+        if not len(best):
+            return None
+        used, place_of = np.unique(free.place_of[best], return_inverse=True)
+        radius = float(np.hypot(*(free.place[used] - target.position[:2]).T).min())
+        kept = Candidates("closest", radius, free.pose[best], free.place[used], place_of, [""] * len(best))
+        return kept, current[best], onward[best]
 
     def _why(
         self, candidates: Candidates, chosen: int, current: Array, onward: Array, target: Target, here: Here

@@ -170,6 +170,9 @@ def test_it_waits_beside_what_moves_and_does_not_go_round_the_table():
     free = clearances(beside.goal[None], 1.0, field_of(problem.world), body_of(RobotProfile().footprint))
     assert free[0] >= PlanningParameters().placement.clearance
     assert beside.cost[beside.chosen] < closest.cost_current[closest.chosen]
+    assert len(beside.poses) <= 72
+    away = np.hypot(*(beside.poses[:, :2] - CUBE).T)
+    assert beside.radius == pytest.approx(away.min(), abs=0.01)
 
 
 def test_what_is_taken_by_furniture_is_not_waited_for():
