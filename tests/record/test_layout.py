@@ -5,7 +5,12 @@ from pathlib import Path
 
 import msgspec
 
+from motm_twin.bus.robot_frames import RobotEncoder
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
+from motm_twin.record.foxglove import WORLD
+from motm_twin.twin import Twin
 
 LAYOUT = json.loads((Path(__file__).parents[2] / "docs" / "foxglove_layout.json").read_text())
 PANELS = LAYOUT["configById"]
@@ -28,6 +33,13 @@ def test_the_scene_shows_every_drawn_topic_and_no_other():
     assert shown == {channel.topic for channel in ch.DRAWN} - {ch.DRAWN_FRAMES.topic, ch.DRAWN_LOG.topic}
     assert PANELS["RosOut!log"]["topicToRender"] == ch.DRAWN_LOG.topic
     assert PANELS["RawMessages!tick"]["topicPath"] == ch.TICK.topic
+
+
+def test_no_frame_is_drawn_over_the_robot():
+    """Foxglove draws axes at every frame that is not hidden, and a line from it to its parent."""
+    hidden = {name for name, frame in PANELS["3D!motm"]["transforms"].items() if not frame["visible"]}
+    robot = RobotEncoder(RobotProfile()).state(Twin(load_scene("exp1", "trial1", 0)).advance().observation, 1, 0.0)
+    assert hidden == {f"frame:{name}" for name in (WORLD, *robot.frames)}
 
 
 def test_every_curve_is_a_field_of_the_plots():
