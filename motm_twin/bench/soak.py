@@ -80,8 +80,8 @@ def _malformed(twin: Measured, report: Report, count: int, data: Path) -> None:
     report.values["accepted"] = float(sum(part.counts["accepted"] for part in parts))
     report.values["unanswered"] = float(sum(part.counts["unanswered"] for part in parts))
     period = parts[1].period
-    for name, other in (("period", "without"), ("period_own", "elsewhere")):
-        report.values[name] = period["attacked"]["p99"] / period[other]["p99"]
+    for name, reference in (("period", "without"), ("period_own", "elsewhere")):
+        report.values[name] = period["attacked"]["p99"] / period[reference]["p99"]
     report.details["malformed"] = {how: sum(part.sent.get(how, 0) for part in parts) for how in parts[0].sent}
     report.details["period_ms"] = period
     for name in ("accepted", "unanswered"):
