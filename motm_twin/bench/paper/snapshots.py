@@ -1,5 +1,6 @@
 """Avoidance snapshots of the real page: a served twin, stepped to four moments of the example, photographed."""
 
+import functools
 import io
 from typing import Any
 
@@ -7,12 +8,14 @@ import numpy as np
 from PIL import Image
 
 from motm_twin.bench.page_browser import browser
+from motm_twin.bench.page_measures import act
 from motm_twin.bench.page_serve import served, wait_for
 from motm_twin.bench.paper.episode import Episode, Moment
 from motm_twin.bench.paper.part import Drawn, Missing, Part
 from motm_twin.bench.paper.style import TWO_COLUMNS, figure, styled
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Pause, Reset, Step
+from motm_twin.bus.ranges import MAX_STEPS
 from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 NAME, TITLE = "snapshots", "Arm and base avoid a Temi: the page at four moments"
@@ -130,16 +133,20 @@ def _corner(client: TwinClient, box: Any, shown: list[Moment]) -> tuple[int, int
 def _rewind(client: TwinClient) -> None:
     """Stop the run, and take it back to its start."""
     wait_for(lambda: client.command(Pause()).ok, ANSWER, "wheel")
-    client.command(Reset())
+    act(client, Reset())
     wait_for(lambda: _at(client, 0), ANSWER, "start")
 
 
 def _step_to(client: TwinClient, index: int) -> None:
     """Compute the periods until this one, paused there."""
-    here = client.tick()
-    assert here is not None
-    client.command(Step(count=index - here.index))
-    wait_for(lambda: _at(client, index), ANSWER, f"period {index}")
+    tick = client.tick()
+    assert tick is not None
+    here = tick.index
+    while here < index:
+        steps = min(index - here, MAX_STEPS)
+        here += steps
+        act(client, Step(count=steps))
+        wait_for(functools.partial(_at, client, here), ANSWER, f"period {here}")
 
 
 def _at(client: TwinClient, index: int) -> bool:
