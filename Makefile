@@ -6,7 +6,7 @@ SCENE ?= exp1
 WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$(( n < 2 ? 2 : n )))
 TESTS ?= tests
 
-.PHONY: help run test check format bench image wheel lock clean
+.PHONY: help run test check quick format bench image wheel lock clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -37,6 +37,9 @@ format: .venv/.ready-dev ## format and apply the safe fixes
 
 bench: .venv/.ready-run ## the numbers of the paper and ours, as a table (all groups; GROUP=exp1 for one)
 	@$(PYTHON_ENV) $(BIN)/motm-twin bench $(GROUP) $(ARGS)
+
+quick: .venv/.ready-dev ## the report of the paper's experiments with one trial of each, into out/quick
+	@$(PYTHON_ENV) MOTM_CHROMIUM="$$(tools/chromium.sh)" $(BIN)/motm-twin paper --quick --workers $(WORKERS) --out out/quick
 
 wheel: .venv/.ready-dev ## build the wheel into dist/
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist .

@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
+from motm_twin import __version__
 from motm_twin.bench.paper.cli_paper import paper
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
@@ -237,6 +238,9 @@ def bench(
 
 def main() -> None:
     """Entry point of `motm-twin`."""
+    if sys.argv[1:] == ["--version"]:
+        print(f"motm-twin {__version__}")
+        return
     try:
         code = tyro.extras.subcommand_cli_from_dict(
             {
@@ -258,7 +262,7 @@ def main() -> None:
                 "security": security,
             },
             prog="motm-twin",
-            description="Reactive manipulation on the move, as a digital twin.",
+            description="Reactive manipulation on the move, as a digital twin. --version says which.",
         )
     except (SceneError, SessionError, ConfigError, MethodError) as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+import motm_twin
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.record.session import load_session, save_session
 
@@ -134,3 +135,8 @@ def test_shipped_scenes_are_listed_from_any_directory(tmp_path):
 def test_a_shipped_scene_checks_and_the_schema_is_json():
     assert call("scene", "check", "exp1").returncode == 0
     assert json.loads(call("scene", "schema").stdout)
+
+
+def test_version_is_that_of_the_package():
+    result = call("--version")
+    assert (result.returncode, result.stdout) == (0, f"motm-twin {motm_twin.__version__}\n")

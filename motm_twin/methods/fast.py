@@ -77,7 +77,8 @@ FAST = Method(
         "target is often on the other side of the table. Tried and no better: to expect what moves on its course in "
         "the search, with the global path round where the robot would meet it (both then wait for each other); to "
         "place the base where something near drives now; and instead of waiting to go where the arm reaches from "
-        "another heading, if that is no farther (exp2, seeds 0 to 9: 1.1 s longer)."
+        "another heading, if that is no farther (exp2, seeds 0 to 9: 1.1 s longer). Nor to count the way from the next "
+        "target to the one after it, too (Experiment 1, seeds 0 to 49: 0.2 s longer, +- 0.4)."
     ),
     planner=fast_planner,
 )

@@ -23,6 +23,7 @@ SWEEPS: dict[str, tuple[float, ...]] = {  # parameter of `control.tuning`: value
     "radius_min": (0.45, 0.5, 0.55, 0.65, 0.7),
     "radius_max": (0.7, 0.75, 0.85, 0.9, 0.95),
 }
+SWEPT_AMONG_BOXES = {"radius_max": ("exp1a",)}  # in Experiment 1 the smallest ring always has a free candidate
 
 QUICK_ROBOT = {  # twice the speed and acceleration, and a gripper that closes in 0.2 s
     "robot.base.forward_speed": 1.0,  # [m/s]
@@ -108,7 +109,8 @@ def _sweep(parameter: str) -> Callable[[Sequence[str], int | None], Specs]:
     """The shipped value, and the others."""
     settings = [{}, *({parameter: value} for value in SWEEPS[parameter])]
     return lambda methods, trials: (
-        TrialSpec("exp1", variant, seed, method, parameters)
+        TrialSpec(scene, variant, seed, method, parameters)
+        for scene in ("exp1", *SWEPT_AMONG_BOXES.get(parameter, ()))
         for variant, seed in arrangements(trials)
         for method in methods
         for parameters in settings

@@ -18,7 +18,7 @@ def points(store: Store, experiment: str) -> list[dict]:
     """For each value: how much slower than the shipped one, by trial, with its interval; the shipped one is 0."""
     name = SWEEPS[experiment][0]
     ours = data.times(store.of("exp1", method="motm"))
-    results = [result for result in store.of(experiment) if name in result["parameters"]]
+    results = [result for result in store.of(experiment, scene="exp1") if name in result["parameters"]]
     values = sorted({float(result["parameters"][name]) for result in results})
     rows = []
     for value in values:
