@@ -5,6 +5,7 @@ import re
 import pytest
 from rich.console import Console
 
+from motm_twin.bench import robustness
 from motm_twin.bench.paper import (
     ablation,
     box_plots,
@@ -217,3 +218,7 @@ def test_a_missed_grasp_has_no_time_and_counts_against_success():
     assert isinstance(part, Drawn)
     assert [row["value"] for row in part.rows] == [0.0]
     assert [row["estimate"] for row in faults.points(trials, success=True)] == [1.0, 0.0]
+
+
+def test_every_error_that_is_swept_has_a_label_for_people():
+    assert {*robustness.ERRORS, *robustness.GRASP_FAULTS} <= set(faults.LABELS)

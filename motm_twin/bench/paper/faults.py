@@ -19,6 +19,7 @@ LABELS = {  # field of the scene: what it is, and what its number is multiplied 
     "noise.localisation_heading_sd": ("localisation error, sd [deg]", 180.0 / math.pi),
     "noise.slot_error_until_seen": ("error of the object's place, sd [cm]", 100.0),
     "noise.camera_position_sd_at_1m": ("camera error at 1 m, sd [cm]", 100.0),
+    "noise.camera_position_sd_at_01m": ("camera error at 10 cm, sd [cm]", 100.0),
     "noise.base_speed_scale_sd": ("error of base speed, sd [%]", 100.0),
     "noise.arm_rate_sd": ("error of joint rates, sd [mrad/s]", 1000.0),
     "faults.cube_moved_by": ("cube moved on approach [cm]", 100.0),
