@@ -120,14 +120,18 @@ def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they
 
 
 def with_more_states(path, target):
-    """A copy with three states of the robot for each: how many were sent depends on how busy the machine was."""
+    """A copy with three states of the robot for each period: how many were sent depends on how busy the machine was."""
+    entries = list(read(path))
+    robot = json.loads(next(entry.data for entry in entries if entry.topic == ch.ROBOT.topic))
     file = McapFile(target)
-    for entry in read(path):
-        for k in range(3 if entry.topic == ch.ROBOT.topic else 1):
-            message = json.loads(entry.data)
-            if entry.topic == ch.ROBOT.topic:
-                message["time"] += 0.02 * k
-            file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9 + 1e-6 * k, json.dumps(message).encode())
+    for entry in entries:
+        if entry.topic == ch.ROBOT.topic:
+            continue
+        file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, entry.data)
+        if entry.topic == ch.TICK.topic:
+            for k in range(3):
+                robot["time"] = json.loads(entry.data)["time"] + 0.02 * k
+                file.add(ch.ROBOT, entry.log_time / 1e9 + 1e-6 * (k + 1), json.dumps(robot).encode())
     file.close()
     return target
 
