@@ -23,7 +23,7 @@ SWEEPS: dict[str, tuple[float, ...]] = {  # parameter of `control.tuning`: value
     "radius_min": (0.45, 0.5, 0.55, 0.65, 0.7),
     "radius_max": (0.7, 0.75, 0.85, 0.9, 0.95),
 }
-SWEPT_AMONG_BOXES = {"radius_max": ("exp1a",)}  # in Experiment 1 the smallest ring always has a free candidate
+SWEPT_AMONG_BOXES = {"radius_max": ("exp1a",)}  # Experiment 1 needs no ring beyond 0.7 m
 
 QUICK_ROBOT = {  # twice the speed and acceleration, and a gripper that closes in 0.2 s
     "robot.base.forward_speed": 1.0,  # [m/s]
