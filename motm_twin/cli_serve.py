@@ -191,6 +191,8 @@ class _Supervisor:
         match event["event"]:
             case "listening":
                 self._say(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
+                if why := event.get("no_real_time"):
+                    self._console.print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
             case "page":
                 self._remember(event["port"])
                 self._say(f"{after}  Page:  [bold]{event['url']}[/bold]")

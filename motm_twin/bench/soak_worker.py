@@ -21,7 +21,7 @@ from motm_twin.bus.commands import Answer
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.session import LOOPBACK, open_client, open_member
 
-SENDERS = 4  # threads that wait for answers
+OPEN = 100  # queries that wait for an answer at most
 TIMEOUT = 10.0  # [s] for an answer
 FIRST_VALUE = 30.0  # [s] for a new client to know the state
 PATTERNS = ("*", "$", "//")
@@ -30,31 +30,35 @@ _answer = msgspec.json.Decoder(Answer)
 
 
 class Attack:
-    """Sends malformed messages and counts what becomes of them."""
+    """Sends malformed messages and counts what becomes of them.
+
+    Answers come by callbacks: threads that wait for them would take half a core, and slow whatever is attacked by that.
+    """
 
     def __init__(self, endpoint: str, twin: str, clock: float) -> None:
         self._port, self._keys = int(endpoint.rsplit(":", 1)[1]), Keys(twin)
         self._sessions = [open_member(endpoint, wait=10.0), open_client(endpoint)]  # seen by others, and not
         self._fuzzer = lambda seed: Fuzzer(twin, seed, lambda: time.monotonic() + clock)
-        self._lock = threading.Lock()
+        self._room = threading.BoundedSemaphore(OPEN)
         self._sent: collections.Counter[str] = collections.Counter()
         self.accepted: list[str] = []  # commands that were, to be looked at
         self.unanswered: list[str] = []
+        self._failed: Exception | None = None
 
     def run(self, count: int, rate: float, seed: int) -> dict[str, Any]:
         """Send so many, ``rate`` [1/s] of them; how many of each sort, and what was accepted or not answered."""
-        work: queue.Queue[tuple[int, Message] | None] = queue.Queue(maxsize=100)
-        threads = [threading.Thread(target=self._sender, args=(work,)) for _ in range(SENDERS)]
-        for thread in threads:
-            thread.start()
         began = time.monotonic()
         for number, message in enumerate(self._fuzzer(seed).messages(count)):
-            time.sleep(max(0.0, began + number / rate - time.monotonic()))
-            work.put((number, message))
-        for _ in threads:
-            work.put(None)
-        for thread in threads:
-            thread.join()
+            if (early := began + number / rate - time.monotonic()) > 0.0:
+                time.sleep(early)
+            self._send(message, self._sessions[number % len(self._sessions)])
+            self._sent[message.how] += 1
+        for _ in range(OPEN):
+            self._room.acquire()  # every answer is there, or will not come
+        for _ in range(OPEN):
+            self._room.release()
+        if self._failed is not None:
+            raise self._failed
         return {
             "sent": dict(self._sent),
             "seconds": time.monotonic() - began,
@@ -67,13 +71,6 @@ class Attack:
         """Leave."""
         for session in self._sessions:
             session.close()
-
-    def _sender(self, work: queue.Queue) -> None:
-        while (item := work.get()) is not None:
-            number, message = item
-            self._send(message, self._sessions[number % len(self._sessions)])
-            with self._lock:
-                self._sent[message.how] += 1
 
     def _send(self, message: Message, session: zenoh.Session) -> None:
         if message.kind == "raw":
@@ -92,16 +89,27 @@ class Attack:
             self._query(session, selector, message)
 
     def _query(self, session: zenoh.Session, selector: Any, message: Message) -> None:
-        replies = list(session.get(selector, payload=message.payload, timeout=TIMEOUT))
+        self._room.acquire()
+        answers: list[zenoh.Reply] = []
+
+        def ended() -> None:
+            try:
+                self._judge(message, answers)
+            except Exception as error:  # in a thread of Zenoh's, which would only print it
+                self._failed = error
+            finally:
+                self._room.release()
+
+        handler = zenoh.handlers.Callback(answers.append, ended, indirect=False)
+        session.get(selector, handler, payload=message.payload, timeout=TIMEOUT)
+
+    def _judge(self, message: Message, answers: list[zenoh.Reply]) -> None:
         if message.kind != "command":
             return
-        good = [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
-        with self._lock:
-            if not good and not any(sign in message.key for sign in PATTERNS):
-                self.unanswered.append(_shown(message))
-            for payload in good:
-                if _answer.decode(payload).ok:
-                    self.accepted.append(_shown(message))
+        good = [reply.ok.payload.to_bytes() for reply in answers if reply.ok is not None]
+        if not good and not any(sign in message.key for sign in PATTERNS):
+            self.unanswered.append(_shown(message))
+        self.accepted += [_shown(message) for payload in good if _answer.decode(payload).ok]
 
     def _raw(self, payload: bytes) -> None:
         with contextlib.suppress(OSError), socket.create_connection((LOOPBACK, self._port), timeout=5.0) as link:

@@ -4,6 +4,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import msgspec
 
@@ -39,7 +40,9 @@ from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.pacing import PERIOD, Pacer
 from motm_twin.bus.ports import MakeTwin, Methods, Reply, SceneLibrary, SessionReply, Sink
 from motm_twin.bus.quiet import Quiet
+from motm_twin.bus.real_time import RealTime
 from motm_twin.bus.said import said
+from motm_twin.bus.session_desk import SessionDesk
 from motm_twin.bus.source import SceneSource
 from motm_twin.bus.wheel import Wheel
 from motm_twin.model.scene import DriveTo, Scene
@@ -83,29 +86,23 @@ class TwinLoop:
         self._play_on = playing  # once a run that was done has a task again
         self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
         self._state, self._text = "loading", "starting"
+        self._sessions = SessionDesk(
+            lambda: (self._live.session(), self._live.session_info()),
+            lambda error: f"{said(error)} ({self._text or self._state})",
+        )
         self.took = 0.0  # [s] of wall time that the last period needed
-        self.quiet = Quiet()  # while no period is computed
+        self.quiet, self._real_time = Quiet(), RealTime()  # quiet while no period is computed
 
     def request(self, envelope: Envelope, reply: Reply) -> None:
-        """Hand a checked command over; ``reply`` is called once, from the loop's thread. Raises Refused when full.
-
-        The answer comes when the command is accepted; what takes long (a load, steps) is done after it.
-        """
+        """Hand a command over; ``reply`` is called once, before what takes long. Raises Refused when full."""
         arrived = time.monotonic()
         self._put(lambda: self._answer(envelope, arrived, reply))
 
     def session(self, reply: SessionReply) -> None:
         """Ask for the run so far; ``reply`` is called once, between two periods. Raises Refused when full."""
-
-        def answer() -> None:
-            try:
-                payload, info = self._live.session(), self._live.session_info()
-            except Exception as error:
-                reply(b"", b"", f"{said(error)} ({self._text or self._state})")
-            else:
-                reply(payload, info, "")
-
-        self._put(answer)
+        if self._sessions.ask(reply):
+            with suppress(Refused):  # where so much waits, the loop does not sleep
+                self._put(lambda: None)
 
     def reload(self) -> None:
         """Load the running scene again, because its file has changed; from any thread."""
@@ -160,9 +157,8 @@ class TwinLoop:
             return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
         if self._state == "paused" and self._steps > 0:
             return 0.0
-        if self._outdated:
-            return min(IDLE_WAIT, max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()))
-        return IDLE_WAIT
+        shown = self._stood_at + STANDING_INTERVAL - time.monotonic() if self._outdated else IDLE_WAIT
+        return min(IDLE_WAIT, max(0.0, shown))
 
     def _take_requests(self, wait: float) -> None:
         try:
@@ -287,6 +283,7 @@ class TwinLoop:
     def _look_after(self, now: float) -> None:
         """What happens because time passes."""
         self._wheel.look_after(now)
+        self._sessions.serve(now, self._state == "playing")
         if self._reload.is_set():
             self._reload.clear()
             self._guarded(self._load_again)
@@ -377,6 +374,7 @@ class TwinLoop:
             return
         self._steps = max(0, self._steps - 1)
         self._pacer.started(time.monotonic())
+        self._real_time.want(self._state == "playing" and self._pacer.at_ease(time.monotonic()))
         self._outdated = False
         began = time.perf_counter()
         with self.quiet.broken(self._live.simulated):  # a robot in another program is mostly waited for

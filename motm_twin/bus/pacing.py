@@ -53,3 +53,7 @@ class Pacer:
         if self._since is None or now - self._since < WINDOW:
             return False
         return self.actual_speed(now) < CAPPED_BELOW * self.speed
+
+    def at_ease(self, now: float) -> bool:
+        """Whether periods leave time between them: real time or slower, and the machine keeps up."""
+        return self.speed <= 1.0 and not self.capped(now)

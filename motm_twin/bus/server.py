@@ -20,6 +20,7 @@ from motm_twin.bus.keys import Keys
 from motm_twin.bus.loop import TwinLoop
 from motm_twin.bus.ports import MakeTwin, Methods, SceneLibrary, TwinLike
 from motm_twin.bus.publisher import Publisher
+from motm_twin.bus.quiet import QuietQueryable
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
@@ -110,7 +111,7 @@ class TwinServer:
         self._answering = Answering(
             self._session, self.keys, now=clock, request=self.loop.request, quiet=self.loop.quiet
         )
-        self._queryable = self._session.declare_queryable(self.keys.session, self._on_session)
+        self._queryable = QuietQueryable(self._session, [self.keys.session], self._on_session, self.loop.quiet)
         self._token = self._session.liveliness().declare_token(self.keys.alive)
         self._stop = threading.Event()
         self._threads = [

@@ -18,6 +18,7 @@ from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.ports import TwinLike
 from motm_twin.bus.process import Reporter, leave, stop_event
+from motm_twin.bus.real_time import refusal
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.bus.session import PortTaken, open_member
 from motm_twin.external.robot_link import RobotLink
@@ -97,7 +98,7 @@ def main() -> None:
         report("refused", text=str(error))
         leave(BAD_INPUT)
         return
-    report("listening", endpoint=server.endpoint)
+    report("listening", endpoint=server.endpoint, no_real_time=refusal())
     server.start()
     if options.record is not None:
         server.record(options.record, lambda problem, path: report("record", text=problem or path, ok=not problem))

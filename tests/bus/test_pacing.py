@@ -48,3 +48,14 @@ def test_a_short_delay_is_caught_up_with():
     pacer.started(10.0)
     pacer.started(10.0 + PERIOD + 0.01)
     assert pacer.wait(10.0 + PERIOD + 0.01) == pytest.approx(PERIOD - 0.01)
+
+
+def test_only_real_time_that_the_machine_keeps_up_with_is_at_ease():
+    pacer = Pacer()
+    now, _ = run(pacer, 5.0, 0.02)
+    assert pacer.at_ease(now)
+    pacer.speed = 2.0
+    assert not pacer.at_ease(now)
+    slow = Pacer()
+    now, _ = run(slow, 5.0, 0.08)
+    assert not slow.at_ease(now)
