@@ -21,6 +21,7 @@ ROWS_APART = 1 << 32  # between the numbers of two cells in the same column
 _NEXT = np.arange(-1, 2)
 AROUND = (ROWS_APART * _NEXT[:, None] + _NEXT).ravel()  # added to a cell: it and its neighbours
 FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
+LEAVING = 6  # cells from where something static has gone, within which nothing new belongs to anything static
 SAME_POINT = 0.08  # [m] between the middles of cells that may show the same point
 
 
@@ -42,6 +43,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
     rests: float = 3.5  # [s] in the same place after which a thing is static: 3 (Paper, Sec. V), and the end of braking
+    recalls: float = 1.0  # [s] for which cells that were static are remembered
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
@@ -81,6 +83,8 @@ class MoverState:
     time: float | None = None
     tracks: list[Track] = field(default_factory=list)
     static: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that are known to be
+    stood: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells lately static
+    stood_until: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [s] each of them
     held: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that can not be yet
     held_until: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [s] each of them
 
@@ -127,8 +131,10 @@ class MoverTracker(Stateful[MoverState]):
         held = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
         held += [(cells[one.points], world.stamp) for one in self._absorbing(pairs, world)]
         self._hold(held, world.stamp)
-        static = known | (world.seen_static & ~np.isin(cells, state.held))
+        free = ~np.isin(cells, state.held)
+        static = known | (world.seen_static & free)
         state.static = cells[static]
+        static |= free & self._belonging(pairs, cells, static, world.stamp)
         static.setflags(write=False)
         found = [
             (*track.position, *track.velocity, track.radius, track.near)
@@ -186,6 +192,28 @@ class MoverTracker(Stateful[MoverState]):
             and any(np.any(np.hypot(*(world.seen_points[one.points] - ours.position).T) < p.gate) for ours in lost)
         ]
 
+    def _belonging(
+        self, pairs: list[tuple[Track, Seen]], cells: NDArray[np.int64], static: NDArray[np.bool_], now: float
+    ) -> NDArray[np.bool_]:
+        """Cells of what touches something static and was never seen to move: more of the same thing.
+
+        Another side of it comes into sight; and where the robot believes itself to be changes by centimetres, and with
+        it the row of cells that its edge falls into. It is not so where static cells have gone without another beside
+        them: then the thing itself has begun to move.
+        """
+        state = self._state
+        state.stood, state.stood_until = _latest(
+            [state.stood, cells[static]], [state.stood_until, np.full(static.sum(), now + self.parameters.recalls)], now
+        )
+        gone = state.stood[~np.isin(state.stood, _around(cells))]
+        touching = np.isin(cells, _around(_around(cells[static])))
+        found = touching & ~np.isin(cells, _within(gone, LEAVING))  # where it is too small to be followed
+        for track, one in pairs:
+            of_it = cells[one.points]
+            left = np.isin(of_it, _within(gone, LEAVING)).any()
+            found[one.points] = track.moved is None and not left and touching[one.points].any()
+        return found
+
     def _hold(self, places: list[tuple[NDArray[np.int64], float]], now: float) -> None:
         """Remember cells of what is unsettled, and since when [s] it has rested at the earliest.
 
@@ -196,14 +224,9 @@ class MoverTracker(Stateful[MoverState]):
             return
         held, until = [state.held], [state.held_until]
         for cells, since in places:
-            held.append((cells[:, None] + AROUND).ravel())  # the next map may have hits beside them
+            held.append(_around(cells))  # the next map may have hits beside them
             until.append(np.full(len(held[-1]), since + self.parameters.rests))
-        each, times = np.concatenate(held), np.concatenate(until)
-        order = np.lexsort((times, each))  # of each cell the last entry is the latest
-        last = np.append(each[order][1:] != each[order][:-1], True) if len(order) else np.zeros(0, dtype=bool)
-        kept = order[last]
-        kept = kept[times[kept] > now]
-        state.held, state.held_until = read_only(each[kept]), read_only(times[kept])
+        state.held, state.held_until = _latest(held, until, now)
 
     def _part(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
@@ -256,6 +279,29 @@ def _cells(world: WorldMap) -> NDArray[np.int64]:
     """One number per cell of the seen points, the same in every map."""
     column, row = np.floor(world.seen_points.T / world.resolution).astype(np.int64)
     return row * ROWS_APART + column
+
+
+def _latest(
+    cells: list[NDArray[np.int64]], until: list[NDArray[np.float64]], now: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Each of these cells once, with its latest time [s], without those that are over."""
+    each, times = np.concatenate(cells), np.concatenate(until)
+    order = np.lexsort((times, each))  # of each cell the last entry is the latest
+    last = np.append(each[order][1:] != each[order][:-1], True) if len(order) else np.zeros(0, dtype=bool)
+    kept = order[last]
+    kept = kept[times[kept] > now]
+    return read_only(each[kept]), read_only(times[kept])
+
+
+def _within(cells: NDArray[np.int64], reach: int) -> NDArray[np.int64]:
+    """These cells and all up to so many cells away, some more than once."""
+    offset = np.arange(-reach, reach + 1)
+    return (cells[:, None] + (ROWS_APART * offset[:, None] + offset).ravel()).ravel()
+
+
+def _around(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """These cells and all beside them, some more than once."""
+    return (cells[:, None] + AROUND).ravel()
 
 
 def standing(world: WorldMap, movers: Array, parameters: MoverParameters) -> NDArray[np.bool_]:
