@@ -23,6 +23,7 @@ from motm_twin.bench.paper.data import Store
 from motm_twin.bench.paper.part import Drawn, Missing, save
 from motm_twin.bench.paper.parts import NAMES, PARTS
 from motm_twin.bench.paper.plan import ABLATIONS, COMPARED, TEN, Plan, default, full, quick
+from motm_twin.bench.paper.plan import OURS as OWN
 from motm_twin.bench.paper.report import write
 from motm_twin.methods.registry import METHODS
 
@@ -51,7 +52,7 @@ THEIRS = trials("sequential", [160.0, 164.0, 168.0, 172.0, 176.0, 180.0])
 def test_the_plans_hold_what_the_issue_asks_for():
     for plan, exp1, exp1a, exp2 in ((default(), 10, 10, 5), (full(), 60, 60, 50)):
         specs = {each.name: each.specs for each in plan.experiments}
-        for method in set(COMPARED) & set(METHODS):
+        for method in {*COMPARED, *OWN} & set(METHODS):
             counts = [sum(each.method == method and each.variant != "one_temi" for each in specs[name])
                       for name in ("exp1", "exp1a", "exp2")]  # fmt: skip
             assert counts[0] >= exp1
@@ -136,14 +137,24 @@ def test_the_time_split_adds_up_to_the_mean_time():
 
 def test_goals_are_not_judged_on_few_trials():
     random = [result(variant="random", seed=seed) for seed in range(50)]
-    assert {row[-1] for row in goals.table(Store({"exp1": random[:10]}))} == {"so far reached", ""}
-    rows = {row[0]: row for row in goals.table(Store({"exp1": random}))}
-    assert rows["Experiment 1, random: mean time"][-1] == "reached"
+    rows = judged(random[:10])
+    assert {row[-1] for row in rows.values()} == {"so far reached", ""}
+    rows = judged(random)
+    assert rows["Experiment 1, random: mean time", "motm"][-1] == "reached"
+    assert rows["Experiment 1, random: mean time", "fast"][-3:] == ("not measured", "0", "")
+    assert rows["Experiment 2, four Temis: objects placed", "motm"][3] == "not measured"
+
+
+def test_each_method_is_judged_by_its_own_trials():
+    random = [result(variant="random", seed=seed) for seed in range(50)]
     slow = [each | {"time_s": 97.0} for each in random]
-    assert {row[0]: row for row in goals.table(Store({"exp1": slow}))}["Experiment 1, random: mean time"][
-        -1
-    ] == "missed"
-    assert rows["Experiment 2, four Temis: objects placed"][2] == "not measured"
+    rows = judged([*slow, *(each | {"method": "fast"} for each in random)])
+    assert rows["Experiment 1, random: mean time", "motm"][-1] == "missed"
+    assert rows["Experiment 1, random: mean time", "fast"][-1] == "reached"
+
+
+def judged(exp1):
+    return {(row[0], row[2]): row for row in goals.table(Store({"exp1": exp1}))}
 
 
 def test_what_was_not_run_is_missing_with_its_reason():

@@ -9,57 +9,60 @@ from motm_twin.bench.paper import data
 from motm_twin.bench.paper.data import Result, Store
 
 SEEDS = 50
-HEADER = ("Number", "Wanted", "Measured", "n", "")
+HEADER = ("Number", "Wanted", "Method", "Measured", "n", "")
+OURS = ("motm", "fast")  # the methods that are judged: the paper's, and our own
+
+Choose = Callable[[Store, str], list[Result]]  # the trials of a method
+Measure = Callable[[Store, str], tuple[bool, str, int] | None]  # whether it is reached, its text, number of trials
 
 
 class Goal(NamedTuple):
-    """A number, and how to get at it: measured value, its text, and the number of trials."""
+    """A number, and how to get at it for a method: whether it is reached, its text, and the number of trials."""
 
     name: str
     wanted: str
-    measure: Callable[[Store], tuple[bool, str, int] | None]
+    measure: Measure
 
 
 def table(store: Store) -> list[tuple[str, ...]]:
-    """Rows of all goals; what has fewer trials than the goal names says so instead of being judged."""
-    rows = []
-    for goal in GOALS:
-        found = goal.measure(store)
-        if found is None:
-            rows.append((goal.name, goal.wanted, "not measured", "0", ""))
-            continue
-        good, said, n = found
-        enough = n >= SEEDS
-        verdict = ("reached" if good else "missed") if enough else ("so far reached" if good else "so far missed")
-        rows.append((goal.name, goal.wanted, said, str(n), verdict))
-    return rows
+    """Rows of all goals, for each method; what has fewer trials than the goal names says so instead of being judged."""
+    return [_row(goal, store, method) for goal in GOALS for method in OURS]
 
 
-def _ours(scene: str, variant: str = "random") -> Callable[[Store], list[Result]]:
-    return lambda store: store.of(scene, method="motm", variant=variant)
+def _row(goal: Goal, store: Store, method: str) -> tuple[str, ...]:
+    found = goal.measure(store, method)
+    if found is None:
+        return (goal.name, goal.wanted, method, "not measured", "0", "")
+    good, said, n = found
+    verdict = ("reached" if good else "missed") if n >= SEEDS else ("so far reached" if good else "so far missed")
+    return (goal.name, goal.wanted, method, said, str(n), verdict)
 
 
-def _placed(choose: Callable[[Store], list[Result]]) -> Callable[[Store], tuple[bool, str, int] | None]:
-    def measure(store: Store):
-        results = choose(store)
+def _ours(scene: str, variant: str = "random") -> Choose:
+    return lambda store, method: store.of(scene, method=method, variant=variant)
+
+
+def _placed(choose: Choose) -> Measure:
+    def measure(store: Store, method: str):
+        results = choose(store, method)
         placed, wanted = data.placed(results)
         return (placed == wanted, f"{placed}/{wanted}", len(results)) if results else None
 
     return measure
 
 
-def _contacts(choose: Callable[[Store], list[Result]]) -> Callable[[Store], tuple[bool, str, int] | None]:
-    def measure(store: Store):
-        results = choose(store)
+def _contacts(choose: Choose) -> Measure:
+    def measure(store: Store, method: str):
+        results = choose(store, method)
         count = sum(len(result["contacts"]) for result in results)
         return (count == 0, str(count), len(results)) if results else None
 
     return measure
 
 
-def _drove_into(choose: Callable[[Store], list[Result]]) -> Callable[[Store], tuple[bool, str, int] | None]:
-    def measure(store: Store):
-        results = choose(store)
+def _drove_into(choose: Choose) -> Measure:
+    def measure(store: Store, method: str):
+        results = choose(store, method)
         hits = [contact for result in results for contact in result["contacts"]]
         count = drove_into(results)
         return (count == 0, f"{count} (of {len(hits)} contacts)", len(results)) if results else None
@@ -67,21 +70,19 @@ def _drove_into(choose: Callable[[Store], list[Result]]) -> Callable[[Store], tu
     return measure
 
 
-def _mean_at_most(
-    choose: Callable[[Store], list[Result]], limit: float
-) -> Callable[[Store], tuple[bool, str, int] | None]:
-    def measure(store: Store):
-        time = data.mean_time(choose(store))
+def _mean_at_most(choose: Choose, limit: float) -> Measure:
+    def measure(store: Store, method: str):
+        time = data.mean_time(choose(store, method))
         return (time.value <= limit, f"{time.text()} s", time.n) if time.n else None
 
     return measure
 
 
-def _longer_at_most(
-    choose: Callable[[Store], list[Result]], alone: Callable[[Store], list[Result]], limit: float
-) -> Callable[[Store], tuple[bool, str, int] | None]:
-    def measure(store: Store):
-        longer = statistics.paired_ratio(data.times(choose(store)), _renamed(data.times(alone(store)), choose(store)))
+def _longer_at_most(choose: Choose, alone: Choose, limit: float) -> Measure:
+    def measure(store: Store, method: str):
+        results = choose(store, method)
+        usual = _renamed(data.times(alone(store, method)), results)
+        longer = statistics.paired_ratio(data.times(results), usual)
         return (longer.value <= limit, data.percent(longer), longer.n) if longer.n else None
 
     return measure

@@ -12,7 +12,7 @@ from motm_twin.model.edits import ParameterValue
 COMPARED = ("motm", "staa", "motm2022", "holistic", "fixed_set", "irm", "greedy", "sequential")
 STATIONARY = ("fixed_set", "irm", "greedy", "sequential", "sequential_overlap")
 LITERAL, OVERLAP = "paper_literal", "sequential_overlap"  # besides, on Experiment 1; the second only in full
-FAST = "fast"  # our own; only in full
+OURS = ("motm", "fast")  # what is judged: the paper's method, and our own
 ABLATIONS = NAMES_OF_ABLATIONS
 TEN = tuple(f"trial{k}" for k in range(1, 11))  # the published arrangements
 SWEEPS: Mapping[str, tuple[str, tuple[float, ...]]] = {  # experiment: parameter, values besides the shipped one
@@ -54,12 +54,13 @@ def cpu_seconds(spec: TrialSpec) -> float:
 
 
 def default() -> Plan:
-    """Eight methods on ten trials of 1 and 1a and five of 2, every modification on ten, and a little of the errors."""
+    """Eight methods and our own on ten trials of 1 and 1a and five of 2, modifications on ten, some of the errors."""
     compared, besides, ablations, absent = _there()
+    compared = _with_ours(compared)
     exp1 = (
         *_trials("exp1", compared, TEN),
         *_trials("exp1", [name for name in besides if name == LITERAL], TEN),
-        *_seeds("exp1", ("motm",), "random", range(5)),  # what Experiment 2 is compared with
+        *_seeds("exp1", OURS, "random", range(5)),  # what Experiment 2 is compared with
     )
     return Plan(
         name="default",
@@ -77,12 +78,12 @@ def default() -> Plan:
 def full() -> Plan:
     """Fifty seeds everywhere, and the ten published trials; also for the own method `fast`."""
     compared, besides, ablations, absent = _there()
-    compared += tuple(name for name in (FAST,) if name in METHODS)
+    compared = _with_ours(compared)
     seeds = range(50)
     exp1 = (
         *_trials("exp1", (*compared, *besides), TEN),
         *_seeds("exp1", (*compared, *besides), "random", seeds),
-        *_seeds("exp1", ("motm",), TEN[0], seeds[1:]),  # what Experiment 2 with one Temi is compared with
+        *_seeds("exp1", OURS, TEN[0], seeds[1:]),  # what Experiment 2 with one Temi is compared with
     )
     exp1a = (*_trials("exp1a", compared, TEN), *_seeds("exp1a", compared, "random", seeds))
     exp2 = (*_seeds("exp2", compared, "random", seeds), *_one_temi(seeds))
@@ -165,7 +166,11 @@ def _seeds(scene: str, methods: Iterable[str], variant: str, seeds: Iterable[int
 
 def _one_temi(seeds: Iterable[int]) -> tuple[TrialSpec, ...]:
     """The arrangement of trial 1 with one Temi."""
-    return _seeds("exp2", ("motm",), "one_temi", seeds)
+    return _seeds("exp2", OURS, "one_temi", seeds)
+
+
+def _with_ours(compared: tuple[str, ...]) -> tuple[str, ...]:
+    return (*compared, *(name for name in OURS if name not in compared))
 
 
 def _there() -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], tuple[str, ...]]:

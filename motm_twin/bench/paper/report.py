@@ -61,8 +61,8 @@ def _numbers(context: Context) -> str:
     rows = goals.table(context.store)
     return html.paragraphs(
         [
-            "The shipped method motm. A verdict needs 50 trials; with fewer it says 'so far'. Command: motm-twin paper "
-            "--full; a single trial: motm-twin run SCENE --variant random --seed N."
+            "motm is the paper's method, fast our own. A verdict needs 50 trials; with fewer it says 'so far'. "
+            "Command: motm-twin paper --full; a single trial: motm-twin run SCENE --variant random --seed N."
         ]
     ) + html.table(goals.HEADER, rows)
 
