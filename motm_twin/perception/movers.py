@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import Stateful
+from motm_twin.perception.base_map import read_only
 from motm_twin.perception.clusters import label_cells
-from motm_twin.perception.mover_geometry import around, cells_of, far_side, front, hides, latest, share_gone, within
 from motm_twin.perception.world_map import NO_MOVERS, NO_POINTS, WorldMap
 
-LEAVING = 6  # cells from where something static has gone, within which nothing new belongs to anything static
+ROWS_APART = 1 << 32  # between the numbers of two cells in the same column
+_NEXT = np.arange(-1, 2)
+AROUND = (ROWS_APART * _NEXT[:, None] + _NEXT).ravel()  # added to a cell: it and its neighbours
+FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
+SAME_POINT = 0.08  # [m] between the middles of cells that may show the same point
 
 
 class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,7 +42,6 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
     rests: float = 3.5  # [s] in the same place after which a thing is static: 3 (Paper, Sec. V), and the end of braking
-    recalls: float = 1.0  # [s] for which cells that were static are remembered
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
@@ -78,8 +81,6 @@ class MoverState:
     time: float | None = None
     tracks: list[Track] = field(default_factory=list)
     static: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that are known to be
-    stood: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells lately static
-    stood_until: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [s] each of them
     held: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that can not be yet
     held_until: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [s] each of them
 
@@ -114,29 +115,20 @@ class MoverTracker(Stateful[MoverState]):
         state.time = world.stamp
         for track in state.tracks:
             track.position = track.position + dt * track.velocity
-        cells = cells_of(world)
+        cells = _cells(world)
         known = np.isin(cells, state.static)
         seen = self._clusters(world, np.flatnonzero(~known), viewpoint[:2])
         pairs = self._correct(seen, world.stamp, dt)
         state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
-        standing_now = known | (world.seen_static & ~np.isin(cells, state.held))
-        belongs, leaving = self._belonging(pairs, cells, standing_now, world, viewpoint[:2])
         for track, one in pairs:
-            if belongs[one.points].any():  # that more or less of it is seen is no motion
-                track.place = track.rest = track.strayed = None
-                continue
             self._judge(track, one, world, viewpoint[:2])
-            if leaving[one.points].any() and not track.wide:
-                track.moved = world.stamp
         self._part(viewpoint[:2])
         unsettled = [(track, one) for track, one in pairs if self._unsettled(track)]
         held = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
         held += [(cells[one.points], world.stamp) for one in self._absorbing(pairs, world)]
         self._hold(held, world.stamp)
-        free = ~np.isin(cells, state.held)
-        static = known | (world.seen_static & free)
+        static = known | (world.seen_static & ~np.isin(cells, state.held))
         state.static = cells[static]
-        static |= free & belongs
         static.setflags(write=False)
         found = [
             (*track.position, *track.velocity, track.radius, track.near)
@@ -144,7 +136,7 @@ class MoverTracker(Stateful[MoverState]):
             if self._moving(track) and not track.wide
         ]
         movers = np.array(found) if found else NO_MOVERS
-        hidden = [far_side(track.position, track.radius, viewpoint[:2]) for track, _ in unsettled]
+        hidden = [_behind(track, viewpoint[:2]) for track, _ in unsettled]
         return msgspec.structs.replace(
             world, seen_static=static, movers=movers, hidden=np.concatenate(hidden) if hidden else NO_POINTS
         )
@@ -158,7 +150,7 @@ class MoverTracker(Stateful[MoverState]):
         p, place = self.parameters, track.place
         moved = False
         if place is not None and world.stamp - place.time >= p.young and _away(track, seen, place, p.leaves):
-            moved = share_gone(place.points, world.seen_points, world.seen_points[seen.points], viewpoint) > p.gone
+            moved = _share_gone(place.points, world.seen_points, world.seen_points[seen.points], viewpoint) > p.gone
         if moved and not track.wide:
             track.moved = world.stamp
         if place is None or moved or track.wide or seen.radius > place.radius + p.grows:
@@ -194,36 +186,6 @@ class MoverTracker(Stateful[MoverState]):
             and any(np.any(np.hypot(*(world.seen_points[one.points] - ours.position).T) < p.gate) for ours in lost)
         ]
 
-    def _belonging(
-        self,
-        pairs: list[tuple[Track, Seen]],
-        cells: NDArray[np.int64],
-        static: NDArray[np.bool_],
-        world: WorldMap,
-        viewpoint: Array,
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Cells of what touches something static and was never seen to move: more of it, or it has begun to move.
-
-        Another side of it comes into sight; and where the robot believes itself to be changes by centimetres, and with
-        it the row of cells that its edge falls into. But where some static cells have gone without another beside them,
-        or are hidden behind those that have come, the thing itself is leaving.
-        """
-        state, p, now = self._state, self.parameters, world.stamp
-        state.stood, state.stood_until = latest(
-            [state.stood, cells[static]], [state.stood_until, np.full(static.sum(), now + p.recalls)], now
-        )
-        gone = state.stood[~np.isin(state.stood, around(cells))]
-        touching = np.isin(cells, around(around(cells[static])))
-        belongs = touching & ~np.isin(cells, within(gone, LEAVING))  # what is too small to be followed
-        leaving = np.zeros(len(cells), dtype=bool)
-        for track, one in pairs:
-            touches = track.moved is None and touching[one.points].any()
-            left = np.count_nonzero(np.isin(gone, within(cells[one.points], LEAVING))) >= p.smallest
-            new = world.seen_points[one.points[~static[one.points]]]
-            left = left or (touches and hides(new, world.seen_points[static], viewpoint))
-            belongs[one.points], leaving[one.points] = touches and not left, touches and left
-        return belongs, leaving
-
     def _hold(self, places: list[tuple[NDArray[np.int64], float]], now: float) -> None:
         """Remember cells of what is unsettled, and since when [s] it has rested at the earliest.
 
@@ -234,9 +196,14 @@ class MoverTracker(Stateful[MoverState]):
             return
         held, until = [state.held], [state.held_until]
         for cells, since in places:
-            held.append(around(cells))  # the next map may have hits beside them
+            held.append((cells[:, None] + AROUND).ravel())  # the next map may have hits beside them
             until.append(np.full(len(held[-1]), since + self.parameters.rests))
-        state.held, state.held_until = latest(held, until, now)
+        each, times = np.concatenate(held), np.concatenate(until)
+        order = np.lexsort((times, each))  # of each cell the last entry is the latest
+        last = np.append(each[order][1:] != each[order][:-1], True) if len(order) else np.zeros(0, dtype=bool)
+        kept = order[last]
+        kept = kept[times[kept] > now]
+        state.held, state.held_until = read_only(each[kept]), read_only(times[kept])
 
     def _part(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
@@ -256,7 +223,7 @@ class MoverTracker(Stateful[MoverState]):
         for k in range(count):
             members = np.flatnonzero(label == k)
             if len(members) >= p.smallest:
-                middle, radius = front(points[members], viewpoint, world.resolution)
+                middle, radius = _front(points[members], viewpoint, world.resolution)
                 found.append(Seen(middle, radius, young[members]))
         return found
 
@@ -285,6 +252,12 @@ class MoverTracker(Stateful[MoverState]):
         return met
 
 
+def _cells(world: WorldMap) -> NDArray[np.int64]:
+    """One number per cell of the seen points, the same in every map."""
+    column, row = np.floor(world.seen_points.T / world.resolution).astype(np.int64)
+    return row * ROWS_APART + column
+
+
 def standing(world: WorldMap, movers: Array, parameters: MoverParameters) -> NDArray[np.bool_]:
     """Which seen points of the map do not belong to one of these movers, shape (m,)."""
     points = world.seen_points
@@ -297,10 +270,40 @@ def standing(world: WorldMap, movers: Array, parameters: MoverParameters) -> NDA
     return keep | world.seen_static
 
 
+def _front(cluster: Array, viewpoint: Array, resolution: float) -> tuple[Array, float]:
+    """Middle and radius of something round of which the front is seen."""
+    ahead = cluster.mean(axis=0) - viewpoint
+    ahead = ahead / max(math.hypot(*ahead), 1e-9)
+    across = (cluster - viewpoint) @ np.array([-ahead[1], ahead[0]])
+    radius = 0.5 * (float(across.max() - across.min()) + resolution)
+    depth = float(((cluster - viewpoint) @ ahead).min()) - 0.5 * resolution + radius
+    side = 0.5 * float(across.max() + across.min())
+    return viewpoint + depth * ahead + side * np.array([-ahead[1], ahead[0]]), radius
+
+
 def _away(track: Track, seen: Seen, place: Place, limit: float) -> bool:
     """Whether it is farther than this [m] from its place, and not just seen in another way."""
     sight = math.sqrt(2.0) * abs(place.radius - seen.radius)
     return math.hypot(*(track.position - place.middle)) > limit + sight
+
+
+def _behind(track: Track, viewpoint: Array) -> Array:
+    """Points of the half of a disc that is turned away from the viewpoint [m], shape (n, 2)."""
+    away = track.position - viewpoint
+    angle = math.atan2(away[1], away[0]) + FAR_SIDE
+    return track.position + track.radius * np.column_stack((np.cos(angle), np.sin(angle)))
+
+
+def _share_gone(before: Array, seen: Array, own: Array, viewpoint: Array) -> float:
+    """Share of these points (m, 2) [m] near which nothing is seen now (n, 2), or that are behind its own (k, 2)."""
+    near = np.hypot(*(before[:, None] - seen[None]).transpose(2, 0, 1)) <= SAME_POINT
+    sight = before - viewpoint
+    sight = sight / np.maximum(np.hypot(*sight.T), SAME_POINT)[:, None]
+    apart = before[:, None] - own[None]
+    ahead = apart[..., 0] * sight[:, None, 0] + apart[..., 1] * sight[:, None, 1]
+    across = apart[..., 0] * sight[:, None, 1] - apart[..., 1] * sight[:, None, 0]
+    behind = (ahead > SAME_POINT) & (np.abs(across) <= 0.5 * SAME_POINT)
+    return float(np.mean(~near.any(axis=1) | behind.any(axis=1)))
 
 
 def _begun(seen: Seen, now: float, p: MoverParameters) -> Track:

@@ -2,7 +2,6 @@
 
 import math
 
-import msgspec
 import numpy as np
 import shapely
 from hypothesis import given, settings
@@ -181,94 +180,3 @@ def test_what_comes_into_sight_bit_by_bit_does_not_move(speed: float, side: floa
         assert len(world.movers) == 0 and len(world.hidden) == 0, (k, tracker.snapshot())
         assert np.all(world.seen_static | ~plain.seen_static)  # it takes nothing that was hit for 3 s for moving
     assert plain.seen_static.any()
-
-
-BOX = shapely.box(1.6, -0.3, 2.1, 0.3)  # stands on the floor, unknown to the map
-
-
-def _mistaken(time: float, pose: np.ndarray, error: np.ndarray, rng: np.random.Generator) -> Observation:
-    """The box as it is seen from a pose by a robot that believes itself to be elsewhere by ``error``."""
-    believed = pose + error
-    observation = _seen(time, believed, [BOX], rng)
-    return msgspec.structs.replace(observation, scan=scan_of(cast(pose, [BOX], rng), believed, time))
-
-
-@settings(max_examples=5, deadline=None)
-@given(x=st.floats(-0.05, 0.05), y=st.floats(-0.05, 0.05), turn=st.floats(-0.02, 0.02), seed=st.integers(0, 99))
-def test_a_standing_box_stays_static_when_the_robot_is_mistaken_by_centimetres(
-    x: float, y: float, turn: float, seed: int
-) -> None:
-    """Its edge falls into other cells than before; these have not been seen for 3 s, but nothing has come there."""
-    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(seed)
-    pose = np.array([0.0, 0.5, 0.0])
-    for k in range(round(8.0 / STEP)):
-        time = k * STEP
-        error = np.array([x, y, turn]) if time > 4.0 and round(time) % 2 else np.zeros(3)
-        world = tracker.sort(mapper.update(_mistaken(time, pose, error, rng)), pose + error)
-        assert len(world.movers) == 0
-        if time > 3.5:
-            assert world.seen_static.all(), (time, world.seen_points[~world.seen_static])
-
-
-def test_a_side_of_a_standing_box_that_comes_into_sight_is_static_like_the_others() -> None:
-    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(9)
-    side, young = 0, 0
-    for k in range(round(6.0 / STEP)):
-        time = k * STEP
-        pose = np.array([0.0, 0.0 if time < 3.5 else min(1.5, 0.6 * (time - 3.5)), 0.0])
-        world = tracker.sort(mapper.update(_seen(time, pose, [BOX], rng)), pose)
-        new = (world.seen_points[:, 1] > 0.25) & (world.seen_points[:, 0] > 1.75)
-        side, young = side + int(new.sum()), young + int((new & ~world.seen_static).sum())
-    assert side > 100
-    assert young < 0.05 * side  # one that comes with a gap to the others waits for those between
-
-
-def test_what_drives_off_from_beside_a_standing_box_is_static_no_longer_than_it_touches_it() -> None:
-    """It was hidden behind the box, and could be more of it until it is seen to move."""
-    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(10)
-    followed = 0
-    for k in range(round(8.0 / STEP)):
-        time = k * STEP
-        middle = np.array([2.4, 0.0 if time < 4.0 else 0.4 * (time - 4.0)])
-        bodies = [BOX, shapely.Point(*middle).buffer(RADIUS)]
-        world = tracker.sort(mapper.update(_seen(time, np.zeros(3), bodies, rng)), np.zeros(3))
-        free = middle[1] - RADIUS - 0.3  # [m] of the gap beside the box, as it is seen from here
-        of_it = np.hypot(*(world.seen_points - middle).T) < RADIUS + 0.05
-        if free > 0.4 * 0.5:
-            assert not world.seen_static[of_it].any(), time
-            followed += len(world.movers) == 1
-        assert world.seen_static[~of_it & (world.seen_points[:, 0] < 2.05)].mean() > 0.9 or time < 3.5
-    assert followed > 20
-
-
-@settings(max_examples=4, deadline=None)
-@given(speed=st.floats(0.25, 0.5), seed=st.integers(0, 99))
-def test_what_comes_to_rest_beside_a_standing_box_is_not_taken_for_a_part_of_it(speed: float, seed: int) -> None:
-    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(seed)
-    pose, way = np.array([0.0, 0.5, 0.0]), 1.2
-    for k in range(round((4.0 + way / speed + 2.5) / STEP)):
-        time = k * STEP
-        middle = np.array([1.85, 0.6 + max(0.0, way - speed * (time - 4.0))])
-        bodies = [BOX] if time < 4.0 else [BOX, shapely.Point(*middle).buffer(RADIUS)]
-        world = tracker.sort(mapper.update(_seen(time, pose, bodies, rng)), pose)
-        of_it = np.hypot(*(world.seen_points - middle).T) < RADIUS + 0.05
-        if time > 4.0 + 0.5 / speed:
-            assert not world.seen_static[of_it & (world.seen_points[:, 1] > 0.45)].any(), time
-
-
-@settings(max_examples=4, deadline=None)
-@given(speed=st.floats(0.2, 0.5), course=st.floats(-math.pi, math.pi))
-def test_what_stood_and_drives_off_is_no_longer_static(speed: float, course: float) -> None:
-    """The cells that it comes into touch those that it was static in."""
-    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(11)
-    way, starts = np.array([math.cos(course), math.sin(course)]), 5.0
-    for k in range(round((starts + 0.8 / speed) / STEP)):
-        time = k * STEP
-        travelled = max(0.0, speed * (time - starts))
-        body = shapely.Point(*(np.array([2.4, 0.0]) + travelled * way)).buffer(RADIUS)
-        world = tracker.sort(mapper.update(_seen(time, np.zeros(3), [body], rng)), np.zeros(3))
-        if 4.0 < time < starts:
-            assert world.seen_static.all()
-        beyond = np.hypot(*(world.seen_points - [2.4, 0.0]).T) > RADIUS + 0.15
-        if travelled > 0.1 + 0.8 * speed:
-            assert not world.seen_static[beyond].any(), time
