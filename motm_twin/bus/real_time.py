@@ -34,11 +34,12 @@ class RealTime:
 
 
 def schedule(real_time: bool) -> None:
-    """Schedule the calling thread so. Raises OSError where that is not permitted."""
-    if real_time:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
-    else:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    """Schedule the calling thread so. Raises OSError where that is not permitted.
+
+    That its children do not inherit it is for good: only a privileged thread could take that back.
+    """
+    policy, priority = (os.SCHED_FIFO, PRIORITY) if real_time else (os.SCHED_OTHER, 0)
+    os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
 def refusal() -> str:
