@@ -3,7 +3,7 @@ SHELL := /bin/bash
 PYTHON_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 BIN := .venv/bin
 SCENE ?= exp1
-WORKERS ?= $(shell echo $$(( $$(nproc 2>/dev/null || echo 2) + 1 )))  # tests wait for much: one more than there are cores
+WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$(( n < 2 ? 2 : n )))
 TESTS ?= tests
 
 .PHONY: help run test check quick format bench image wheel lock clean
