@@ -175,10 +175,14 @@ class Visitor:
 
     def offered(self, label):
         """What a list of the panel offers; looked at and closed again."""
-        self.page.get_by_label(label, exact=True).locator("visible=true").first.click(timeout=SHOWN * 1000)
         options = self.page.get_by_role("option").locator("visible=true")
-        options.first.wait_for(timeout=SHOWN * 1000)
-        found = options.all_inner_texts()
+
+        def read():  # when the panel changes just then, the list closes before it can be read
+            self.page.get_by_label(label, exact=True).locator("visible=true").first.click(timeout=SHOWN * 1000)
+            options.first.wait_for(timeout=SHOWN * 1000)
+            return options.all_inner_texts()
+
+        found = until(read, SHOWN, f"{label} offers nothing")
         self.page.keyboard.press("Escape")
         options.first.wait_for(state="hidden", timeout=SHOWN * 1000)
         return found
