@@ -2,7 +2,7 @@
 
 What else runs on a machine, such as the answering of 1,000 messages a second, otherwise takes the loop's core now and
 then, and leaves its caches cold: a period then takes a tenth longer. As controllers of ROS 2 do, the loop asks for
-SCHED_FIFO; unlike them it does so only while it sleeps between its periods, so that it never takes a core for itself.
+SCHED_FIFO; unlike them it does so only while it sleeps between its periods, so that it does not keep a core for itself.
 """
 
 import os

@@ -7,10 +7,10 @@ from motm_twin.bench.experiments import statistics
 from motm_twin.bench.groups import drove_into
 from motm_twin.bench.paper import data
 from motm_twin.bench.paper.data import Result, Store
+from motm_twin.bench.paper.plan import OURS
 
 SEEDS = 50
 HEADER = ("Number", "Wanted", "Method", "Measured", "n", "")
-OURS = ("motm", "fast")  # the methods that are judged: the paper's, and our own
 
 Choose = Callable[[Store, str], list[Result]]  # the trials of a method
 Measure = Callable[[Store, str], tuple[bool, str, int] | None]  # whether it is reached, its text, number of trials
