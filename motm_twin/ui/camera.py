@@ -64,10 +64,11 @@ class Cameras:
     def show(self, scene: Scene) -> None:
         """Another scene: new visitors start in its overview, fixed views move to it."""
         with self._lock:
-            self._scene = scene
+            self._scene, (position, look_at) = scene, overview(scene)
             for eye in self._eyes.values():
                 eye.target = None
-        self._server.initial_camera.position, self._server.initial_camera.look_at = overview(scene)
+                eye.sent.append(position)  # a page that is only just coming may begin there
+        self._server.initial_camera.position, self._server.initial_camera.look_at = position, look_at
 
     def choose(self, client: viser.ClientHandle, preset: str) -> None:
         """Move one visitor's camera to a preset, or let it ride along."""
@@ -174,8 +175,10 @@ class Cameras:
 
     async def _enter(self, client: viser.ClientHandle) -> None:
         number = client.client_id
+        eye = _Eye(page_width=client.camera.image_width)
+        eye.sent.append(np.array(client.camera.position))  # the page tells it again when its size changes
         with self._lock:
-            self._eyes[number] = _Eye(page_width=client.camera.image_width)
+            self._eyes[number] = eye
 
         async def moved(camera: viser.CameraHandle) -> None:
             self._moved(number, camera)

@@ -1,6 +1,7 @@
 """A person at the page, for tests: Chromium, a mouse that aims at points of the world, a client to check the twin."""
 
 import io
+import math
 import os
 import shutil
 import time
@@ -12,11 +13,13 @@ import pytest
 from PIL import Image
 
 from motm_twin.bench.page_serve import served
-from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 1024, "height": 700}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 LIGHTLY = Path(__file__).with_name("lightly.js")
+CAMERA = Path(__file__).with_name("camera.js")
+WORLD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # axes of the page's scene, in the world's
+STILL = 1.0  # [px] that a point of the world may move on the screen while the camera is at rest
 BETWEEN = 700  # [ms] between two looks at whether the picture has changed: two gaps of lightly.js
 MOMENT = 8000  # [ms] for something that does not last
 SHOWN = 60.0  # [s] for something to appear: software rendering on a busy machine
@@ -75,6 +78,7 @@ class Visitor:
 
     def __init__(self, page, twin):
         self.page, self.twin, self.errors = page, twin, []
+        page.add_init_script(path=CAMERA)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     @classmethod
@@ -210,23 +214,30 @@ class Visitor:
     # mouse in the scene
 
     def pixel(self, point):
-        """Where a point of the world is on the screen."""
+        """Where a point of the world is on the screen, by the camera of the last picture."""
+        self.page.wait_for_function("sceneCamera.every(Boolean)", timeout=SHOWN * 1000)
         box = self._canvas()
-        eye, look_at = overview(self.twin.client.scene(), box["width"] / box["height"])
-        forward = (look_at - eye) / np.linalg.norm(look_at - eye)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        up = np.cross(right, forward)
-        ray = np.asarray(point) - eye
-        depth, focal = ray @ forward, 0.5 * box["height"] / np.tan(FIELD_OF_VIEW / 2)
-        x = box["x"] + box["width"] / 2 + focal * (ray @ right) / depth
-        y = box["y"] + box["height"] / 2 - focal * (ray @ up) / depth
-        return float(x), float(y)
+        view, projection = (np.array(matrix).reshape(4, 4).T for matrix in self.page.evaluate("sceneCamera"))
+        x, y, _, depth = projection @ view @ np.append(WORLD @ np.asarray(point, dtype=float), 1.0)
+        return (
+            float(box["x"] + box["width"] * (1.0 + x / depth) / 2.0),
+            float(box["y"] + box["height"] * (1.0 - y / depth) / 2.0),
+        )
+
+    def aim(self, point, act=lambda x, y: None):
+        """Where a point of the world is on the screen, once ``act(x, y)`` was done there and the camera stood still."""
+
+        def still():
+            pixel = self.pixel(point)
+            act(*pixel)
+            self.page.wait_for_timeout(500)
+            return pixel if math.dist(pixel, self.pixel(point)) < STILL else None
+
+        return until(still, SHOWN, "the camera does not come to rest")
 
     def hover(self, point):
         """Move the mouse there and let the page notice."""
-        self.page.mouse.move(*self.pixel(point))
-        self.page.wait_for_timeout(500)
+        self.aim(point, self.page.mouse.move)
 
     def click(self, point):
         """Click on a point of the world."""

@@ -49,7 +49,7 @@ def test_on_a_tablet_the_robot_is_in_view_and_a_finger_plays_and_drags_a_temi():
         visitor.button("Got it").tap(timeout=60_000)
         visitor.button("Got it").wait_for(state="hidden", timeout=60_000)
         start = client.tick().robot.true_pose
-        x, y = visitor.pixel((*start[:2], GRAB))
+        x, y = visitor.aim((*start[:2], GRAB))
         at = page.evaluate("([x, y]) => document.elementFromPoint(x, y).tagName", [x, y])
         assert at == "CANVAS", "the robot is behind something"
         visitor.close_notes()

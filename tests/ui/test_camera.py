@@ -1,0 +1,85 @@
+"""Whose hand moved a camera: that of the visitor, or that of the program."""
+
+import asyncio
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from motm_twin.model.scene_file import load_scene
+from motm_twin.ui.camera import Cameras
+from motm_twin.ui.framing import overview
+
+SCENE = load_scene("exp1", "trial1")
+
+
+class Page:
+    """What a page and its connection are for the cameras; it answers as late as it likes."""
+
+    def __init__(self, position):
+        self.client_id, self.atomic = 1, self._nothing
+        self.camera = SimpleNamespace(
+            position=np.array(position), look_at=np.zeros(3), image_width=1024, image_height=700, on_update=self._keep
+        )
+
+    def tells(self, position):
+        """Where its camera is, or was."""
+        asyncio.run(self._moved(SimpleNamespace(position=np.array(position))))
+
+    def _keep(self, moved):
+        self._moved = moved
+
+    def _nothing(self):
+        return self
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+
+@pytest.fixture
+def entered():
+    """A page that has just come, with the camera at the start that it was given, and the cameras."""
+    page, handlers = Page(overview(SCENE)[0]), []
+    server = SimpleNamespace(
+        initial_camera=SimpleNamespace(),
+        on_client_connect=handlers.append,
+        on_client_disconnect=handlers.append,
+        get_clients=lambda: {page.client_id: page},
+    )
+    cameras = Cameras(server)
+    cameras.show(SCENE)
+    asyncio.run(handlers[0](page))
+    return page, cameras
+
+
+def pictures(cameras, count=3):
+    for _ in range(count):
+        cameras.update(np.zeros(3), np.eye(4), 0.03)
+
+
+def test_a_page_that_tells_its_first_camera_late_has_not_moved_it(entered) -> None:
+    page, cameras = entered
+    first = page.camera.position.copy()
+    pictures(cameras)
+    assert np.linalg.norm(page.camera.position - first) > 0.3, "the panel is beside the picture: another place"
+    page.tells(first)  # its size has changed, and what was sent is still on the way
+    page.tells(page.camera.position)
+    assert cameras.mode(page) == "Overview"
+
+
+def test_a_hand_makes_the_camera_free(entered) -> None:
+    page, cameras = entered
+    pictures(cameras)
+    page.tells(page.camera.position + np.array([0.0, 0.3, 0.2]))
+    assert cameras.mode(page) == "Free"
+
+
+def test_where_the_page_is_on_its_way_to_a_view_is_no_hand(entered) -> None:
+    page, cameras = entered
+    first = page.camera.position.copy()
+    pictures(cameras)
+    page.tells(0.5 * (first + page.camera.position))
+    assert cameras.mode(page) == "Overview"
