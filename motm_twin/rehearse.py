@@ -13,7 +13,7 @@ from motm_twin.control.loop import PERIOD
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.tick import Tick
 from motm_twin.methods.rehearsal import ARM_STEPS, Rehearsed, Timed
-from motm_twin.model.geometry import drive, frozen
+from motm_twin.model.geometry import command_pose, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation, Observation, Plant
 from motm_twin.model.scene import Noise, Scene
@@ -80,11 +80,8 @@ def _kept(known: KnownWorld, ticks: list[Tick], log: _Log, failures: tuple[str, 
     told, lag = log.told, known.robot.base.velocity_lag
     assert len(told) == ARM_STEPS * len(ticks)
     twists = np.array([actuation.twist for actuation in told[ARM_STEPS - 1 :: ARM_STEPS]]).reshape(-1, 2)
-    before = np.vstack([np.zeros((1, 2)), twists])
-    poses = np.zeros((len(ticks), 3))
-    for i, tick in enumerate(ticks):
-        lead = (tick.observation.twist - before[i]) * lag
-        poses[i] = drive(tick.observation.pose, float(lead[0]), float(lead[1]), 1.0)
+    seen = [tick.observation for tick in ticks]
+    poses = np.array([command_pose(one.pose, one.twist, lag) for one in seen]).reshape(-1, 3)
     steps = [step for tick in ticks for step in tick.arm]
     samples = [sample for tick in ticks for sample in tick.samples]
     return Rehearsed(

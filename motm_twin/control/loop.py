@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.control import by_hand
+from motm_twin.control.lag import dwell_to_plan, followed
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.reasons import standing
@@ -17,7 +18,7 @@ from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.tick import Event, Tick
 from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.model.edits import Edit
-from motm_twin.model.geometry import Array, drive, from_frame, to_frame, wrap_angle
+from motm_twin.model.geometry import Array, command_pose, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.state import HasState, Stateful
@@ -172,16 +173,15 @@ class ControlLoop(Stateful[LoopState]):
         self.manipulator.retasked(edit)
 
     def _problem(self, observation: Observation, world: WorldMap) -> BaseProblem:
-        """The base's question, from where the commands already given will have taken it."""
-        twist = self.monitor.twist
-        lead = (observation.twist - twist) * self.known.robot.base.velocity_lag
-        pose = drive(observation.pose, lead[0], lead[1], 1.0)
+        """The base's question, from where the commands already given will take it."""
+        lag = self.known.robot.base.velocity_lag
+        dwell = dwell_to_plan(self._state.dwell, self._state.engaged, lag)
         return BaseProblem(
             time=observation.time,
             world=world,
-            pose=pose,
-            twist=twist,
-            target=self.targets.base_target(self.sequence.active, observation, self._state.dwell),
+            pose=command_pose(observation.pose, observation.twist, lag),
+            twist=self.monitor.twist,
+            target=self.targets.base_target(self.sequence.active, observation, dwell),
             next_target=self.targets.base_target(self.sequence.following, observation, None),
             engaged=self._state.engaged,
             period=PERIOD,
@@ -260,6 +260,7 @@ class ControlLoop(Stateful[LoopState]):
         obstacles: ArmObstacles, base_twist: Array, passed: float,
     ) -> ArmInputs:  # fmt: skip
         """What an arm step reads that begins ``passed`` [s] after the plan was made."""
+        time_to_range, plan_times = followed(plan, self.known.robot.base.velocity_lag, passed)
         elsewhere = plan.status == by_hand.STATUS and not self._state.engaged
         task = None if elsewhere else self.sequence.active  # a base driven by hand: the arm folds away
         goal = self.targets.arm_goal(task, self.sequence.held, observation, T_odom_world)
@@ -268,8 +269,8 @@ class ControlLoop(Stateful[LoopState]):
             dt=PERIOD / self.settings.arm_steps,
             goal=goal,
             base_twist=base_twist,
-            time_to_range=max(0.0, plan.time_to_range - passed),
-            plan_times=np.maximum(0.0, plan.local_times - passed),
+            time_to_range=time_to_range,
+            plan_times=plan_times,
             plan_poses=plan_poses,
             obstacles=obstacles,
             T_odom_world=T_odom_world,

@@ -6,6 +6,7 @@ For imitation, as a baseline, and to see that the environment is the same task.
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.control.lag import followed
 from motm_twin.control.loop import PERIOD
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
@@ -46,7 +47,7 @@ class Expert:
         _, plan = self._planner.plan(problem, SearchBudget())
         twist = problem.twist + plan.acceleration * PERIOD
         if len(action) > 2:
-            step = self._arm.step(_inputs(view, plan, twist))
+            step = self._arm.step(_inputs(view, plan, twist, self._known.robot.base.velocity_lag))
             twist = step.actuation.twist
             action[2:] = _of_arm(step)
         action[:2] = self._of_base(twist)
@@ -63,20 +64,21 @@ def _of_arm(step: ArmStep) -> Array:
     return np.append(step.actuation.joint_velocity / DQ_MAX, fingers)
 
 
-def _inputs(view: AgentView, plan: BasePlan, twist: Array) -> ArmInputs:
+def _inputs(view: AgentView, plan: BasePlan, twist: Array, lag: float) -> ArmInputs:
     """What an arm step reads, for a step that is as long as a period."""
     assert view.tick is not None
     T_odom_world, world = odometry_to_world(view.observation), view.tick.map
     poses = np.array(plan.local_poses, dtype=float)
     poses[:, :2] = from_frame(T_odom_world, poses[:, :2])
     poses[:, 2] += T_odom_world[2]
+    time_to_range, plan_times = followed(plan, lag)
     return ArmInputs(
         observation=view.observation,
         dt=PERIOD,
         goal=view.goal,
         base_twist=twist,
-        time_to_range=plan.time_to_range,
-        plan_times=plan.local_times,
+        time_to_range=time_to_range,
+        plan_times=plan_times,
         plan_poses=poses,
         obstacles=ArmObstacles.of(world, T_odom_world),
         T_odom_world=T_odom_world,

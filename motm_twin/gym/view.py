@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
+from motm_twin.control.lag import dwell_to_plan
 from motm_twin.control.loop import PERIOD
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
 from motm_twin.control.types import ArmGoal
 from motm_twin.gym.base_action import BaseAction
-from motm_twin.model.geometry import Array, drive
+from motm_twin.model.geometry import Array, command_pose
 from motm_twin.model.plant import Observation
 from motm_twin.planning.types import BaseProblem, Target
 from motm_twin.twin import Twin
@@ -53,9 +54,9 @@ def view_of(twin: Twin, tick: Tick | None) -> AgentView:
     loop, observation = twin.loop, twin.plant.observe()
     sequence, targets, twist = loop.sequence, loop.targets, loop.monitor.twist
     T_odom_world = odometry_to_world(observation)
-    lead = (observation.twist - twist) * loop.known.robot.base.velocity_lag
-    pose = drive(observation.pose, lead[0], lead[1], 1.0)
-    dwell = None if tick is None or tick.arm[-1].outcome else tick.arm[-1].dwell
+    lag = loop.known.robot.base.velocity_lag
+    pose = command_pose(observation.pose, observation.twist, lag)
+    dwell = dwell_to_plan(None if tick is None or tick.arm[-1].outcome else tick.arm[-1].dwell, loop.engaged, lag)
     target = targets.base_target(sequence.active, observation, dwell)
     controller = loop.planner.controller
     assert isinstance(controller, BaseAction)

@@ -72,6 +72,15 @@ def drive(pose: Array, v: float, w: float, dt: float) -> Array:
     )
 
 
+def command_pose(pose: Array, twist: Array, lag: float) -> Array:
+    """Pose from which the next command acts on a base that answers with a first-order lag [s]; twist as measured.
+
+    Its point p + lag v moves by the command u alone (p' = v and lag v' = u - v), and is where the base comes to rest
+    with u = 0. Planned from there, the way to rest is what the base needs; it comes by the lag after the plan.
+    """
+    return drive(pose, float(twist[0]), float(twist[1]), lag)
+
+
 def frozen(values: object) -> Array:
     """A read-only float64 copy of anything array-like."""
     array = np.array(values, dtype=np.float64)
