@@ -1,5 +1,6 @@
 """The twin in real time: plays, pauses and steps it, and applies commands between periods. Knows no transport."""
 
+import math
 import queue
 import threading
 import time
@@ -136,10 +137,10 @@ class TwinLoop:
         """Load the first scene and run until `stop`."""
         self._guarded(self._load_first)
         while not self._stop.is_set():
-            self._take_requests(self._wait())
+            self._take_requests(min(self._until_due(), self._until_shown()))
             self._look_after(time.monotonic())
             self._guarded(self._show_standing)
-            if self._wait() == 0.0:
+            if self._until_due() == 0.0:
                 self._guarded(self._advance)
 
     def _load_first(self) -> None:
@@ -151,14 +152,15 @@ class TwinLoop:
         except queue.Full:
             raise Refused("too many commands are waiting") from None
 
-    def _wait(self) -> float:
-        """Seconds until there is something to compute."""
+    def _until_due(self) -> float:
+        """Seconds until the next period; infinite while time stands."""
         if self._state == "playing":
             return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
-        if self._state == "paused" and self._steps > 0:
-            return 0.0
-        shown = self._stood_at + STANDING_INTERVAL - time.monotonic() if self._outdated else IDLE_WAIT
-        return min(IDLE_WAIT, max(0.0, shown))
+        return 0.0 if self._state == "paused" and self._steps > 0 else math.inf
+
+    def _until_shown(self) -> float:
+        """Seconds until the picture of a standing twin may be sent, or the clock is to be looked at."""
+        return max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
 
     def _take_requests(self, wait: float) -> None:
         try:

@@ -1,5 +1,7 @@
 import contextlib
+import itertools
 import time
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -54,6 +56,17 @@ def test_a_paused_twin_stands_and_steps_exactly_as_often_as_told():
         running.step(7)
         running.step()
         assert running.last.index == 8
+
+
+def test_a_paused_twin_stands_however_late_its_clock_is_read(monkeypatch):
+    """What is to be shown may become due between two looks at the clock; that is no reason for a period."""
+    reads = itertools.count()
+    late = SimpleNamespace(monotonic=lambda: 0.02 * next(reads), perf_counter=time.perf_counter)
+    monkeypatch.setattr("motm_twin.bus.loop.time", late)
+    with Running() as running:
+        for number in range(30):
+            assert running.ask(Inspect(candidate=number)) == ""
+        assert running.last.index == 0
 
 
 def test_play_pause_and_reset():
