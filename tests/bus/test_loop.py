@@ -4,6 +4,7 @@ import time
 from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import pytest
 from fake_twin import FakeTwin
 from running import Running
@@ -60,12 +61,12 @@ def test_a_paused_twin_stands_and_steps_exactly_as_often_as_told():
 
 def test_a_paused_twin_stands_however_late_its_clock_is_read(monkeypatch):
     """What is to be shown may become due between two looks at the clock; that is no reason for a period."""
-    reads = itertools.count()
-    late = SimpleNamespace(monotonic=lambda: 0.02 * next(reads), perf_counter=time.perf_counter)
+    reads = itertools.accumulate(itertools.cycle(np.linspace(0.1, 0.7, 13) * STANDING_INTERVAL))
+    late = SimpleNamespace(monotonic=lambda: next(reads), perf_counter=time.perf_counter)
     monkeypatch.setattr("motm_twin.bus.loop.time", late)
     with Running() as running:
-        for number in range(30):
-            assert running.ask(Inspect(candidate=number)) == ""
+        for number in range(120):
+            assert running.ask(Inspect(candidate=number % 40)) == ""
         assert running.last.index == 0
 
 
