@@ -88,7 +88,7 @@ class ReachParameters:
     r_max_pick: float = 0.77  # [m] measured: 0.78 at 0.5 m/s fails
     r_max_place: float = 0.88  # [m] to the bin's centre; measured: the cube is let go up to 0.135 m nearer
     azimuth_max: float = 2.6  # [rad] of the object about the mount, either way: joint 1 turns 2.9, not all round
-    relative_speed: float = 1.0  # [m/s] fastest motion of the object in the base frame that the arm follows
+    relative_speed: float = 0.8  # [m/s] fastest the object may pass the base: joint 1 (2.175 rad/s) does 0.76 at r_min
     dwell_pick: float = 1.3  # [s] uninterrupted time in reach of a pick: 0.5 s approach and 0.8 s closing
     dwell_place: float = 0.5  # [s] the same of a drop: 0.3 s approach and 0.2 s opening
     plan_slack: float = 0.02  # [m] plans keep this far inside the reach: poses are known to 1 cm; costs 0.5 s per trial

@@ -2,6 +2,7 @@
 
 The paper takes the smallest ring that has a viable candidate, however long the way to that one is. Between boxes, what
 is left of the smallest ring may be on the other side of the table, while a little further out there is room right here.
+There the base must pass more slowly, which counts.
 Where no ring has one, it goes to the free place that is closest to the target, be it on the other side of the table;
 when all that is in the way is something that moves, the candidates behind it will be free again.
 """
@@ -50,6 +51,7 @@ class WidePlacement(NextTargetPlacement):
         """``still``: gives the map without what moves; None: nothing is waited for."""
         super().__init__(profile, parameters, graphs)
         self._still, self._still_graphs = still, GraphCache()
+        self._top_speed = profile.base.forward_speed
         self._waits = False
 
     def _evaluate(
@@ -61,10 +63,20 @@ class WidePlacement(NextTargetPlacement):
         candidates = self._every_ring(target, here)
         current, onward = self._costs(candidates, here.graph, from_robot, to_next)
         if np.isfinite(current).any():
-            return candidates, current, onward
+            return candidates, current + self._slowed(candidates, target), onward
         beside = self._beside(target, here, from_robot)
         self._waits = beside is not None
         return beside or super()._evaluate(target, here, from_robot, to_next)
+
+    def _slowed(self, candidates: Candidates, target: Target) -> Array:
+        """Seconds by which the base passes each later than at full speed, to stay in reach as long as the job takes.
+
+        On the tangent at r it has the target within reach R over 2 sqrt(R^2 - r^2). Shape (m,).
+        """
+        reach = self._parameters.reach.r_max(target.kind) - self._parameters.reach.plan_slack
+        r = np.hypot(*(candidates.place[candidates.place_of] - target.position[:2]).T)
+        chord = 2.0 * np.sqrt(np.maximum(0.0, reach**2 - r**2))
+        return np.maximum(0.0, target.dwell - chord / self._top_speed)
 
     def _beside(self, target: Target, here: Here, from_robot: Table) -> tuple[Candidates, Array, Array] | None:
         """Free places, the way to each, and from it to a candidate that is free but for what moves; None: none is."""

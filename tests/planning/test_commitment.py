@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from idealised import rectangle, step_unicycle, world_of
@@ -180,3 +181,25 @@ def test_what_is_taken_by_furniture_is_not_waited_for():
     walled = [rectangle(-0.5, -0.6, 4.0, 0.5), rectangle(0.4, 0.5, 1.0, 3.0), rectangle(1.0, 1.3, 3.0, 2.5)]
     _, placement = _before_a_table_that_is_taken(Taken(world_of((TABLE, *walled))))
     assert np.allclose(placement.goal, closest.goal) and "what moves" not in placement.reason
+
+
+@pytest.mark.parametrize(
+    ("speed", "radius", "lost"), [(0.5, 0.6, 0.0), (0.5, 0.7, 0.22), (0.5, 0.75, 1.3), (1.0, 0.6, 0.4)]
+)
+def test_what_is_lost_by_passing_more_slowly_counts(speed, radius, lost):
+    """With a reach of 0.75 m (0.77 less the slack of plans) a job of 1.3 s lasts for 0.65 m at 0.5 m/s."""
+    base = msgspec.structs.replace(RobotProfile().base, forward_speed=speed)
+    profile = msgspec.structs.replace(RobotProfile(), base=base)
+
+    def costs(dwell):
+        target = Target(kind="pick", name="cube", position=np.array(CUBE), dwell=dwell)
+        problem = BaseProblem(
+            time=0.0, world=world_of(()), pose=np.array([0.0, 0.0, 0.0]), twist=np.zeros(2), target=target,
+            next_target=None, engaged=False,
+        )  # fmt: skip
+        placement = WidePlacement(profile, PlanningParameters()).place(problem)
+        on_ring = np.isclose(np.hypot(*(placement.poses[:, :2] - CUBE).T), radius)
+        return placement.cost_current[on_ring & np.isfinite(placement.cost_current)]
+
+    assert len(costs(1.3)) > 10
+    assert costs(1.3) - costs(0.0) == pytest.approx(lost, abs=0.01)
