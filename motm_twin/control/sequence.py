@@ -6,6 +6,7 @@ refused, or a person has taken the place task off the list, the robot keeps what
 """
 
 import math
+import re
 from dataclasses import dataclass, field
 
 from motm_twin.control.task_list import TaskEdit, TaskList, edited, kind_of, name_of
@@ -22,6 +23,7 @@ OUT_OF_REACH = 5.0  # [s] out of reach after which the time in reach counts anew
 OUTSIDE_LIMIT = 10.0  # [s] as near as it gets before a target outside the map is given up
 DRIVE_LIMIT = 10.0  # [s] at the closest free place before a drive to a point that is not free is given up
 HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose
+_NUMBER = re.compile(r"-?\d+(\.\d+)?")  # a wait that says how far or how long is the same wait with another number
 
 
 @dataclass
@@ -34,6 +36,7 @@ class SequenceState:
     attempts: list[int] = field(default_factory=list)
     held: str = ""  # object that the gripper believes it holds
     in_reach_since: float | None = None
+    waits: dict[str, tuple[int, str]] = field(default_factory=dict)  # since then: how often for what, said last how
     out_of_reach_since: float | None = None
     outside_since: float | None = None
     failures: list[str] = field(default_factory=list)
@@ -155,7 +158,7 @@ class TaskSequence(Stateful[SequenceState]):
 
         ``blocked``: the base stands at the free place that is closest to a point it cannot get to; ``outside``: it gets
         no nearer to a target outside the map; ``busy``: the fingers close, lift or let go now, and will have done in a
-        moment, so nothing is given up; ``why``: the arm waits.
+        moment, so nothing is given up; ``why``: the arm waits. The most frequent reason is told.
         """
         task, state = self.active, self._state
         if task is None or busy:
@@ -195,13 +198,16 @@ class TaskSequence(Stateful[SequenceState]):
             return ()
         state.out_of_reach_since = None
         if state.in_reach_since is None:
-            state.in_reach_since = time
-        elif time - state.in_reach_since > STALL_LIMIT:
+            state.in_reach_since, state.waits = time, {}
+        if why:
+            kind = _NUMBER.sub("", why)
+            state.waits[kind] = state.waits.get(kind, (0, ""))[0] + 1, why
+        if time - state.in_reach_since > STALL_LIMIT:
             text = f"{kind_of(task)} {name_of(task)}: in reach for {STALL_LIMIT:.0f} s, not done"
-            text = f"{text}: {why}" if why else text
+            text = f"{text}: {max(state.waits.values())[1]}" if state.waits else text
             if isinstance(task, Place) and state.attempts[state.index] < PLACE_ATTEMPTS:
                 state.attempts[state.index] += 1
-                state.in_reach_since = time
+                state.in_reach_since, state.waits = time, {}
                 return (Event(time=time, kind="missed", text=f"{text}; trying again"),)
             return self._give_up(time, text + self._elsewhere(pose))
         return ()

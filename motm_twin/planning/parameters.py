@@ -99,6 +99,10 @@ class ReachParameters:
         """Largest distance [m] from arm mount to target for a "pick" or "place"."""
         return self.r_max_pick if kind == "pick" else self.r_max_place
 
+    def passing_speed(self, forward_speed: float) -> float:
+        """Speed [m/s] at which a base of this largest speed passes a target in plans."""
+        return min(forward_speed, self.plan_speed * self.relative_speed)
+
     def dwell(self, kind: str) -> float:
         """Uninterrupted time in reach [s] of a whole "pick" or "place"."""
         return self.dwell_pick if kind == "pick" else self.dwell_place

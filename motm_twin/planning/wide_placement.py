@@ -73,10 +73,11 @@ class WidePlacement(NextTargetPlacement):
 
         On the tangent at r it has the target within reach R over 2 sqrt(R^2 - r^2). Shape (m,).
         """
-        reach = self._parameters.reach.r_max(target.kind) - self._parameters.reach.plan_slack
+        p = self._parameters.reach
+        reach = p.r_max(target.kind) - p.plan_slack
         r = np.hypot(*(candidates.place[candidates.place_of] - target.position[:2]).T)
         chord = 2.0 * np.sqrt(np.maximum(0.0, reach**2 - r**2))
-        return np.maximum(0.0, target.dwell - chord / self._top_speed)
+        return np.maximum(target.dwell, chord / p.passing_speed(self._top_speed)) - chord / self._top_speed
 
     def _beside(self, target: Target, here: Here, from_robot: Table) -> tuple[Candidates, Array, Array] | None:
         """Free places, the way to each, and from it to a candidate that is free but for what moves; None: none is."""

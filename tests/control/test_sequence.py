@@ -1,5 +1,7 @@
 """The task sequence."""
 
+import re
+
 import msgspec
 import numpy as np
 
@@ -85,6 +87,14 @@ def test_a_task_in_reach_without_progress_is_given_up_with_a_reason():
     tasks.watch(STALL_LIMIT + 1.0, True, ELSEWHERE)
     assert tasks.index == 2
     assert "in reach" in tasks.failures[0]
+
+
+def test_the_reason_is_what_the_arm_waited_for_most_of_the_time_and_not_at_the_end():
+    tasks = sequence()
+    for k in range(int(STALL_LIMIT) + 2):
+        why = f"the hand is held {0.1 + 0.01 * k:.2f} m away" if k % 3 else "starting over"
+        tasks.watch(float(k), True, ELSEWHERE, why="on its way" if k == STALL_LIMIT + 1 else why)
+    assert re.search(r"not done: the hand is held 0\.39 m away", tasks.failures[0])
 
 
 def test_being_out_of_reach_for_long_starts_the_stall_clock_again():

@@ -184,10 +184,10 @@ def test_what_is_taken_by_furniture_is_not_waited_for():
 
 
 @pytest.mark.parametrize(
-    ("speed", "radius", "lost"), [(0.5, 0.6, 0.0), (0.5, 0.7, 0.22), (0.5, 0.75, 1.3), (1.0, 0.6, 0.4)]
+    ("speed", "radius", "lost"), [(0.5, 0.6, 0.0), (0.5, 0.7, 0.22), (0.5, 0.75, 1.3), (1.0, 0.6, 0.12)]
 )
 def test_what_is_lost_by_passing_more_slowly_counts(speed, radius, lost):
-    """With a reach of 0.75 m (0.77 less the slack of plans) a job of 1.3 s lasts for 0.65 m at 0.5 m/s."""
+    """With a reach of 0.75 m (0.77 less the slack of plans) a job of 1.3 s takes 0.65 m at 0.5 m/s, 0.99 at 0.76."""
     base = msgspec.structs.replace(RobotProfile().base, forward_speed=speed)
     profile = msgspec.structs.replace(RobotProfile(), base=base)
 
