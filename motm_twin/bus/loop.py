@@ -135,16 +135,13 @@ class TwinLoop:
 
     def run(self) -> None:
         """Load the first scene and run until `stop`."""
-        self._guarded(self._load_first)
+        self._guarded(lambda: self._load(self._source.loaded, self._play_at_start)())
         while not self._stop.is_set():
             self._take_requests(min(self._until_due(), self._until_shown()))
             self._look_after(time.monotonic())
             self._guarded(self._show_standing)
             if self._until_due() == 0.0:
                 self._guarded(self._advance)
-
-    def _load_first(self) -> None:
-        self._load(self._source.loaded, self._play_at_start)()
 
     def _put(self, work: Work) -> None:
         try:
@@ -308,6 +305,8 @@ class TwinLoop:
             return
         if state == "playing":
             self._pacer.restart()
+        else:
+            self._real_time.want(False)  # a load computes for seconds
         self._state, self._text = state, text
         self._sink.status()
 

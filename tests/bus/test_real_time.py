@@ -2,11 +2,12 @@ import os
 import threading
 
 import pytest
+from fake_twin import FakeTwin
 from running import Running
 from waiting import until
 
 from motm_twin.bus import real_time
-from motm_twin.bus.commands import Play, Speed
+from motm_twin.bus.commands import Load, Pause, Play, Speed
 from motm_twin.bus.real_time import RealTime, refusal
 
 
@@ -65,3 +66,22 @@ def test_the_loop_has_it_only_while_it_sleeps_between_periods():
         until(lambda: not running.loop._real_time.on, "real-time scheduling at four times the speed")
         assert running.ask(Speed(factor=1.0)) == ""
         until(lambda: running.loop._real_time.on, "no real-time scheduling in real time again")
+        assert running.ask(Pause()) == ""
+        assert not running.loop._real_time.on
+
+
+@pytest.mark.skipif(refusal() != "", reason=f"no real-time scheduling here: {refusal()}")
+def test_a_load_has_the_usual_scheduling():
+    found = []
+
+    class Slow(FakeTwin):
+        def __init__(self, *about, **more):
+            super().__init__(*about, **more)
+            found.append(policy())
+
+    with Running(Slow) as running:
+        assert running.ask(Play()) == ""
+        until(lambda: running.loop._real_time.on, "no real-time scheduling in real time")
+        assert running.ask(Load(scene="fake")) == ""
+        until(lambda: len(found) == 2, "nothing is loaded")
+    assert found == [os.SCHED_OTHER] * 2
