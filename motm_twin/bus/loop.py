@@ -135,7 +135,7 @@ class TwinLoop:
 
     def run(self) -> None:
         """Load the first scene and run until `stop`."""
-        self._guarded(lambda: self._load(self._source.loaded, self._play_at_start)())
+        self._guarded(lambda: self._load(self._source.loaded, self._play_at_start)())  # noqa: PLW0108 - it may raise
         while not self._stop.is_set():
             self._take_requests(min(self._until_due(), self._until_shown()))
             self._look_after(time.monotonic())
