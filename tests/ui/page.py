@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from motm_twin.bench.page_serve import served
+from motm_twin.ui.framing import FIELD_OF_VIEW
 
 VIEW = {"width": 1024, "height": 700}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
@@ -215,14 +216,24 @@ class Visitor:
 
     def pixel(self, point):
         """Where a point of the world is on the screen, by the camera of the last picture."""
-        self.page.wait_for_function("sceneCamera.every(Boolean)", timeout=SHOWN * 1000)
+        view, projection = until(self._camera, SHOWN, "no picture was drawn")
         box = self._canvas()
-        view, projection = (np.array(matrix).reshape(4, 4).T for matrix in self.page.evaluate("sceneCamera"))
         x, y, _, depth = projection @ view @ np.append(WORLD @ np.asarray(point, dtype=float), 1.0)
         return (
             float(box["x"] + box["width"] * (1.0 + x / depth) / 2.0),
             float(box["y"] + box["height"] * (1.0 - y / depth) / 2.0),
         )
+
+    def _camera(self):
+        """View and projection of the visitor's own camera in the last picture, each (4, 4); None before the first."""
+        found = None
+        for matrices in self.page.evaluate("sceneCameras()"):
+            view, projection = (np.array(matrix).reshape(4, 4).T for matrix in matrices)
+            if projection[3, 2] == -1.0 and math.isclose(
+                projection[1, 1] * math.tan(FIELD_OF_VIEW / 2), 1.0, rel_tol=1e-3
+            ):
+                found = view, projection
+        return found
 
     def aim(self, point, act=lambda x, y: None):
         """Where a point of the world is on the screen, once ``act(x, y)`` was done there and the camera stood still."""
