@@ -46,6 +46,7 @@ def draw(store: Store) -> Part:
             panel.set_title(title)
         for unused in list(axes.flat)[len(panels) :]:
             unused.set_axis_off()
+            axes[-2][-1].tick_params(labelbottom=True)  # the one above it has no shared numbers below
         handles = [h for h in _handles(axes.flat[0])]
         fig.legend(handles=handles, loc="outside lower center", ncols=3)
     rows = [
