@@ -10,7 +10,7 @@ from motm_twin.ui.aim import Surroundings
 from motm_twin.ui.disturb import Thing
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.sight import Sight
-from motm_twin.ui.widgets import Changing, Html, buttons
+from motm_twin.ui.widgets import Changing, Html, buttons, follow
 
 NEW = {"Temi": "temi", "Person": "person", "Box": "box", "Cylinder": "cylinder"}
 NOTHING = "(nothing)"
@@ -59,7 +59,6 @@ class DisturbTab:
         self._shown: Shown | None = None
         self._changing = Changing()
         self._names: tuple[str, ...] = ()
-        self._selected = ""
         self._just: Thing | None = None  # added, and not in a tick yet
         gui.add_html(markup.card(markup.heading("Add before the robot")))
         self._row(gui, tuple(NEW), lambda what: self.add(NEW[what]), hint="keys T, P, B, C")
@@ -101,9 +100,7 @@ class DisturbTab:
         if tuple(listed) != self._names:
             self._names = tuple(listed)
             self._choice.options = (NOTHING, *self._names)
-        if selected != self._selected or (self._choice.value or NOTHING) != (selected or NOTHING):
-            self._selected = selected
-            self._choice.value = selected or NOTHING
+        follow(self._choice, selected or NOTHING)
         thing = listed.get(selected)
         placing = shown.view.placing if shown.view.placing == selected else ""
         self._about.set(about(thing, shown.view.sending, placing))

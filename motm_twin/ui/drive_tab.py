@@ -12,7 +12,7 @@ from motm_twin.ui.score_card import result_card
 from motm_twin.ui.stage import Stage
 from motm_twin.ui.task_list import TaskBlock
 from motm_twin.ui.why_cards import now_card
-from motm_twin.ui.widgets import Changing, Html, buttons
+from motm_twin.ui.widgets import Changing, Html, buttons, follow
 from motm_twin.ui.words import method_title
 
 _SMALL = "font-size:12px;line-height:1.4;color:#6b7280"
@@ -82,7 +82,7 @@ class DriveTab:
             now = now_card(shown.tick, shown.scene, shown.status)
             self._progress.set(now + count_line(shown.tick) + result_card(shown.tick, shown.status))
         for name, box in self._layers.items():
-            box.value = shown.view.layers.get(name, True)
+            follow(box, shown.view.layers.get(name, True))
         self._tasks.update(shown)
 
     def toggle(self) -> None:

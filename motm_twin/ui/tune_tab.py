@@ -6,7 +6,7 @@ from motm_twin.control.tuning import GROUPS, PARAMETERS, PRESETS, Parameter, par
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.tuning_values import TuningValues, hint, marks, title
 from motm_twin.ui.what_if_panel import WhatIfPanel
-from motm_twin.ui.widgets import Changing, Html, buttons
+from motm_twin.ui.widgets import Changing, Html, buttons, follow
 
 _TEXT = "font-size:13px;line-height:1.4;padding:2px 12px 6px 12px"
 OWN = "(own)"
@@ -56,7 +56,7 @@ class TuneTab:
             self._show(self._values.follow(shown.status.parameters))
         self._summary.set(summary(self._values, live=shown.live))
         changed = self._values.changed()
-        self._preset.value = next((name for name, values in PRESETS.items() if _same(values, changed)), OWN)
+        follow(self._preset, next((name for name, values in PRESETS.items() if _same(values, changed)), OWN))
         self._what_if.update(shown)
 
     def _group(self, group: str, entries: list[Parameter], *, opened: bool) -> None:

@@ -1,5 +1,6 @@
 """Small helpers for panels: HTML that is sent on change only, widgets that turn grey, rows of buttons, their style."""
 
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -43,6 +44,16 @@ class Changing:
         self.on = on
         for widget in self._widgets:
             set_disabled(widget, not on)
+
+
+def follow(widget: Any, value: Any) -> None:
+    """Set a widget from outside, unless a person has just changed it: what they chose may still be on its way here.
+
+    Viser sets the new value first and calls back then. Set from another thread in between, the choice would be lost.
+    """
+    if widget.value != value and time.time() - widget.update_timestamp > HOLD:
+        widget.value = value
+        widget._impl.update_timestamp = 0.0  # nobody has changed it by hand
 
 
 def set_disabled(widget: Any, disabled: bool) -> None:

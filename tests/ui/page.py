@@ -13,13 +13,14 @@ import pytest
 from PIL import Image
 
 from motm_twin.bench.page_serve import served
-from motm_twin.ui.framing import FIELD_OF_VIEW
+from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 1024, "height": 700}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 LIGHTLY = Path(__file__).with_name("lightly.js")
 CAMERA = Path(__file__).with_name("camera.js")
 WORLD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # axes of the page's scene, in the world's
+NEAR = 0.02  # [m] from where it should be, the camera is there
 STILL = 1.0  # [px] that a point of the world may move on the screen while the camera is at rest
 BETWEEN = 700  # [ms] between two looks at whether the picture has changed: two gaps of lightly.js
 MOMENT = 8000  # [ms] for something that does not last
@@ -96,6 +97,7 @@ class Visitor:
         page.goto(twin.url if fine else f"{twin.url}?fixedDpr=1")
         visitor.button("Play", "Pause").wait_for(timeout=SHOWN * 1000)
         visitor.close_notes()
+        until(visitor.overlooks, SHOWN, "its camera does not find the overview")
         return visitor
 
     # what is seen
@@ -223,6 +225,15 @@ class Visitor:
             float(box["x"] + box["width"] * (1.0 + x / depth) / 2.0),
             float(box["y"] + box["height"] * (1.0 - y / depth) / 2.0),
         )
+
+    def overlooks(self):
+        """Whether the camera is where a visitor's begins, and stays as long as they want nothing else."""
+        camera, scene, box = self._camera(), self.twin.client.scene(), self._canvas()
+        if camera is None or scene is None or box is None:
+            return False
+        view = camera[0]
+        eye = WORLD.T @ (-view[:3, :3].T @ view[:3, 3])
+        return math.dist(eye, overview(scene, box["width"] / box["height"])[0]) < NEAR
 
     def _camera(self):
         """View and projection of the visitor's own camera in the last picture, each (4, 4); None before the first."""
