@@ -178,6 +178,8 @@ class Cameras:
         eye = _Eye(page_width=client.camera.image_width)
         eye.sent.append(np.array(client.camera.position))  # the page tells it again when its size changes
         with self._lock:
+            if self._scene is not None:  # it may have told where it was before it began where it should
+                eye.sent.append(overview(self._scene)[0])
             self._eyes[number] = eye
 
         async def moved(camera: viser.CameraHandle) -> None:

@@ -42,7 +42,11 @@ class Page:
 @pytest.fixture
 def entered():
     """A page that has just come, with the camera at the start that it was given, and the cameras."""
-    page, handlers = Page(overview(SCENE)[0]), []
+    return enter(overview(SCENE)[0])
+
+
+def enter(position):
+    page, handlers = Page(position), []
     server = SimpleNamespace(
         initial_camera=SimpleNamespace(),
         on_client_connect=handlers.append,
@@ -67,6 +71,13 @@ def test_a_page_that_tells_its_first_camera_late_has_not_moved_it(entered) -> No
     assert np.linalg.norm(page.camera.position - first) > 0.3, "the panel is beside the picture: another place"
     page.tells(first)  # its size has changed, and what was sent is still on the way
     page.tells(page.camera.position)
+    assert cameras.mode(page) == "Overview"
+
+
+def test_a_page_that_tells_where_it_was_before_it_began_has_not_moved_its_camera() -> None:
+    page, cameras = enter(np.array([3.0, 3.0, 3.0]))
+    pictures(cameras)
+    page.tells(overview(SCENE)[0])
     assert cameras.mode(page) == "Overview"
 
 
