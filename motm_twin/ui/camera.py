@@ -166,6 +166,8 @@ class Cameras:
                 return
             sent = np.array(eye.sent)
             if np.linalg.norm(sent - position, axis=1).min() < ECHO or _on_the_way(sent, position):
+                if eye.mode not in RIDES and eye.ease_from is None and np.linalg.norm(sent[-1] - position) >= ECHO:
+                    eye.target = None  # a page that begins puts its camera back after what it was sent: send it again
                 return
             eye.ease_from = None
             if eye.mode in RIDES:

@@ -81,6 +81,21 @@ def test_a_page_that_tells_where_it_was_before_it_began_has_not_moved_its_camera
     assert cameras.mode(page) == "Overview"
 
 
+def test_a_page_that_put_its_camera_back_when_it_began_is_sent_there_again(entered) -> None:
+    page, cameras = entered
+    first = page.camera.position.copy()
+    pictures(cameras)
+    there = page.camera.position.copy()
+    page.camera.position = first
+    page.tells(first)
+    pictures(cameras)
+    assert np.allclose(page.camera.position, there)
+    page.camera.position = first.copy()
+    page.tells(there)
+    pictures(cameras)
+    assert np.allclose(page.camera.position, first), "nothing is sent to a page that is there"
+
+
 def test_a_hand_makes_the_camera_free(entered) -> None:
     page, cameras = entered
     pictures(cameras)
