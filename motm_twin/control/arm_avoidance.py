@@ -26,7 +26,7 @@ _NEAR = 1.2  # [m] from gripper or target beyond which cells do not matter
 
 
 class LidarLimits(NamedTuple):
-    """Directions in which the gripper is limited now, nearest first; all arrays of length k."""
+    """Directions in which the gripper is limited now, by what moves and by what does not; all arrays of length k."""
 
     normal: Array  # horizontal unit vectors towards the obstacle, shape (k, 2)
     distance: Array  # [m]
@@ -51,7 +51,7 @@ def static_d_s(target_distance: float, parameters: AvoidanceParameters) -> float
 def lidar_limits(
     gripper: Array, points: Array, static: NDArray[np.bool_], targets: Array, avoidance: Numbers
 ) -> LidarLimits:
-    """The nearest seen point of each sector round the gripper, with its d_s and its damper line.
+    """The nearest moving and the nearest static point of each sector round the gripper, with d_s and damper line.
 
     ``points`` (m, 2) [m] and ``static`` (m,) as in `ArmObstacles`. ``targets`` (t, 2) [m]: grasps that are under way,
     for which static obstacles give way.
@@ -71,7 +71,12 @@ def lidar_limits(
         label_target_distance(near[:count], standing[:count], targets, _LINK, distances)
         for i in range(count):
             d_s[i] = max(0.0, min(d_s[i], distances[i] - a.static_margin))
-    picked = _nearest_per_sector(near[:count], a.d_i + a.lead, gripper[0], gripper[1], a.sectors)
+    seen, still = near[:count], standing[:count]
+    reach, x, y = a.d_i + a.lead, gripper[0], gripper[1]
+    picked = np.concatenate((
+        _nearest_per_sector(seen, ~still, reach, x, y, a.moving_sectors),
+        _nearest_per_sector(seen, still, reach, x, y, a.sectors),
+    ))  # fmt: skip
     normal, distance = np.empty((len(picked), 2)), np.empty(len(picked))
     chosen, allowed = np.empty(len(picked)), np.empty(len(picked))
     for k in range(len(picked)):
@@ -153,15 +158,16 @@ def label_target_distance(points: Array, static: NDArray[np.bool_], targets: Arr
 
 
 @njit(cache=True)
-def _nearest_per_sector(points: Array, reach: float, x: float, y: float, sectors: int) -> NDArray[np.int64]:
-    if points.shape[0] == 0:
-        return np.empty(0, dtype=np.int64)
+def _nearest_per_sector(
+    points: Array, of_kind: NDArray[np.bool_], reach: float, x: float, y: float, sectors: int
+) -> NDArray[np.int64]:
+    """Of the points of that kind the nearest in each sector, within reach, nearest first."""
     best = np.full(sectors, np.inf)
     index = np.full(sectors, -1, dtype=np.int64)
     for i in range(points.shape[0]):
         dx, dy = points[i, 0] - x, points[i, 1] - y
         d = math.hypot(dx, dy)
-        if d >= reach:
+        if d >= reach or not of_kind[i]:
             continue
         sector = int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * sectors) % sectors
         if d < best[sector]:

@@ -60,7 +60,8 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     lead: float = 0.5  # [m] by which the line goes on beyond d_i: no hand brakes from 1 m/s at once
     moving_margin: float = 0.035  # [m] that a moving one may be nearer than the middle of its cell: half its diagonal
     static_margin: float = 0.05  # [m] a static obstacle's d_s is the target's distance to it less this, at most d_s
-    sectors: int = 12  # directions round the gripper, each limited by its nearest point
+    sectors: int = 12  # directions round the gripper, each limited by its nearest static point
+    moving_sectors: int = 36  # the same of moving ones: the row of a point 10 deg aside lets a passing hand come near
     link_d_s: float = 0.05  # [m] elbow, forearm and wrist from a moving obstacle: beyond the paper, which has one point
     link_d_i: float = 0.35  # [m]
     static_link_d_s: float = 0.02  # [m] the same from a static one: the arm stays on its side of it

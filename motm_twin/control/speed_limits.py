@@ -65,7 +65,7 @@ class SpeedLimits:
             *(f"{body} - {solid}" for solids in (own, mapped) for body in BODIES for solid in solids.names),
         )
         self._arrays: tuple[Any, ...] = (*_arrays(mapped), *_arrays(own), *arm_balls(), numbers(parameters))
-        self._room = parameters.sectors + MAX_ROWS + _OWN_ROWS + 2 * HAND_BODY
+        self._room = parameters.sectors + parameters.moving_sectors + MAX_ROWS + _OWN_ROWS + 2 * HAND_BODY
         arm = known.robot.arm
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
 

@@ -123,6 +123,7 @@ class Mapper(Stateful[MapperState]):
             polygons=self._polygons + state.outlines,
             seen_points=read_only(self.base.grid.centre_of(cells)),
             seen_static=read_only(static.copy()),
+            seen_age=read_only(observation.time - 1e-3 * state.evidence.last_hit[cells[:, 0], cells[:, 1]]),
         )
 
     def _look_at(self, window: Window) -> None:

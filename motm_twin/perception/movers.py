@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import read_only
+from motm_twin.perception.belonging import touching
+from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, latest, numbers_of
 from motm_twin.perception.clusters import label_cells
-from motm_twin.perception.world_map import NO_MOVERS, NO_POINTS, WorldMap
+from motm_twin.perception.world_map import NO_AGES, NO_MOVERS, NO_POINTS, WorldMap
 
-ROWS_APART = 1 << 32  # between the numbers of two cells in the same column
-_NEXT = np.arange(-1, 2)
-AROUND = (ROWS_APART * _NEXT[:, None] + _NEXT).ravel()  # added to a cell: it and its neighbours
 FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
 SAME_POINT = 0.08  # [m] between the middles of cells that may show the same point
 
@@ -44,6 +43,9 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     rests: float = 3.5  # [s] in the same place after which a thing is static: 3 (Paper, Sec. V), and the end of braking
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
+    settled: float = 0.9  # share of a thing that is static, from which on all of it is: a cell at its edge may flicker
+    fresh: float = 0.5  # [s] since it was hit last, up to which something static shows where its sides are
+    remembers: float = 3.0  # [s] free of it after which a static cell is no longer one: as long as it takes to be one
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
     parted: float = 2.6  # [m] and beyond which it no longer is
     edge: float = 0.12  # [m] round a mover that seen cells belong to it
@@ -80,9 +82,12 @@ class MoverState:
 
     time: float | None = None
     tracks: list[Track] = field(default_factory=list)
-    static: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that are known to be
-    held: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # cells that can not be yet
-    held_until: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [s] each of them
+    static: CellTimes = field(default_factory=CellTimes)  # cells that are known to be, and since when
+    held: CellTimes = field(default_factory=CellTimes)  # cells that can not be yet, and till when
+    came: Numbers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # static ones whose thing has moved
+    lately: CellTimes = field(
+        default_factory=CellTimes
+    )  # cells that are static should they be hit again, and till when
 
 
 class Seen(msgspec.Struct, frozen=True, eq=False):
@@ -103,8 +108,8 @@ class MoverTracker(Stateful[MoverState]):
     def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
         """The map with its movers. Static in it is what was hit for 3 s, unless it has moved and not rested since.
 
-        The cells of a thing that comes to rest were hit while it was still coming. What was static once is never taken
-        for a new thing: noise at the edge of a box would be one.
+        The cells of a thing that comes to rest were hit while it was still coming. Noise at the edge of a box and its
+        sides that come into sight belong to the box.
 
         ``viewpoint``: where the lidar is, shape (2,) or longer [m].
         """
@@ -115,9 +120,9 @@ class MoverTracker(Stateful[MoverState]):
         state.time = world.stamp
         for track in state.tracks:
             track.position = track.position + dt * track.velocity
-        cells = _cells(world)
-        known = np.isin(cells, state.static)
-        seen = self._clusters(world, np.flatnonzero(~known), viewpoint[:2])
+        cells = numbers_of(world)
+        furniture = self._furniture(world, cells)
+        seen = self._clusters(world, np.flatnonzero(~furniture), viewpoint[:2])
         pairs = self._correct(seen, world.stamp, dt)
         state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
         for track, one in pairs:
@@ -127,8 +132,7 @@ class MoverTracker(Stateful[MoverState]):
         held = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
         held += [(cells[one.points], world.stamp) for one in self._absorbing(pairs, world)]
         self._hold(held, world.stamp)
-        static = known | (world.seen_static & ~np.isin(cells, state.held))
-        state.static = cells[static]
+        static = self._static(world, cells, furniture)
         static.setflags(write=False)
         found = [
             (*track.position, *track.velocity, track.radius, track.near)
@@ -136,10 +140,45 @@ class MoverTracker(Stateful[MoverState]):
             if self._moving(track) and not track.wide
         ]
         movers = np.array(found) if found else NO_MOVERS
-        hidden = [_behind(track, viewpoint[:2]) for track, _ in unsettled]
+        young = [
+            (track, one)
+            for track, one in pairs
+            if not track.wide and track.moved is None and static[one.points].mean() < p.settled
+        ]
+        hidden = [_behind(track, viewpoint[:2]) for track, _ in unsettled + young]
         return msgspec.structs.replace(
-            world, seen_static=static, movers=movers, hidden=np.concatenate(hidden) if hidden else NO_POINTS
+            world,
+            seen_static=static,
+            seen_age=NO_AGES,
+            movers=movers,
+            hidden=np.concatenate(hidden) if hidden else NO_POINTS,
         )
+
+    def _furniture(self, world: WorldMap, cells: Numbers) -> Mask:
+        """What is static for long, or hangs together with that and has never moved: it is not followed; shape (m,).
+
+        Its sides come into sight and go, which looks like something small that slides along them. But what has come
+        nearer hides all of where it was.
+        """
+        state, p = self._state, self.parameters
+        long = state.static.of(cells, math.inf) <= world.stamp - p.rests
+        anchors = long & (world.seen_age <= p.fresh) & ~np.isin(cells, state.came)
+        column, row = np.floor((world.seen_points - world.origin).T / world.resolution).astype(np.int32)
+        others = ~state.held.has(cells)
+        return long | touching(np.column_stack((row, column)), world.distance.shape, anchors, others, p.join_cells)
+
+    def _static(self, world: WorldMap, cells: Numbers, furniture: Mask) -> Mask:
+        """What is static, or was so lately, shape (m,); but nothing that has moved and not rested since."""
+        state, now = self._state, world.stamp
+        held = state.held.has(cells)
+        static = (world.seen_static | furniture | state.static.has(cells)) & ~held
+        static |= state.static.of(cells, math.inf) <= now - self.parameters.rests
+        state.static = latest([(cells[static], state.static.of(cells, now)[static])])
+        state.came = read_only(state.came[np.isin(state.came, state.static.cells)])
+        static |= state.lately.has(cells) & ~held
+        until = now + self.parameters.remembers
+        state.lately = latest([(state.lately.cells, state.lately.times), (cells[static], until)]).after(now)
+        return static
 
     def _judge(self, track: Track, seen: Seen, world: WorldMap, viewpoint: Array) -> None:
         """Whether a thing has left its place: its middle is elsewhere, and where it was seen, most of it is no more.
@@ -186,24 +225,17 @@ class MoverTracker(Stateful[MoverState]):
             and any(np.any(np.hypot(*(world.seen_points[one.points] - ours.position).T) < p.gate) for ours in lost)
         ]
 
-    def _hold(self, places: list[tuple[NDArray[np.int64], float]], now: float) -> None:
+    def _hold(self, places: list[tuple[Numbers, float]], now: float) -> None:
         """Remember cells of what is unsettled, and since when [s] it has rested at the earliest.
 
         Something else that passes close by makes one cluster of the two, which ends both tracks; but not this memory.
         """
-        state = self._state
-        if not places and not len(state.held):
-            return
-        held, until = [state.held], [state.held_until]
-        for cells, since in places:
-            held.append((cells[:, None] + AROUND).ravel())  # the next map may have hits beside them
-            until.append(np.full(len(held[-1]), since + self.parameters.rests))
-        each, times = np.concatenate(held), np.concatenate(until)
-        order = np.lexsort((times, each))  # of each cell the last entry is the latest
-        last = np.append(each[order][1:] != each[order][:-1], True) if len(order) else np.zeros(0, dtype=bool)
-        kept = order[last]
-        kept = kept[times[kept] > now]
-        state.held, state.held_until = read_only(each[kept]), read_only(times[kept])
+        state, rests = self._state, self.parameters.rests
+        # the next map may have hits beside them
+        new = [((cells[:, None] + AROUND).ravel(), since + rests) for cells, since in places]
+        held = latest([(state.held.cells, state.held.times), *new])
+        state.held = held.after(now)
+        state.came = np.union1d(state.came, held.cells[held.times <= now])
 
     def _part(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
@@ -250,12 +282,6 @@ class MoverTracker(Stateful[MoverState]):
                 tracks.append(_begun(one, now, p))
                 met.append((tracks[-1], one))
         return met
-
-
-def _cells(world: WorldMap) -> NDArray[np.int64]:
-    """One number per cell of the seen points, the same in every map."""
-    column, row = np.floor(world.seen_points.T / world.resolution).astype(np.int64)
-    return row * ROWS_APART + column
 
 
 def standing(world: WorldMap, movers: Array, parameters: MoverParameters) -> NDArray[np.bool_]:

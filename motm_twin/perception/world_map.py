@@ -8,6 +8,8 @@ from motm_twin.model.geometry import Array
 
 NO_MOVERS = np.zeros((0, 6))
 NO_MOVERS.setflags(write=False)
+NO_AGES = np.zeros(0)
+NO_AGES.setflags(write=False)
 NO_POINTS = np.zeros((0, 2))
 NO_POINTS.setflags(write=False)
 
@@ -27,5 +29,6 @@ class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     polygons: tuple[Array, ...]  # obstacle outlines, counter-clockwise, not inflated, each shape (n, 2)
     seen_points: Array  # centres of cells occupied by lidar outside the mapped furniture [m], shape (m, 2)
     seen_static: NDArray[np.bool_]  # occupied for 3 s, at rest for 3.5 s if it ever moved, shape (m,)
+    seen_age: Array = NO_AGES  # [s] since each of them was hit last, shape (m,); for `MoverTracker`, not beyond it
     movers: Array = NO_MOVERS  # where they are followed: x, y [m], velocity [m/s], radius [m], near (0, 1), (k, 6)
     hidden: Array = NO_POINTS  # far sides of what may be moving, which the lidar does not see [m], shape (n, 2)

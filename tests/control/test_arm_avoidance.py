@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from motm_twin.control import arm_avoidance
 from motm_twin.control.arm_avoidance import LidarLimits, damper_line, nearest_distance, static_d_s
@@ -85,3 +87,32 @@ def test_the_line_goes_on_beyond_d_i_so_that_nothing_crosses_it_too_fast(static,
 def test_avoidance_can_be_switched_off():
     near = obstacles([(0.1, 0.0)], False)
     assert len(lidar_limits(np.zeros(3), near, NO_TARGETS, AvoidanceParameters(enabled=False)).distance) == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    bearing=st.floats(-math.pi, math.pi), distance=st.floats(0.26, 0.55), radius=st.floats(0.15, 0.3),
+    corner=st.tuples(st.floats(0.0, 0.05), st.floats(0.0, 0.05)),
+)  # fmt: skip
+def test_a_hand_that_passes_a_moving_disc_obeys_its_line_whichever_way_it_goes(bearing, distance, radius, corner):
+    """The disc is seen as cells, and the nearest of a wide sector may lie to the side of the nearest point of it."""
+    towards = np.array([math.cos(bearing), math.sin(bearing)])
+    middle = (distance + radius) * towards
+    grid = np.arange(-1.0, 1.0, 0.05)
+    cells = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2) + corner
+    seen = cells[np.abs(np.hypot(*(cells - middle).T) - radius) < 0.036]  # what the edge of the disc passes through
+    limits = lidar_limits(np.zeros(3), obstacles(seen, False), NO_TARGETS, PARAMETERS)
+    course = np.linspace(-math.pi, math.pi, 721)
+    ways = np.column_stack((np.cos(course), np.sin(course)))
+    approach = ways @ limits.normal.T  # of each course, towards each point
+    speeds = np.where(approach > 0.0, limits.allowed / np.maximum(approach, 1e-9), math.inf).min(axis=1)
+    fastest = np.minimum(np.maximum(speeds, 0.0), 0.5)
+    assert np.all(
+        fastest * (ways @ towards) <= damper_line(distance, PARAMETERS.d_s, PARAMETERS.d_i, PARAMETERS.xi) + 0.02
+    )
+
+
+def test_something_static_does_not_hide_what_moves_beside_it():
+    points = np.array([[0.40, 0.0], [0.42, 0.0]])
+    limits = lidar_limits(np.zeros(3), (points, np.array([True, False])), NO_TARGETS, PARAMETERS)
+    assert sorted(limits.static.tolist()) == [False, True]

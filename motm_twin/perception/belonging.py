@@ -1,0 +1,27 @@
+"""Which young cells belong to something static: its sides come into sight as the robot passes, and flicker at its edge.
+
+A cell is static once it was hit for 3 s without a break (Paper, Sec. V). A side that a beam only grazes is hit for two
+seconds and then missed for one, by a pose that is 2 cm off; and a side that comes into sight is new. Neither moves.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.perception.cell_times import Mask
+from motm_twin.perception.clusters import label_cells
+
+
+def touching(cells: NDArray[np.int32], shape: tuple[int, ...], anchors: Mask, others: Mask, reach: int) -> Mask:
+    """Which cells hang together with one of the ``anchors``, through ``others`` up to ``reach`` apart; shape (m,).
+
+    ``cells``: row and column, shape (m, 2), in a map of that shape; ``anchors`` and ``others``: shape (m,) each.
+    """
+    found = np.zeros(len(cells), dtype=np.bool_)
+    if not anchors.any() or not others.any():
+        return found
+    which = np.flatnonzero(anchors | others)
+    label, count = label_cells(cells[which], shape[0], shape[1], reach)
+    anchored = np.zeros(count, dtype=np.bool_)
+    anchored[label[anchors[which]]] = True
+    found[which] = anchored[label]
+    return found
