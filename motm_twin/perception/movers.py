@@ -85,9 +85,7 @@ class MoverState:
     static: CellTimes = field(default_factory=CellTimes)  # cells that are known to be, and since when
     held: CellTimes = field(default_factory=CellTimes)  # cells that can not be yet, and till when
     came: Numbers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # static ones whose thing has moved
-    lately: CellTimes = field(
-        default_factory=CellTimes
-    )  # cells that are static should they be hit again, and till when
+    lately: CellTimes = field(default_factory=CellTimes)  # cells that are static when they are hit again, till when
 
 
 class Seen(msgspec.Struct, frozen=True, eq=False):
