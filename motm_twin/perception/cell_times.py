@@ -26,7 +26,9 @@ class CellTimes:
 
     def has(self, cells: Numbers) -> Mask:
         """Which of these are among them, shape (m,)."""
-        return np.isin(cells, self.cells)
+        if not len(self.cells):
+            return np.zeros(len(cells), dtype=np.bool_)
+        return self.cells[np.minimum(np.searchsorted(self.cells, cells), len(self.cells) - 1)] == cells
 
     def of(self, cells: Numbers, otherwise: float) -> NDArray[np.float64]:
         """The times [s] of these, shape (m,); ``otherwise`` for those that are not among them."""

@@ -172,7 +172,8 @@ class MoverTracker(Stateful[MoverState]):
         static = (world.seen_static | furniture | state.static.has(cells)) & ~held
         static |= state.static.of(cells, math.inf) <= now - self.parameters.rests
         state.static = latest([(cells[static], state.static.of(cells, now)[static])])
-        state.came = read_only(state.came[np.isin(state.came, state.static.cells)])
+        if len(state.came):
+            state.came = read_only(state.came[state.static.has(state.came)])
         static |= state.lately.has(cells) & ~held
         until = now + self.parameters.remembers
         state.lately = latest([(state.lately.cells, state.lately.times), (cells[static], until)]).after(now)
@@ -229,11 +230,14 @@ class MoverTracker(Stateful[MoverState]):
         Something else that passes close by makes one cluster of the two, which ends both tracks; but not this memory.
         """
         state, rests = self._state, self.parameters.rests
+        if not places and not len(state.held.cells):
+            return
         # the next map may have hits beside them
         new = [((cells[:, None] + AROUND).ravel(), since + rests) for cells, since in places]
         held = latest([(state.held.cells, state.held.times), *new])
         state.held = held.after(now)
-        state.came = np.union1d(state.came, held.cells[held.times <= now])
+        if len(state.held.cells) < len(held.cells):
+            state.came = np.union1d(state.came, held.cells[held.times <= now])
 
     def _part(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
