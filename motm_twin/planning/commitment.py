@@ -20,7 +20,9 @@ from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.kernel import kernel
+from motm_twin.planning.pocket import NO_POCKET, find_pocket
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
+from motm_twin.planning.search_memory import CellSights, Memory, Pocket, Settings, World
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
 
 STEP = 0.15  # [s] between two tests on the way: half a node
@@ -36,6 +38,7 @@ class Kept:
     targets: tuple[str, str]  # this one and the next
     place: tuple[float, float]  # of the target [m]
     arrives: bool  # it gets the job done
+    informed: bool  # its costs are those of a pocket, where the robot is in one
     begins: float  # [s]
     times: Array  # [s] of its nodes from the beginning on, shape (n,)
     accelerations: Array  # [m/s^2, rad/s^2] between them, shape (n - 1, 2)
@@ -56,6 +59,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         """As `StaaController`."""
         super().__init__(*parts, **named)
         self._state = CommitmentState()
+        self._in_pocket = False  # only while a plan is made
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """The plan of this period, or what is left of the one before when that is not dearer."""
@@ -66,7 +70,16 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         left = self._left_of_kept(problem, placement, found)
         if left is not None:
             return left
-        self._state = CommitmentState(_kept(problem, problem.target, found) if len(found.local_poses) > 1 else None)
+        self._state = CommitmentState(
+            _kept(problem, problem.target, found, self._in_pocket) if len(found.local_poses) > 1 else None
+        )
+        return found
+
+    def _pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
+        kept, found = self._state.kept, NO_POCKET
+        if kept is not None and not kept.arrives and kept.targets == _targets(problem):
+            found = find_pocket(np.array(problem.pose, dtype=np.float64), s, world, cells, memory.scratch)
+        self._in_pocket = found is not NO_POCKET
         return found
 
     def _left_of_kept(self, problem: BaseProblem, placement: Placement, found: BasePlan) -> BasePlan | None:
@@ -79,7 +92,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         since = problem.time - kept.begins
         node = int(np.searchsorted(kept.times, since + TINY)) - 1
         to_go = float(np.interp(since, kept.times, kept.to_go))
-        if node + 1 >= len(kept.times) or _better(found, kept, to_go):
+        if node + 1 >= len(kept.times) or _better(found, kept, to_go, self._in_pocket):
             return None
         times = np.concatenate(([0.0], kept.times[node + 1 :] - since))
         job, limits = self._job(problem, target), self._limits
@@ -110,19 +123,24 @@ def _targets(problem: BaseProblem) -> tuple[str, str]:
     return tuple("" if target is None else target.name for target in (problem.target, problem.next_target))
 
 
-def _better(found: BasePlan, kept: Kept, to_go: float) -> bool:
+def _better(found: BasePlan, kept: Kept, to_go: float, informed: bool) -> bool:
     """Whether a new plan takes the place of the kept one, of which a cost `to_go` [s] is left."""
     if found.status not in ("goal", "aborted"):
         return False
     arrives = found.status == "goal"
-    return arrives > kept.arrives or (arrives == kept.arrives and bool(found.local_to_go[0] < to_go))
+    if arrives != kept.arrives:
+        return arrives
+    if not arrives and informed != kept.informed:
+        return informed
+    return bool(found.local_to_go[0] < to_go)
 
 
-def _kept(problem: BaseProblem, target: Target, plan: BasePlan) -> Kept:
+def _kept(problem: BaseProblem, target: Target, plan: BasePlan, informed: bool) -> Kept:
     return Kept(
         targets=_targets(problem),
         place=(float(target.position[0]), float(target.position[1])),
         arrives=plan.status == "goal",
+        informed=informed,
         begins=problem.time,
         times=plan.local_times,
         accelerations=np.diff(plan.local_poses[:, 3:], axis=0) / np.diff(plan.local_times)[:, None],

@@ -15,6 +15,7 @@ from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.pocket import NO_POCKET
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
@@ -88,9 +89,11 @@ class StaaController:
             goal.table,
             next_table if next_table is not None else goal.table,
             self._job(problem, target),
+            NO_POCKET,
         )
         cells = self._cell_sights(graph, field)
         memory = self._room(budget.expansions, graph)
+        world = world._replace(pocket=self._pocket(problem, settings, world, cells, memory))
         left = self._left(target)
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
         staa.start_search(pose, twist, left, memory)
@@ -123,6 +126,17 @@ class StaaController:
             k=self._k(t_h),
             time_to_range=self._time_to_range(poses, world.job, graph, goal),
         )
+
+    def _pocket(
+        self,
+        problem: BaseProblem,
+        s: search_memory.Settings,
+        world: search_memory.World,
+        cells: search_memory.CellSights,
+        memory: search_memory.Memory,
+    ) -> search_memory.Pocket:
+        """The costs of leaving the place where the robot is, where PathRTR does not know them. The paper has none."""
+        return NO_POCKET
 
     def staa_path(self) -> Array:
         """The path of `unmodified_path` in the last period, shape (m, 2) [m]; empty when there was no target."""

@@ -61,6 +61,14 @@ class Settings(NamedTuple):
     region_radius: float
 
 
+class Pocket(NamedTuple):
+    """Costs [s] of poses round a robot that cannot turn on the spot, see `pocket.py`; empty: none are needed."""
+
+    value: Array  # (rows, columns, headings), `FAR`: not known
+    x: float  # [m] corner of cell (0, 0)
+    y: float
+
+
 class World(NamedTuple):
     """What one search reads."""
 
@@ -71,6 +79,7 @@ class World(NamedTuple):
     table: Table  # to the local goal, with what comes after it
     next_table: Table  # to the next target
     job: Job
+    pocket: Pocket
 
 
 class CellSights(NamedTuple):

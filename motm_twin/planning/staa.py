@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.planning.bezier import bezier_points, time_below
 from motm_twin.planning.braking import can_stop
-from motm_twin.planning.collision import BORDER, ROUNDING, SLOPE, Field, clearance, clearance_from, distance_at
-from motm_twin.planning.cost_to_go import FAR, Table
+from motm_twin.planning.cell_costs import cost_at
+from motm_twin.planning.collision import BORDER, ROUNDING, SLOPE, clearance, clearance_from, distance_at
+from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.heap import heap_pop, heap_push
 from motm_twin.planning.kernel import inlined, kernel, length_of
-from motm_twin.planning.least_cost import cost_from
+from motm_twin.planning.pocket import pocket_cost
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach, manipulable
 from motm_twin.planning.rtr import TWO_PI, turn
 from motm_twin.planning.search_memory import (
@@ -39,9 +40,7 @@ from motm_twin.planning.search_memory import (
     Settings,
     World,
 )
-from motm_twin.planning.visibility import Graph, push_out, visible_vertices
 
-IntArray = NDArray[np.int32]
 RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3
 NO_GOAL_TEST, END_TEST, PASS_TEST = 0, 1, 2
 # Columns of a row of `Memory.swing`: at the end, in the middle (MID), direction of the way, cosine (C) and sine (S).
@@ -59,43 +58,6 @@ MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY, HEADING_BIN, YAW_R
 )
 FREE = 0.25  # [m] of clearance at its end: half way it is not looked at
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
-
-
-@kernel
-def _look_round(c: int, field: Field, graph: Graph, cells: CellSights, scratch: IntArray) -> None:
-    """Find what is seen from the middle of map cell c. A store that is full starts anew."""
-    px = field.x + (c % cells.shape[1] + 0.5) / field.inverse_cell
-    py = field.y + (c // cells.shape[1] + 0.5) / field.inverse_cell
-    qx, qy, pushed = push_out(px, py, graph.outline, graph.solids)
-    found = visible_vertices(qx, qy, graph, scratch)
-    if cells.used[0] + found > cells.pool.shape[0]:
-        cells.used[0] = 0
-        cells.newest[0] += 1
-    first = cells.used[0]
-    for k in range(found):
-        cells.pool[first + k] = scratch[k]
-    cells.point[c, 0], cells.point[c, 1], cells.point[c, 2] = qx, qy, pushed
-    cells.start[c], cells.count[c], cells.age[c] = first, found, cells.newest[0]
-    cells.used[0] = first + found
-
-
-@inlined
-def cost_at(
-    x: float, y: float, heading: float, table: Table, world: World, cells: CellSights, scratch: IntArray
-) -> float:
-    """PathRTR cost [s] from a pose to the goals of a table."""
-    i = int(math.floor((x - world.field.x) * world.field.inverse_cell))
-    j = int(math.floor((y - world.field.y) * world.field.inverse_cell))
-    i, j = min(max(i, 0), cells.shape[1] - 1), min(max(j, 0), cells.shape[0] - 1)
-    c = j * cells.shape[1] + i
-    if cells.age[c] != cells.newest[0]:
-        _look_round(c, world.field, world.graph, cells, scratch)
-    first = cells.start[c]
-    sx, sy, pushed = cells.point[c, 0], cells.point[c, 1], cells.point[c, 2]
-    if pushed == 0.0:
-        sx, sy = x, y
-    seen = cells.pool[first : first + cells.count[c]]
-    return cost_from(x, y, heading, sx, sy, pushed, seen, world.graph, table)
 
 
 @inlined
@@ -131,6 +93,9 @@ def _judge(
             onward = s.next_weight * cost_at(x, y, heading, world.next_table, world, cells, memory.scratch)
         if done:
             return onward, 0.0
+    h = pocket_cost(x, y, heading, world.table.rates.turn, world.pocket)
+    if h < FAR:
+        return min(h, onward), 0.0 if reached else max(0.0, h - s.after_goal)
     h = cost_at(x, y, heading, world.table, world, cells, memory.scratch)
     if s.bezier and not math.isnan(s.goal_heading):
         after = world.table.goal[0, 1]

@@ -1,0 +1,146 @@
+"""What it costs to leave a place where the robot cannot turn on the spot.
+
+PathRTR turns on the spot wherever it has to. Where something is nearer to the axle than a corner of the footprint is,
+that is impossible: the robot has to back out first, which a short search does not find, since everything that begins
+with it seems longer than what cannot be driven. Here the costs of all poses round the robot are settled on a lattice of
+16 headings on which the footprint must be free, outwards to where it can turn on the spot: there PathRTR holds.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+from motm_twin.planning.cell_costs import cost_at
+from motm_twin.planning.collision import Body, Field, clearance, clearance_from, distance_at
+from motm_twin.planning.cost_to_go import FAR
+from motm_twin.planning.heap import heap_pop, heap_push
+from motm_twin.planning.kernel import kernel
+from motm_twin.planning.rtr import TWO_PI, turn
+from motm_twin.planning.search_memory import CellSights, Pocket, Settings, World
+
+IntArray = NDArray[np.int32]
+CELL = 0.1  # [m] of the lattice
+CELLS = 25  # each way, the robot in the middle: more than its length of 0.7 m all round
+BLUR = 0.02
+STEPS = np.array(
+    [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
+     (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1)], np.int32,
+)  # fmt: skip  # cells that the robot drives at once in each heading
+HEADINGS = len(STEPS)
+ANGLES = np.arctan2(STEPS[:, 1], STEPS[:, 0]).astype(np.float64)
+LENGTHS = CELL * np.hypot(STEPS[:, 0], STEPS[:, 1])
+WIDE, NARROW, TAKEN = 0, 1, 2  # kinds of cells: where the robot turns on the spot, where it does not, obstacles
+NO_POCKET = Pocket(np.empty((0, 0, HEADINGS)), 0.0, 0.0)
+
+
+def swept_radius(body: Body) -> float:
+    """Radius [m] of the circle about the axle's middle that the footprint sweeps when it turns on the spot."""
+    return float(np.hypot(body.corner[:, 0], body.corner[:, 1]).max())
+
+
+def find_pocket(pose: Array, s: Settings, world: World, cells: CellSights, scratch: IntArray) -> Pocket:
+    """The costs round a pose (3,) in which the robot cannot turn on the spot.
+
+    `NO_POCKET` where it can, or where the goal is in such a place too.
+    """
+    swept = swept_radius(world.body)
+    here = distance_at(float(pose[0]), float(pose[1]), world.field)
+    goal = distance_at(s.goal_x, s.goal_y, world.field)
+    beside = max(abs(s.goal_x - pose[0]), abs(s.goal_y - pose[1])) < 0.5 * CELL * CELLS
+    if here >= swept + s.margin or (beside and goal < swept + s.margin):
+        return NO_POCKET
+    count = CELLS * CELLS * HEADINGS
+    half = 0.5 * CELL * CELLS
+    pocket = Pocket(np.full((CELLS, CELLS, HEADINGS), FAR), float(pose[0]) - half, float(pose[1]) - half)
+    kind = np.zeros((CELLS, CELLS), np.int32)
+    key, item = np.empty(6 * count), np.empty(6 * count, np.int32)
+    root = clearance(float(pose[0]), float(pose[1]), float(pose[2]), 1.0, world.field, world.body)
+    allowed = (s.margin if root >= s.margin else min(s.margin_floor, root)) - BLUR
+    _fill(swept + s.margin, allowed, world, cells, scratch, pocket, kind, key, item)
+    return pocket
+
+
+@kernel
+def pocket_cost(x: float, y: float, heading: float, turn_rate: float, pocket: Pocket) -> float:
+    """Cost [s] of a pose, with the turn to the better heading of the lattice; `FAR` where that knows none."""
+    i = int(math.floor((x - pocket.x) / CELL))
+    j = int(math.floor((y - pocket.y) / CELL))
+    if i < 0 or j < 0 or i >= pocket.value.shape[1] or j >= pocket.value.shape[0]:
+        return FAR
+    turns = heading / TWO_PI
+    k = int((turns - math.floor(turns)) * HEADINGS)  # those of the lattice are less than one place off equal parts
+    best = FAR
+    for c in range(k - 1, k + 3):
+        value = pocket.value[j, i, c % HEADINGS]
+        if value < FAR:
+            best = min(best, value + turn(heading, ANGLES[c % HEADINGS]) * turn_rate)
+    return best
+
+
+@kernel
+def _fill(
+    wide: float, allowed: float, world: World, cells: CellSights, scratch: IntArray, pocket: Pocket, kind: IntArray,
+    key: Array, item: IntArray,
+) -> None:  # fmt: skip
+    """Settle all poses from which one that can turn on the spot is reached."""
+    n, value = pocket.value.shape[0], pocket.value
+    for j in range(n):
+        for i in range(n):
+            d = distance_at(pocket.x + (i + 0.5) * CELL, pocket.y + (j + 0.5) * CELL, world.field)
+            kind[j, i] = WIDE if d >= wide else TAKEN if d < world.body.inner + allowed else NARROW
+    size = n - n  # a plain int, not the literal 0: one compilation of the heap is enough
+    for j in range(n):
+        for i in range(n):
+            if kind[j, i] != WIDE or not _beside_narrow(i, j, kind):
+                continue
+            x, y = pocket.x + (i + 0.5) * CELL, pocket.y + (j + 0.5) * CELL
+            for k in range(HEADINGS):
+                cost = cost_at(x, y, ANGLES[k], world.table, world, cells, scratch)
+                if cost < FAR:
+                    value[j, i, k] = cost
+                    size = heap_push(key, item, size, cost, (j * n + i) * HEADINGS + k)
+    rates = world.table.rates
+    while size > 0:
+        reached, at = key[0], item[0]
+        size = heap_pop(key, item, size)
+        k, i, j = at % HEADINGS, at // HEADINGS % n, at // (HEADINGS * n)
+        if reached > value[j, i, k]:
+            continue
+        for move in range(4):
+            if move < 2:  # what drives here: forwards, in reverse
+                way = -1 if move == 0 else 1
+                a, b, c = i + way * STEPS[k, 0], j + way * STEPS[k, 1], k
+                cost = reached + LENGTHS[k] * (rates.front if move == 0 else rates.back)
+            else:
+                a, b, c = i, j, (k + (1 if move == 2 else HEADINGS - 1)) % HEADINGS
+                cost = reached + turn(ANGLES[k], ANGLES[c]) * rates.turn
+            if a < 0 or b < 0 or a >= n or b >= n or kind[b, a] != NARROW or cost >= value[b, a, c]:
+                continue
+            if _is_free(a, b, c, allowed, pocket, world.field, world.body):
+                value[b, a, c] = cost
+                size = heap_push(key, item, size, cost, (b * n + a) * HEADINGS + c)
+    for j in range(n):
+        for i in range(n):
+            if kind[j, i] == WIDE:
+                for k in range(HEADINGS):
+                    value[j, i, k] = FAR
+
+
+@kernel
+def _beside_narrow(i: int, j: int, kind: IntArray) -> bool:
+    """Whether a step from a cell may lead to a narrow one."""
+    n = kind.shape[0]
+    for b in range(max(0, j - 2), min(n, j + 3)):
+        for a in range(max(0, i - 2), min(n, i + 3)):
+            if kind[b, a] == NARROW:
+                return True
+    return False
+
+
+@kernel
+def _is_free(i: int, j: int, k: int, allowed: float, pocket: Pocket, field: Field, body: Body) -> bool:
+    x, y = pocket.x + (i + 0.5) * CELL, pocket.y + (j + 0.5) * CELL
+    c, s = math.cos(ANGLES[k]), math.sin(ANGLES[k])
+    return clearance_from(x, y, c, s, allowed + 0.01, allowed, field, body) >= allowed
