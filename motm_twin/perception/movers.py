@@ -40,7 +40,8 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
-    rests: float = 3.5  # [s] in the same place after which a thing is static: 3 (Paper, Sec. V), and the end of braking
+    rests: float = 3.5  # [s] static for that long: what hangs together with it belongs to it
+    waits: float = 8.0  # [s] in the same place after which what has moved is static: one that waits leaves beside a hand
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     settled: float = 0.9  # share of a thing that is static, from which on all of it is: a cell at its edge may flicker
@@ -211,7 +212,7 @@ class MoverTracker(Stateful[MoverState]):
         now = self._state.time
         if track.wide or track.moved is None or track.rest is None or now is None:
             return False
-        return now - track.rest.time < self.parameters.rests
+        return now - track.rest.time < self.parameters.waits
 
     def _absorbing(self, pairs: list[tuple[Track, Seen]], world: WorldMap) -> list[Seen]:
         """Clusters too wide for a mover that one is part of now: it was followed until a moment ago."""
@@ -229,11 +230,11 @@ class MoverTracker(Stateful[MoverState]):
 
         Something else that passes close by makes one cluster of the two, which ends both tracks; but not this memory.
         """
-        state, rests = self._state, self.parameters.rests
+        state, waits = self._state, self.parameters.waits
         if not places and not len(state.held.cells):
             return
         # the next map may have hits beside them
-        new = [((cells[:, None] + AROUND).ravel(), since + rests) for cells, since in places]
+        new = [((cells[:, None] + AROUND).ravel(), since + waits) for cells, since in places]
         held = latest([(state.held.cells, state.held.times), *new])
         state.held = held.after(now)
         if len(state.held.cells) < len(held.cells):

@@ -114,19 +114,22 @@ def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
 
 @settings(max_examples=6, deadline=None)
 @given(speed=st.floats(0.2, 0.5), course=st.floats(-math.pi, math.pi), braking=st.floats(0.3, 1.0))
-def test_what_has_come_to_rest_is_static_4_seconds_and_a_half_after_it_stopped_but_not_after_3(
+def test_what_has_come_to_rest_is_static_10_seconds_and_a_half_after_it_stopped_but_not_after_7(
     speed: float, course: float, braking: float
 ) -> None:
-    """The map alone counts from when its cells were hit first, while it was still coming."""
+    """The map alone counts from when its cells were hit first, while it was still coming.
+
+    Its middle may creep for two seconds more, until the last cells are gone in which it was seen while it braked.
+    """
     mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(6)
     way, stops = np.array([math.cos(course), math.sin(course)]), 1.5
-    for k in range(round((stops + 4.6) / STEP)):
+    for k in range(round((stops + 10.5) / STEP)):
         time = k * STEP
         braked = min(max(0.0, time - stops + speed / braking), speed / braking)
         travelled = speed * (min(time, stops) - braked) + speed * braked - 0.5 * braking * braked**2
         body = shapely.Point(*(np.array([2.2, 0.0]) + travelled * way)).buffer(RADIUS)
         world = tracker.sort(mapper.update(_seen(time, np.zeros(3), [body], rng)), np.zeros(3))
-        if 0.6 < time < stops + 2.9:
+        if 0.6 < time < stops + 7.4:
             assert not world.seen_static.any(), time
     assert world.seen_static.mean() > 0.9  # a cell at its edge may flicker
 
@@ -140,7 +143,7 @@ def test_what_has_come_to_rest_is_not_static_sooner_because_something_passes_it(
     mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(8)
     way, stops, rest = np.array([math.cos(course), math.sin(course)]), 1.5, np.array([2.2, 0.0])
     merged = False
-    for k in range(round((stops + 7.6) / STEP)):
+    for k in range(round((stops + 12.1) / STEP)):
         time = k * STEP
         standing = rest + speed * min(0.0, time - stops) * way
         passing = rest + [-0.2, 2.0 * RADIUS + 0.05] + (time - passes) * np.array([0.6, 0.0])
@@ -148,7 +151,7 @@ def test_what_has_come_to_rest_is_not_static_sooner_because_something_passes_it(
         world = tracker.sort(mapper.update(_seen(time, np.zeros(3), bodies, rng)), np.zeros(3))
         of_it = np.hypot(*(world.seen_points - rest).T) < RADIUS + 0.1
         merged = merged or any(track.wide for track in tracker._state.tracks)
-        if 0.6 < time < stops + 2.9:
+        if 0.6 < time < stops + 7.4:
             assert not world.seen_static[of_it].any(), time
     assert merged
     assert world.seen_static[of_it].mean() > 0.9
