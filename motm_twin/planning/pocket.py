@@ -3,7 +3,8 @@
 PathRTR turns on the spot wherever it has to. Where something is nearer to the axle than a corner of the footprint is,
 that is impossible: the robot has to back out first, which a short search does not find, since everything that begins
 with it seems longer than what cannot be driven. Here the costs of all poses round the robot are settled on a lattice of
-16 headings on which the footprint must be free, outwards to where it can turn on the spot: there PathRTR holds.
+16 headings on which the footprint must be free, outwards to where it can turn on the spot, or to the edge of the
+lattice: there PathRTR holds.
 """
 
 import math
@@ -93,10 +94,13 @@ def _fill(
     size = n - n  # a plain int, not the literal 0: one compilation of the heap is enough
     for j in range(n):
         for i in range(n):
-            if kind[j, i] != WIDE or not _beside_narrow(i, j, kind):
+            edge = kind[j, i] == NARROW and (i < 2 or j < 2 or i >= n - 2 or j >= n - 2)
+            if not edge and (kind[j, i] != WIDE or not _beside_narrow(i, j, kind)):
                 continue
             x, y = pocket.x + (i + 0.5) * CELL, pocket.y + (j + 0.5) * CELL
             for k in range(HEADINGS):
+                if edge and not _is_free(i, j, k, allowed, pocket, world.field, world.body):
+                    continue
                 cost = cost_at(x, y, ANGLES[k], world.table, world, cells, scratch)
                 if cost < FAR:
                     value[j, i, k] = cost
