@@ -166,9 +166,9 @@ def _nearest_per_sector(
     index = np.full(sectors, -1, dtype=np.int64)
     for i in range(points.shape[0]):
         dx, dy = points[i, 0] - x, points[i, 1] - y
-        d = math.hypot(dx, dy)
-        if d >= reach or not of_kind[i]:
+        if not of_kind[i] or dx * dx + dy * dy >= reach * reach:
             continue
+        d = math.sqrt(dx * dx + dy * dy)
         sector = int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * sectors) % sectors
         if d < best[sector]:
             best[sector], index[sector] = d, i

@@ -34,7 +34,8 @@ def seen_rows(
     near = np.empty(points.shape)
     count = 0
     for k in range(points.shape[0]):
-        if static[k] == standing and math.hypot(points[k, 0] - mount[0], points[k, 1] - mount[1]) < _REACH:
+        dx, dy = points[k, 0] - mount[0], points[k, 1] - mount[1]
+        if static[k] == standing and dx * dx + dy * dy < _REACH * _REACH:
             near[count] = points[k]
             count += 1
     distance, normal, ball = seen_distances(
@@ -79,12 +80,14 @@ def seen_distances(
         px = T[f, 0, 3] + T[f, 0, 0] * centre[i, 0] + T[f, 0, 1] * centre[i, 1] + T[f, 0, 2] * centre[i, 2]
         py = T[f, 1, 3] + T[f, 1, 0] * centre[i, 0] + T[f, 1, 1] * centre[i, 1] + T[f, 1, 2] * centre[i, 2]
         x, y = mount[0] + c * px - s * py, mount[1] + s * px + c * py
+        own = ball_radius[i] + _HALF_CELL
+        least = max(0.0, min(d_i, distance[b, 0]) + own) ** 2
         for k in range(points.shape[0]):
             dx, dy = x - points[k, 0], y - points[k, 1]
-            length = math.hypot(dx, dy)
-            d = length - ball_radius[i] - _HALF_CELL
-            if d < d_i and d < distance[b, 0] and length > 1e-6:
-                distance[b, 0] = d
+            square = dx * dx + dy * dy
+            if square < least and square > 1e-12:
+                least, length = square, math.sqrt(square)
+                distance[b, 0] = length - own
                 normal[b, 0, 0], normal[b, 0, 1] = dx / length, dy / length
                 ball[b, 0] = i
     return distance, normal, ball
