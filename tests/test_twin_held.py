@@ -1,5 +1,7 @@
 """What the gripper holds goes into a bin before anything else is picked."""
 
+import dataclasses
+
 import msgspec
 import pytest
 from twin_steps import BIN, CUBE, SCENE, advance, advance_until, caused, in_phase
@@ -7,6 +9,7 @@ from twin_steps import BIN, CUBE, SCENE, advance, advance_until, caused, in_phas
 from motm_twin.control import sequence
 from motm_twin.model.edits import InsertTask, MoveObject, PushRobot
 from motm_twin.model.scene import Pick, Place
+from motm_twin.planning import stuck
 from motm_twin.twin import Twin
 
 OTHER, SECOND = SCENE.tasks[3].bin, SCENE.tasks[2].object
@@ -22,6 +25,22 @@ def narrow(monkeypatch):
 
 def states(tick):
     return {body.name: body.state for body in tick.truth.objects}
+
+
+def test_a_base_whose_arm_was_stuck_stands_elsewhere_for_the_next_try():
+    """The arm began anew from where it had not got there, again and again, until the pick was given up."""
+    twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:2]))
+    rules = twin.loop.manipulator._rules
+    hasty = msgspec.structs.replace(rules.parameters, patience=0.1)
+    twin.loop.manipulator._rules = dataclasses.replace(rules, parameters=hasty)
+    tick = advance_until(twin, lambda tick: any(step.outcome == "stuck" for step in tick.arm))
+    twin.loop.manipulator._rules = rules
+    was, target = tick.observation.pose[None], tick.tasks[0].target
+    assert twin.advance().tasks[0].status == "active"
+    tick = advance_until(twin, lambda tick: not stuck.here(tick.observation.pose, was))
+    tick = advance_until(twin, lambda tick: any(step.outcome == "picked" for step in tick.arm))
+    assert states(tick)[target] == "held"
+    assert twin.loop._problem(tick.observation, tick.map).stuck_at.shape == (0, 3)  # a new target, a new try
 
 
 def test_a_cube_that_its_bin_does_not_take_goes_to_the_other_bin_before_the_next_pick(narrow):

@@ -130,7 +130,7 @@ class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
     allowed_approach: MaybeNumber  # [m/s] towards it
     qp_status: str  # solved | damped stop: <reason>
     holding: bool  # an object is in the gripper
-    outcome: str  # picked | placed | missed | lost, when that was found in this step
+    outcome: str  # picked | placed | missed | lost | stuck, when that was found in this step
     reason: str  # one sentence when the arm waits
 
 

@@ -67,7 +67,7 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if _impatient(state, view, rules):
         _rest(state, view.time)
         state.start_over = True
-        return "", "nothing achieved for a while: starting over from the stow pose"
+        return "stuck", "nothing achieved for a while: starting over from the stow pose"
     if state.phase in ("stow", "carry"):
         return _leave(state, view, inputs, rules)
     if state.phase == "transit":

@@ -50,6 +50,7 @@ class LoopState:
     dwell: float | None = None  # [s] that the active job still needs in reach, as the arm said last
     engaged: bool = False
     waiting: str = ""  # what the arm said last about why it waits
+    stuck_at: tuple[tuple[int, Array], ...] = ()  # number of a task, and a base pose from which the arm did not do it
 
 
 class ControlLoop(Stateful[LoopState]):
@@ -168,7 +169,7 @@ class ControlLoop(Stateful[LoopState]):
     def edit_tasks(self, edit: TaskEdit) -> None:
         """Change the task list; raises ValueError when it cannot be."""
         if self.sequence.edit(edit, self.known, engaged=self._state.engaged):
-            self._state.dwell, self._state.engaged = None, False
+            self._state.dwell, self._state.engaged, self._state.stuck_at = None, False, ()
         self.planner.retasked(edit)
         self.manipulator.retasked(edit)
 
@@ -185,6 +186,7 @@ class ControlLoop(Stateful[LoopState]):
             next_target=self.targets.base_target(self.sequence.following, observation, None),
             engaged=self._state.engaged,
             period=PERIOD,
+            stuck_at=np.array([pose for of, pose in self._state.stuck_at if of == self.sequence.index]).reshape(-1, 3),
         )
 
     def _whereabouts(self, observation: Observation) -> list[Array]:
@@ -236,7 +238,9 @@ class ControlLoop(Stateful[LoopState]):
             if step.outcome:
                 held = self.sequence.held
                 index = self.sequence.index
-                if step.outcome == "lost" and held:
+                if step.outcome == "stuck":
+                    self._state.stuck_at += ((self.sequence.index, observation.pose.copy()),)
+                elif step.outcome == "lost" and held:
                     self._lose(held, step.reference, observation, T_odom_world)
                 elif step.outcome == "placed" and held:
                     self.tracker.move_belief(held, inputs.goal.position, observation, BIN_SD)

@@ -128,7 +128,7 @@ class TaskSequence(Stateful[SequenceState]):
         return True
 
     def apply(self, outcome: str, time: float) -> tuple[Event, ...]:
-        """Take the outcome of an arm step into account ('' | picked | placed | missed | lost)."""
+        """Take the outcome of an arm step into account ('' | picked | placed | missed | lost | stuck)."""
         if outcome == "lost":
             return self._lost(time)
         task = self.active

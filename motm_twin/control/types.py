@@ -72,7 +72,8 @@ class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     holding: bool  # the gripper believes that it holds the object
     engaged: bool  # final approach to lift: the base must keep the object in reach
     dwell: float  # [s] that the job still needs in reach
-    outcome: str  # "" | "picked" | "placed" | "missed" (a grasp failed and will be retried) | "lost" (held object gone)
+    # "" | "picked" | "placed" | "missed" (failed, is retried) | "lost" (held object gone) | "stuck" (starts over)
+    outcome: str
     reason: str  # one sentence when waiting, retrying or stopping; else ""
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
-from motm_twin.planning import search_memory, staa
+from motm_twin.planning import search_memory, staa, stuck
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
@@ -199,6 +199,7 @@ class StaaController:
     ) -> search_memory.Settings:
         p, limits = self._p, self._limits
         by_job = p.termination == "task" and placement.mode in ("ring", "reach", "drive")
+        by_job = by_job and not stuck.here(problem.pose, problem.stuck_at)
         goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST
         if by_job and goal.is_goal:
             goal_test = staa.NO_GOAL_TEST

@@ -9,6 +9,7 @@ import numpy as np
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
+from motm_twin.planning import stuck
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import (
@@ -97,6 +98,8 @@ class NextTargetPlacement(Stateful[PlacementState]):
         next_poses = self._next_poses_kept(problem.next_target, here)
         to_next = self._graphs.table(graph, next_poses, self._rates) if next_poses is not None else None
         candidates, current, onward = self._evaluate(target, here, from_robot, to_next)
+        if len(problem.stuck_at):
+            current = current + stuck.COST * stuck.near(candidates.pose, problem.stuck_at)
         viable = np.isfinite(current)  # an infinite cost times a weight of 0 would be no number
         cost = current + self._parameters.placement.next_weight * np.where(viable, onward, 0.0)
         preferred = cost - self._parameters.placement.hysteresis * self._chosen_before(target, candidates.pose)

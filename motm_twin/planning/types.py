@@ -32,6 +32,7 @@ class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     next_target: Target | None
     engaged: bool  # the arm is at the object (final approach to lift): keep it in reach until done
     period: float = 0.05  # [s] for which the answer is applied
+    stuck_at: Array = frozen(np.zeros((0, 3)))  # base poses from which the arm did not get to the target, (k, 3)
 
 
 class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
