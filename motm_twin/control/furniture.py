@@ -33,7 +33,10 @@ _BODY_OF_LINK = {
     "panda_rightfinger": 4,
 }
 _SPACING = 0.04  # [m] between balls along a capsule
-_TIP_Z, _TIP_RADIUS, _TIP_Y = 0.1024, 0.010, 0.006  # [m] ball at the tip of a finger, beyond the hand and its pad
+_TIP = (  # balls of a finger's tip: x across, y from the pad outwards, z beyond the hand, radius [m]
+    (0.0, 0.006, 0.1024, 0.010),
+    *((x, y, 0.1094, 0.003) for x in (-0.0075, 0.0075) for y in (0.003, 0.0138)),  # the lowest of a tilted one
+)
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
 MAX_ROWS = 24
 _FEW = 384  # distances that are sorted as they are
@@ -99,10 +102,11 @@ def arm_balls() -> Balls:
             radii.append(radius)
             bodies.append(body)
     for side in (1.0, -1.0):
-        frames.append(HAND)
-        centres.append(np.array([0.0, side * _TIP_Y, _TIP_Z]))
-        radii.append(_TIP_RADIUS)
-        bodies.append(FINGERS)
+        for x, y, z, radius in _TIP:
+            frames.append(HAND)
+            centres.append(np.array([x, side * y, z]))
+            radii.append(radius)
+            bodies.append(FINGERS)
     frames.append(TCP)
     centres.append(np.zeros(3))
     radii.append(0.0)
@@ -114,8 +118,10 @@ def arm_balls() -> Balls:
 def placed(centre: Array, radius: Array, width: float, held_side: float) -> tuple[Array, Array]:
     """Centres and radii of balls with the finger tips at the gripper's width and the held cube; radius 0: not there."""
     centre, radius = centre.copy(), radius.copy()
-    centre[-3, 1] += 0.5 * width
-    centre[-2, 1] -= 0.5 * width
+    tips = len(_TIP)
+    for k in range(tips):
+        centre[-1 - 2 * tips + k, 1] += 0.5 * width
+        centre[-1 - tips + k, 1] -= 0.5 * width
     radius[-1] = 0.72 * held_side
     return centre, radius
 

@@ -28,6 +28,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBud
 STEP = 0.15  # [s] between two tests on the way: half a node
 TINY = 1e-6  # [s]
 LATE = 0.1  # [s] that a job may end after its plan, the target in reach: poses are known to 1 cm
+CREEPS = 0.15  # [m/s] below which a robot whose plans do not arrive may be in a pocket; one under way is not
 MOVED = 0.1  # [m] from which on the target is no longer where the plan goes
 
 
@@ -77,7 +78,8 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
 
     def _pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
         kept, found = self._state.kept, NO_POCKET
-        if kept is not None and not kept.arrives and kept.targets == _targets(problem):
+        held_up = abs(problem.twist[0]) < CREEPS and kept is not None and not kept.arrives
+        if held_up and kept is not None and kept.targets == _targets(problem):
             found = find_pocket(np.array(problem.pose, dtype=np.float64), s, world, cells, memory.scratch)
         self._in_pocket = found is not NO_POCKET
         return found

@@ -5,14 +5,17 @@ import math
 import coal
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from motm_twin.control.furniture import arm_balls, mapped_solids, placed, solid_bounds, solid_distance
+from motm_twin.control.furniture import FINGERS, arm_balls, mapped_solids, placed, solid_bounds, solid_distance
 from motm_twin.control.parameters import QpParameters
 from motm_twin.control.qp_rows import base_bounds, damper, hand_state, joint_bounds, lag_factor
+from motm_twin.model.assets import finger_boxes
 from motm_twin.model.body_geometry import CAPSULE_LINKS, CAPSULE_RADII, capsule_segments
 from motm_twin.model.geometry import drive
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, READY
-from motm_twin.model.kinematics import Frankie, fk_arm
+from motm_twin.model.kinematics import HAND, Frankie, fk_arm
 from motm_twin.model.known import known_world
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Box, Cylinder, Prism
@@ -129,3 +132,20 @@ def test_balls_cover_the_axis_of_every_capsule_from_the_elbow_to_the_hand():
             point = segment[0] + part * (segment[1] - segment[0])
             inside = np.linalg.norm(points - point, axis=1) <= radius + 1e-9
             assert inside.any(), f"{CAPSULE_LINKS[i]} of radius {CAPSULE_RADII[i]} is not covered"
+
+
+@given(tilt=st.floats(0.0, 0.7), about=st.floats(-math.pi, math.pi), width=st.floats(0.0, 0.08))
+def test_no_corner_of_a_tilted_finger_is_lower_than_its_balls_by_more_than_2_millimetres(tilt, about, width):
+    """A finger whose tip was one ball touched the table with a corner when the hand was tilted by 25 degrees."""
+    down = np.array([math.sin(tilt) * math.cos(about), math.sin(tilt) * math.sin(about), math.cos(tilt)])  # hand frame
+    frame, centre, radius, body = arm_balls()
+    centre, radius = placed(centre, radius, width, 0.0)
+    fingers = (body == FINGERS) & (radius > 0.0)
+    assert (frame[fingers] == HAND).all()
+    balls = (centre[fingers] @ down + radius[fingers]).max()
+    lowest = -math.inf
+    for link, side in (("panda_leftfinger", 1.0), ("panda_rightfinger", -1.0)):
+        for middle, size in finger_boxes(link):
+            at = middle + np.array([0.0, side * 0.5 * width, 0.0584])
+            lowest = max(lowest, float(at @ down + np.abs(down) @ (0.5 * size)))
+    assert balls > lowest - 0.002
