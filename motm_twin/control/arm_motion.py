@@ -40,6 +40,7 @@ _BESIDE = 0.5  # [rad] of azimuth from the target beyond which the arm swings in
 _FAR = 0.8  # [m] no tilt for more radius than this before arrival
 _OVER_RIM = 0.04  # [m] that an object is carried higher than it is released
 _OVER = 0.15  # [m] horizontal distance within which a transit sinks to the hover height
+_NEIGHBOURS = 0.6  # [m] from where an object was taken within which it is carried over the others
 _HAND_CLEAR = 0.35  # [m] radius beyond which a retracting hand keeps its height
 
 
@@ -76,7 +77,7 @@ def hand_motion(
         _SWINGS.get(state.phase, _FIXED), view.p, view.q, view.R, view.T, view.pose, view.twist, view.mount, mount,
         state.anchor if state.phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses, view.radius,
         view.azimuth, view.distance, view.time_to_range, goal == "none", goal == "pick", goal == "place",
-        state.clear_z, math.nan if state.yaw is None or state.phase == "release" else state.yaw,
+        state.clear_z, state.anchor, math.nan if state.yaw is None or state.phase == "release" else state.yaw,
         parameters.hold_speed if state.phase == "closing" else _RADIAL, p, velocity, reference,
     )  # fmt: skip
     return Motion(velocity, reference)
@@ -86,8 +87,8 @@ def hand_motion(
 def _fill_motion(
     way: int, p: Array, q: Array, R: Array, T: Array, pose: Array, twist: Array, mount: Array, base_mount: Array,
     target: Array, plan_times: Array, plan_poses: Array, radius: float, azimuth: float, distance: float,
-    time_to_range: float, idle: bool, pick: bool, place: bool, clear_z: float, yaw: float, fastest: float,
-    parameters: Numbers, velocity: Array, reference: Array,
+    time_to_range: float, idle: bool, pick: bool, place: bool, clear_z: float, anchor: Array, yaw: float,
+    fastest: float, parameters: Numbers, velocity: Array, reference: Array,
 ) -> None:  # fmt: skip
     """Fill in velocity and reference of a `Motion`; ``way``: home, out to the target, or to the reference as it is.
 
@@ -104,7 +105,7 @@ def _fill_motion(
         rotation = _transit_rotation(p, R, T, mount, target, radius, pick, place, yaw, planar, parameters)
         swing = _inbound(
             p, q, pose, twist, mount, base_mount, target, plan_times, plan_poses, distance, time_to_range, pick, place,
-            parameters,
+            clear_z if hypot(p[0] - anchor[0], p[1] - anchor[1]) < _NEIGHBOURS else -math.inf, parameters,
         )  # fmt: skip
     _swing(swing, rotation, p, q, R, pose, twist, base_mount, planar, parameters, velocity, reference)
 
@@ -206,7 +207,8 @@ def _swing(
 @njit(cache=True)
 def _inbound(
     p: Array, q: Array, pose: Array, twist: Array, mount: Array, base_mount: Array, target: Array, plan_times: Array,
-    plan_poses: Array, distance: float, time_to_range: float, pick: bool, place: bool, parameters: Numbers,
+    plan_poses: Array, distance: float, time_to_range: float, pick: bool, place: bool, lowest: float,
+    parameters: Numbers,
 ) -> _Swing:  # fmt: skip
     """The hover point, at the limited radius on the line from the mount, where the base will be on arrival.
 
@@ -226,6 +228,8 @@ def _inbound(
     elif place:
         over = _OVER_RIM
     z = target[2] + over
+    if place and distance >= _OVER:
+        z = max(z, lowest)  # what stands beside where the object was taken from is not swept off the table
     hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.hover_stretch)
     if radius > hover:
         radius, radius_rate = hover, 0.0

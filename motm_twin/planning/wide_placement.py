@@ -32,9 +32,6 @@ from motm_twin.planning.types import Target
 
 BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more
 PLACES = 72  # to wait at that are kept, the best: as many as candidates on a ring
-ARM_LENGTH = 0.8  # [m] from the target within which something may stand in the arm's way
-ROOM = 0.15  # [m] beside the arm: half its width, what it keeps off, and 2 cm
-SQUEEZED = 3.0  # [s] for an arm that has none of it: it is held up, or does not get there
 KEEP_CLEARANCE = 0.0  # [m] of the chosen pose: a cell at the edge of what the lidar sees comes and goes
 
 
@@ -55,7 +52,6 @@ class WidePlacement(NextTargetPlacement):
         super().__init__(profile, parameters, graphs)
         self._still, self._still_graphs = still, GraphCache()
         self._top_speed = profile.base.forward_speed
-        self._mount = (profile.arm.mount_x, profile.arm.mount_y)
         self._waits = False
 
     def _evaluate(
@@ -67,8 +63,7 @@ class WidePlacement(NextTargetPlacement):
         candidates = self._every_ring(target, here)
         current, onward = self._costs(candidates, here.graph, from_robot, to_next)
         if np.isfinite(current).any():
-            dearer = self._slowed(candidates, target) + self._squeezed(candidates, target, here)
-            return candidates, current + dearer, onward
+            return candidates, current + self._slowed(candidates, target), onward
         beside = self._beside(target, here, from_robot)
         self._waits = beside is not None
         return beside or super()._evaluate(target, here, from_robot, to_next)
@@ -83,23 +78,6 @@ class WidePlacement(NextTargetPlacement):
         r = np.hypot(*(candidates.place[candidates.place_of] - target.position[:2]).T)
         chord = 2.0 * np.sqrt(np.maximum(0.0, reach**2 - r**2))
         return np.maximum(target.dwell, chord / p.passing_speed(self._top_speed)) - chord / self._top_speed
-
-    def _squeezed(self, candidates: Candidates, target: Target, here: Here) -> Array:
-        """Seconds that each counts more for what the arm passes on its way from its mount to the target, shape (m,)."""
-        points = here.world.seen_points
-        points = points[np.hypot(*(points - target.position[:2]).T) < ARM_LENGTH]
-        if not len(points):
-            return np.zeros(len(candidates.pose))
-        x, y, heading = candidates.pose.T
-        c, s = np.cos(heading), np.sin(heading)
-        mount = np.column_stack(
-            (x + c * self._mount[0] - s * self._mount[1], y + s * self._mount[0] + c * self._mount[1])
-        )
-        way = target.position[:2] - mount
-        offset = points[None] - mount[:, None]
-        along = np.clip(np.einsum("mpi,mi->mp", offset, way) / np.sum(way**2, axis=1)[:, None], 0.0, 1.0)
-        nearest = np.hypot(*(offset - along[..., None] * way[:, None]).transpose(2, 0, 1)).min(axis=1)
-        return SQUEEZED * np.maximum(0.0, 1.0 - nearest / ROOM)
 
     def _beside(self, target: Target, here: Here, from_robot: Table) -> tuple[Candidates, Array, Array] | None:
         """Free places, the way to each, and from it to a candidate that is free but for what moves; None: none is."""
