@@ -20,7 +20,7 @@ from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.kernel import kernel
-from motm_twin.planning.pocket import NO_POCKET, find_pocket
+from motm_twin.planning.pocket import NO_POCKET, in_pocket, settle_pocket
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.search_memory import CellSights, Memory, Pocket, Settings, World
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
@@ -60,7 +60,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         """As `StaaController`."""
         super().__init__(*parts, **named)
         self._state = CommitmentState()
-        self._in_pocket = False  # only while a plan is made
+        self._in_pocket = self._loaded = False  # the first only while a plan is made
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """The plan of this period, or what is left of the one before when that is not dearer."""
@@ -77,12 +77,14 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         return found
 
     def _pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
-        kept, found = self._state.kept, NO_POCKET
-        held_up = abs(problem.twist[0]) < CREEPS and kept is not None and not kept.arrives
-        if held_up and kept is not None and kept.targets == _targets(problem):
-            found = find_pocket(np.array(problem.pose, dtype=np.float64), s, world, cells, memory.scratch)
-        self._in_pocket = found is not NO_POCKET
-        return found
+        pose, kept = np.array(problem.pose, dtype=np.float64), self._state.kept
+        held_up = kept is not None and not kept.arrives and kept.targets == _targets(problem)
+        self._in_pocket = held_up and abs(problem.twist[0]) < CREEPS and in_pocket(pose, s, world)
+        if self._loaded and not self._in_pocket:
+            return NO_POCKET
+        self._loaded = True  # its kernels, in the first period: not when it is in a pocket
+        found = settle_pocket(pose, s, world, cells, memory.scratch)
+        return found if self._in_pocket else NO_POCKET
 
     def _left_of_kept(self, problem: BaseProblem, placement: Placement, found: BasePlan) -> BasePlan | None:
         """The rest of the kept plan, when it is as good and still possible."""

@@ -41,17 +41,17 @@ def swept_radius(body: Body) -> float:
     return float(np.hypot(body.corner[:, 0], body.corner[:, 1]).max())
 
 
-def find_pocket(pose: Array, s: Settings, world: World, cells: CellSights, scratch: IntArray) -> Pocket:
-    """The costs round a pose (3,) in which the robot cannot turn on the spot.
-
-    `NO_POCKET` where it can, or where the goal is in such a place too.
-    """
-    swept = swept_radius(world.body)
+def in_pocket(pose: Array, s: Settings, world: World) -> bool:
+    """Whether the robot cannot turn on the spot at a pose (3,), and the goal is not in such a place beside it."""
+    wide = swept_radius(world.body) + s.margin
     here = distance_at(float(pose[0]), float(pose[1]), world.field)
     goal = distance_at(s.goal_x, s.goal_y, world.field)
     beside = max(abs(s.goal_x - pose[0]), abs(s.goal_y - pose[1])) < 0.5 * CELL * CELLS
-    if here >= swept + s.margin or (beside and goal < swept + s.margin):
-        return NO_POCKET
+    return here < wide and not (beside and goal < wide)
+
+
+def settle_pocket(pose: Array, s: Settings, world: World, cells: CellSights, scratch: IntArray) -> Pocket:
+    """The costs round a pose (3,)."""
     count = CELLS * CELLS * HEADINGS
     half = 0.5 * CELL * CELLS
     pocket = Pocket(np.full((CELLS, CELLS, HEADINGS), FAR), float(pose[0]) - half, float(pose[1]) - half)
@@ -59,7 +59,7 @@ def find_pocket(pose: Array, s: Settings, world: World, cells: CellSights, scrat
     key, item = np.empty(6 * count), np.empty(6 * count, np.int32)
     root = clearance(float(pose[0]), float(pose[1]), float(pose[2]), 1.0, world.field, world.body)
     allowed = (s.margin if root >= s.margin else min(s.margin_floor, root)) - BLUR
-    _fill(swept + s.margin, allowed, world, cells, scratch, pocket, kind, key, item)
+    _fill(swept_radius(world.body) + s.margin, allowed, world, cells, scratch, pocket, kind, key, item)
     return pocket
 
 

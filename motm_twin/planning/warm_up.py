@@ -3,10 +3,12 @@
 Numba stores what it compiled, so that this takes time only once per installation.
 """
 
+import msgspec
 import numpy as np
 
 from motm_twin.model.profile import RobotProfile
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.commitment import CommittedController
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
@@ -28,6 +30,11 @@ def warm_up_search() -> None:
         goal=goal, goal_has_heading=True, reason="", next_goal=goal + 1.0, next_goals=goal[None] + 1.0,
     )  # fmt: skip
     StaaController(RobotProfile(), PlanningParameters()).plan(problem, placement, SearchBudget(expansions=8))
+    away = msgspec.structs.replace(placement, goal=np.array([-1.0, 0.0, 0.0]))
+    before_the_box = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]))
+    committed = CommittedController(RobotProfile(), PlanningParameters())
+    for _ in range(2):  # the second time it keeps to the plan of the first, which does not arrive, and is in a pocket
+        committed.plan(before_the_box, away, SearchBudget(expansions=4))
 
 
 def _problem() -> BaseProblem:
