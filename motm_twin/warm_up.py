@@ -31,7 +31,7 @@ METHODS = ("motm", "fast", "irm")  # that have all kernels of methods between th
 
 
 def is_warm() -> bool:
-    """Whether the largest kernel is in numba's cache (changed code is compiled again all the same)."""
+    """Whether the largest kernel is in numba's cache; after a change it is not (`stale_kernels.py`)."""
     return any(Path(run_search.stats.cache_path).glob(f"*{run_search.__name__}*.nbi"))
 
 
