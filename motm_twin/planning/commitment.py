@@ -16,6 +16,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.state import Stateful
+from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.controller import StaaController
@@ -28,6 +29,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBud
 STEP = 0.15  # [s] between two tests on the way: half a node
 TINY = 1e-6  # [s]
 LATE = 0.1  # [s] that a job may end after its plan, the target in reach: poses are known to 1 cm
+MOVES_NEAR = 1.5  # [m] of a robot that moves within which nothing is a pocket: the lattice, and a radius
 CREEPS = 0.15  # [m/s] below which a robot whose plans do not arrive may be in a pocket; one under way is not
 MOVED = 0.1  # [m] from which on the target is no longer where the plan goes
 
@@ -79,7 +81,9 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
     def _pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
         pose, kept = np.array(problem.pose, dtype=np.float64), self._state.kept
         held_up = kept is not None and not kept.arrives and kept.targets == _targets(problem)
-        self._in_pocket = held_up and abs(problem.twist[0]) < CREEPS and in_pocket(pose, s, world)
+        self._in_pocket = (
+            held_up and abs(problem.twist[0]) < CREEPS and in_pocket(pose, s, world) and _for_good(problem.world, pose)
+        )
         if self._loaded and not self._in_pocket:
             return NO_POCKET
         self._loaded = True  # its kernels, in the first period: not when it is in a pocket
@@ -121,6 +125,11 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
             local_to_go=frozen(np.concatenate(([to_go], kept.to_go[node + 1 :]))),
             time_to_range=_time_to_range(states, times, job) if kept.arrives else found.time_to_range,
         )
+
+
+def _for_good(world: WorldMap, pose: Array) -> bool:
+    """Whether nothing about the robot moves, or has lately: a pocket that it makes is gone before the robot is out."""
+    return not len(world.movers) or bool(np.hypot(*(world.movers[:, :2] - pose[:2]).T).min() > MOVES_NEAR)
 
 
 def _targets(problem: BaseProblem) -> tuple[str, str]:
