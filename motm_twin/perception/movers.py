@@ -40,7 +40,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
-    rests: float = 3.5  # [s] static for that long: what hangs together with it belongs to it
+    rests: float = 3.5  # [s] that something must be static for, until what hangs together with it belongs to it
     waits: float = 8.0  # [s] in the same place after which what has moved is static: one that waits may leave again
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on

@@ -120,7 +120,7 @@ def test_what_has_come_to_rest_is_static_12_seconds_after_it_stopped_but_not_aft
     """
     rng, late = np.random.default_rng(1), 0
     for _ in range(12):
-        speed, course, braking = rng.uniform(0.25, 0.5), rng.uniform(-math.pi, math.pi), rng.uniform(0.3, 1.0)
+        speed, course, braking = rng.uniform(0.2, 0.5), rng.uniform(-math.pi, math.pi), rng.uniform(0.3, 1.0)
         mapper, tracker, noise = Mapper(FLOOR), MoverTracker(), np.random.default_rng(6)
         way, stops = np.array([math.cos(course), math.sin(course)]), 1.5
         for k in range(round((stops + 12.0) / STEP)):
@@ -129,10 +129,10 @@ def test_what_has_come_to_rest_is_static_12_seconds_after_it_stopped_but_not_aft
             travelled = speed * (min(time, stops) - braked) + speed * braked - 0.5 * braking * braked**2
             body = shapely.Point(*(np.array([2.2, 0.0]) + travelled * way)).buffer(RADIUS)
             world = tracker.sort(mapper.update(_seen(time, np.zeros(3), [body], noise)), np.zeros(3))
-            if 0.6 < time < stops + 7.3:
+            if 0.6 < time < stops + 7.4:
                 assert not world.seen_static.any(), (time, speed, course, braking)
         late += world.seen_static.mean() <= 0.9  # a cell at its edge may flicker
-    assert late <= 1
+    assert late == 0
 
 
 @settings(max_examples=6, deadline=None)
