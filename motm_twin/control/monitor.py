@@ -141,7 +141,7 @@ class Monitor(Stateful[MonitorState]):
         turning, holding = _counts(
             scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach, scan.pose, observation.pose, moved, v, w,
             base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, self._rectangle,
-            self.parameters.stop_margin,
+            self.parameters.stop_margin, self.parameters.minimum_points,
         )  # fmt: skip
         return min(turning, holding) < self.parameters.minimum_points, holding < turning
 
@@ -150,15 +150,19 @@ class Monitor(Stateful[MonitorState]):
 def _counts(
     ranges: Array, angle_min: float, angle_step: float, origin: Array, reach: float, pose: Array, now: Array,
     moved: bool, v: float, w: float, a: float, b: float, lag: float, rectangle: Array, margin: float,
+    enough: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """`points_in_stop` of a scan made at ``pose``, stopping from ``now`` by braking the turn, or holding it."""
+    """`points_in_stop` of a scan made at ``pose``, stopping from ``now`` by braking the turn, or holding it.
+
+    The second is looked for only where there are ``enough`` points in the first.
+    """
     points = near_points(ranges, angle_min, angle_step, origin, reach)
     if moved:
         _carry(points, pose, now)
-    found = np.empty(2, np.int64)
-    for k in range(2):
-        found[k] = points_in_stop(points, v, w, a, b, lag, k == 1, rectangle, margin)
-    return found[0], found[1]
+    turning = points_in_stop(points, v, w, a, b, lag, False, rectangle, margin)
+    if turning < enough:
+        return turning, turning
+    return turning, points_in_stop(points, v, w, a, b, lag, True, rectangle, margin)
 
 
 @njit(cache=True)

@@ -19,20 +19,15 @@ def wrap_angle(angle: float) -> float:
 
 def compose(pose_a_b: Array, pose_b_c: Array) -> Array:
     """Pose of c in a, from the pose of b in a and the pose of c in b; shapes (3,)."""
-    c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
-    return np.array(
-        [
-            pose_a_b[0] + c * pose_b_c[0] - s * pose_b_c[1],
-            pose_a_b[1] + s * pose_b_c[0] + c * pose_b_c[1],
-            wrap_angle(pose_a_b[2] + pose_b_c[2]),
-        ]
-    )
+    (x, y, heading), (dx, dy, turn) = pose_a_b.tolist(), pose_b_c.tolist()
+    c, s = math.cos(heading), math.sin(heading)
+    return np.array([x + c * dx - s * dy, y + s * dx + c * dy, wrap_angle(heading + turn)])
 
 
 def inverse(pose_a_b: Array) -> Array:
     """Pose of a in b, from the pose of b in a; shape (3,)."""
-    c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
-    x, y, heading = pose_a_b
+    x, y, heading = pose_a_b.tolist()
+    c, s = math.cos(heading), math.sin(heading)
     return np.array([-c * x - s * y, s * x - c * y, wrap_angle(-heading)])
 
 

@@ -11,6 +11,7 @@ from motm_twin.perception.world_map import WorldMap
 
 ROWS_APART = 1 << 32  # between the numbers of two cells in the same column
 _NEXT = np.arange(-1, 2)
+_ONE = np.ones(1, dtype=np.bool_)
 AROUND = (ROWS_APART * _NEXT[:, None] + _NEXT).ravel()  # added to a cell: it and its neighbours
 
 Numbers = NDArray[np.int64]  # of cells
@@ -49,10 +50,12 @@ def latest(parts: Sequence[tuple[Numbers, NDArray[np.float64] | float]]) -> Cell
     """All these cells, each with its latest time [s]."""
     cells = np.concatenate([numbers for numbers, _ in parts])
     times = np.concatenate([np.broadcast_to(time, numbers.shape) for numbers, time in parts])
-    order = np.lexsort((times, cells))  # of each cell the last entry is the latest
+    if not len(cells):
+        return CellTimes()
+    order = np.argsort(cells)
     ordered = cells[order]
-    last = np.append(ordered[1:] != ordered[:-1], True) if len(ordered) else np.zeros(0, dtype=bool)
-    return CellTimes(read_only(ordered[last]), read_only(times[order][last]))
+    first = np.flatnonzero(np.concatenate((_ONE, ordered[1:] != ordered[:-1])))  # entry of each cell
+    return CellTimes(read_only(ordered[first]), read_only(np.maximum.reduceat(times[order], first)))
 
 
 def numbers_of(world: WorldMap) -> Numbers:

@@ -117,7 +117,8 @@ class ObjectTracker(Stateful[TrackerState]):
         state, settings = self._state, self._settings
         pose, odometry = state.pose, state.odometry
         state.pose, state.odometry = np.array(observation.pose), np.array(observation.odometry)
-        if pose is None or odometry is None or not np.isfinite([*observation.pose, *observation.odometry]).all():
+        total = sum(state.pose.tolist() + state.odometry.tolist())  # finite when each is
+        if pose is None or odometry is None or not math.isfinite(total):
             return
         expected = compose(pose, compose(inverse(odometry), observation.odometry))
         off = compose(inverse(expected), observation.pose)

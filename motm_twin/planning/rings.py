@@ -19,6 +19,14 @@ def ring(centre: Array, radius: float, positions: int) -> tuple[Array, Array, Ar
     return np.column_stack((place[place_of], heading)), place, place_of
 
 
+def rings(centre: Array, radii: Array, positions: int) -> tuple[Array, Array, Array]:
+    """`ring` of each of the radii (k,), one after the other: poses (2 k n, 3), places (k n, 2), place of each pose."""
+    unit, heading, place_of = _unit_ring(positions)
+    place = (np.asarray(centre)[:2] + radii[:, None, None] * unit).reshape(-1, 2)
+    place_of = (place_of + positions * np.arange(len(radii), dtype=np.int32)[:, None]).ravel()
+    return np.column_stack((place[place_of], np.tile(heading, len(radii)))), place, place_of
+
+
 @functools.cache
 def _unit_ring(positions: int) -> tuple[Array, Array, NDArray[np.int32]]:
     """Places (n, 2) on a circle of 1 m, two headings (2 n,) at each, and the place of each heading."""

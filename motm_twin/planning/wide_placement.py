@@ -25,9 +25,9 @@ from motm_twin.planning.placement import (
     Candidates,
     NextTargetPlacement,
     joined,
-    ring,
 )
 from motm_twin.planning.rejections import Here, rejections
+from motm_twin.planning.rings import rings
 from motm_twin.planning.types import Target
 
 BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more
@@ -116,16 +116,11 @@ class WidePlacement(NextTargetPlacement):
 
     def _every_ring(self, target: Target, here: Here) -> Candidates:
         p = self._parameters.placement
-        found: Candidates | None = None
-        for radius in self._radii:
-            pose, place, place_of = ring(target.position, radius, p.positions)
-            reached = self._reach.reached_from(pose, target)
-            rejected = self._unless_chosen(rejections(pose, p.clearance, here), target, pose, here)
-            rejected = [why or ("" if ok else "arm cannot reach") for why, ok in zip(rejected, reached, strict=True)]
-            candidates = Candidates("ring", float(radius), pose, place, place_of, rejected)
-            found = candidates if found is None else joined(found, candidates)
-        assert found is not None
-        return found
+        pose, place, place_of = rings(target.position, self._radii, p.positions)
+        rejected = self._unless_chosen(rejections(pose, p.clearance, here), target, pose, here)
+        for i in np.flatnonzero(~self._reach.reached_from(pose, target)).tolist():
+            rejected[i] = rejected[i] or "arm cannot reach"
+        return Candidates("ring", float(self._radii[0]), pose, place, place_of, rejected)
 
     def _unless_chosen(self, rejected: list[str], target: Target, pose: Array, here: Here) -> list[str]:
         """The reasons without that of the pose chosen before, as long as it is free at all."""
