@@ -27,6 +27,7 @@ class PlacementParameters:
     reach_step: float = 0.05  # [m] own: rings searched when no tangential candidate is viable
     reach_headings: int = 16  # own: headings per position of such a ring
     reach_slack: float = 0.04  # [m] own: those poses must be this far inside the arm's reach
+    room: float = 0.5  # [m] own: left to what may be moving where the base waits; both wait for each other without it
     drive_headings: int = 16  # own: arrival headings tried for a drive target that leaves its heading free
     next_goals: int = 6  # own: best poses of the next target that the local search knows
 

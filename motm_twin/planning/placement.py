@@ -25,7 +25,7 @@ from motm_twin.planning.global_path import (
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import Here, rejections
+from motm_twin.planning.rejections import Here, leaves_room, rejections
 from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
 from motm_twin.planning.visibility import Graph
@@ -194,10 +194,17 @@ class NextTargetPlacement(Stateful[PlacementState]):
             yield previous
 
     def _closest_sets(self, target: Target, here: Here):
+        """Free places, the closest first; those that leave room to what may be moving before all others."""
+        for room in (self._parameters.placement.room, 0.0):
+            yield from self._closest(target, here, room)
+
+    def _closest(self, target: Target, here: Here, room: float):
         p = self._parameters.placement
         for radius in np.arange(0.0, CLOSEST_MAX, CLOSEST_STEP):
             pose, place, place_of = spokes(target.position, radius, p.positions, 4)
             keep = clearances(pose, p.clearance, here.field, here.body) >= p.clearance
+            if room > 0.0:
+                keep &= leaves_room(pose, room, here)
             if keep.any():
                 yield Candidates("closest", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
 

@@ -35,6 +35,15 @@ def rejections(pose: Array, wanted: float, here: Here) -> list[str]:
     return why
 
 
+def leaves_room(pose: Array, room: float, here: Here) -> Array:
+    """Whether nothing that may be moving is within `room` [m] of the footprint at each pose (m, 3): (m,) of bool."""
+    world, result = here.world, np.zeros(len(pose), dtype=bool)
+    points = np.concatenate((world.seen_points[~world.seen_static], world.hidden))
+    if len(points):
+        _mark_within(pose, points, room, here.body, result)
+    return ~result
+
+
 def _beyond_border(pose: Array, margin: float, here: Here) -> Array:
     """Whether the footprint with a margin [m] reaches over the border of the map, shape (m,) of bool."""
     low = np.array([here.field.x, here.field.y]) + margin
@@ -69,9 +78,14 @@ def _near_seen(pose: Array, here: Here) -> Array:
     near = points[((points >= low) & (points <= high)).all(axis=1)]
     if not len(near):
         return result
-    half = here.body.corner.max(axis=0) - (here.body.centre_x, 0.0) + 0.1
-    _any_within(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), near, half, here.body.centre_x, result)
+    _mark_within(pose, near, 0.1, here.body, result)
     return result
+
+
+def _mark_within(pose: Array, points: Array, margin: float, body: Body, result: NDArray[np.bool_]) -> None:
+    """Set what `_any_within` finds in footprints that are larger by the margin [m] on all sides."""
+    half = body.corner.max(axis=0) - (body.centre_x, 0.0) + margin
+    _any_within(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), points, half, body.centre_x, result)
 
 
 @kernel

@@ -88,7 +88,10 @@ class WidePlacement(NextTargetPlacement):
         there = Here(world, self._still_graphs.field(world), here.body, graph)
         wanted = self._every_ring(target, there)
         pose = wanted.pose[wanted.viable()]
-        places = [free for free in self._closest_sets(target, here) if free.radius <= BESIDE]
+        for room in (self._parameters.placement.room, 0.0):
+            places = [free for free in self._closest(target, here, room) if free.radius <= BESIDE]
+            if places:
+                break
         if not len(pose) or not places:
             return None
         free = functools.reduce(joined, places)

@@ -3,8 +3,11 @@
 import itertools
 import math
 
+import msgspec
 import numpy as np
 import pytest
+import shapely
+import shapely.affinity
 from idealised import polygons, rectangle, world_of
 
 from motm_twin.model.profile import RobotProfile
@@ -144,6 +147,54 @@ def test_a_target_that_no_pose_reaches_makes_the_robot_wait_at_the_closest_free_
     distance = math.dist(placement.goal[:2], (3.0, 0.0))
     assert 2.25 < distance < 2.6
     assert "closest free place" in placement.reason
+
+
+def _beside_a_stranger(standing: bool) -> tuple[Placement, np.ndarray]:
+    """A target on an island that the arm cannot reach across, with something seen at the side where the robot is."""
+    stranger = rectangle(0.4, 0.4, 0.8, 0.8)
+    x, y = np.meshgrid(np.arange(0.425, 0.8, 0.05), np.arange(0.425, 0.8, 0.05))
+    points = np.column_stack((x.ravel(), y.ravel()))
+    world = msgspec.structs.replace(
+        world_of((rectangle(1.0, -2.0, 5.0, 2.0), stranger), (-3, -4, 8, 4)),
+        seen_points=points,
+        seen_static=np.full(len(points), standing),
+    )
+    return place(world, target("pick", 1.9, 0.0), pose=(-1.5, 0.0, 0.0)), points
+
+
+def _distance_to_footprint(pose: np.ndarray, points: np.ndarray) -> float:
+    """Of the nearest point [m], by shapely."""
+    foot = RobotProfile().footprint
+    box = shapely.box(foot.offset_x - foot.length / 2, -foot.width / 2, foot.offset_x + foot.length / 2, foot.width / 2)
+    there = shapely.affinity.rotate(box, float(pose[2]), origin=(0.0, 0.0), use_radians=True)
+    there = shapely.affinity.translate(there, *pose[:2].tolist())
+    return float(shapely.distance(there, shapely.points(points)).min())
+
+
+def test_where_it_waits_it_leaves_room_to_what_may_be_moving_and_none_to_what_stands() -> None:
+    room = PlacementParameters().room
+    moving, points = _beside_a_stranger(standing=False)
+    static, _ = _beside_a_stranger(standing=True)
+    assert moving.mode == static.mode == "closest"
+    viable = [pose for pose, why in zip(moving.poses, moving.rejected, strict=True) if not why]
+    assert all(_distance_to_footprint(pose, points) >= room for pose in (moving.goal, *viable))
+    assert _distance_to_footprint(static.goal, points) < room
+    assert math.dist(static.goal[:2], (1.9, 0.0)) < math.dist(moving.goal[:2], (1.9, 0.0))
+
+
+def test_where_there_is_no_room_it_waits_at_the_closest_free_position_all_the_same() -> None:
+    """Strangers all over the floor, one every 0.8 m: nothing is 0.5 m away from all of them."""
+    walls, away = [rectangle(1.0, -2.0, 5.0, 2.0)], []
+    for x, y in itertools.product(np.arange(-2.8, 8.0, 0.8), np.arange(-3.8, 4.0, 0.8)):
+        if not (0.9 < x < 5.1 and -2.1 < y < 2.1) and math.dist((x, y), (-1.2, 0.1)) > 0.7:
+            walls.append(rectangle(x - 0.02, y - 0.02, x + 0.02, y + 0.02))
+            away.append((x, y))
+    world = msgspec.structs.replace(
+        world_of(tuple(walls), (-3, -4, 8, 4)), seen_points=np.array(away), seen_static=np.zeros(len(away), bool)
+    )
+    placement = place(world, target("pick", 2.9, 0.0), pose=(-1.2, 0.1, 0.0))
+    assert placement.mode == "closest"
+    assert _distance_to_footprint(placement.goal, np.array(away)) < PlacementParameters().room
 
 
 def test_the_next_target_turns_the_choice_towards_itself() -> None:
