@@ -25,7 +25,7 @@ from motm_twin.planning.global_path import (
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import Here, leaves_room, rejections
+from motm_twin.planning.rejections import Here, leaves_room, may_move, rejections
 from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
 from motm_twin.planning.visibility import Graph
@@ -195,8 +195,12 @@ class NextTargetPlacement(Stateful[PlacementState]):
 
     def _closest_sets(self, target: Target, here: Here):
         """Free places, the closest first; those that leave room to what may be moving before all others."""
-        for room in (self._parameters.placement.room, 0.0):
+        for room in self._rooms(here):
             yield from self._closest(target, here, room)
+
+    def _rooms(self, here: Here) -> tuple[float, ...]:
+        """Rooms [m] to be left where the base waits, the wanted one first."""
+        return (self._parameters.placement.room, 0.0) if len(may_move(here.world)) else (0.0,)
 
     def _closest(self, target: Target, here: Here, room: float):
         p = self._parameters.placement

@@ -36,12 +36,15 @@ def rejections(pose: Array, wanted: float, here: Here) -> list[str]:
 
 
 def leaves_room(pose: Array, room: float, here: Here) -> Array:
-    """Whether nothing that may be moving is within `room` [m] of the footprint at each pose (m, 3): (m,) of bool."""
-    world, result = here.world, np.zeros(len(pose), dtype=bool)
-    points = np.concatenate((world.seen_points[~world.seen_static], world.hidden))
-    if len(points):
-        _mark_within(pose, points, room, here.body, result)
+    """Whether nothing that may be moving is in the footprint larger by `room` [m] on all sides, shape (m,) of bool."""
+    result = np.zeros(len(pose), dtype=bool)
+    _mark_within(pose, may_move(here.world), room, here.body, result)
     return ~result
+
+
+def may_move(world: WorldMap) -> Array:
+    """Where the map shows what is not static, the far sides of it that the lidar does not see included, (m, 2) [m]."""
+    return np.concatenate((world.seen_points[~world.seen_static], world.hidden))
 
 
 def _beyond_border(pose: Array, margin: float, here: Here) -> Array:

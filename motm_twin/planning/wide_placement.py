@@ -88,7 +88,7 @@ class WidePlacement(NextTargetPlacement):
         there = Here(world, self._still_graphs.field(world), here.body, graph)
         wanted = self._every_ring(target, there)
         pose = wanted.pose[wanted.viable()]
-        for room in (self._parameters.placement.room, 0.0):
+        for room in self._rooms(here):
             places = [free for free in self._closest(target, here, room) if free.radius <= BESIDE]
             if places:
                 break

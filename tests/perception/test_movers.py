@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -112,27 +113,41 @@ def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
     assert state_hash(copy.snapshot()) != state_hash(tracker.snapshot())
 
 
+def _coming_to_rest(speed: float, course: float, braking: float, until: float) -> tuple[bool, float]:
+    """Whether something is static before 7.4 s after it stopped, and what share of it is ``until`` [s] after that."""
+    mapper, tracker, noise = Mapper(FLOOR), MoverTracker(), np.random.default_rng(6)
+    way, stops, early = np.array([math.cos(course), math.sin(course)]), 1.5, False
+    for k in range(round((stops + until) / STEP)):
+        time = k * STEP
+        braked = min(max(0.0, time - stops + speed / braking), speed / braking)
+        travelled = speed * (min(time, stops) - braked) + speed * braked - 0.5 * braking * braked**2
+        body = shapely.Point(*(np.array([2.2, 0.0]) + travelled * way)).buffer(RADIUS)
+        world = tracker.sort(mapper.update(_seen(time, np.zeros(3), [body], noise)), np.zeros(3))
+        early |= 0.6 < time < stops + 7.4 and bool(world.seen_static.any())
+    return early, float(world.seen_static.mean())
+
+
 def test_what_has_come_to_rest_is_static_12_seconds_after_it_stopped_but_not_after_7() -> None:
     """The map alone counts from when its cells were hit first, while it was still coming.
 
-    Its middle may creep for three seconds more, until the last cells are gone in which it was seen while it braked. Of
-    120 courses three were not static after 13 s.
+    Its middle may creep for three seconds more, until the last cells are gone in which it was seen while it braked. For
+    courses of which that is not true see the next test.
     """
-    rng, late = np.random.default_rng(1), 0
+    rng = np.random.default_rng(1)
     for _ in range(12):
-        speed, course, braking = rng.uniform(0.2, 0.5), rng.uniform(-math.pi, math.pi), rng.uniform(0.3, 1.0)
-        mapper, tracker, noise = Mapper(FLOOR), MoverTracker(), np.random.default_rng(6)
-        way, stops = np.array([math.cos(course), math.sin(course)]), 1.5
-        for k in range(round((stops + 12.0) / STEP)):
-            time = k * STEP
-            braked = min(max(0.0, time - stops + speed / braking), speed / braking)
-            travelled = speed * (min(time, stops) - braked) + speed * braked - 0.5 * braking * braked**2
-            body = shapely.Point(*(np.array([2.2, 0.0]) + travelled * way)).buffer(RADIUS)
-            world = tracker.sort(mapper.update(_seen(time, np.zeros(3), [body], noise)), np.zeros(3))
-            if 0.6 < time < stops + 7.4:
-                assert not world.seen_static.any(), (time, speed, course, braking)
-        late += world.seen_static.mean() <= 0.9  # a cell at its edge may flicker
-    assert late == 0
+        given = rng.uniform(0.2, 0.5), rng.uniform(-math.pi, math.pi), rng.uniform(0.3, 1.0)
+        early, share = _coming_to_rest(*given, until=12.0)
+        assert not early and share > 0.9, given  # a cell at its edge may flicker
+
+
+@pytest.mark.xfail(reason="known faults: slow and seen for 1.5 s only, it was not seen to move; or its rest began anew")
+@pytest.mark.parametrize("seed", [53, 76, 77, 84])
+def test_what_has_come_to_rest_on_these_courses_is_static_in_time_too(seed: int) -> None:
+    """Four of 120 drawn courses. When one of them passes, the fault is mended: move it up."""
+    rng = np.random.default_rng(seed)
+    given = rng.uniform(0.2, 0.5), rng.uniform(-math.pi, math.pi), rng.uniform(0.3, 1.0)
+    early, share = _coming_to_rest(*given, until=12.0)
+    assert not early and share > 0.9
 
 
 @settings(max_examples=6, deadline=None)

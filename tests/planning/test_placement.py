@@ -14,7 +14,8 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.parameters import PlacementParameters, PlanningParameters, ReachParameters
-from motm_twin.planning.placement import NextTargetPlacement, ring
+from motm_twin.planning.placement import NextTargetPlacement
+from motm_twin.planning.rings import ring, rings
 from motm_twin.planning.types import BaseProblem, Placement, Target
 
 W_MAX = RobotProfile().base.yaw_rate
@@ -50,6 +51,15 @@ def test_there_are_36_positions_with_two_tangential_headings() -> None:
     steps = np.diff(np.unwrap(np.arctan2(places[:, 1] - 2.0, places[:, 0] - 1.0)))
     assert np.allclose(steps, math.radians(10.0))
     assert np.array_equal(place_of, np.repeat(np.arange(36), 2))
+
+
+def test_rings_are_one_ring_after_the_other() -> None:
+    centre, radii = np.array([1.0, 2.0]), np.array([0.6, 0.65, 0.8])
+    poses, places, place_of = rings(centre, radii, 36)
+    each = [ring(centre, radius, 36) for radius in radii]
+    assert np.array_equal(poses, np.concatenate([one[0] for one in each]))
+    assert np.array_equal(places, np.concatenate([one[1] for one in each]))
+    assert np.array_equal(places[place_of], poses[:, :2])
 
 
 def test_the_costs_of_a_candidate_in_the_open_are_those_worked_out_by_hand() -> None:
