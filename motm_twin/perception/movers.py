@@ -36,6 +36,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     leaves: float = 0.10  # [m] from its place, beyond which a thing may have moved
     creeps: float = 0.05  # [m] the same for one that is to be static: it starts counting again
     strays: float = 0.4  # [s] that it must be elsewhere for: a single wrong hit stays in the map for 0.3 s
+    settles: float = 2.0  # [s] over which the middle of what rests is taken: one that creeps at 0.025 m/s leaves it
     young: float = 0.2  # [s] that it must have been there for: what has just appeared flickers
     gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
@@ -45,6 +46,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     settled: float = 0.9  # share of a thing that is static, from which on all of it is: a cell at its edge may flicker
+    now: float = 0.06  # [s] since it was hit last, up to which a cell says where a thing is: two scans, one may miss it
     fresh: float = 0.5  # [s] since it was hit last, up to which something static shows where its sides are
     remembers: float = 3.0  # [s] free of it after which a static cell is no longer one: as long as it takes to be one
     near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
@@ -125,7 +127,7 @@ class MoverTracker(Stateful[MoverState]):
         pairs = self._correct(seen, world.stamp, dt)
         state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
         for track, one in pairs:
-            self._judge(track, one, world, viewpoint[:2])
+            self._judge(track, one, world, viewpoint[:2], dt)
         self._part(viewpoint[:2])
         unsettled = [(track, one) for track, one in pairs if self._unsettled(track)]
         held = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
@@ -180,7 +182,7 @@ class MoverTracker(Stateful[MoverState]):
         state.lately = latest([(state.lately.cells, state.lately.times), (cells[static], until)]).after(now)
         return static
 
-    def _judge(self, track: Track, seen: Seen, world: WorldMap, viewpoint: Array) -> None:
+    def _judge(self, track: Track, seen: Seen, world: WorldMap, viewpoint: Array, dt: float) -> None:
         """Whether a thing has left its place: its middle is elsewhere, and where it was seen, most of it is no more.
 
         What comes into sight bit by bit, or goes out of it, shifts its middle too: to the side by half of what appears,
@@ -192,7 +194,8 @@ class MoverTracker(Stateful[MoverState]):
             moved = _share_gone(place.points, world.seen_points, world.seen_points[seen.points], viewpoint) > p.gone
         if moved and not track.wide:
             track.moved = world.stamp
-        if place is None or moved or track.wide or seen.radius > place.radius + p.grows:
+        elsewhere = place is None or moved or track.wide or seen.radius > place.radius + p.grows
+        if place is None or elsewhere or self._has_settled(track, world.stamp):
             place = Place(world.stamp, track.position, seen.radius, world.seen_points[seen.points])
         track.place = place
         if track.rest is None or not _away(track, seen, track.rest, p.creeps):
@@ -200,8 +203,23 @@ class MoverTracker(Stateful[MoverState]):
         elif track.strayed is None:
             track.strayed = world.stamp
         strayed = track.strayed is not None and world.stamp - track.strayed >= p.strays
-        if track.rest is None or place.time == world.stamp or strayed:
+        if track.rest is None or elsewhere or strayed:
             track.rest, track.strayed = Place(world.stamp, track.position, seen.radius, NO_POINTS), None
+        elif world.stamp - track.rest.time >= p.settles:
+            share = dt / p.settles
+            middle = track.rest.middle + share * (track.position - track.rest.middle)
+            radius = track.rest.radius + share * (seen.radius - track.rest.radius)
+            track.rest = Place(track.rest.time, middle, radius, NO_POINTS)
+
+    def _has_settled(self, track: Track, now: float) -> bool:
+        """What has moved has been resting just long enough, so that where it is now is its place.
+
+        Where it was when it was seen to move last is not: it still braked, and some of what was seen was behind it.
+        """
+        place, rest, settles = track.place, track.rest, self.parameters.settles
+        if place is None or rest is None or not self._unsettled(track):
+            return False
+        return place.time < rest.time + settles <= now
 
     def _moving(self, track: Track) -> bool:
         now = self._state.time
@@ -258,7 +276,9 @@ class MoverTracker(Stateful[MoverState]):
         for k in range(count):
             members = np.flatnonzero(label == k)
             if len(members) >= p.smallest:
-                middle, radius = _front(points[members], viewpoint, world.resolution)
+                now = members[world.seen_age[young[members]] <= p.now]
+                front = points[now if len(now) >= p.smallest else members]
+                middle, radius = _front(front, viewpoint, world.resolution)
                 found.append(Seen(middle, radius, young[members]))
         return found
 
