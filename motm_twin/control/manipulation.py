@@ -37,7 +37,7 @@ from motm_twin.model.state import Stateful
 
 _STOWED = 0.25  # [rad] joints this near to the stow pose are there
 _TURNED = 0.8  # [rad] and joint 1, which may turn a little towards the target
-_ACTIVE = 1e-6  # a row or bound this close to equality is active
+_SLACKS = SLACK.start, SLACK.stop - SLACK.start
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
 _LIMITERS = ("moving obstacle", "static obstacle", "")  # by `Rows.tightest`
 _SWINGING = ("stow", "carry", "transit")
@@ -106,7 +106,7 @@ class Manipulator(Stateful[ManipulatorState]):
             rates=x[ARM],
             reference=motion.reference,
             slack=x[SLACK],
-            active=self._active(program, rows, x),
+            active=self._active(rows, answer.active),
             limiter=_LIMITERS[rows.tightest],
             allowed=rows.allowed,
             status="solved",
@@ -133,10 +133,10 @@ class Manipulator(Stateful[ManipulatorState]):
         """Speed limits towards lidar obstacles and furniture."""
         return self._limits.rows(view, self._state, inputs, self._relaxing(view, inputs))
 
-    def _active(self, program: Program, rows: Rows, x: Array) -> tuple[str, ...]:
-        """Names of rows and bounds that hold with equality."""
-        found = _binding(program.G, program.h, program.lower, program.upper, x).tolist()
+    def _active(self, rows: Rows, active: IntArray) -> tuple[str, ...]:
+        """Names of the active rows, and of the active bounds of base twist and arm rates."""
         names, which, count = self._limits.names, rows.which.tolist(), len(rows.h)
+        found = [k for k in active.tolist() if k < count + ARM.stop]
         return tuple(dict.fromkeys(names[which[k]] if k < count else _BOUND_NAMES[k - count] for k in found))
 
     def _relaxing(self, view: View, inputs: ArmInputs) -> Array:
@@ -164,7 +164,7 @@ class Manipulator(Stateful[ManipulatorState]):
             self._base, c, A, b, lower, upper,
         )  # fmt: skip
         cost = self._free_return(view, cost, c)
-        return Program(P=cost, c=c, A=A, b=b, G=rows.G, h=rows.h, lower=lower, upper=upper)
+        return Program(P=cost, c=c, A=A, b=b, G=rows.G, h=rows.h, lower=lower, upper=upper, slack=_SLACKS)
 
     def _free_return(self, view: View, cost: Array, c: Array) -> Array:
         """When the way to the stow pose is stuck: the same program, but led by the joints. Returns the cost."""
@@ -247,25 +247,6 @@ class Manipulator(Stateful[ManipulatorState]):
             outcome=outcome,
             reason=reason,
         )
-
-
-@njit(cache=True)
-def _binding(G: Array, h: Array, lower: Array, upper: Array, x: Array) -> IntArray:
-    """Rows of G x <= h that hold with equality, then bounds of base twist and arm rates, counted on from the rows."""
-    count, size = h.shape[0], 0
-    found = np.empty(count + ARM.stop, np.int64)
-    for r in range(count):
-        total = 0.0
-        for i in range(x.shape[0]):
-            total += G[r, i] * x[i]
-        if total >= h[r] - _ACTIVE:
-            found[size] = r
-            size += 1
-    for i in range(ARM.stop):
-        if x[i] <= lower[i] + _ACTIVE or x[i] >= upper[i] - _ACTIVE:
-            found[size] = count + i
-            size += 1
-    return found[:size]
 
 
 @njit(cache=True)

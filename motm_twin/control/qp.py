@@ -15,6 +15,8 @@ from motm_twin.model.geometry import Array
 SOLVERS = ("daqp", "osqp")
 _NO_BOUND, _EQUALITY = -1e30, 5  # as DAQP writes them
 _INFINITE, _CROSSING = 1, 2  # flaws of a program
+_ACTIVE = 1e-6  # a row or bound this close to equality is active
+_NOTHING = np.zeros(0, np.int64)
 _OPTIONS: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "polishing": True, "max_iter": 20000, "adaptive_rho_interval": 50},
 }
@@ -31,6 +33,7 @@ class Program(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     h: Array  # shape (k,)
     lower: Array  # shape (n,)
     upper: Array  # shape (n,)
+    slack: tuple[int, int] = (0, 0)  # first of e variables, and e, whose columns of A are the identity; or none
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -38,25 +41,39 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     x: Array  # shape (n,); zeros when there is none
     reason: str  # "" when solved and checked
+    active: NDArray[np.int64] = _NOTHING  # rows of G, and then variables k + i, that are at their bound
 
 
 def solve(program: Program, *, solver: str, residual: float) -> Answer:
-    """Solve and check: inputs finite, found, answer finite, no row violated by more than ``residual``."""
+    """Solve and check: inputs finite, found, answer finite, no row violated by more than ``residual``.
+
+    DAQP solves the program without its slack, and as it is should that answer not do: slack at a bound.
+    """
     if solver not in SOLVERS:
         raise ValueError(f"QP solver {solver!r}: use one of {', '.join(SOLVERS)}")
-    flaw, x = _daqp(program) if solver == "daqp" else _by_qpsolvers(program, solver)
+    if solver == "daqp" and program.slack[1]:
+        answer = _checked(program, solver, residual, *program.slack)
+        if not answer.reason:
+            return answer
+    return _checked(program, solver, residual, 0, 0)
+
+
+def _checked(program: Program, solver: str, residual: float, first: int, count: int) -> Answer:
+    """The same with so many slack variables, from the first on, taken out."""
+    flaw, u = _daqp(program, first, count) if solver == "daqp" else _by_qpsolvers(program, solver)
     if flaw == _INFINITE:
         return _none(program, f"{_not_finite(program)} not finite")
     if flaw == _CROSSING:
         return _none(program, "bounds cross")
-    if x is None:
+    if u is None:
         return _none(program, f"{solver} found no answer")
-    worst = violation(program, x)
+    p, x = program, np.empty(len(program.c))
+    worst, active = _complete(u, p.A, p.b, p.G, p.h, p.lower, p.upper, first, count, x)
     if math.isnan(worst):
         return _none(program, f"{solver} answered with numbers that are not finite")
     if worst > residual:
         return _none(program, f"{solver} left a residual of {worst:.1e}")
-    return Answer(x=x, reason="")
+    return Answer(x=x, reason="", active=active)
 
 
 @njit(cache=True)
@@ -77,44 +94,69 @@ def _flaw(P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Arr
     return 0
 
 
-def _daqp(program: Program) -> tuple[int, Array | None]:
-    """Flaw, or the minimiser by DAQP without the 50 us that qpsolvers takes for its checks and its report."""
+def _daqp(program: Program, first: int, count: int) -> tuple[int, Array | None]:
+    """Flaw, or the minimiser by DAQP without the 50 us that qpsolvers takes for its checks and its report.
+
+    Without the hand's six slack variables, and the six equalities with them, DAQP has two thirds of the work.
+    """
     p = program
-    n, k, e = len(p.P), len(p.h), len(p.b)
-    H, rows, bounds, sense = (
-        np.zeros((n, n)),
-        np.empty((k + e, n)),
-        np.empty((2, n + k + e)),
-        np.zeros(n + k + e, np.int32),
+    n, k = len(p.P) - count, len(p.h) + len(p.b) - count
+    H, c, rows, bounds, sense = (
+        np.empty((n, n)),
+        np.empty(n),
+        np.empty((k, n)),
+        np.empty((2, n + k)),
+        np.zeros(n + k, np.int32),
     )
-    flaw = _fill_daqp(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper, H, rows, bounds, sense)
+    flaw = _fill_daqp(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper, first, count, H, c, rows, bounds, sense)
     if flaw:
         return flaw, None
-    x, _, flag, _ = daqp.solve(H, p.c, rows, bounds[1], bounds[0], sense)
+    x, _, flag, _ = daqp.solve(H, c, rows, bounds[1], bounds[0], sense)
     return 0, np.asarray(x) if flag > 0 else None
 
 
 @njit(cache=True)
 def _fill_daqp(
-    P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array,
-    H: Array, rows: Array, bounds: Array, sense: NDArray[np.int32],
+    P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, first: int, count: int,
+    H: Array, f: Array, rows: Array, bounds: Array, sense: NDArray[np.int32],
 ) -> int:  # fmt: skip
-    """Fill in DAQP's form: cost matrix, rows, lower and upper bounds, kinds; variables first, then G, then A (equal).
+    """Fill in DAQP's form: cost, rows, lower and upper bounds, kinds; variables first, then G, then A (equal) or not.
 
-    ``H`` and ``sense`` come as zeros. Returns the flaw of a program that is not to be solved.
+    ``sense`` comes as zeros. With s = b - A u for the ``count`` slack variables from ``first`` on, and u the others,
+    the cost is 1/2 u' (P_u + A' P_s A) u + (c_u - A' (P_s b + c_s))' u. Returns the flaw of a program that is not to
+    be solved.
     """
     flaw = _flaw(P, c, A, b, G, h, lower, upper)
     if flaw:
         return flaw
-    n, k, e = P.shape[0], h.shape[0], b.shape[0]
+    n, k, e = H.shape[0], h.shape[0], b.shape[0] - count
     low, high = bounds[0], bounds[1]
     low[n:] = _NO_BOUND
     for i in range(n):
-        H[i, i], high[i], low[i] = P[i], upper[i], lower[i]
+        own = i if i < first else i + count
+        f[i], high[i], low[i] = c[own], upper[own], lower[own]
+        for j in range(i + 1):
+            H[i, j] = 0.0
+        H[i, i] = P[own]
+        for r in range(count):
+            weighted = A[r, own] * P[first + r]
+            if weighted != 0.0:
+                f[i] -= weighted * b[r]
+                for j in range(i + 1):
+                    H[i, j] += weighted * A[r, j if j < first else j + count]
+            f[i] -= A[r, own] * c[first + r]
+        for j in range(i):
+            H[j, i] = H[i, j]
     for r in range(k):
         high[n + r] = h[r]
         for i in range(n):
-            rows[r, i] = G[r, i]
+            rows[r, i] = G[r, i if i < first else i + count]
+        for m in range(count):
+            part = G[r, first + m]
+            if part != 0.0:
+                high[n + r] -= part * b[m]
+                for i in range(n):
+                    rows[r, i] -= part * A[m, i if i < first else i + count]
     for r in range(e):
         high[n + k + r], sense[n + k + r] = b[r], _EQUALITY
         for i in range(n):
@@ -135,27 +177,48 @@ def _by_qpsolvers(program: Program, solver: str) -> tuple[int, Array | None]:
 
 def violation(program: Program, x: Array) -> float:
     """Largest violation of any equality, row or bound; nan when x is not finite."""
-    return float(_violation(program.A, program.b, program.G, program.h, program.lower, program.upper, x))
+    p = program
+    return float(_complete(x, p.A, p.b, p.G, p.h, p.lower, p.upper, 0, 0, np.empty(len(x)))[0])
 
 
 @njit(cache=True)
-def _violation(A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, x: Array) -> float:
+def _complete(
+    u: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, first: int, count: int, x: Array
+) -> tuple[float, NDArray[np.int64]]:  # fmt: skip
+    """Fill in x, the answer with its slack; returns its largest violation, nan if not finite, and what is active."""
+    n, k = x.shape[0], h.shape[0]
+    active, size = np.empty(k + n, np.int64), 0
+    for i in range(u.shape[0]):
+        x[i if i < first else i + count] = u[i]
+    for r in range(count):
+        left = b[r]
+        for i in range(n):
+            if i < first or i >= first + count:
+                left -= A[r, i] * x[i]
+        x[first + r] = left
     worst = 0.0
-    for i in range(x.shape[0]):
+    for i in range(n):
         if not math.isfinite(x[i]):
-            return math.nan
+            return math.nan, active[:0]
         worst = max(worst, lower[i] - x[i], x[i] - upper[i])
-    for r in range(b.shape[0]):
+    for r in range(count, b.shape[0]):
         total = -b[r]
-        for i in range(x.shape[0]):
+        for i in range(n):
             total += A[r, i] * x[i]
         worst = max(worst, abs(total))
-    for r in range(h.shape[0]):
-        total = -h[r]
-        for i in range(x.shape[0]):
+    for r in range(k):
+        total = 0.0
+        for i in range(n):
             total += G[r, i] * x[i]
-        worst = max(worst, total)
-    return worst
+        worst = max(worst, total - h[r])
+        if total >= h[r] - _ACTIVE:
+            active[size] = r
+            size += 1
+    for i in range(n):
+        if x[i] <= lower[i] + _ACTIVE or x[i] >= upper[i] - _ACTIVE:
+            active[size] = k + i
+            size += 1
+    return worst, active[:size]
 
 
 def _sparse(problem: Problem) -> Problem:

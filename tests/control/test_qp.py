@@ -36,6 +36,23 @@ def test_two_solvers_give_the_same_answer(seed):
     np.testing.assert_allclose(second.x, first.x, atol=2e-3)
 
 
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("bound", [20.0, 0.3])
+def test_without_its_slack_a_program_has_the_same_answer(seed, bound):
+    """Also where the slack is at its bound, and where a row and the cost are about it."""
+    program = random_program(seed)
+    lower, upper, G, c = program.lower.copy(), program.upper.copy(), program.G.copy(), program.c.copy()
+    lower[9:15], upper[9:15] = -bound, bound
+    G[:2, 9:15], c[9:15] = np.random.default_rng(seed).normal(size=(2, 6)), 0.5
+    program = msgspec.structs.replace(program, lower=lower, upper=upper, G=G, c=c)
+    whole = solve(program, solver="daqp", residual=1e-5)
+    short = solve(msgspec.structs.replace(program, slack=(9, 6)), solver="daqp", residual=1e-5)
+    assert short.reason == whole.reason
+    np.testing.assert_allclose(short.x, whole.x, atol=1e-7)
+    at_bound = np.isclose(np.abs(whole.x[9:15]), bound).any()
+    assert at_bound == (bound == 0.3 and not whole.reason)
+
+
 def cost(program: Program, x: np.ndarray) -> float:
     return float(0.5 * x @ (program.P * x) + program.c @ x)
 
