@@ -38,8 +38,8 @@ _TILT_ROOM = 1.5  # [rad/m] of tilt that the arm, folded at the stow pose, gains
 _TURN_BY, _TURN_TIME = 0.3, 0.7  # [s] before arrival by which the hand is turned to the object, and for how long
 _BESIDE = 0.5  # [rad] of azimuth from the target beyond which the arm swings in its own plane
 _FAR = 0.8  # [m] no tilt for more radius than this before arrival
-_OVER_RIM = 0.04  # [m] that an object is carried higher than it is released
-_OVER = 0.15  # [m] horizontal distance within which a transit sinks to the hover height
+OVER_RIM = 0.04  # [m] that an object is carried higher than it is released
+OVER = 0.15  # [m] horizontal distance within which a transit sinks to the hover height
 _NEIGHBOURS = 0.6  # [m] from where an object was taken within which it is carried over the others
 _HAND_CLEAR = 0.35  # [m] radius beyond which a retracting hand keeps its height
 
@@ -223,12 +223,12 @@ def _inbound(
     if remaining <= 0.0:
         radius_rate, azimuth_rate = _apparent_motion(target, pose, twist, radius, azimuth)
     over = n.transit_clearance
-    if distance < _OVER:
+    if distance < OVER:
         over = n.hover_height if pick else 0.0
     elif place:
-        over = _OVER_RIM
+        over = OVER_RIM
     z = target[2] + over
-    if place and distance >= _OVER:
+    if place and distance >= OVER:
         z = max(z, lowest)  # what stands beside where the object was taken from is not swept off the table
     hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.hover_stretch)
     if radius > hover:

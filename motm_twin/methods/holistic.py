@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from motm_twin.control.arm_motion import Motion
+from motm_twin.control.arm_motion import OVER, OVER_RIM, Motion
 from motm_twin.control.arm_reference import rotation_error, tilt_for, tool_rotation
 from motm_twin.control.arm_view import View
 from motm_twin.control.manipulation import Manipulator
@@ -37,7 +37,6 @@ from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
 
 _RESTING = ("stow", "carry")  # the arm is not on its way to anything: neither is the base
-_OVER = 0.15  # [m] horizontal distance within which the hand sinks to the hover height
 _STEPS = 6.0  # arm steps of acceleration by which the base may be ahead of what the monitor let through last
 
 
@@ -105,8 +104,8 @@ class HolisticManipulator(Manipulator):
 
     def _hover(self, view: View) -> Array:
         p, point = self.parameters, view.target.copy()
-        if view.distance > _OVER:
-            point[2] += p.transit_clearance
+        if view.distance > OVER:
+            point[2] += p.transit_clearance if view.goal.kind == "pick" else OVER_RIM
         elif view.goal.kind == "pick":
             point[2] += p.hover_height
         return point
