@@ -198,13 +198,12 @@ class StaaController:
         self, problem: BaseProblem, placement: Placement, goal: LocalGoal, has_next: bool
     ) -> search_memory.Settings:
         p, limits = self._p, self._limits
-        by_job = p.termination == "task" and placement.mode in ("ring", "reach", "drive")
-        by_job = by_job and not stuck.here(problem.pose, problem.stuck_at)
+        by_job = p.termination == "task" and not stuck.here(problem.pose, problem.stuck_at)
         goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST
-        if by_job and goal.is_goal:
-            goal_test = staa.NO_GOAL_TEST
-        elif placement.mode == "closest" and goal.is_goal:
+        if placement.mode == "closest" and goal.is_goal:
             goal_test = staa.END_TEST
+        elif by_job and goal.is_goal:
+            goal_test = staa.NO_GOAL_TEST
         return search_memory.Settings(
             v_f=limits.forward_speed,
             v_r=limits.reverse_speed,

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import msgspec
 import numpy as np
 import pytest
 import shapely
@@ -210,6 +211,24 @@ def test_an_engaged_base_keeps_the_object_in_reach_until_the_job_is_done() -> No
         speeds.append(twist[0])
         left -= PERIOD
     assert np.mean(speeds) > 0.2
+
+
+def test_an_engaged_base_does_not_leave_for_a_place_to_wait() -> None:
+    """Something that moves has taken all places while the fingers close: it backed out, and the cube stayed."""
+    profile, parameters = RobotProfile(), PlanningParameters()
+    model = ReachModel(profile, parameters.reach)
+    planner = BasePlanner(profile, parameters)
+    pose, twist, left = np.array([3.3, 0.87, 0.0]), np.zeros(2), 2.5
+    while left > 1e-9:
+        target = pick(3.65, 1.47, dwell=left)
+        problem = ask(WORLD, pose, twist, target, engaged=True)
+        placement = msgspec.structs.replace(
+            planner.place(problem), mode="closest", goal=np.array([2.0, 0.6, 0.0]), goal_has_heading=False
+        )
+        plan = planner.drive(problem, placement, BUDGET)
+        pose, twist = step_unicycle(pose, twist, plan.acceleration, PERIOD)
+        assert model.contains(pose, twist, target), left
+        left -= PERIOD
 
 
 def test_time_to_range_counts_down_with_the_drive() -> None:
