@@ -30,6 +30,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     smallest: int = 3  # cells of a thing: less is noise
     radius_min: float = 0.10  # [m] of a thing
     radius_max: float = 0.45  # [m] what is wider is two things side by side, or furniture, and no mover
+    end_radius: float = 0.25  # [m] at the ends of what is wide and may move, a Temi's: two side by side are one cluster
     gate: float = 0.35  # [m] between where a thing is expected and where it is seen
     alpha: float = 0.5  # gain of the position per map of 50 ms
     beta: float = 0.08  # gain of the velocity: its error halves in 0.2 s
@@ -146,7 +147,10 @@ class MoverTracker(Stateful[MoverState]):
             for track, one in pairs
             if not track.wide and track.moved is None and static[one.points].mean() < p.settled
         ]
-        hidden = [_behind(track, viewpoint[:2]) for track, _ in unsettled + young]
+        hidden = [_behind(track.position, track.radius, viewpoint[:2]) for track, _ in unsettled + young]
+        for track, one in pairs:
+            if track.wide and static[one.points].mean() < p.settled:
+                hidden += _behind_ends(world.seen_points[one.points], p.end_radius, viewpoint[:2])
         return msgspec.structs.replace(
             world,
             seen_static=static,
@@ -336,11 +340,23 @@ def _away(track: Track, seen: Seen, place: Place, limit: float) -> bool:
     return math.hypot(*(track.position - place.middle)) > limit + sight
 
 
-def _behind(track: Track, viewpoint: Array) -> Array:
+def _behind(middle: Array, radius: float, viewpoint: Array) -> Array:
     """Points of the half of a disc that is turned away from the viewpoint [m], shape (n, 2)."""
-    away = track.position - viewpoint
+    away = middle - viewpoint
     angle = math.atan2(away[1], away[0]) + FAR_SIDE
-    return track.position + track.radius * np.column_stack((np.cos(angle), np.sin(angle)))
+    return middle + radius * np.column_stack((np.cos(angle), np.sin(angle)))
+
+
+def _behind_ends(cluster: Array, radius: float, viewpoint: Array) -> list[Array]:
+    """The same of the discs that begin at the two ends of something wide, of which the lines of sight are tangents."""
+    sight = cluster - viewpoint
+    mean = sight.mean(axis=0)
+    bearing = np.arctan2(mean[0] * sight[:, 1] - mean[1] * sight[:, 0], sight @ mean)
+    found = []
+    for end, inwards in ((int(np.argmin(bearing)), 1.0), (int(np.argmax(bearing)), -1.0)):
+        x, y = inwards * sight[end] / max(math.hypot(*sight[end]), 1e-9)
+        found.append(_behind(cluster[end] + radius * np.array([-y, x]), radius, viewpoint))
+    return found
 
 
 def _share_gone(before: Array, seen: Array, own: Array, viewpoint: Array) -> float:

@@ -173,6 +173,20 @@ def test_the_far_side_of_what_moves_is_where_it_is() -> None:
     assert np.all((last.hidden - middle) @ (middle / np.hypot(*middle)) > -0.1)
 
 
+def test_two_side_by_side_have_far_sides_at_their_ends() -> None:
+    """A hand went down beside one of two Temis that were one cluster: the lidar did not see where it came too near."""
+    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(5)
+    middles = [np.array([2.0, side]) for side in (-0.27, 0.27)]
+    for k in range(20):
+        bodies = [shapely.Point(*middle).buffer(RADIUS) for middle in middles]
+        world = tracker.sort(mapper.update(_seen(k * STEP, np.zeros(3), bodies, rng)), np.zeros(3))
+    assert any(track.wide for track in tracker._state.tracks)
+    for middle, side in zip(middles, (-1.0, 1.0), strict=True):
+        for angle in np.radians([0.0, 45.0, 90.0]):
+            point = middle + RADIUS * np.array([math.cos(angle), side * math.sin(angle)])
+            assert np.hypot(*(world.hidden - point).T).min() < 0.15, (side, angle)  # a cell; beams that graze it miss
+
+
 def test_what_is_young_may_be_moving_and_has_a_far_side_until_it_is_static() -> None:
     """A Temi that came from behind another one: it stands where it is seen first, and nobody saw it move."""
     middle = np.array([2.0, -0.5])
