@@ -1,4 +1,4 @@
-"""The page in Chromium: every shipped scene and every variant of it is chosen by mouse and runs."""
+"""The page in Chromium: every shipped scene is chosen by mouse and runs, in its first variant and in its last."""
 
 import pytest
 from page import serving, until, visiting
@@ -12,6 +12,7 @@ LITTLE = {"width": 720, "height": 440}  # the lists are the point here, and draw
 @pytest.mark.browser
 @pytest.mark.timeout(1500)
 def test_every_shipped_scene_is_chosen_by_mouse_and_runs():
+    """All variants are offered; those between are loaded by the page's own messages in `test_page_drive`."""
     with serving("exp1") as twin, visiting(twin, LITTLE) as visitor:
         client, page = twin.client, visitor.page
         visitor.unfold("Scene")
@@ -22,7 +23,7 @@ def test_every_shipped_scene_is_chosen_by_mouse_and_runs():
         for choice in choices:
             visitor.choose("Scene", choice.name)
             until(lambda c=choice: visitor.offered("Variant") == c.variants, 30.0, f"other variants for {choice.name}")
-            for variant in choice.variants:
+            for variant in dict.fromkeys((choice.variants[0], choice.variants[-1])):
                 run = client.tick().run
                 visitor.choose("Variant", variant)
                 visitor.press("Load")
