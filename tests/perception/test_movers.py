@@ -114,14 +114,18 @@ def test_a_restored_tracker_goes_on_as_the_one_it_was_copied_from() -> None:
     assert state_hash(copy.snapshot()) != state_hash(tracker.snapshot())
 
 
-ONCE_WRONG = (1, 53, 63, 76, 77, 84, 94, 103, 125)  # seen to move too briefly; or its rest began anew: too late
+ONCE_WRONG = (53, 63, 76, 77, 84, 94, 125)  # seen to move too briefly; or its rest began anew: too late
+EARLY = pytest.mark.xfail(reason="known fault: it brakes slowly, and its rest begins 0.05 to 0.15 s too early")
 
 
-@pytest.mark.parametrize("seed", [*range(200, 206), *ONCE_WRONG])
+@pytest.mark.parametrize(
+    "seed", [*range(200, 206), *ONCE_WRONG, *(pytest.param(seed, marks=EARLY) for seed in (1, 103))]
+)
 def test_what_has_come_to_rest_is_static_10_seconds_after_it_stopped_but_not_8_after_it_came(seed: int) -> None:
     """The map alone counts from when its cells were hit first, while it was still coming.
 
     It has come when it is a tenth of a metre from where it stops: 0.05 m of creeping are allowed, and a cell is 0.05 m.
+    However slowly it brakes, it is not static 7.4 s after it stopped.
     """
     rng = np.random.default_rng(seed)
     speed, course, braking = rng.uniform(0.2, 0.5), rng.uniform(-math.pi, math.pi), rng.uniform(0.3, 1.0)
@@ -135,7 +139,7 @@ def test_what_has_come_to_rest_is_static_10_seconds_after_it_stopped_but_not_8_a
         travelled = speed * (min(time, stops) - braked) + speed * braked - 0.5 * braking * braked**2
         body = shapely.Point(*(np.array([2.2, 0.0]) + travelled * way)).buffer(RADIUS)
         world = tracker.sort(mapper.update(_seen(time, np.zeros(3), [body], noise)), np.zeros(3))
-        if 0.6 < time < came + parameters.waits - STEP:
+        if 0.6 < time < max(came + parameters.waits - STEP, stops + 7.4):
             assert not world.seen_static.any(), time - stops
     assert world.seen_static.mean() > 0.9  # a cell at its edge may flicker
 
