@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from motm_twin.external.checks import NAMES
 from motm_twin.external.convert import array, detection_of, scan_of, vector
 from motm_twin.external.messages import (
     LIFETIME,
@@ -73,19 +74,27 @@ class ZenohPlant(RemoteWorld):
         state: RobotState | None = self.link.newest("state")
         quiet = time.monotonic() - self.link.last_sign
         if quiet > GONE and (self._silent_since or self.mirror or not self.shared):
-            return f"waiting for robot {self._info.name!r}: nothing is heard of it"
+            return f"waiting for robot {self._info.name!r}{self._refused() or ': nothing is heard of it'}"
         what = "shown only, not commanded" if self.mirror else f"commands are given {self._ahead() * 1e3:.0f} ms ahead"
         if state is not None and not self.mirror and state.commander not in ("", self._sender):
-            return f"robot {self._info.name!r} obeys somebody else: {state.commander}"
-        return f"robot {self._info.name!r}, {self._info.clock} clock: {what}"
+            what = f"obeys somebody else: {state.commander}"
+        return f"robot {self._info.name!r}, {self._info.clock} clock: {what}{self._refused()}"
 
     def _lacking(self) -> str:
         """What a robot that is heard has not said yet; "" for one that is not heard."""
         if time.monotonic() - self.link.last_sign > GONE:
-            return ""
+            return self._refused()
         if self._info is None:
             return ": hears its state, no answer on info yet"
-        return "" if self.link.newest("scan") is not None else ": hears its state, no scan yet"
+        return "" if self.link.newest("scan") is not None else f": hears its state, no scan yet{self._refused()}"
+
+    def _refused(self) -> str:
+        """Of what the robot sends now, the first that does not count, and why; "" when all does."""
+        for name in NAMES:
+            why = self.link.refusal(name)
+            if why:
+                return f": its {name} is refused: {why}"
+        return ""
 
     def observe(self) -> Observation:
         """The robot at the time at which a command that is given now acts."""

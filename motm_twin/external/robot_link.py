@@ -1,42 +1,32 @@
 """The twin's end of the keys of a robot: the newest of everything it says, commands, questions with answers.
 
-Zenoh's threads only decode and store. What can not be read is dropped and counted.
+Zenoh's threads only read, check and store. What can not be used is dropped and counted, and the last reason kept.
 """
 
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import zenoh
 
+from motm_twin.external.checks import MAX_AHEAD, NAMES, Message, RefusedMessage, read
 from motm_twin.external.keys import PlantKeys
 from motm_twin.external.messages import (
     VERSION,
     ClockGrant,
-    ClockReached,
-    DetectionList,
     Info,
     PlantAnswer,
     RobotCommand,
     RobotState,
-    ScanData,
-    TruthData,
 )
 
 ANSWER = 2.0  # [s] for an answer
 RESET_ANSWER = 60.0  # [s] a simulated robot may compile for so long
-MAX_BYTES = 1024 * 1024
-T = TypeVar("T")
-_STAMPED = {
-    "state": RobotState,
-    "scan": ScanData,
-    "detections": DetectionList,
-    "truth": TruthData,
-    "clock": ClockReached,
-}
+REFUSED_FOR = 1.0  # [s] after which a refused message is no longer told
+_SENSED = ("scan", "detections")  # stamped before the state that comes after them
 
 
 class RobotLink:
@@ -49,11 +39,12 @@ class RobotLink:
         self._life, self._past_lives = "", set[str]()
         self.last_sign = -1e9  # [s] monotonic, of the newest state
         self.unreadable = 0
+        self._refusals: dict[str, tuple[str, float]] = {}  # by key: why, and when [s] monotonic
+        self._jumped: float | None = None  # [s] stamp of a state that was refused because it was far ahead
         self.on_state: Callable[[RobotState, float], None] = lambda state, received: None
         self._encode = msgspec.json.Encoder().encode
         self._declared: list[Any] = [
-            session.declare_subscriber(getattr(self.keys, name), _direct(self._reader(name, kind)))
-            for name, kind in _STAMPED.items()
+            session.declare_subscriber(getattr(self.keys, name), _direct(self._reader(name))) for name in NAMES
         ]
         if not listen_only:
             block = zenoh.CongestionControl.BLOCK
@@ -67,6 +58,11 @@ class RobotLink:
         """The newest message of a key (state, scan, ...) of the robot that lives now; None without one."""
         with self.changed:
             return self._newest.get(name)
+
+    def refusal(self, name: str) -> str:
+        """Why what came lately on a key (state, scan, ...) does not count; "" when it does, or nothing came."""
+        why, at = self._refusals.get(name, ("", -1e9))
+        return why if time.monotonic() - at < REFUSED_FOR else ""
 
     @property
     def life(self) -> str:
@@ -124,37 +120,57 @@ class RobotLink:
         self._life = life
         self._newest = {name: message for name, message in self._newest.items() if message.life == life}
 
-    def _reader(self, name: str, kind: type[T]) -> Callable[[zenoh.Sample], None]:
-        decode = msgspec.json.Decoder(kind).decode
-
+    def _reader(self, name: str) -> Callable[[zenoh.Sample], None]:
         def on_sample(sample: zenoh.Sample) -> None:
             received = time.monotonic()
             try:
-                payload = sample.payload.to_bytes()
-                message: Any = decode(payload) if len(payload) <= MAX_BYTES else None
-            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-                message = None
-            if message is None or message.version != VERSION:
+                self._keep(name, read(name, sample.payload.to_bytes()), received)
+            except RefusedMessage as refusal:
                 self.unreadable += 1
-                return
-            self._keep(name, message, received)
+                self._refusals[name] = str(refusal), received
 
         return on_sample
 
-    def _keep(self, name: str, message: Any, received: float) -> None:
+    def _keep(self, name: str, message: Message, received: float) -> None:
         with self.changed:
             if message.life in self._past_lives:
                 return
             if message.life != self._life:
                 self._begin(message.life)
-            before = self._newest.get(name)
-            if name == "state":
+            before, state = self._newest.get(name), self._newest.get("state")
+            if name in _SENSED and state is not None:
+                _require_on_time(message, state)
+                if before is not None and before.stamp > state.stamp + MAX_AHEAD:
+                    before = None  # it came before the first state, which was earlier by far
+            if isinstance(message, RobotState):
+                self._require_steady(message, state, received)
                 self.last_sign = received
                 self.on_state(message, received)
             if before is not None and message.stamp < before.stamp:
                 return  # overtaken
             self._newest[name] = message
+            self._refusals.pop(name, None)
             self.changed.notify_all()
+
+    def _require_steady(self, message: RobotState, before: RobotState | None, received: float) -> None:
+        """One wrong stamp is not believed; a clock that was set forward is, from its second state on."""
+        if before is None:
+            return
+        if message.stamp < before.stamp - MAX_AHEAD:
+            raise RefusedMessage(
+                f"its stamp is {before.stamp - message.stamp:.1f} s before an earlier one: start the robot again, with "
+                "another life, when its clock is set back"
+            )
+        jumped, expected = self._jumped, before.stamp + received - self.last_sign
+        self._jumped = message.stamp if message.stamp > expected + MAX_AHEAD else None
+        if self._jumped is not None and (jumped is None or abs(self._jumped - jumped) > MAX_AHEAD):
+            raise RefusedMessage(f"its stamp jumps {message.stamp - expected:.1f} s ahead")
+
+
+def _require_on_time(message: Message, state: RobotState) -> None:
+    ahead = message.stamp - state.stamp
+    if ahead > MAX_AHEAD:
+        raise RefusedMessage(f"its stamp is {ahead:.1f} s later than that of the newest state: one clock for all")
 
 
 def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:

@@ -163,7 +163,7 @@ def _reply(query: zenoh.Query, key: str, payload: bytes, kind: Any, answer: Call
     except (ValueError, RecursionError) as error:
         text = encode(PlantAnswer(version=VERSION, ok=False, reason=str(error)))
     with suppress(zenoh.ZError), query:
-        query.reply(key, text)
+        query.reply(key, text, encoding=zenoh.Encoding.APPLICATION_JSON)
 
 
 def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:

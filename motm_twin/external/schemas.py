@@ -46,7 +46,7 @@ def plant_schema(name: str) -> dict[str, Any]:
     fields = made["$defs"][kind.__name__]["properties"]
     for field, about in field_notes(kind).items():
         fields[field]["description"] = about
-    return {"$schema": DIALECT, "$id": f"{VERSION}#{name}", **made}
+    return {"$schema": DIALECT, "$id": f"{VERSION}/{name}", **made}
 
 
 def text(name: str) -> str:

@@ -3,12 +3,13 @@
 import re
 from pathlib import Path
 
+import jsonschema
 import pytest
 
 from motm_twin.external.convert import scan_of
 from motm_twin.external.keys import PlantKeys
 from motm_twin.external.messages import Info, RobotCommand, RobotState, ScanData
-from motm_twin.external.schemas import KINDS, path, text
+from motm_twin.external.schemas import KINDS, path, plant_schema, text
 from motm_twin.model.profile import Lidar
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
 
@@ -20,6 +21,11 @@ PAGE = (ROOT / "docs" / "external_robot.md").read_text(encoding="utf-8")
 def test_the_published_schema_is_that_of_the_code(name: str) -> None:
     published = path(name).read_text(encoding="utf-8")
     assert published == text(name), "run python -m motm_twin.external.schemas; a change of meaning needs a new version"
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_schema_is_a_valid_one(name: str) -> None:
+    jsonschema.Draft202012Validator.check_schema(plant_schema(name))
 
 
 def test_the_page_shows_the_skeleton_as_it_is() -> None:

@@ -11,7 +11,7 @@ import pytest
 from meeting import Router, driven, running_robot, until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import AddObstacle, Branch, Load, Refused, Speed
+from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Refused, Speed, Step
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.bus.server import RobotChoice, TwinServer
@@ -111,6 +111,21 @@ def test_without_a_robot_a_mirror_is_not_reset_and_a_new_run_is_not_waited_for(t
                 assert twin.reset().ok
             assert twin.seed(3).ok  # the run has begun, and there is no first period
             assert twin.latest_tick() is None
+
+
+def test_a_paused_twin_shows_the_robot_as_soon_as_it_is_there(served: TwinServer, router: Router, scene: Scene) -> None:
+    with TwinClient(served.endpoint) as client:
+        until(lambda: client.status() and status(client).text.startswith("waiting for robot"))
+        assert client.command(Pause()).ok
+        assert client.tick() is None
+        with running_robot(router, scene, clock="shared"):
+            until(lambda: client.tick() is not None)
+            run = tick(client).run
+            assert client.command(Load(scene="exp1", variant="trial1", seed=3)).ok
+            until(lambda: tick(client).run > run)
+            assert (status(client).state, tick(client).index) == ("paused", 0)
+            assert client.command(Step(count=2)).ok
+            until(lambda: tick(client).index == 2)
 
 
 def test_the_skeleton_of_a_robot_is_driven(router: Router, scene: Scene) -> None:

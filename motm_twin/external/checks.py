@@ -1,0 +1,94 @@
+"""What a robot says is checked before it counts: a robot that errs is not heard, and the twin says why."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import msgspec
+
+from motm_twin.external.messages import (
+    VERSION,
+    ClockReached,
+    DetectionList,
+    RobotState,
+    ScanData,
+    TruthData,
+)
+
+MAX_BYTES = 1024 * 1024
+MAX_AHEAD = 1.0  # [s] that a scan or a frame of the camera may be stamped later than the newest state
+FARTHEST = 1e5  # [m] from the origin of the world, or of the odometry
+FASTEST = 20.0  # [m/s], [rad/s] of base and joints
+TURNED = 10.0  # [rad] of a joint: more than a turn and a half are degrees
+WIDEST = 1.0  # [m] between finger pads
+SHUT = -0.01  # [m] the same, of a gripper that is not well calibrated
+
+Message = RobotState | ScanData | DetectionList | ClockReached | TruthData
+_KINDS: dict[str, type[Message]] = {
+    "state": RobotState,
+    "scan": ScanData,
+    "detections": DetectionList,
+    "truth": TruthData,
+    "clock": ClockReached,
+}
+_DECODERS = {name: msgspec.json.Decoder(kind) for name, kind in _KINDS.items()}
+NAMES = tuple(_KINDS)
+
+
+class RefusedMessage(ValueError):
+    """A message that does not count; the text says what is wrong with it."""
+
+
+def read(name: str, payload: bytes) -> Message:
+    """The message of that key; raises `RefusedMessage`."""
+    if len(payload) > MAX_BYTES:
+        raise RefusedMessage(f"{len(payload)} bytes: at most {MAX_BYTES} are taken")
+    try:
+        message = _DECODERS[name].decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise RefusedMessage(str(error)) from None
+    if message.version != VERSION:
+        raise RefusedMessage(f"version {message.version!r}: this twin reads {VERSION!r}")
+    if isinstance(message, RobotState):
+        _check_state(message)
+    elif isinstance(message, ScanData):
+        _vector("origin", message.origin, 2)
+        _pose("pose", message.pose)
+    elif isinstance(message, DetectionList):
+        for one in message.detections:
+            _vector(f"p_base of {one.name!r}", one.p_base, 3)
+            _pose(f"odometry of {one.name!r}", one.odometry)
+            if one.position_sd < 0.0:
+                raise RefusedMessage(f"position_sd of {one.name!r} is {one.position_sd:g} m: it can not be negative")
+    elif isinstance(message, TruthData):
+        _pose("pose", message.pose)
+    return message
+
+
+def _check_state(state: RobotState) -> None:
+    _pose("pose", state.pose)
+    _pose("odometry", state.odometry)
+    _within("twist", _vector("twist", state.twist, 2), -FASTEST, FASTEST, "m/s, rad/s")
+    _within("q", _vector("q", state.q, 7), -TURNED, TURNED, "rad")
+    _within("dq", _vector("dq", state.dq, 7), -FASTEST, FASTEST, "rad/s")
+    _within("gripper_width", [state.gripper_width], SHUT, WIDEST, "m")
+
+
+def _pose(name: str, values: Sequence[float]) -> None:
+    _within(name, _vector(name, values, 3)[:2], -FARTHEST, FARTHEST, "m")
+
+
+def _vector(name: str, values: Sequence[float], length: int) -> Sequence[float]:
+    if len(values) != length or not all(map(math.isfinite, values)):
+        raise RefusedMessage(f"{name} needs {length} finite numbers, and has {_short(values)}")
+    return values
+
+
+def _within(name: str, values: Iterable[float], low: float, high: float, unit: str) -> None:
+    for value in values:
+        if not low <= value <= high:
+            raise RefusedMessage(f"{name} has {value:g}: {low:g} to {high:g} {unit} can be")
+
+
+def _short(values: Sequence[Any]) -> str:
+    return f"{len(values)}" if len(values) > 8 else str(list(values))

@@ -1,0 +1,132 @@
+"""What a robot sends that can not be used: it does not count, the twin says why, and goes on with what can."""
+
+import math
+import time
+from typing import Any
+
+import msgspec
+import pytest
+from meeting import Router, driven, running_robot, until
+
+from motm_twin.bus.session import open_member
+from motm_twin.external.checks import MAX_BYTES, RefusedMessage, read
+from motm_twin.external.keys import PlantKeys
+from motm_twin.external.messages import VERSION
+from motm_twin.external.robot_link import RobotLink
+from motm_twin.model.scene import Scene
+
+STATE = {"version": VERSION, "life": "1", "seq": 0, "stamp": 5.0, "pose": [0.0] * 3, "odometry": [0.0] * 3,
+         "twist": [0.0] * 2, "q": [0.0] * 7, "dq": [0.0] * 7, "gripper_width": 0.08, "gripper_moving": False,
+        }  # fmt: skip
+SCAN = {"version": VERSION, "life": "1", "stamp": 5.0, "pose": [0.0] * 3, "origin": [0.0] * 2, "angle_min": -3.0,
+        "angle_step": 0.1, "range_min": 0.1, "range_max": 10.0, "ranges": [None]}  # fmt: skip
+SEEN = {"stamp": 5.0, "name": "cube", "p_base": [0.6, 0.0, 0.8], "yaw_base": 0.0, "position_sd": 0.002,
+        "odometry": [0.0] * 3}  # fmt: skip
+SIGHT = {"version": VERSION, "life": "1", "stamp": 5.0, "detections": [SEEN]}
+
+
+def encoded(message: dict[str, Any], **changed: Any) -> bytes:
+    """As it travels, with some fields changed, or left out (None)."""
+    return msgspec.json.encode({key: value for key, value in (message | changed).items() if value is not None})
+
+
+@pytest.mark.parametrize(("name", "message"), [("state", STATE), ("scan", SCAN), ("detections", SIGHT)])
+def test_what_is_as_documented_is_read(name: str, message: dict[str, Any]) -> None:
+    assert read(name, encoded(message)).life == "1"
+
+
+@pytest.mark.parametrize(
+    ("name", "message", "changed", "why"),
+    [
+        ("state", STATE, {"q": [0.0] * 6}, "q needs 7 finite numbers, and has [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"),
+        ("state", STATE, {"dq": [0.0] * 100}, "dq needs 7 finite numbers, and has 100"),
+        ("state", STATE, {"pose": [0.0] * 2}, "pose needs 3 finite numbers"),
+        ("state", STATE, {"odometry": [0.0] * 4}, "odometry needs 3 finite numbers"),
+        ("state", STATE, {"twist": [0.0] * 3}, "twist needs 2 finite numbers"),
+        ("state", STATE, {"pose": [1e9, 0.0, 0.0]}, "pose has 1e+09: -100000 to 100000 m can be"),
+        ("state", STATE, {"q": [0.0] * 6 + [-45.0]}, "q has -45: -10 to 10 rad can be"),
+        ("state", STATE, {"gripper_width": -5.0}, "gripper_width has -5: -0.01 to 1 m can be"),
+        ("state", STATE, {"q": None}, "Object missing required field `q`"),
+        ("state", STATE, {"version": "motm.plant/2"}, "version 'motm.plant/2': this twin reads 'motm.plant/1'"),
+        ("scan", SCAN, {"origin": [0.0] * 3}, "origin needs 2 finite numbers"),
+        ("scan", SCAN, {"pose": [0.0, 1e9, 0.0]}, "pose has 1e+09"),
+        ("detections", SIGHT, {"detections": [SEEN | {"p_base": [0.0]}]}, "p_base of 'cube' needs 3 finite numbers"),
+        ("detections", SIGHT, {"detections": [SEEN | {"position_sd": -1.0}]}, "position_sd of 'cube' is -1 m"),
+    ],
+)
+def test_what_can_not_be_used_is_refused_with_a_reason(
+    name: str, message: dict[str, Any], changed: dict[str, Any], why: str
+) -> None:
+    with pytest.raises(RefusedMessage) as refusal:
+        read(name, encoded(message, **changed))
+    assert str(refusal.value).startswith(why)
+
+
+@pytest.mark.parametrize("payload", [b"", b"\xff\xfe", b"[" * 100_000, b'{"q": NaN}', b"1" * (MAX_BYTES + 1)])
+def test_what_is_no_message_is_refused(payload: bytes) -> None:
+    with pytest.raises(RefusedMessage):
+        read("state", payload)
+
+
+@pytest.fixture
+def talk(router: Router):
+    """A link, and a function that sends it a message and waits until it is in."""
+    link, keys = RobotLink(router.session, "frankie", listen_only=True), PlantKeys("frankie")
+    with open_member(router.endpoint) as robot:
+
+        def send(name: str, message: dict[str, Any], **changed: Any) -> RobotLink:
+            before = link.unreadable, link.newest(name)
+            until(lambda: _sent(name, message, changed) and (link.unreadable, link.newest(name)) != before)
+            return link
+
+        def _sent(name: str, message: dict[str, Any], changed: dict[str, Any]) -> bool:
+            robot.put(getattr(keys, name), encoded(message, **changed))
+            time.sleep(0.02)
+            return True
+
+        yield send
+    link.close()
+
+
+def test_a_scan_from_the_future_is_refused_and_the_next_one_counts(talk) -> None:
+    talk("state", STATE)
+    link = talk("scan", SCAN, stamp=1e6)
+    assert link.refusal("scan").startswith("its stamp is 999995.0 s later than that of the newest state")
+    assert talk("scan", SCAN, stamp=5.05).newest("scan").stamp == 5.05
+    assert link.refusal("scan") == ""
+
+
+def test_a_scan_from_the_future_before_any_state_does_not_keep_later_ones_out(talk) -> None:
+    assert talk("scan", SCAN, stamp=1e6).newest("scan").stamp == 1e6
+    talk("state", STATE)
+    assert talk("scan", SCAN, stamp=5.05).newest("scan").stamp == 5.05
+
+
+def test_one_state_from_the_future_is_not_believed_and_a_clock_that_was_set_forward_is(talk) -> None:
+    talk("state", STATE)
+    link = talk("state", STATE, stamp=1e6)
+    assert "ahead" in link.refusal("state") and link.newest("state").stamp == 5.0
+    assert talk("state", STATE, stamp=5.01).newest("state").stamp == 5.01
+    talk("state", STATE, stamp=100.0)
+    until(lambda: talk("state", STATE, stamp=100.01).newest("state").stamp > 100.0)
+    assert "another life" in talk("state", STATE, stamp=6.0).refusal("state")
+
+
+def test_a_robot_that_errs_stands_says_why_and_drives_on(router: Router, scene: Scene) -> None:
+    with running_robot(router, scene) as robot, driven(router, scene) as twin:
+        for _ in range(5):
+            twin.advance()
+        newest = msgspec.to_builtins(twin.external.link.newest("state"))
+        robot.muted = frozenset({"state"})
+        reasons = []
+        for step in range(12):
+            router.session.put(PlantKeys().state, encoded(newest, q=[0.0] * 6, stamp=newest["stamp"] + 0.05 * step))
+            reasons.append(twin.advance().stop_reason)
+        assert "stopped: the newest state of the robot is" in reasons[-1]
+        assert twin.external.text().endswith(
+            "its state is refused: q needs 7 finite numbers, and has " + str([0.0] * 6)
+        )
+        robot.muted = frozenset()
+        again = [twin.advance() for _ in range(10)]
+        assert again[-1].stop_reason == "" and math.isfinite(again[-1].observation.q.sum())
+        assert "refused" not in twin.external.text()
