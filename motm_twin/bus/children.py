@@ -19,7 +19,17 @@ Listener = Callable[[str, dict], None]  # name of the child, event
 class Child:
     """One process that runs a module of this package and reports through a pipe."""
 
-    def __init__(self, name: str, module: str, arguments: list[str], listener: Listener, env: dict[str, str]) -> None:
+    def __init__(
+        self,
+        name: str,
+        module: str,
+        arguments: list[str],
+        listener: Listener,
+        env: dict[str, str],
+        ended: Callable[[int], None] = lambda code: None,
+    ) -> None:
+        """``ended`` is called with the exit code of each process, after all that it reported."""
+        self._ended = ended
         self.name, self._module, self._arguments = name, module, arguments
         self._listener, self._env = listener, env
         self._starts: list[float] = []
@@ -39,7 +49,10 @@ class Child:
         )
         os.close(write)
         self._starts.append(time.monotonic())
-        threading.Thread(target=self._listen, args=(read,), name=f"{self.name} reports", daemon=True).start()
+        listen = threading.Thread(
+            target=self._listen, args=(read, self.process), name=f"{self.name} reports", daemon=True
+        )
+        listen.start()
 
     def exit_code(self) -> int | None:
         """None while it runs."""
@@ -50,10 +63,11 @@ class Child:
         recent = [at for at in self._starts if time.monotonic() - at < RESTART_WINDOW]
         return len(recent) <= RESTARTS
 
-    def _listen(self, descriptor: int) -> None:
+    def _listen(self, descriptor: int, process: subprocess.Popen) -> None:
         with os.fdopen(descriptor, encoding="utf-8") as lines:
             for line in lines:
                 self._listener(self.name, json.loads(line))
+        self._ended(process.wait())
 
 
 def end_all(children: list[Child]) -> None:

@@ -2,6 +2,7 @@
 
 import datetime
 import os
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -40,7 +41,7 @@ class Keeper:
         self._work = Outbox("files", _WAITING)
         self._recorder: Child | None = None
         self._path = ""
-        self._first: dict = {}  # that the recorder said
+        self._first, self._last = {}, ""  # first event that the recorder reported, and kind of the last
         self._heard = threading.Event()
 
     @property
@@ -109,11 +110,19 @@ class Keeper:
 
     def _launch(self, path: Path) -> Path:
         arguments = ["--endpoint", self._endpoint, "--twin", self._twin, "--out", str(path)]
-        recorder = Child("recorder", RECORDER, arguments, self._told, dict(os.environ))
-        self._path, self._first, self._heard = str(path), {}, threading.Event()
+        heard = threading.Event()
+        recorder = Child(
+            "recorder",
+            RECORDER,
+            arguments,
+            lambda _, event: self._told(heard, event),
+            dict(os.environ),
+            ended=lambda code: self._ended(heard, code),
+        )
+        self._path, self._first, self._last, self._heard = str(path), {}, "", heard
         self._recorder = recorder
         recorder.start()
-        if not self._heard.wait(START_WAIT) or self._first.get("event") != "recording":
+        if not heard.wait(START_WAIT) or self._first.get("event") != "recording":
             end_all([recorder])
             self._recorder = None
             raise Refused(f"the recording did not start: {self._first.get('text', 'the recorder says nothing')}")
@@ -128,13 +137,28 @@ class Keeper:
         self._changed()
         return Path(self._path)
 
-    def _told(self, _name: str, event: dict) -> None:
-        """In the thread that listens to the recorder."""
-        if not self._heard.is_set():
+    def _told(self, heard: threading.Event, event: dict) -> None:
+        """In the thread that listens to the recorder; ``heard`` tells which one it is."""
+        if heard is not self._heard:
+            return
+        self._last = event.get("event", "")
+        if not heard.is_set():
             self._first = event
-            self._heard.set()
+            heard.set()
         elif event.get("event") == "failed":
             self._failed(f"the recording has stopped: {event.get('text', '')}")
+        self._changed()
+
+    def _ended(self, heard: threading.Event, code: int) -> None:
+        """In the same thread, at its end: a recorder that says nothing more was killed."""
+        if heard is not self._heard:
+            return
+        if self._last == "recording":
+            how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
+            why = f"its process ended {how}; `motm-twin recover {self._path}` repairs the file"
+            print(f"record: the recording has stopped: {why}; the robot goes on", file=sys.stderr)
+            self._failed(f"the recording has stopped: {why}")
+        heard.set()
         self._changed()
 
     def _new(self, name: str, suffix: str) -> Path:

@@ -1,6 +1,11 @@
 """Commands that programs asked for: another seed, drive there, save and record."""
 
+import contextlib
+import json
+import os
+import signal
 import threading
+from pathlib import Path
 
 import pytest
 from fake_twin import FakeLibrary, FakeTwin
@@ -9,8 +14,10 @@ from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import DriveToPoint, Load, Record, Save, Seed, Step
+from motm_twin.bus.keeping import RECORDER
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import open_client
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.session import load_session
 from motm_twin.twin import Twin
@@ -60,6 +67,36 @@ def test_a_recording_is_started_and_stopped_by_commands(server, tmp_path):
         data = (tmp_path / "data" / "run.mcap").read_bytes()
         assert data.startswith(b"\x89MCAP")
         assert data.endswith(b"MCAP0\r\n"), "it was not finished"
+
+
+def test_a_recorder_that_was_killed_is_told_and_another_can_begin(server, tmp_path, capfd):
+    with TwinClient(server.endpoint) as client, open_client(server.endpoint) as plain:
+        started = client.command(Record(action="start", name="cut"), timeout=30.0)
+        assert started.ok, started.reason
+        os.kill(_recorder_of(started.path), signal.SIGKILL)
+        until(lambda: client.status().recording == "", "the status does not say so")
+
+        def told():
+            (reply,) = plain.get(server.keys.event + "?from=0")
+            events = json.loads(reply.ok.payload.to_bytes())["events"]
+            return [event for event in events if event["kind"] == "recording"]
+
+        until(told, "no event says so")
+        assert "its process ended by signal 9; `motm-twin recover " in told()[-1]["text"]
+        assert "the recording has stopped" in capfd.readouterr().err
+        assert client.command(Record(action="start", name="next"), timeout=30.0).ok
+        assert client.command(Record(action="stop"), timeout=10.0).ok
+        assert len(told()) == 1, "one that was asked to stop has not failed"
+
+
+def _recorder_of(path):
+    """Number of the process that records to a file."""
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            words = (process / "cmdline").read_bytes().decode().split("\0")
+            if RECORDER in words and path in words:
+                return int(process.name)
+    raise AssertionError("there is no recorder")
 
 
 def test_no_thread_is_left(tmp_path):
