@@ -5,6 +5,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+from msgspec.structs import replace
+
 from motm_twin.bus.messages import (
     EVENT_VERSION,
     EVENTS_VERSION,
@@ -53,6 +55,22 @@ class EventLog:
             )
             self._kept.append(event)
             self._emit(event)
+
+    def tell_again(self, event: NumberedEvent) -> None:
+        """Send an event that was told before, of another log, under a number of this one."""
+        with self._lock:
+            self._seq += 1
+            again = replace(event, seq=self._seq, numbered_since=self._since)
+            self._kept.append(again)
+            self._emit(again)
+
+    def answer(self, wanted: str | None) -> NumberedEvent | EventsMessage | None:
+        """To ``?from=SEQ``: all that are kept from this number on; without it, the last one. Raises ValueError."""
+        if wanted is None:
+            return self.newest()
+        if not (wanted.isdecimal() and len(wanted) < 20):
+            raise ValueError(f"from={wanted[:40]!r}: give the number of an event, 0 for all that are kept")
+        return self.since(int(wanted))
 
     def newest(self) -> NumberedEvent | None:
         """The last one; None before the first."""

@@ -145,14 +145,8 @@ class Publisher:
         self._events.post(lambda: self._values.put(self._keys.event, self._encode(event)))
 
     def _event_answer(self, parameters: zenoh.Parameters) -> bytes | None:
-        """``?from=SEQ``: all that are kept from this number on; without it, the last one."""
-        wanted = parameters.get("from")
-        if wanted is None:
-            newest = self._log.newest()
-            return None if newest is None else self._encode(newest)
-        if not (wanted.isdecimal() and len(wanted) < 20):
-            raise ValueError(f"from={wanted[:40]!r}: give the number of an event, 0 for all that are kept")
-        return self._encode(self._log.since(int(wanted)))
+        answer = self._log.answer(parameters.get("from"))
+        return None if answer is None else self._encode(answer)
 
     def _metrics_now(self) -> msgspec.Struct:
         return self._metrics.message(self._status())

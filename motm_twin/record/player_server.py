@@ -8,8 +8,10 @@ import msgspec
 import zenoh
 
 from motm_twin.bus.answering import Answering
+from motm_twin.bus.events import EventLog
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.latest import LatestValues
+from motm_twin.bus.messages import NumberedEvent
 from motm_twin.bus.quiet import Quiet
 from motm_twin.bus.server import HEARTBEAT, ServerClock
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
@@ -39,6 +41,7 @@ class PlayerServer:
         self._session = open_server(self.port, host, keys.own)
         self._clock = ServerClock()
         self._encode = msgspec.json.Encoder().encode
+        self._decode_event = msgspec.json.Decoder(NumberedEvent).decode
         quiet = Quiet()  # always: nothing is computed here
         self._values = LatestValues(self._session, keys, quiet)
         key_of = {
@@ -54,13 +57,15 @@ class PlayerServer:
             frames,
             name=Path(path).name,
             twin=twin,
-            put=lambda topic, payload, attachment: self._values.put(key_of[topic], payload, attachment),
+            put=lambda topic, payload, attachment: self._put(key_of[topic], payload, attachment),
             now=self._clock,
             changed=self._send_status,
             speed=speed,
             loop=loop,
             playing=playing,
         )
+        self._log = EventLog(self._clock, lambda event: self._values.put(keys.event, self._encode(event)))
+        self._values.answer(keys.event, self._event_answer)
         self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
         self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request, quiet=quiet)
         self._queryable = self._session.declare_queryable(keys.session, self._on_session)
@@ -101,6 +106,17 @@ class PlayerServer:
     def __exit__(self, *_: object) -> None:
         """Stop."""
         self.close()
+
+    def _put(self, key: str, payload: bytes, attachment: bytes | None) -> None:
+        """Events get numbers of this server: those of the file begin anew with every file, and come again."""
+        if key == self.keys.event:
+            self._log.tell_again(self._decode_event(payload))
+        else:
+            self._values.put(key, payload, attachment)
+
+    def _event_answer(self, parameters: zenoh.Parameters) -> bytes | None:
+        answer = self._log.answer(parameters.get("from"))
+        return None if answer is None else self._encode(answer)
 
     def _send_status(self) -> None:
         self._values.put(self.keys.status, self._encode(self.player.status()))

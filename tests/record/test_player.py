@@ -12,8 +12,10 @@ from waiting import until
 
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
+from motm_twin.bus.messages import EventsMessage
 from motm_twin.bus.pacing import PERIOD
 from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import open_client
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
 from motm_twin.record.mcap_file import McapFile
@@ -60,6 +62,26 @@ def test_a_recording_looks_like_a_twin(client):
     assert (status.method, [choice.title for choice in status.methods]) == ("staa", ["STAA*, unmodified"])
     assert "x.mcap, 0.0 of 3.0 s" in status.plant_text
     assert (client.scene().name, client.tick().index, client.grid().info.run) == ("fake", 0, status.run)
+
+
+def test_its_events_can_be_asked_for_and_are_numbered_as_they_are_told(path):
+    with PlayerServer(path, twin="again", speed=8.0) as server, open_client(server.endpoint) as plain:
+        until(lambda: server.player.status().state == "done", "it never ended")
+        first = _events(plain, "motm/again/event?from=0")
+        assert [event.kind for event in first.events].count("edit") == 1, "the obstacle that was added"
+        assert [event.seq for event in first.events] == list(range(1, first.newest + 1))
+        assert {event.numbered_since for event in first.events} == {first.numbered_since}
+        with TwinClient(server.endpoint, "again") as client:
+            assert client.command(Play()).ok
+        until(lambda: _events(plain, "motm/again/event?from=0").newest == 2 * first.newest, "not told again")
+        later = _events(plain, f"motm/again/event?from={first.newest + 1}").events
+        assert [event.kind for event in later] == [event.kind for event in first.events]
+        assert min(event.run for event in later) > max(event.run for event in first.events)
+
+
+def _events(session, selector):
+    replies = [reply.ok for reply in session.get(selector)]
+    return msgspec.json.decode(replies[0].payload.to_bytes(), type=EventsMessage)
 
 
 def test_it_plays_to_its_end_and_again_from_its_start(client):
