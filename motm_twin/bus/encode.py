@@ -171,9 +171,13 @@ def tick_message(
     began: float = 0.0,
     first: int = 0,
     past: int = -1,
+    ended: float | None = None,
     announced: Mapping[str, PlanarPose] | None = None,
 ) -> TickMessage:
-    """The message of one period; ``announced``: where the robot was told that pieces of furniture stand."""
+    """The message of one period.
+
+    ``ended`` [s]: when all was done; ``announced``: where the robot was told that pieces of furniture stand.
+    """
     truth = tick.truth
     return TickMessage(
         version=TICK_VERSION,
@@ -181,6 +185,7 @@ def tick_message(
         began=began,
         first=first,
         past=past,
+        ended=ended,
         server_time=server_time,
         index=tick.index,
         time=seconds(tick.time),

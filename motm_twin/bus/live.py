@@ -36,6 +36,8 @@ class LiveTwin:
         self.run = 0
         self._began, self._first = 0.0, 0  # server time [s] of the load or reset, first period of the run
         self._past, self._aside_run = -1, -1  # run that this one shares its past with, and run that is set aside
+        self._ended: float | None = None  # [s] when all was done
+        self._aside_ended: float | None = None  # the same of the run that is set aside
         self.scene: Scene | None = None
         self.twin: TwinLike | None = None
         self.message: TickMessage | None = None  # of the last period
@@ -151,6 +153,7 @@ class LiveTwin:
         assert self._branches is not None
         self._branches.branch(_any(self.twin), index)
         past, self._aside_run = self.run, self.run
+        self._aside_ended = self._ended
         self._begin(self._began, index, past)
         return list(self.twin.edits)
 
@@ -165,7 +168,9 @@ class LiveTwin:
         assert self._branches is not None
         self._branches.undo(_any(self.twin))
         past, self._aside_run = self._aside_run, self.run
+        ended, self._aside_ended = self._aside_ended, self._ended
         self._begin(self._began, self.twin.index, past)
+        self._ended = ended
         return list(self.twin.edits)
 
     def post(self, edit: Edit) -> None:
@@ -193,9 +198,13 @@ class LiveTwin:
         self._pending = []
         self.parameters, self.recorded = dict(self.twin.parameters), len(self.twin.edits)
         self._asked = False
+        if not _all_done(self.tick):
+            self._ended = None
+        elif self._ended is None:
+            self._ended = round(self.tick.time, 6)
         now = self._server_time()
         message = tick_message(
-            self.tick, self.run, now, began=self._began, first=self._first, past=self._past,
+            self.tick, self.run, now, began=self._began, first=self._first, past=self._past, ended=self._ended,
             announced=self.twin.announced,
         )  # fmt: skip
         self.message = self._explained(message)
@@ -222,10 +231,10 @@ class LiveTwin:
 
     def session(self) -> bytes:
         """The run so far as a Session in JSON. Raises Refused."""
-        if self.twin is None or self.message is None:
-            raise Refused("no scene is running")
         if self._robot is not None:
             raise Refused("a robot in another program does not do the same again: record the run instead")
+        if self.twin is None or self.message is None:
+            raise Refused("no period was computed yet")
         now = (self.run, self.message.index, len(self.twin.edits))
         if self._session is None or self._session[0] != now:
             self._session = now, msgspec.json.encode(self.twin.session())
@@ -240,7 +249,7 @@ class LiveTwin:
         self.run, self._began, self._first, self._past = self.run + 1, began, first, past
         aside = self._branches.aside
         self.aside = None if aside is None else round(aside * PERIOD, 3)
-        self._pending, self._inspect, self.message, self.tick = [], Inspect(), None, None
+        self._pending, self._inspect, self.message, self.tick, self._ended = [], Inspect(), None, None, None
 
     def _added(self) -> int:
         waiting = sum(isinstance(edit, AddObstacle) for edit in self._pending)
@@ -277,6 +286,12 @@ class LiveTwin:
             return None, staa_path
         path, next_path = (path_message(points) for points in paths)
         return InspectedMessage(candidate=wish.candidate, path=path, next_path=next_path), staa_path
+
+
+def _all_done(tick: Tick) -> bool:
+    """Has every task ended, and is every object that was to be placed in its bin? As `motm-twin run` takes the time."""
+    places = sum(task.kind == "place" for task in tick.tasks)
+    return tick.done and (tick.truth is None or tick.truth.places >= places)
 
 
 def _with(parameters: dict[str, ParameterValue], edit: SetParameter) -> dict[str, ParameterValue]:

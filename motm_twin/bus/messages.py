@@ -199,6 +199,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     faults: list[str] = []  # injected faults that last, one phrase each
     inspected: InspectedMessage | None = None  # paths of a candidate, as asked for by `inspect`
     began: float = 0.0  # [s] server time of the load or reset; a branch keeps it: its past is that of the run before
+    ended: float | None = None  # [s] when the last task was done, and every object in its bin; null before, or never
     first: int = 0  # first period of this run: where it branched from another, else 0
     past: int = -1  # run whose periods before `first` this one shares; -1: the run before, if `began` is the same
     preview: bool  # True: paused; bodies stand where posted edits will put them in the next period

@@ -80,7 +80,7 @@ class DriveTab:
             self._show_status(shown.status)
         if shown.tick is not None:
             now = now_card(shown.tick, shown.scene, shown.status)
-            self._progress.set(now + count_line(shown.tick) + result_card(shown.tick, shown.status))
+            self._progress.set(now + count_line(shown.tick) + result_card(shown.tick, shown.status, shown.scene))
         for name, box in self._layers.items():
             follow(box, shown.view.layers.get(name, True))
         self._tasks.update(shown)

@@ -19,6 +19,7 @@ class HelpCard:
     def __init__(self, hub: Hub, visitor: Visitor) -> None:
         self._hub, self._visitor = hub, visitor
         self._panel: viser.PanelHandle | None = None
+        self._window: viser.GuiModalHandle | None = None
         self.read = False
         self.keys: list[tuple[str, str]] = []  # what can be done, and its key
 
@@ -41,13 +42,21 @@ class HelpCard:
             panel.remove()
 
     def show_keys(self) -> None:
-        """Everything that can be done, with its keys, as a window over the page."""
+        """Everything that can be done, with its keys, as a window over the page; once more puts it away."""
         self.close()
+        if self._window is not None:
+            self._hide_keys()
+            return
         gui = self._visitor.client.gui
-        with gui.add_modal("How to drive") as modal:
+        with gui.add_modal("How to drive") as self._window:
             gui.add_html(SHORT)
             gui.add_html(_table(self.keys))
-            gui.add_button("Close").on_click(self._hub.watching(lambda *_: modal.close()))
+            gui.add_button("Close", hint="H or Esc").on_click(self._hub.watching(lambda *_: self._hide_keys()))
+
+    def _hide_keys(self) -> None:
+        window, self._window = self._window, None
+        if window is not None:
+            window.close()
 
 
 def _table(keys: list[tuple[str, str]]) -> str:

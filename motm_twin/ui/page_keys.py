@@ -3,7 +3,8 @@
 Viser listens for keys at the top of the document, but its tabs and handles keep Space and Enter to themselves, its
 checkboxes and closed lists count as fields, and Space also presses the button that was clicked last. The script takes
 plain keys before any widget does and hands them to the document; Enter, Tab and the arrows stay with the widgets, and
-Escape with what lies over the page.
+Escape with what lies over the page. A window of ours with a Close button is closed by Escape, and by a click beside it;
+under it only H does what it always does.
 
 A finger belongs to the canvas from its first touch on (browsers capture it), which Viser takes for a gesture that is
 under way: no tap would be a click. So the script lets go of it.
@@ -23,8 +24,16 @@ SCRIPT = """<script>
     (e.tagName === "INPUT" && !noText.test(e.type) && !closedList(e));
   const covers = "[role=dialog], [role=listbox]";
   const covered = () => [...document.querySelectorAll(covers)].some((e) => e.checkVisibility());
+  const closing = () => [...document.querySelectorAll("[role=dialog] button")].find(
+    (e) => e.textContent.trim() === "Close" && e.checkVisibility());
   const take = (event) => {
     const at = event.target;
+    const close = closing();
+    if (event.isTrusted && close && event.key !== "Tab" && event.key.toLowerCase() !== "h") {
+      event.stopImmediatePropagation();
+      if (event.key === "Escape" && event.type === "keydown") close.click();
+      return;
+    }
     if (!event.isTrusted || !(at instanceof Element) || typing(at) || event.ctrlKey || event.altKey || event.metaKey)
       return;
     if (event.type === "keydown" && event.key === "Enter" && at.type === "checkbox") at.click();
@@ -39,7 +48,8 @@ SCRIPT = """<script>
   addEventListener("keydown", take, true);
   addEventListener("keyup", take, true);
   addEventListener("pointerdown", (event) => {
-    const at = event.target;
+    const at = event.target, close = closing();
+    if (close && !at.closest("[role=dialog]")) close.click();
     if (event.pointerType === "mouse" || !(at instanceof HTMLCanvasElement)) return;
     if (at.hasPointerCapture(event.pointerId)) at.releasePointerCapture(event.pointerId);
   }, true);

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from motm_twin.ui.help_card import HelpCard
     from motm_twin.ui.replay_tab import ReplayTab
 
-# No arrow keys: they belong to the slider or list that has the focus.
+# No arrow keys: they belong to the slider or list that has the focus. None of W A S D Q E: they fly Viser's camera.
+_FLY = ("Fly the camera", "W A S D Q E")
 _SHOWN = {"delete": "Del", "escape": "Esc"}
 
 
@@ -33,8 +34,8 @@ def add_commands(
         ("Play / pause", "space", drive.toggle, True),
         ("One step of 50 ms", "N", lambda: hub.send(visitor, Step()), True),
         ("Reset", "R", lambda: hub.send(visitor, Reset()), True),
-        ("Faster", "E", lambda: drive.faster(1), True),
-        ("Slower", "Q", lambda: drive.faster(-1), True),
+        ("Faster", "X", lambda: drive.faster(1), True),
+        ("Slower", "Z", lambda: drive.faster(-1), True),
         ("Add a Temi", "T", lambda: disturb.add("temi"), True),
         ("Add a person", "P", lambda: disturb.add("person"), True),
         ("Add a box", "B", lambda: disturb.add("box"), True),
@@ -48,7 +49,7 @@ def add_commands(
         ("Back to live", "L", hub.playback.live, True),
         ("Branch from here", None, replay.branch, True),
         ("Undo the branch", None, replay.undo, True),
-        ("Save the session", "S", replay.save, False),
+        ("Save the session", "V", replay.save, False),
         ("Screenshot", None, replay.screenshot, False),
         ("Ask for the wheel", None, lambda: hub.ask(visitor), False),
     ]
@@ -57,7 +58,7 @@ def add_commands(
         table.append((f"Camera: {preset}", str(number), act, False))
     table.append(("How to drive", "H", card.show_keys, False))
     card.keys = [(label, _SHOWN.get(key, key)) for label, key, *_ in table if key is not None]
-    card.keys.insert(-1, (PLOTS, PLOTS_KEY))  # its panel has the command
+    card.keys[-1:-1] = [_FLY, (PLOTS, PLOTS_KEY)]  # the page's own, and a panel that has its command
     for label, key, act, drives in table:
         guard = hub.driving if drives else hub.watching
         command = visitor.client.gui.add_command(label, hotkey=key)  # type: ignore[arg-type]

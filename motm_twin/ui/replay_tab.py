@@ -119,7 +119,7 @@ class ReplayTab:
         self._undo.on_click(hub.driving(lambda *_: self.undo()))
         self._run: int | None = None
         gui.add_divider()
-        self._save = gui.add_button("Save the session", icon=viser.Icon.DOWNLOAD, hint="S")
+        self._save = gui.add_button("Save the session", icon=viser.Icon.DOWNLOAD, hint="V")
         self._save.on_click(hub.watching(lambda *_: self.save()))
         self._saved = Html(gui, rerun_text("scene-variant-seed-time.json").replace("Saved as", "Saves"))
         gui.add_divider()

@@ -92,7 +92,7 @@ def task_card(tick: TickMessage) -> str:
     if placement.mode == "ring":
         mode = f"ring of {placement.radius:.2f} m"
     chosen = 0 <= placement.chosen < len(placement.poses)
-    rows.append((f"stands at candidate no. {placement.chosen + 1}" if chosen else "stands at", mode))
+    rows.append((f"is to stand at candidate no. {placement.chosen + 1}" if chosen else "is to stand at", mode))
     colour = {"goal": GREEN, "aborted": BLUE, "braking": RED}.get(plan.status, MUTED)
     cut = ", cut by the clock" if plan.cut_by_clock else ""
     rows.append((explained("local plan", _LOCAL), chip(words.PLANS.get(plan.status, plan.status), colour)))

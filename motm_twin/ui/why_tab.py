@@ -51,7 +51,7 @@ class WhyTab:
         index = None if shown.live else tick.index
         if self._count % SLOW == 0:
             self._timing.set(timing_card(history.samples(index, WINDOW)))
-            self._score.set(score_card(tick, shown.status))
+            self._score.set(score_card(tick, shown.status, shown.scene))
         elif self._count % SLOW == SLOW // 2:
             self._events.set(events_card(tick, history.events(index, EVENTS)))
         self._plots.update(shown)

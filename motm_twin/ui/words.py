@@ -58,7 +58,7 @@ def doing(tick: TickMessage) -> str:
     phases = {
         "stow": f"Driving to {name}, the arm at rest",
         "transit": f"Bringing {cargo} over {name}{on}" if carried else f"Reaching out for {name}{on}",
-        "final": f"Closing in on {name}{on}",
+        "final": f"{'Looking for' if _unseen(step) else 'Closing in on'} {name}{on}",
         "closing": f"The fingers close on {name}" + (" while the base drives on" if on else ""),
         "lift": f"Lifting {cargo if carried else name}{on}",
         "carry": f"Carrying {cargo} to {name}"
@@ -72,6 +72,11 @@ def doing(tick: TickMessage) -> str:
     if stands(tick) and step.phase in ("stow", "carry"):
         return f"Standing on the way to {name}" + (f", with {carried}" if carried else "")
     return phases.get(step.phase, f"{step.phase.replace('_', ' ')}: {name}")
+
+
+def _unseen(step: ArmMessage | None) -> bool:
+    """Whether the hand is where the object was seen, and the camera does not see it there."""
+    return step is not None and step.reason.startswith("waiting for a sight of")
 
 
 def stands(tick: TickMessage) -> bool:

@@ -181,6 +181,20 @@ def test_a_branch_is_undone_and_the_run_goes_on_where_it_ended(running):
     assert "no branch to undo" in running.ask(UndoBranch())
 
 
+def test_a_run_has_ended_when_the_work_was_done_also_after_a_branch_that_was_undone(running):
+    running.step(3)
+    assert running.last.ended is None
+    for _ in range(sum(task.kind == "pick" for task in running.last.tasks)):
+        done(running, RemoveTask(index=0))
+    running.step(4)
+    ended = running.last.ended
+    assert ended == pytest.approx(0.05 * 4) and running.last.time > ended
+    done(running, Branch(index=2))
+    assert running.last.ended is None
+    done(running, UndoBranch())
+    assert running.last.ended == ended
+
+
 def test_readers_are_told_what_the_loop_goes_back_to(running):
     running.step(45)
     texts, tell = [], running.sink.status

@@ -12,9 +12,11 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BeliefMessage, ContactMessage, EventMessage, ScoreMessage, TickMessage
 from motm_twin.control.furniture import BODIES
 from motm_twin.control.manipulation import _BOUND_NAMES
+from motm_twin.control.task_list import kind_of, name_of
 from motm_twin.model.arm_kernels import manipulability
 from motm_twin.model.joint_limits import DQ_MAX, READY
 from motm_twin.model.profile import BaseLimits
+from motm_twin.model.scene_file import load_scene
 from motm_twin.ui import words
 from motm_twin.ui.candidate_card import candidate_card, legend
 from motm_twin.ui.cards import PHASES
@@ -62,6 +64,7 @@ def test_the_sentence_tells_whether_the_base_moves(tick):
     assert words.doing(reaching) == "Closing in on cube1, on the move"
     still = replace(reaching, robot=replace(tick.robot, twist=[0.0, 0.0]))
     assert words.doing(still) == "Closing in on cube1"
+    assert words.doing(with_arm(still, reason="waiting for a sight of cube1")) == "Looking for cube1"
     carrying = with_arm(in_hand(tick, "place"), phase="carry")
     assert words.doing(carrying) == "Carrying cube1 to drop1"
 
@@ -161,6 +164,13 @@ def test_the_score_stands_beside_the_published_times_of_this_task_only(tick):
     assert "1.36" in card
     assert "no published time" in score_card(done, replace(status, scene="playground"))
     assert "reference tour" not in score_card(done, replace(status, reference_tour=None))
+    ended = score_card(replace(done, time=82.0, ended=80.0), status)
+    assert "80.00 s" in ended and "-7 %" in ended and "1.36" in ended, "the 2 s after the end count"
+    scene = load_scene("exp1", "trial1")
+    tasks = [replace(tick.tasks[0], kind=kind_of(task), target=name_of(task)) for task in scene.tasks]
+    assert "85.6 s" in score_card(replace(done, tasks=tasks), status, scene)
+    less = score_card(replace(done, tasks=tasks[:2]), status, scene)
+    assert "85.6" not in less and "reference tour" not in less and "the task list was changed" in less
     assert [entry.seconds for entry in published("exp1", "trial2")] == [95.9, 100.4, 172.3]
 
 

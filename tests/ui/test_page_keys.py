@@ -5,7 +5,7 @@ import re
 import pytest
 from page import changed, serving, until, visiting
 
-NO_EFFECT = {"5"}  # the camera stays as it is and may be moved by hand
+NO_EFFECT = {"5", "W A S D Q E"}  # the camera stays as it is and may be moved by hand; keys of Viser's own
 
 
 @pytest.mark.browser
@@ -29,8 +29,8 @@ def test_every_key_that_is_listed_works_while_a_tab_has_the_focus():
         key("r", lambda: client.tick().index == 0, "no reset")
         for count in range(1, 5):
             key("n", lambda count=count: client.tick().index == count, "no step")
-        key("e", lambda: client.status().speed == 2.0, "not faster")
-        key("q", lambda: client.status().speed == 1.0, "not slower")
+        key("x", lambda: client.status().speed == 2.0, "not faster")
+        key("z", lambda: client.status().speed == 1.0, "not slower")
         for number, (name, body) in enumerate(
             (("b", "box 1"), ("c", "cylinder 1"), ("p", "person 1"), ("t", "temi 1"))
         ):
@@ -46,7 +46,7 @@ def test_every_key_that_is_listed_works_while_a_tab_has_the_focus():
         for name, words in (("j", "Looking back"), ("k", "(live)"), ("j", "Looking back"), ("l", "(live)")):
             key(name, lambda words=words: visitor.sees(words), f"not {words}")
         with page.expect_download() as download:
-            key("s", lambda: True, "")
+            key("v", lambda: True, "")
         assert download.value.suggested_filename.startswith("exp1-trial1-")
         for name in "2341":
             before = visitor.settled()
@@ -56,4 +56,29 @@ def test_every_key_that_is_listed_works_while_a_tab_has_the_focus():
         key("h", lambda: page.locator("kbd").count() > 0, "no card")
         listed = set(page.locator("kbd").all_inner_texts())
         assert listed - NO_EFFECT == pressed
+        _window_of_keys_opens_once_and_goes_away(visitor, client)
         assert visitor.errors == []
+
+
+def _window_of_keys_opens_once_and_goes_away(visitor, client):
+    page, state = visitor.page, client.status().state
+
+    def windows(count, way=""):
+        until(lambda: page.locator("[role=dialog]").count() == count, 10.0, f"not {count} windows after {way}")
+
+    windows(1)
+    ways = {
+        "H": lambda: page.keyboard.press("h"),
+        "Escape": lambda: page.keyboard.press("Escape"),
+        "a click beside it": lambda: page.mouse.click(3, 300),
+    }
+    for way, away in ways.items():
+        page.keyboard.press("n")  # nothing else is meant under a window
+        page.keyboard.press("r")
+        away()
+        windows(0, way)
+        page.keyboard.press("h")
+        windows(1)
+    page.get_by_role("button", name="Close").click()
+    windows(0)
+    assert (client.status().state, client.tick().index > 0) == (state, True)
