@@ -56,7 +56,7 @@ class Answering:
         def reply(reason: str, index: int, path: str = "", /) -> None:
             answer = Answer(ok=not reason, reason=reason, server_time=self._now(), index=index, path=path)
             with suppress(zenoh.ZError), query:  # the asker may be gone
-                query.reply(query.key_expr, self._encode(answer))
+                query.reply(query.key_expr, self._encode(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
 
         try:
             self._request(self._gate.admit(name, payload), reply)

@@ -20,13 +20,14 @@ class LatestValues:
         self._lock = threading.Lock()
         self._last: dict[str, tuple[bytes, bytes | None]] = {}  # key: payload, attachment
         self._answers: dict[str, MakeAnswer] = {}
-        self._publishers = {}
+        self._publishers, self._encodings = {}, dict[str, zenoh.Encoding]()
         shown = (keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event)
         for key in (*shown, keys.observations):
             # Not express: ticks that have to wait for a slow reader then share the batches of the send queue.
+            self._encodings[key] = zenoh.Encoding.ZENOH_BYTES if key == keys.grid else zenoh.Encoding.APPLICATION_JSON
             self._publishers[key] = session.declare_publisher(
                 key,
-                encoding=zenoh.Encoding.ZENOH_BYTES if key == keys.grid else zenoh.Encoding.APPLICATION_JSON,
+                encoding=self._encodings[key],
                 congestion_control=_block_or_drop(key in (keys.scene, keys.event)),
                 # Events have a send queue of their own, which the ticks of a slow reader do not fill.
                 priority=zenoh.Priority.INTERACTIVE_LOW if key == keys.event else zenoh.Priority.DATA,
@@ -64,7 +65,7 @@ class LatestValues:
                     query.reply_err(str(error))
                     continue
                 if found is not None:
-                    query.reply(key, found[0], attachment=found[1])
+                    query.reply(key, found[0], attachment=found[1], encoding=self._encodings[key])
 
     def _found(self, key: str, parameters: zenoh.Parameters) -> tuple[bytes, bytes | None] | None:
         if (make := self._answers.get(key)) is not None:

@@ -20,7 +20,7 @@ class Lease:
         """After `expire`: raise Refused when somebody else drives. Any command of the driver keeps the wheel."""
         if self.driver not in ("", sender):
             raise Refused(
-                f"{self.name} is driving; ask for the wheel or wait for {SILENCE:.0f} s of silence "
+                f"{self.name} is driving: it can hand over to you, or you wait for {SILENCE:.0f} s of silence "
                 f"({self.left(now):.0f} s left)"
             )
         self.renew(sender, now)

@@ -84,6 +84,7 @@ class TwinLoop:
         self._source = SceneSource(library, methods or MethodLibrary(), first)
         self._tour: float | None = None
         self._steps, self._settling = 0, SETTLE_PERIODS  # periods still to do: asked for, and after the last task
+        self._first_due = False  # the first period of a run waits for a robot
         self._play_on = playing  # once a run that was done has a task again
         self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
         self._state, self._text = "loading", "starting"
@@ -153,7 +154,7 @@ class TwinLoop:
         """Seconds until the next period; infinite while time stands."""
         if self._state == "playing":
             return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
-        return 0.0 if self._state == "paused" and self._steps > 0 else math.inf
+        return 0.0 if self._state == "paused" and (self._steps > 0 or self._first_due) else math.inf
 
     def _until_shown(self) -> float:
         """Seconds until the picture of a standing twin may be sent, or the clock is to be looked at."""
@@ -237,7 +238,7 @@ class TwinLoop:
 
     def _require_scene(self) -> None:
         if self._live.twin is None:
-            raise Refused(f"no scene is running: {self._text}")
+            raise Refused(f"no scene is running yet: {self._text or self._state}")
 
     def _require_twin(self) -> None:
         self._require_scene()
@@ -362,7 +363,7 @@ class TwinLoop:
         self._begin(play)
 
     def _begin(self, play: bool, text: str = "") -> None:
-        self._settling, self._steps = SETTLE_PERIODS, 0
+        self._settling, self._steps, self._first_due = SETTLE_PERIODS, 0, True
         self._wheel.forget_holds()
         self._pacer.restart()
         self._advance()
@@ -373,7 +374,7 @@ class TwinLoop:
         if not self._live.ready():  # there is no robot
             self._stop.wait(IDLE_WAIT)
             return
-        self._steps = max(0, self._steps - 1)
+        self._steps, self._first_due = max(0, self._steps - (not self._first_due)), False
         self._pacer.started(time.monotonic())
         self._real_time.want(self._state == "playing" and self._pacer.at_ease(time.monotonic()))
         self._outdated = False

@@ -35,7 +35,7 @@ from motm_twin.bus.commands import (
     Speed,
     Step,
 )
-from motm_twin.model.edits import FAULTS, ParameterValue
+from motm_twin.model.edits import FARTHEST, FAULTS, ParameterValue
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 
 MAX_NAME = 64
@@ -57,6 +57,7 @@ MAX_SEED = 2**31 - 1
 _FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}\Z")
 
 _COORDINATE = f"at most {MAX_COORDINATE:g} either way"
+_BODY = f"at most {FARTHEST:g} either way"
 _NAME, _FILE_NAME = f"1 to {MAX_NAME} characters", "1 to 64 letters, digits, '.', '_' or '-'"
 _COUNT = f"0 to {MAX_INDEX}"
 ALLOWED: dict[tuple[str, str], str] = {  # what docs/zenoh.md says of (command, field)
@@ -74,7 +75,10 @@ ALLOWED: dict[tuple[str, str], str] = {  # what docs/zenoh.md says of (command, 
     ("hand_over", "to"): f"at most {MAX_NAME} characters",
     ("hand_over", "name"): f"at most {NAME_MAX} characters",
     ("add_obstacle", "name"): _NAME,
-    ("add_obstacle", "x"): _COORDINATE,
+    ("add_obstacle", "x"): _BODY,
+    ("move_body", "x"): _BODY,
+    ("send_agent", "x"): _BODY,
+    ("move_object", "x"): _BODY,
     ("add_obstacle", "size"): f"each {SIZE_RANGE[0]:g} to {SIZE_RANGE[1]:g}",
     ("release_body", "velocity"): f"its length at most {MAX_THROW:g}",
     ("push_robot", "dx"): f"length with dy at most {MAX_PUSH:g}",
@@ -119,9 +123,9 @@ def check_command(command: Command) -> None:
         case AddObstacle():
             _obstacle(command)
         case MoveBody(x=x, y=y, heading=heading):
-            _place(x, y, heading or 0.0)
+            _place(x, y, heading or 0.0, FARTHEST)
         case SendAgent(x=x, y=y) | MoveObject(x=x, y=y):
-            _place(x, y)
+            _place(x, y, farthest=FARTHEST)
         case ReleaseBody(velocity=(vx, vy)):
             _number("speed of a thrown body [m/s]", math.hypot(vx, vy), 0.0, MAX_THROW)
         case PushRobot(dx=dx, dy=dy, turn=turn):
@@ -145,8 +149,12 @@ def check_command(command: Command) -> None:
 
 def _number(what: str, value: float, low: float, high: float) -> None:
     if not low <= value <= high:  # nan neither; and a whole number may be too long to be written
-        shown = f"{value:g}" if abs(value) < 1e300 else "out of range"
-        raise Refused(f"{what} {shown}: allowed is {low:g} to {high:g}")
+        shown = _shown(value) if abs(value) < 1e300 else "out of range"
+        raise Refused(f"{what} {shown}: allowed is {_shown(low)} to {_shown(high)}")
+
+
+def _shown(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def _text(what: str, text: str, longest: int) -> None:
@@ -167,9 +175,9 @@ def _file(name: str) -> None:
         )
 
 
-def _place(x: float, y: float, heading: float = 0.0) -> None:
-    if not all(abs(value) <= MAX_COORDINATE for value in (x, y, heading)):
-        raise Refused(f"place ({x:g}, {y:g}, {heading:g}): not within {MAX_COORDINATE:.0f} m")
+def _place(x: float, y: float, heading: float = 0.0, farthest: float = MAX_COORDINATE) -> None:
+    if not (abs(x) <= farthest and abs(y) <= farthest and abs(heading) <= MAX_COORDINATE):
+        raise Refused(f"place ({x:g}, {y:g}, {heading:g}): stay within {farthest:.0f} m")
 
 
 def _load(command: Load) -> None:
@@ -181,11 +189,15 @@ def _load(command: Load) -> None:
 
 
 def _obstacle(command: AddObstacle) -> None:
-    _place(command.x, command.y, command.heading)
+    _place(command.x, command.y, command.heading, FARTHEST)
     if command.shape not in SHAPES:
         raise Refused(f"shape {command.shape[:MAX_NAME]!r}: there are {', '.join(SHAPES)}")
     for extent in command.size:
         _number("size [m]", extent, *SIZE_RANGE)
+    if command.shape == "cylinder" and command.size[0] != command.size[1]:
+        raise Refused(
+            f"size {list(command.size)} of a cylinder: it is diameter, diameter, height, and the first two differ"
+        )
 
 
 def _fault(command: InjectFault) -> None:

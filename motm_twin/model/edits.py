@@ -8,6 +8,7 @@ import msgspec
 
 from motm_twin.model.scene import Task
 
+FARTHEST = 100.0  # [m] from the origin that a body may be put
 FAULTS = ("lidar_off", "camera_off", "camera_delay")
 ParameterValue = float | bool | str
 

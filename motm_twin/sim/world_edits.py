@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from motm_twin.model.edits import (
+    FARTHEST,
     FAULTS,
     AddObstacle,
     FreezeBody,
@@ -32,7 +33,6 @@ from motm_twin.sim.slides import Obstruction
 from motm_twin.sim.solids import NOTHING
 
 SHAPES = ("box", "cylinder", "temi", "person")
-FARTHEST = 100.0  # [m] from the origin
 LARGEST = 20.0  # [m] of an obstacle
 MOST_BODIES = 100  # that persons may have added
 LONGEST_NAME = 100

@@ -47,6 +47,9 @@ def test_a_good_command_passes_with_its_types():
     assert moved.command == MoveBody(name="t", x=1.0, y=2.0)
 
 
+CRATE = {"type": "add_obstacle", "name": "a", "x": 0, "y": 0}
+
+
 @pytest.mark.parametrize(
     ("name", "payload", "word"),
     [
@@ -67,16 +70,19 @@ def test_a_good_command_passes_with_its_types():
         ("step", envelope({"type": "step", "count": 0}), "steps"),
         ("step", envelope({"type": "step", "count": 1.5}), "malformed"),
         ("load", envelope({"type": "load", "scene": "exp1", "seed": -1}), "seed"),
-        ("move_body", envelope({"type": "move_body", "name": "t", "x": 1e9, "y": 0}), "not within"),
+        ("move_body", envelope({"type": "move_body", "name": "t", "x": 1e9, "y": 0}), "stay within"),
         ("add_obstacle", envelope({"type": "add_obstacle", "name": "", "x": 0, "y": 0}), "name"),
         ("add_obstacle", envelope({"type": "add_obstacle", "name": "a", "x": 0, "y": 0, "shape": "sun"}), "shape"),
         ("add_obstacle", envelope({"type": "add_obstacle", "name": "a", "x": 0, "y": 0, "size": [0, 1, 1]}), "size"),
         ("add_obstacle", envelope({"type": "add_obstacle", "name": "a", "x": 0, "y": 0, "size": [1, 1]}), "malformed"),
+        ("add_obstacle", envelope(CRATE | {"shape": "cylinder", "size": [0.3, 0.6, 0.5]}), "the first two differ"),
+        ("add_obstacle", envelope(CRATE | {"x": 101.0}), "stay within 100 m"),
+        ("seed", envelope({"type": "seed", "seed": 2**31}), "seed 2147483648: allowed is 0 to 2147483647"),
         ("remove_body", envelope({"type": "remove_body", "name": "a\u0007b"}), "printable"),
         ("freeze_body", envelope({"type": "freeze_body", "name": "a" * 65}), "64"),
         ("release_body", envelope({"type": "release_body", "name": "t", "velocity": [8, 8]}), "thrown"),
-        ("send_agent", envelope({"type": "send_agent", "name": "t", "x": 0, "y": -1e4}), "not within"),
-        ("move_object", envelope({"type": "move_object", "name": "t", "x": 1e4, "y": 0}), "not within"),
+        ("send_agent", envelope({"type": "send_agent", "name": "t", "x": 0, "y": -1e4}), "stay within"),
+        ("move_object", envelope({"type": "move_object", "name": "t", "x": 1e4, "y": 0}), "stay within"),
         ("push_robot", envelope({"type": "push_robot", "dx": 4, "dy": 4}), "push"),
         ("push_robot", envelope({"type": "push_robot", "dx": 0, "dy": 0, "turn": 7}), "turn"),
         ("inject_fault", envelope({"type": "inject_fault", "fault": "fire"}), "lidar_off"),
@@ -177,7 +183,7 @@ def test_every_command_has_its_key_and_passes_with_what_is_allowed():
         "save": {"name": "A.b_c-1"},
         "record": {"action": "stop"},
         "branch": {"index": 0},
-        "add_obstacle": {"name": "Ä <b>", "shape": "person", "x": -1000, "y": 1000},
+        "add_obstacle": {"name": "Ä <b>", "shape": "person", "x": -100, "y": 100},
         "move_body": {"name": "a", "x": 0, "y": 0, "heading": 3},
         "release_body": {"name": "a", "velocity": [0, -MAX_THROW]},
         "freeze_body": {"name": "a", "frozen": False},

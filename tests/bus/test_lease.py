@@ -12,7 +12,9 @@ def test_who_acts_first_drives_and_others_are_told_who():
     lease = Lease()
     lease.require("ann", 0.0)
     lease.take("ann", "Ann <3", 0.0)
-    with pytest.raises(Refused, match=r"Ann <3 is driving; ask for the wheel or wait for 10 s of silence \(7 s left\)"):
+    with pytest.raises(
+        Refused, match=r"Ann <3 is driving: it can hand over to you, or you wait for 10 s of silence \(7 s left\)"
+    ):
         lease.require("bob", 3.0)
     lease.require("ann", 9.0)
     assert lease.left(10.0) == SILENCE - 1.0

@@ -193,7 +193,7 @@ def test_the_session_of_the_run_can_be_asked_for(server, client):
 def test_a_session_that_there_is_not_is_said_so():
     with serving(port=(port := free_port()), first=Load(scene="nothing")) as server:
         until(lambda: server.loop.status().state == "error", "no error")
-        with TwinClient(server.endpoint) as client, pytest.raises(NoSession, match="no scene is running"):
+        with TwinClient(server.endpoint) as client, pytest.raises(NoSession, match="no period was computed yet"):
             client.session()
     with TwinClient(f"tcp/127.0.0.1:{port}") as client, pytest.raises(NoSession, match="does not answer"):
         client.session(timeout=0.3)

@@ -57,6 +57,14 @@ def session(server):
         yield plain
 
 
+def test_live_or_asked_for_a_value_says_how_it_is_encoded(server, session):
+    json_keys = ("tick", "robot", "scan", "event", "scene", "status", "metrics", "session", "cmd/pause", "event?from=0")
+    for name in (*json_keys, "grid"):
+        replies = [reply.ok for reply in session.get(f"motm/{server.keys.twin}/{name}", payload=b"", timeout=5.0)]
+        assert len(replies) == 1, name
+        assert str(replies[0].encoding) == ("zenoh/bytes" if name == "grid" else "application/json"), name
+
+
 def done(client, *commands):
     for command in commands:
         answer = client.command(command)
