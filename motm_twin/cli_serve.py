@@ -59,6 +59,8 @@ def serve(
     methods.find(methods.own_name)
     try:
         Keys(twin)
+        if connect is not None and plant == "simulated":
+            raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
         check_token(host, token)
         folder = None if secure is None else Folder(Path(secure)).ready()
         if not headless:

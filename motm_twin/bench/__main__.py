@@ -20,6 +20,7 @@ from motm_twin.bench.experiments import command, efficiency
 from motm_twin.bench.experiments.catalogue import EXPERIMENTS
 from motm_twin.bench.groups import GROUPS
 from motm_twin.bench.table import bench
+from motm_twin.console import table_console
 
 KNOWN = (
     *GROUPS, page.NAME, bus.NAME, soak.NAME, scale.NAME, efficiency.NAME, growth.NAME, anytime.NAME, solvers.NAME,
@@ -45,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     problem = _problem(options)
     if problem:
         parser.error(problem)
-    console = Console(highlight=False, soft_wrap=True)
+    console = table_console()
     console.width = max(console.width, TABLE_WIDTH)
     experiments = [name for name in options.groups if name in ONLY_EXPERIMENTS or command.wanted(options)]
     code = command.bench_experiments(experiments, options, console) if experiments else 0

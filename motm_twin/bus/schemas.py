@@ -61,9 +61,9 @@ _FIELD = re.compile(r"^(\w+): .*?  # (.+)$")
 def schema(name: str) -> dict[str, Any]:
     """The schema of a message, or of ``cmd/<type>``: the ``command`` in the envelope. Raises KeyError."""
     if name in COMMANDS:
-        return _schema(COMMANDS[name], COMMAND_VERSION)
+        return schema_of(COMMANDS[name], COMMAND_VERSION)
     version, kind = MESSAGES[name]
-    return _schema(kind, version)
+    return schema_of(kind, version)
 
 
 def names() -> list[str]:
@@ -86,7 +86,8 @@ def field_notes(kind: type) -> dict[str, str]:
     return {match[1]: match[2] for match in found if match}
 
 
-def _schema(kind: type[msgspec.Struct], version: str) -> dict[str, Any]:
+def schema_of(kind: type[msgspec.Struct], version: str) -> dict[str, Any]:
+    """The schema of a struct under this ``$id``, with what the comments beside all fields say."""
     made = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(kind)))  # as its readers get it: no tuples
     kinds = _structs(kind, {})
     for name, part in made.get("$defs", {}).items():

@@ -66,12 +66,12 @@ class ScanData(msgspec.Struct, frozen=True, kw_only=True):
 class DetectionData(msgspec.Struct, frozen=True, kw_only=True):
     """An object that the gripper camera sees."""
 
-    stamp: float
-    name: str
-    p_base: Vector  # centre in the base frame at the stamp, shape (3,)
-    yaw_base: float
-    position_sd: float  # per axis
-    odometry: Vector  # odometry pose at the stamp
+    stamp: float  # [s] when the picture was taken
+    name: str  # of the object, as in the scene
+    p_base: Vector  # [m] its centre in the base frame at the stamp: forward, left, up from the floor
+    yaw_base: float  # [rad] of its faces about the vertical, in the base frame
+    position_sd: float  # [m] standard deviation, of each axis
+    odometry: Vector  # pose of the base in its odometry at the stamp, x, y, heading
 
 
 class DetectionList(msgspec.Struct, frozen=True, kw_only=True):

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from motm_twin.bus.schemas import DIALECT, field_notes
+from motm_twin.bus.schemas import schema_of
 from motm_twin.external.messages import (
     VERSION,
     ClockGrant,
@@ -41,12 +41,7 @@ KINDS: dict[str, type[msgspec.Struct]] = {
 
 def plant_schema(name: str) -> dict[str, Any]:
     """The schema of the message of a key below ``plant/``, or of the ``answer`` to a request."""
-    kind = KINDS[name]
-    made = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(kind)))
-    fields = made["$defs"][kind.__name__]["properties"]
-    for field, about in field_notes(kind).items():
-        fields[field]["description"] = about
-    return {"$schema": DIALECT, "$id": f"{VERSION}/{name}", **made}
+    return schema_of(KINDS[name], f"{VERSION}/{name}")
 
 
 def text(name: str) -> str:

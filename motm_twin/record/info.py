@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from motm_twin.bus.commands import DEFAULT_METHOD
+from motm_twin.console import table_console
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
 
@@ -117,7 +117,7 @@ def as_json(found: Info) -> dict[str, Any]:
 
 def show(found: Info) -> None:
     """Print it."""
-    console = Console(highlight=False, soft_wrap=True)
+    console = table_console()
     console.print(found.file, style="bold", markup=False)
     console.print(
         f"{found.seconds:.1f} s, {found.megabytes:.2f} MB ({found.megabytes_per_minute:.1f} MB a minute), "

@@ -32,27 +32,27 @@ class ScanSample(msgspec.Struct, frozen=True, kw_only=True):
 class DetectionSample(msgspec.Struct, frozen=True, kw_only=True):
     """One object seen, exactly; fields as in `model.plant.Detection`."""
 
-    stamp: float
+    stamp: float  # [s] simulated
     name: str
-    p_base: Vector
-    yaw_base: float
-    position_sd: float
-    odometry: Vector
+    p_base: Vector  # [m] centre in the base frame, x, y, z
+    yaw_base: float  # [rad] in the base frame
+    position_sd: float  # [m] per axis
+    odometry: Vector  # pose of the base at the stamp, x, y, heading
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
     """What one arm step saw; scan and detections only where they are others than in the sample before."""
 
-    time: float
-    pose: Vector
-    odometry: Vector
-    twist: Vector
-    q: Vector
-    dq: Vector
-    gripper_width: float
+    time: float  # [s] simulated
+    pose: Vector  # localised base pose x, y, heading, world
+    odometry: Vector  # dead-reckoned base pose x, y, heading
+    twist: Vector  # forward speed [m/s], yaw rate [rad/s]
+    q: Vector  # [rad] arm joints, 7
+    dq: Vector  # [rad/s] arm joint rates, 7
+    gripper_width: float  # [m]
     gripper_moving: bool
-    ahead: float = 0.0
-    age: float = 0.0
+    ahead: float = 0.0  # [s] by which this is a prediction: from when it was observed to when the command acts
+    age: float = 0.0  # [s] of the newest state of the robot
     scan: ScanSample | None = None
     detections: list[DetectionSample] | None = None
 
@@ -60,9 +60,9 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
 class ObservationsMessage(msgspec.Struct, frozen=True, kw_only=True):
     """What the arm steps of one period saw, oldest first. The first period of a run has scan and detections."""
 
-    version: str
-    run: int
-    server_time: float
+    version: str  # motm.observations/1
+    run: int  # as in the ticks
+    server_time: float  # [s] when it was sent
     index: int  # of the period
     samples: list[Sample]
     restarted: bool = False  # control had been away before this period

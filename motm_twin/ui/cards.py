@@ -78,7 +78,7 @@ def _where(status: StatusMessage) -> str:
 
 def _speed(state: str, status: StatusMessage) -> str:
     wanted = f"{status.speed:g}&times;"
-    if state != "playing":
+    if state != "playing" or status.actual_speed <= 0.0:  # not known yet
         return f"speed {wanted}"
     capped = ' <b style="color:#b45309">CAPPED</b>' if status.capped else ""
     return f"speed {wanted}, actual {status.actual_speed:.2f}&times;{capped}"

@@ -1,4 +1,6 @@
-"""Small marks on what the task is about: the active target, points to drive to, and beliefs that are off."""
+"""Small marks on the task: where the active target is believed, points to drive to, and beliefs that are off."""
+
+import dataclasses
 
 import numpy as np
 import trimesh
@@ -7,7 +9,7 @@ import viser
 from motm_twin.bus.messages import TickMessage
 from motm_twin.ui import colours
 from motm_twin.ui.aim import Surroundings
-from motm_twin.ui.selection_view import ring, spot_of
+from motm_twin.ui.selection_view import Spot, ring, spot_of
 
 ROOT = "/marks"
 OFF = 0.01  # [m] a belief must be wrong by this much to be shown
@@ -48,12 +50,11 @@ class MarksView:
         self._put(self._beliefs, "beliefs", believed(tick)[:BELIEFS], BELIEFS)
 
     def _show_target(self, tick: TickMessage, surroundings: Surroundings) -> None:
-        task = tick.tasks[tick.task_index] if tick.task_index < len(tick.tasks) else None
-        spot = None if task is None or task.kind == "drive_to" else spot_of(task.target, tick, surroundings)
+        spot = target_spot(tick, surroundings)
         key = (
             None
             if spot is None
-            else (round(spot.x, 4), round(spot.y, 4), round(spot.z, 4), round(0.7 * spot.radius, 3))
+            else (round(spot.x, 3), round(spot.y, 3), round(spot.z, 3), round(0.7 * spot.radius, 3))
         )
         if key == self._shown.get("target"):
             return
@@ -72,6 +73,20 @@ class MarksView:
         if self._shown.get(name) != key:
             self._shown[name] = key
             handle.batched_positions = positions
+
+
+def target_spot(tick: TickMessage, surroundings: Surroundings) -> Spot | None:
+    """Where the robot believes what it picks or places at; None when it does neither."""
+    task = tick.tasks[tick.task_index] if tick.task_index < len(tick.tasks) else None
+    spot = None if task is None or task.kind == "drive_to" else spot_of(task.target, tick, surroundings)
+    if spot is None or task is None:
+        return None
+    true = next((item.position for item in tick.objects if item.name == task.target), None)
+    belief = next((belief.position for belief in tick.beliefs if belief.name == task.target), None)
+    if true is None or belief is None:
+        return spot
+    x, y, z = belief
+    return dataclasses.replace(spot, x=x, y=y, z=spot.z + z - true[2])
 
 
 def drive_points(tick: TickMessage) -> list[tuple[float, float]]:

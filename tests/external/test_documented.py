@@ -8,7 +8,7 @@ import pytest
 
 from motm_twin.external.convert import scan_of
 from motm_twin.external.keys import PlantKeys
-from motm_twin.external.messages import Info, RobotCommand, RobotState, ScanData
+from motm_twin.external.messages import DetectionList, Info, RobotCommand, RobotState, ScanData
 from motm_twin.external.schemas import KINDS, path, plant_schema, text
 from motm_twin.model.profile import Lidar
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
@@ -40,7 +40,14 @@ def test_the_page_names_every_key() -> None:
 
 
 @pytest.mark.parametrize(
-    ("title", "kind"), [("info", Info), ("state", RobotState), ("scan", ScanData), ("command", RobotCommand)]
+    ("title", "kind"),
+    [
+        ("info", Info),
+        ("state", RobotState),
+        ("scan", ScanData),
+        ("detections", DetectionList),
+        ("command", RobotCommand),
+    ],
 )
 def test_the_examples_of_messages_can_be_read(title: str, kind: type) -> None:
     import msgspec

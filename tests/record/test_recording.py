@@ -15,7 +15,7 @@ from motm_twin.bus.server import TwinServer
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
 from motm_twin.record.cli_rerun import rerun_file
-from motm_twin.record.info import info
+from motm_twin.record.info import info, show
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
 from motm_twin.record.recover import recover
@@ -76,8 +76,12 @@ def whole(files):
     return files[0]
 
 
-def test_a_recording_tells_what_is_in_it(whole):
+def test_a_recording_tells_what_is_in_it(whole, capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
     found = info(whole)
+    show(found)
+    printed = capsys.readouterr().out
+    assert all(word in printed for word in ("simulated", "motm.Tick", *(run.scene for run in found.runs))), "cut"
     assert (found.complete, found.text) == (True, "")
     assert [(run.from_s, run.to_s, run.missing) for run in found.runs] == [
         (0.0, (BRANCHED + 11) * 0.05, 0),

@@ -20,7 +20,7 @@ from motm_twin.ui.framing import ASPECT, FIELD_OF_VIEW, extent, from_above, over
 from motm_twin.ui.free_place import free_place, is_free
 from motm_twin.ui.furniture import bin_mesh, loose_box_mesh, solids_mesh
 from motm_twin.ui.light import SHADOW_SHIFT, on_screen, shining
-from motm_twin.ui.marks_view import believed, drive_points
+from motm_twin.ui.marks_view import believed, drive_points, target_spot
 from motm_twin.ui.plan_view import dashes, relative_cost
 from motm_twin.ui.pointing import waiting_job
 from motm_twin.ui.robot_view import GHOST_GAP, GHOSTS, ghost_poses
@@ -266,6 +266,20 @@ def test_beliefs_are_marked_only_where_they_are_off(tick):
     assert len(believed(msgspec.structs.replace(tick, beliefs=[belief]))) == 0
     off = msgspec.structs.replace(belief, position=[p + 0.02 for p in item.position])
     assert believed(msgspec.structs.replace(tick, beliefs=[off])).shape == (1, 3)
+
+
+def test_the_target_is_marked_where_the_robot_believes_it(tick):
+    surroundings, item = Surroundings(fake_scene()), tick.objects[0]
+    surroundings.update(tick)
+    picks = [task for task in tick.tasks if task.kind == "pick" and task.target == item.name]
+    assert picks, "the first cube is to be picked"
+    active = msgspec.structs.replace(tick, task_index=tick.tasks.index(picks[0]))
+    off = [item.position[0] + 0.3, item.position[1] - 0.1, item.position[2] + 0.05]
+    belief = msgspec.structs.replace(tick.beliefs[0], name=item.name, position=off)
+    spot = target_spot(msgspec.structs.replace(active, beliefs=[belief]), surroundings)
+    assert (spot.x, spot.y, spot.z) == pytest.approx((off[0], off[1], off[2] - 0.5 * item.size[0]))
+    known = target_spot(msgspec.structs.replace(active, beliefs=[]), surroundings)
+    assert (known.x, known.y) == pytest.approx(tuple(item.position[:2]))
 
 
 def test_a_cube_that_waits_in_the_list_is_found_with_its_bin(tick):
