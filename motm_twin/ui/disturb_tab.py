@@ -82,7 +82,7 @@ class DisturbTab:
         self._faults = Html(gui)
         gui.add_divider()
         clear_hint = "added bodies go, furniture back to its place"
-        self._row(gui, ("Clear all",), lambda _: self.clear(), hint=clear_hint)
+        self._row(gui, ("Clear all disturbances",), lambda _: self.clear(), hint=clear_hint)
 
     def enable(self, driving: bool) -> None:
         """Grey while somebody else drives."""

@@ -1,4 +1,4 @@
-"""What is selected: a ring under it, and a knob in front of it to turn it by."""
+"""What is selected: a ring under it, its name over it, and a knob in front of it to turn it by."""
 
 import math
 from dataclasses import dataclass
@@ -19,11 +19,16 @@ CORNERS = 48  # of the ring
 ROOM = 0.07  # [m] between the selected and its ring
 STEM = 0.16  # [m] from the ring to the knob
 KNOB = 0.055  # [m] its radius
+FROZEN_SIGN = 0.2  # [m] the sign of a frozen body is high
+SIGN_SIZE, SIGN_GAP = 0.78, 0.05  # of the name, and [m] over what is selected
 
 
 @dataclass(frozen=True)
 class Spot:
-    """Where the selected stands: floor point or lower face [m], heading [rad], radius [m], whether it can be turned."""
+    """Where the selected stands: floor point or lower face [m], heading [rad], radius [m], whether it can be turned.
+
+    And its height [m].
+    """
 
     x: float
     y: float
@@ -31,10 +36,11 @@ class Spot:
     heading: float
     radius: float
     turns: bool
+    height: float
 
 
 class SelectionView:
-    """One ring and one knob to turn by, for everybody."""
+    """One ring, one name and one knob to turn by, for everybody."""
 
     def __init__(self, server: viser.ViserServer, hub: Hub, drag: Drag) -> None:
         add = server.scene
@@ -43,6 +49,9 @@ class SelectionView:
         self._stem = add.add_line_segments(f"{ROOT}/stem", _stem(1.0), colours.SELECTED, thickness=0.022, visible=False)
         self._knob = add.add_icosphere(
             f"{ROOT}/knob", radius=KNOB, color=colours.SELECTED, visible=False, cast_shadow=False, receive_shadow=False
+        )
+        self._sign = add.add_label(
+            f"{ROOT}/name", "", font_screen_scale=SIGN_SIZE, anchor="bottom-center", depth_test=False, visible=False
         )
         self._knob.on_drag("left")(hub.watching(self._turn))
         self._radius = 0.0
@@ -55,7 +64,8 @@ class SelectionView:
         spot = spot_of(name, tick, surroundings) if name else None
         self._name = name
         turns = spot is not None and spot.turns and live
-        for handle, visible in ((self._ring, spot is not None), (self._stem, turns), (self._knob, turns)):
+        shown, named = spot is not None, spot is not None and all(box.name != name for box in surroundings.now.bins)
+        for handle, visible in ((self._ring, shown), (self._sign, named), (self._stem, turns), (self._knob, turns)):
             if handle.visible != visible:
                 handle.visible = visible
         if spot is None:
@@ -68,6 +78,9 @@ class SelectionView:
             self._radius = spot.radius
             self._ring.points, self._stem.points = ring(spot.radius), _stem(spot.radius)
         self._ring.position = self._stem.position = (x, y, z + 0.016)
+        if self._sign.text != name:
+            self._sign.text = name
+        self._sign.position = (x, y, z + spot.height + SIGN_GAP)
         if turns:
             reach = spot.radius + STEM
             self._stem.wxyz = yaw_wxyz(heading)
@@ -93,23 +106,26 @@ def spot_of(name: str, tick: TickMessage, surroundings: Surroundings) -> Spot | 
         if item.name == name:
             x, y, z = item.position
             side = item.size[0]
-            return Spot(x, y, z - side / 2, item.yaw, 0.72 * side + 0.03, False)
+            return Spot(x, y, z - side / 2, item.yaw, 0.72 * side + 0.03, False, side)
     for body in (*tick.agents, *tick.obstacles):
         if body.name == name:
             half = math.hypot(body.size[0], body.size[1]) / 2 if body.kind == "box" else body.size[0] / 2
-            return Spot(body.position[0], body.position[1], 0.0, body.yaw, half + ROOM, True)
+            height = body.size[2] + (FROZEN_SIGN if body.state == "frozen" else 0.0)
+            return Spot(body.position[0], body.position[1], 0.0, body.yaw, half + ROOM, True, height)
     for box in surroundings.now.bins:
         if box.name == name:
-            return Spot(*box.centre, box.rim_z, box.yaw, 0.71 * box.side + 0.02, False)
+            return Spot(*box.centre, box.rim_z, box.yaw, 0.71 * box.side + 0.02, False, 0.0)
     piece = surroundings.pieces.get(name)
     if piece is None or name in tick.removed:
         return None
     x, y, heading = next(
         ((*body.position[:2], body.yaw) for body in tick.furniture if body.name == name), (*piece.centre, 0.0)
     )
-    bounds = np.array([outline(s.shape).bounds for s in surroundings.now.solids if s.name in piece.solids])
+    solids = [solid for solid in surroundings.now.solids if solid.name in piece.solids]
+    bounds = np.array([outline(solid.shape).bounds for solid in solids])
     reach = np.concatenate([bounds[:, :2], bounds[:, 2:]]) - (x, y)
-    return Spot(x, y, 0.0, heading, round(float(np.linalg.norm(reach, axis=1).max()) + ROOM, 2), True)
+    radius, height = round(float(np.linalg.norm(reach, axis=1).max()) + ROOM, 2), max(solid.z_max for solid in solids)
+    return Spot(x, y, 0.0, heading, radius, True, height)
 
 
 def _stem(radius: float) -> np.ndarray:
