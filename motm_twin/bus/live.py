@@ -70,6 +70,11 @@ class LiveTwin:
         return self._robot is not None and not self._robot.shared
 
     @property
+    def commands_at_once(self) -> bool:
+        """A period moves a robot whose time passes by itself."""
+        return self.real_time and not self.mirror
+
+    @property
     def waiting(self) -> str:
         """Why there is no robot; "" when there is one."""
         return "" if self._here or self._robot is None else self._robot.text()
@@ -153,8 +158,9 @@ class LiveTwin:
         assert self._branches is not None
         self._branches.branch(_any(self.twin), index)
         past, self._aside_run = self.run, self.run
-        self._aside_ended = self._ended
+        ended = self._aside_ended = self._ended
         self._begin(self._began, index, past)
+        self._ended = ended if ended is not None and ended <= index * PERIOD else None
         return list(self.twin.edits)
 
     def require_aside(self) -> None:

@@ -84,8 +84,7 @@ class TwinLoop:
         self._source = SceneSource(library, methods or MethodLibrary(), first)
         self._tour: float | None = None
         self._steps, self._settling = 0, SETTLE_PERIODS  # periods still to do: asked for, and after the last task
-        self._first_due = False  # the first period of a run waits for a robot
-        self._play_on = playing  # once a run that was done has a task again
+        self._play_on, self._first_due = playing, False  # once a done run has a task again; a first period waits
         self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
         self._state, self._text = "loading", "starting"
         self._sessions = SessionDesk(
@@ -371,7 +370,8 @@ class TwinLoop:
             self._set_state("playing" if play else "paused", text)
 
     def _advance(self) -> None:
-        if not self._live.ready():  # there is no robot
+        unasked = self._first_due and self._state == "paused" and not self._steps
+        if not self._live.ready() or (unasked and self._live.commands_at_once):  # there is no robot, or it would move
             self._stop.wait(IDLE_WAIT)
             return
         self._steps, self._first_due = max(0, self._steps - (not self._first_due)), False

@@ -56,6 +56,8 @@ def read(name: str, payload: bytes) -> Message:
         _pose("pose", message.pose)
     elif isinstance(message, DetectionList):
         for one in message.detections:
+            if one.stamp > message.stamp + MAX_AHEAD:
+                raise RefusedMessage(f"stamp of {one.name!r} is {one.stamp - message.stamp:.1f} s after its picture")
             _vector(f"p_base of {one.name!r}", one.p_base, 3)
             _pose(f"odometry of {one.name!r}", one.odometry)
             if one.position_sd < 0.0:

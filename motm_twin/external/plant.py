@@ -42,6 +42,7 @@ class ZenohPlant(RemoteWorld):
         self._sender, self._reset_wanted = sender, reset and not self.mirror
         self._seq = time.time_ns() // 1000  # rises also when this program starts again
         self._predictor = Predictor(scene.robot, LIFETIME)
+        self._clock_sets = 0  # of the link, as far as is known here
         self._origin: float | None = None  # robot's clock at time 0 of the run
         self._to_odometry: Array | None = None  # of a robot that was started again: its odometry in the run's
         self._clock = ClockOffset()
@@ -63,7 +64,8 @@ class ZenohPlant(RemoteWorld):
 
     def ready(self) -> bool:
         """Whether there is a robot to observe now; takes up one that has come. Call it between periods."""
-        if self._info is not None and self.link.life == self._info.life and self._origin is not None:
+        known = self._info is not None and self.link.life == self._info.life
+        if known and self.link.clock_sets == self._clock_sets and self._origin is not None:
             return self._fresh()
         return self._take_up()
 
@@ -295,7 +297,8 @@ class ZenohPlant(RemoteWorld):
     def _take_up(self) -> bool:
         """Take up the robot that is there now; whether it can be observed."""
         state = self.link.newest("state")
-        if self._info is None or self.link.life != self._info.life or state is None:
+        same = self._info is not None and (self.link.life, self.link.clock_sets) == (self._info.life, self._clock_sets)
+        if not same or state is None:
             info = self.link.info()
             if info is None:
                 return False
@@ -307,9 +310,9 @@ class ZenohPlant(RemoteWorld):
         return self._settle()
 
     def _adopt(self, info: Info) -> None:
-        """Another robot, or the same one after it was started again."""
+        """Another robot, or the same one after it was started again or its clock was set."""
         self.link.live(info.life)
-        self._info = info
+        self._info, self._clock_sets = info, self.link.clock_sets
         self._forget()
 
     def _forget(self) -> None:

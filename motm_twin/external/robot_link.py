@@ -26,6 +26,7 @@ from motm_twin.external.messages import (
 ANSWER = 2.0  # [s] for an answer
 RESET_ANSWER = 60.0  # [s] a simulated robot may compile for so long
 REFUSED_FOR = 1.0  # [s] after which a refused message is no longer told
+SILENCE = 1.0  # [s] without a state that counts, after which a clock that was set is believed
 _SENSED = ("scan", "detections")  # stamped before the state that comes after them
 
 
@@ -40,7 +41,8 @@ class RobotLink:
         self.last_sign = -1e9  # [s] monotonic, of the newest state
         self.unreadable = 0
         self._refusals: dict[str, tuple[str, float]] = {}  # by key: why, and when [s] monotonic
-        self._jumped: float | None = None  # [s] stamp of a state that was refused because it was far ahead
+        self._jumped: float | None = None  # [s] stamp of a state that was refused because it was far off
+        self.clock_sets = 0  # how often the robot's clock was found to have been set
         self.on_state: Callable[[RobotState, float], None] = lambda state, received: None
         self._encode = msgspec.json.Encoder().encode
         self._declared: list[Any] = [
@@ -117,7 +119,7 @@ class RobotLink:
     def _begin(self, life: str) -> None:
         if self._life:
             self._past_lives.add(self._life)
-        self._life = life
+        self._life, self._jumped = life, None
         self._newest = {name: message for name, message in self._newest.items() if message.life == life}
 
     def _reader(self, name: str) -> Callable[[zenoh.Sample], None]:
@@ -139,11 +141,12 @@ class RobotLink:
                 self._begin(message.life)
             before, state = self._newest.get(name), self._newest.get("state")
             if name in _SENSED and state is not None:
-                _require_on_time(message, state)
+                self._require_on_time(message, state, received)
                 if before is not None and before.stamp > state.stamp + MAX_AHEAD:
                     before = None  # it came before the first state, which was earlier by far
             if isinstance(message, RobotState):
-                self._require_steady(message, state, received)
+                if self._clock_was_set(message, state, received):
+                    before = None
                 self.last_sign = received
                 self.on_state(message, received)
             if before is not None and message.stamp < before.stamp:
@@ -152,25 +155,34 @@ class RobotLink:
             self._refusals.pop(name, None)
             self.changed.notify_all()
 
-    def _require_steady(self, message: RobotState, before: RobotState | None, received: float) -> None:
-        """One wrong stamp is not believed; a clock that was set forward is, from its second state on."""
+    def _clock_was_set(self, message: RobotState, before: RobotState | None, received: float) -> bool:
+        """Whether the robot's clock is another one now. One wrong stamp is not believed: two, after a silence, are."""
         if before is None:
-            return
-        if message.stamp < before.stamp - MAX_AHEAD:
+            return False
+        silent = received - self.last_sign
+        off = message.stamp - self._now(before, received)
+        if off <= MAX_AHEAD and message.stamp >= before.stamp - MAX_AHEAD:
+            self._jumped = None
+            return False
+        jumped, self._jumped = self._jumped, message.stamp
+        if silent < SILENCE or jumped is None or abs(message.stamp - jumped) > MAX_AHEAD:
+            raise RefusedMessage(f"its stamp jumps by {off:+.1f} s: its clock must be steady")
+        self._jumped, self.clock_sets = None, self.clock_sets + 1
+        self._newest.clear()
+        return True
+
+    def _now(self, state: RobotState, received: float) -> float:
+        """The robot's clock [s] by its newest state and the time since; a shared one may be further, and says so."""
+        clock = self._newest.get("clock")
+        since = state.stamp + received - self.last_sign
+        return since if clock is None else max(since, clock.stamp)
+
+    def _require_on_time(self, message: Message, state: RobotState, received: float) -> None:
+        ahead = message.stamp - self._now(state, received)
+        if ahead > MAX_AHEAD:
             raise RefusedMessage(
-                f"its stamp is {before.stamp - message.stamp:.1f} s before an earlier one: start the robot again, with "
-                "another life, when its clock is set back"
+                f"its stamp is {ahead:.1f} s later than it can be by the newest state: one clock for all"
             )
-        jumped, expected = self._jumped, before.stamp + received - self.last_sign
-        self._jumped = message.stamp if message.stamp > expected + MAX_AHEAD else None
-        if self._jumped is not None and (jumped is None or abs(self._jumped - jumped) > MAX_AHEAD):
-            raise RefusedMessage(f"its stamp jumps {message.stamp - expected:.1f} s ahead")
-
-
-def _require_on_time(message: Message, state: RobotState) -> None:
-    ahead = message.stamp - state.stamp
-    if ahead > MAX_AHEAD:
-        raise RefusedMessage(f"its stamp is {ahead:.1f} s later than that of the newest state: one clock for all")
 
 
 def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:

@@ -16,7 +16,9 @@ from motm_twin.record.session import SessionError
 
 # Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
 # run itself.
-_NOT_COMPARED = ("server_time", "run", "began", "first", "past", "stage_ms", "inspected", "preview", "announced")
+_NOT_COMPARED = (
+    "server_time", "run", "began", "first", "past", "ended", "stage_ms", "inspected", "preview", "announced",
+)  # fmt: skip
 _NOT_COMPARED_OF_PLAN = ("cut_by_clock", "staa_path")
 _OF_TRUTH = ("objects", "agents", "obstacles", "furniture", "removed", "faults", "score")  # nobody knows it again
 MOST_FIELDS = 5

@@ -149,7 +149,7 @@ class DriveTab:
         return self._methods[place] if place < len(self._methods) else None
 
     def _load_scene(self) -> None:
-        self._seed.value = int(self._seed.value)  # also where something else, or nothing, was typed
+        self._seed.value = int(self._seed.value)  # of a fraction what counts
         self._filled = self._chosen()
         variant, chosen = self._variant.value or None, self._chosen_method()
         method = DEFAULT_METHOD if chosen is None else chosen.name

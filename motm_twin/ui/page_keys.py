@@ -30,8 +30,9 @@ SCRIPT = """<script>
     const at = event.target;
     const close = closing();
     if (event.isTrusted && close && event.key !== "Tab" && event.key.toLowerCase() !== "h") {
+      if (event.type === "keyup") return;
       event.stopImmediatePropagation();
-      if (event.key === "Escape" && event.type === "keydown") close.click();
+      if (event.key === "Escape") close.click();
       return;
     }
     if (!event.isTrusted || !(at instanceof Element) || typing(at) || event.ctrlKey || event.altKey || event.metaKey)

@@ -35,14 +35,14 @@ def _time(tick: TickMessage) -> float:
 def _compared(
     rows: list[tuple[str, ...]], tick: TickMessage, status: StatusMessage | None, scene: Scene | None
 ) -> tuple[str, str]:
-    """The rows and what they are beside, which are times of the tasks of the scene: of no others."""
-    if scene is not None and [(task.kind, task.target) for task in tick.tasks] != _tasks(scene):
+    """The rows and what they are beside, which are times of the tasks of the scene, in any order: of no others."""
+    if scene is not None and sorted((task.kind, task.target) for task in tick.tasks) != _tasks(scene):
         return table(rows), '<hr><div class="mu">the task list was changed: no time to compare with</div>'
     return table(rows + _tour(tick, status)), _published(tick, status)
 
 
 def _tasks(scene: Scene) -> list[tuple[str, str]]:
-    return [(kind_of(task), name_of(task)) for task in scene.tasks]
+    return sorted((kind_of(task), name_of(task)) for task in scene.tasks)
 
 
 def _count(tick: TickMessage, score: ScoreMessage) -> list[tuple[str, ...]]:

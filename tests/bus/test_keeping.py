@@ -86,6 +86,9 @@ def test_a_recorder_that_was_killed_is_told_and_another_can_begin(server, tmp_pa
         assert "the recording has stopped" in capfd.readouterr().err
         assert client.command(Record(action="start", name="next"), timeout=30.0).ok
         assert client.command(Record(action="stop"), timeout=10.0).ok
+        listens = (thread for thread in threading.enumerate() if thread.name == "recorder reports")
+        for thread in listens:
+            thread.join(10.0)
         assert len(told()) == 1, "one that was asked to stop has not failed"
 
 

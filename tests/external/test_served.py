@@ -123,9 +123,22 @@ def test_a_paused_twin_shows_the_robot_as_soon_as_it_is_there(served: TwinServer
             run = tick(client).run
             assert client.command(Load(scene="exp1", variant="trial1", seed=3)).ok
             until(lambda: tick(client).run > run)
-            assert (status(client).state, tick(client).index) == ("paused", 0)
+            until(lambda: status(client).state == "paused")
+            assert tick(client).index == 0
             assert client.command(Step(count=2)).ok
             until(lambda: tick(client).index == 2)
+
+
+def test_a_paused_twin_finds_a_real_robot_and_moves_nothing(served: TwinServer, router: Router, scene: Scene) -> None:
+    with TwinClient(served.endpoint) as client:
+        until(lambda: client.status() and status(client).text.startswith("waiting for robot"))
+        assert client.command(Pause()).ok
+        with running_robot(router, scene, clock="real") as robot:
+            until(lambda: "real clock" in status(client).plant_text)
+            until(lambda: robot.robot.report()["time_s"] > 2.0)
+            assert client.tick() is None and robot.robot.report()["path_length_m"] == 0.0
+            assert client.command(Step()).ok
+            until(lambda: client.tick() is not None)
 
 
 def test_the_skeleton_of_a_robot_is_driven(router: Router, scene: Scene) -> None:

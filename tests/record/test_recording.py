@@ -6,11 +6,13 @@ import random
 import jsonschema
 import msgspec
 import pytest
+from fake_twin import FakeTwin, fake_scene
 from recordings import Recording, changed, cut
 from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, MoveBody, SetParameter, Step
+from motm_twin.bus.encode import tick_message
 from motm_twin.bus.server import TwinServer
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
@@ -19,7 +21,7 @@ from motm_twin.record.info import info, show
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
 from motm_twin.record.recover import recover
-from motm_twin.record.rerun_file import rerun_run
+from motm_twin.record.rerun_file import _differing, rerun_run
 from motm_twin.record.session import SessionError
 
 READY = 240.0  # [s] the first start compiles, on a machine that may be busy
@@ -260,3 +262,11 @@ def test_a_cut_file_is_recovered_and_the_proof_is_read(whole, tmp_path):
     with pytest.raises(SessionError, match="exists already"):
         recover(path)
     assert recover(whole, tmp_path / "same.mcap").was_complete
+
+
+def test_when_the_work_was_done_is_of_the_server_and_no_part_of_the_run():
+    tick = FakeTwin(fake_scene()).advance()
+    payload = msgspec.json.encode(tick_message(tick, 1, 0.0, ended=0.05))
+    assert _differing(payload, tick, of_truth=True) == []
+    moved = msgspec.structs.replace(tick, stop_reason="another one")
+    assert _differing(payload, moved, of_truth=True) != []
