@@ -28,8 +28,8 @@ def paper(
     """Run the paper's experiments and write a report to cite: figures, tables, results, one HTML file.
 
     By default eight methods on ten trials of Experiments 1 and 1a and five of 2, and each modification switched off on
-    ten: about an hour on two cores. After Ctrl-C the same command goes on where it ended. Exit code 0: the report was
-    written; 2: bad input; 130: stopped with Ctrl-C.
+    ten: half an hour to an hour on two cores. After Ctrl-C the same command goes on where it ended. Exit code 0: the
+    report was written; 2: bad input; 130: stopped with Ctrl-C.
 
     Args:
         out: Folder for everything; trials that are in it are not run again.
