@@ -16,7 +16,7 @@ from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.known import known_world
-from motm_twin.model.plant import Observation, Scan
+from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import Lidar
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.mapper import Mapper
@@ -26,8 +26,9 @@ from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.twin import Twin
 
 ARM_STEP = 0.01  # [s]
-PERIODS = 10  # of Experiment 1: the first one needs nearly every kernel that is left
+PERIODS = 10
 METHODS = ("motm", "fast", "irm")  # that have all kernels of methods between them
+DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods that need what is left: until a cube is carried, and Temis
 
 
 def is_warm() -> bool:
@@ -68,13 +69,16 @@ def _arm() -> None:
         observation = _observation(known.robot.lidar, ARM_STEP * k)
         actuation = manipulator.step(_arm_inputs(observation)).actuation
         monitor.check(actuation, observation, ARM_STEP, scan_stamp=observation.time)
+    narrow = _observation(known.robot.lidar, ARM_STEP * PERIODS, radius=0.5, speed=0.5)
+    fast = Actuation(twist=np.array([0.5, 0.1]), joint_velocity=np.zeros(7), gripper="open")
+    monitor.check(fast, narrow, ARM_STEP, scan_stamp=narrow.time)  # brakes
 
 
-def _observation(lidar: Lidar, time: float) -> Observation:
-    """A standing robot in a round room."""
+def _observation(lidar: Lidar, time: float, *, radius: float = 2.0, speed: float = 0.0) -> Observation:
+    """A robot in a round room."""
     scan = Scan(
         stamp=time,
-        ranges=np.full(lidar.beams, 2.0),
+        ranges=np.full(lidar.beams, radius),
         angle_min=-0.5 * lidar.field_of_view,
         angle_step=lidar.field_of_view / max(1, lidar.beams - 1),
         origin=np.array([lidar.x, lidar.y]),
@@ -83,7 +87,7 @@ def _observation(lidar: Lidar, time: float) -> Observation:
         pose=np.zeros(3),
     )
     return Observation(
-        time=time, pose=np.zeros(3), odometry=np.zeros(3), twist=np.zeros(2), q=READY.copy(), dq=np.zeros(7),
+        time=time, pose=np.zeros(3), odometry=np.zeros(3), twist=np.array([speed, 0.0]), q=READY.copy(), dq=np.zeros(7),
         gripper_width=0.08, gripper_moving=False, scan=scan, detections=(),
     )  # fmt: skip
 
@@ -114,9 +118,10 @@ def main() -> None:
     compile_kernels()
     compile_gaps()
     for name in METHODS:
-        twin = Twin(load_scene("exp1"), method=find_method(name))
-        for _ in range(PERIODS):
-            twin.advance()
+        for scene, periods in DRIVES:
+            twin = Twin(load_scene(scene), method=find_method(name))
+            for _ in range(periods):
+                twin.advance()
 
 
 if __name__ == "__main__":

@@ -117,7 +117,7 @@ def plot(by_count: Curve, by_time: Curve, target: Path) -> None:
         axis.grid(alpha=0.3)
     axes[0].axvline(shipped, color="firebrick", linewidth=0.8, label=f"shipped: {shipped}")
     axes[0].set_ylabel("task time [s]")
-    axes[0].legend(fontsize=8)
+    axes[0].legend(fontsize=8, ncols=5, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, borderaxespad=0.2)
     figure.tight_layout()
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target, dpi=110)

@@ -16,8 +16,17 @@ from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Targe
 
 
 def warm_up_placement() -> Placement:
-    """Compile what base placement and global paths need."""
-    return NextTargetPlacement(RobotProfile(), PlanningParameters()).place(_problem())
+    """Compile what base placement and global paths need, also where nothing is free but beside what may move."""
+    problem = _problem()
+    placement = NextTargetPlacement(RobotProfile(), PlanningParameters())
+    crowd = np.array([[x, y] for x in np.arange(0.8, 3.2, 0.2) for y in np.arange(-1.2, 1.3, 0.2)])
+    distance = np.zeros_like(problem.world.distance)
+    distance[:, :20] = 1.0
+    crowded = msgspec.structs.replace(
+        problem.world, seen_points=crowd, seen_static=np.zeros(len(crowd), dtype=bool), distance=distance
+    )
+    placement.place(msgspec.structs.replace(problem, world=crowded))
+    return placement.place(problem)
 
 
 def warm_up_search() -> None:
@@ -29,7 +38,10 @@ def warm_up_search() -> None:
         mode="ring", radius=0.6, poses=goal[None], cost_current=one, cost_next=one, cost=one, rejected=("",), chosen=0,
         goal=goal, goal_has_heading=True, reason="", next_goal=goal + 1.0, next_goals=goal[None] + 1.0,
     )  # fmt: skip
-    StaaController(RobotProfile(), PlanningParameters()).plan(problem, placement, SearchBudget(expansions=8))
+    controller = StaaController(RobotProfile(), PlanningParameters())
+    controller.plan(problem, placement, SearchBudget(expansions=8))
+    too_fast = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]), twist=np.array([0.5, 0.0]))
+    assert controller.plan(too_fast, placement, SearchBudget(expansions=8)).status == "braking"
     away = msgspec.structs.replace(placement, goal=np.array([-1.0, 0.0, 0.0]))
     before_the_box = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]))
     committed = CommittedController(RobotProfile(), PlanningParameters())
