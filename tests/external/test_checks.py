@@ -2,16 +2,20 @@
 
 import itertools
 import math
+import threading
+import time
+from collections import deque
 from typing import Any
 
 import msgspec
 import pytest
+import zenoh
 from meeting import Router, driven, running_robot, until
 
 from motm_twin.bus.session import open_member
 from motm_twin.external.checks import MAX_BYTES, RefusedMessage, read
 from motm_twin.external.keys import PlantKeys
-from motm_twin.external.messages import VERSION
+from motm_twin.external.messages import VERSION, RobotCommand
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
 
@@ -81,6 +85,8 @@ def talk(router: Router):
 
         for name, message in (("state", STATE), ("scan", SCAN)):  # until the way is there; of another life
             until(lambda name=name, message=message: put(name, message | {"life": "0"}) and link.newest(name))
+        put("state", STATE | {"life": "0", "seq": 1})  # the last of them: nothing comes after it by itself
+        until(lambda: link.newest("state").seq == 1)
 
         def send(name: str, message: dict[str, Any], **changed: Any) -> RobotLink:
             before = link.unreadable, link.newest(name)
@@ -151,3 +157,72 @@ def test_a_robot_that_errs_stands_says_why_and_drives_on(router: Router, scene: 
         again = [twin.advance() for _ in range(10)]
         assert again[-1].stop_reason == "" and math.isfinite(again[-1].observation.q.sum())
         assert "refused" not in twin.external.text()
+
+
+class Skewed:
+    """A robot that stands, whose clock can be set; it remembers for when its commands were."""
+
+    def __init__(self, session: zenoh.Session, beams: int) -> None:
+        self.offset, self.acts, self._beams = 100.0, deque[float](maxlen=5), beams
+        self._session, self._keys, self._born, self._over = session, PlantKeys("frankie"), time.monotonic(), False
+        self._heard: list[tuple[int, float]] = []
+        info = msgspec.json.encode({"version": VERSION, "life": "1", "name": "skewed"})
+        self._declared = (
+            session.declare_subscriber(self._keys.command, self._on_command),
+            session.declare_queryable(self._keys.info, lambda query: query.reply(self._keys.info, info)),
+        )
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def now(self) -> float:
+        """Its clock [s]."""
+        return time.monotonic() - self._born + self.offset
+
+    def close(self) -> None:
+        """Say nothing more."""
+        self._over = True
+        self._thread.join()
+        for declared in self._declared:
+            declared.undeclare()
+
+    def _on_command(self, sample: zenoh.Sample) -> None:
+        command = msgspec.json.decode(sample.payload.to_bytes(), type=RobotCommand)
+        self._heard.append((command.seq, self.now()))
+        self.acts.append(command.act_at - self.now())
+
+    def _run(self) -> None:
+        for seq in itertools.count():
+            if self._over:
+                return
+            heard, self._heard = self._heard, []
+            self._session.put(self._keys.state, encoded(STATE, seq=seq, stamp=self.now(), heard=heard))
+            if seq % 5 == 0:
+                ranges = [5.0] * self._beams
+                self._session.put(self._keys.scan, encoded(SCAN, stamp=self.now(), ranges=ranges, angle_step=0.008))
+            time.sleep(0.01)
+
+
+@pytest.mark.parametrize("jump", [-50.0, 50.0])
+def test_a_robot_whose_clock_was_set_is_taken_up_again_and_the_run_goes_on(
+    router: Router, scene: Scene, jump: float
+) -> None:
+    with open_member(router.endpoint) as session:
+        robot = Skewed(session, scene.robot.lidar.beams)
+        try:
+            with driven(router, scene) as twin:
+                times = [twin.advance().time for _ in range(20)]
+                robot.offset += jump
+                told = set[str]()
+                while twin.external.ready():
+                    times.append(twin.advance().time)
+                    told.add(twin.external.text())
+                assert any("its state is refused: its stamp jumps by" in text for text in told), told
+                until(twin.external.ready)
+                robot.acts.clear()
+                ticks = [twin.advance() for _ in range(20)]
+                times += [tick.time for tick in ticks]
+        finally:
+            robot.close()
+    assert all(0.0 < later - earlier < 2.5 for earlier, later in itertools.pairwise(times)), times
+    assert "old" not in ticks[-1].stop_reason
+    assert max(abs(ahead) for ahead in robot.acts) < 0.3, "commands are for times of the new clock"
