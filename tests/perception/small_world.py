@@ -59,9 +59,12 @@ def cast(pose: np.ndarray, bodies: list[shapely.Polygon], rng: np.random.Generat
     bearings = pose[2] - LIDAR.field_of_view / 2 + step * np.arange(LIDAR.beams)
     ends = pose[:2] + LIDAR.range_max * np.column_stack([np.cos(bearings), np.sin(bearings)])
     beams = shapely.linestrings(np.stack([np.broadcast_to(pose[:2], ends.shape), ends], axis=1))
-    struck = shapely.intersection(beams, shapely.union_all(bodies)) if bodies else shapely.GeometryCollection()
-    ranges = np.array(shapely.distance(shapely.Point(pose[:2]), struck)) * np.ones(LIDAR.beams)
-    ranges = np.where(np.isnan(ranges), np.inf, ranges)
+    ranges = np.full(LIDAR.beams, np.inf)
+    if bodies:
+        solid = shapely.union_all(bodies)
+        shapely.prepare(solid)
+        struck = shapely.intersects(solid, beams)
+        ranges[struck] = shapely.distance(shapely.Point(pose[:2]), shapely.intersection(beams[struck], solid))
     return ranges if rng is None else ranges + rng.normal(0.0, 0.01, LIDAR.beams)
 
 
