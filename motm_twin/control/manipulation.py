@@ -12,7 +12,7 @@ from motm_twin.control.arm_reference import planar_joints, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View, look
 from motm_twin.control.furniture import IntArray
 from motm_twin.control.parameters import ArmParameters, numbers
-from motm_twin.control.qp import Program, solve
+from motm_twin.control.qp import Program, load, solve
 from motm_twin.control.qp_rows import (
     ARM,
     BASE,
@@ -54,6 +54,7 @@ class Manipulator(Stateful[ManipulatorState]):
         self.parameters = parameters or ArmParameters()
         self.profile = known.robot
         p = self.parameters
+        load(p.qp.solver)
         arm = known.robot.arm
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
         self._rules = PhaseRules(

@@ -1,14 +1,13 @@
 """One quadratic program, solved and checked: solver answers are not trusted."""
 
+import importlib
 import math
-from typing import Any
 
 import daqp
 import msgspec
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from qpsolvers import Problem, solve_problem
 
 from motm_twin.model.geometry import Array
 
@@ -17,9 +16,6 @@ _NO_BOUND, _EQUALITY = -1e30, 5  # as DAQP writes them
 _INFINITE, _CROSSING = 1, 2  # flaws of a program
 _ACTIVE = 1e-6  # a row or bound this close to equality is active
 _NOTHING = np.zeros(0, np.int64)
-_OPTIONS: dict[str, dict[str, Any]] = {
-    "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "polishing": True, "max_iter": 20000, "adaptive_rho_interval": 50},
-}
 
 
 class Program(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -44,18 +40,32 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     active: NDArray[np.int64] = _NOTHING  # rows of G, and then variables k + i, that are at their bound
 
 
+def load(solver: str) -> None:
+    """Import what a solver needs now, not in its first step; ValueError when there is no such solver.
+
+    DAQP needs nothing more: without qpsolvers, and SciPy's sparse matrices with it, a program starts sooner.
+    """
+    _refuse_unknown(solver)
+    if solver != "daqp":
+        importlib.import_module("motm_twin.control.qp_by_qpsolvers")
+
+
 def solve(program: Program, *, solver: str, residual: float) -> Answer:
     """Solve and check: inputs finite, found, answer finite, no row violated by more than ``residual``.
 
     DAQP solves the program without its slack, and as it is should that answer not do: slack at a bound.
     """
-    if solver not in SOLVERS:
-        raise ValueError(f"QP solver {solver!r}: use one of {', '.join(SOLVERS)}")
+    _refuse_unknown(solver)
     if solver == "daqp" and program.slack[1]:
         answer = _checked(program, solver, residual, *program.slack)
         if not answer.reason:
             return answer
     return _checked(program, solver, residual, 0, 0)
+
+
+def _refuse_unknown(solver: str) -> None:
+    if solver not in SOLVERS:
+        raise ValueError(f"QP solver {solver!r}: use one of {', '.join(SOLVERS)}")
 
 
 def _checked(program: Program, solver: str, residual: float, first: int, count: int) -> Answer:
@@ -164,17 +174,6 @@ def _fill_daqp(
     return 0
 
 
-def _by_qpsolvers(program: Program, solver: str) -> tuple[int, Array | None]:
-    p = program
-    flaw = _flaw(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)
-    if flaw:
-        return flaw, None
-    rows = len(p.h) > 0
-    problem = Problem(np.diag(p.P), p.c, p.G if rows else None, p.h if rows else None, p.A, p.b, p.lower, p.upper)
-    solution = solve_problem(_sparse(problem), solver=solver, **_OPTIONS[solver])
-    return 0, np.asarray(solution.x) if solution.found and solution.x is not None else None
-
-
 def violation(program: Program, x: Array) -> float:
     """Largest violation of any equality, row or bound; nan when x is not finite."""
     p = program
@@ -221,19 +220,18 @@ def _complete(
     return worst, active[:size]
 
 
-def _sparse(problem: Problem) -> Problem:
-    from scipy.sparse import csc_matrix
-
-    G = None if problem.G is None else csc_matrix(problem.G)
-    return Problem(
-        csc_matrix(problem.P), problem.q, G, problem.h, csc_matrix(problem.A), problem.b, problem.lb, problem.ub
-    )
-
-
 def _not_finite(program: Program) -> str:
     """The first array with a number that is not finite."""
     names = (name for name in program.__struct_fields__ if not np.isfinite(getattr(program, name)).all())
     return f"QP input {next(names)}"
+
+
+def _by_qpsolvers(program: Program, solver: str) -> tuple[int, Array | None]:
+    from motm_twin.control.qp_by_qpsolvers import minimiser  # see `load`
+
+    p = program
+    flaw = _flaw(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)
+    return (flaw, None) if flaw else (0, minimiser(program, solver))
 
 
 def _none(program: Program, reason: str) -> Answer:
