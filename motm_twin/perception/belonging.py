@@ -11,16 +11,16 @@ from motm_twin.perception.cell_times import Mask
 from motm_twin.perception.clusters import label_cells
 
 
-def touching(cells: NDArray[np.int32], shape: tuple[int, ...], anchors: Mask, others: Mask, reach: int) -> Mask:
+def touching(cells: NDArray[np.int32], anchors: Mask, others: Mask, reach: int) -> Mask:
     """Which cells hang together with one of the ``anchors``, through ``others`` up to ``reach`` apart; shape (m,).
 
-    ``cells``: row and column, shape (m, 2), in a map of that shape; ``anchors`` and ``others``: shape (m,) each.
+    ``cells``: row and column, shape (m, 2); ``anchors`` and ``others``: shape (m,) each.
     """
     found = np.zeros(len(cells), dtype=np.bool_)
     if not anchors.any() or not others.any():
         return found
     which = np.flatnonzero(anchors | others)
-    label, count = label_cells(cells[which], shape[0], shape[1], reach)
+    label, count = label_cells(cells[which], reach)
     anchored = np.zeros(count, dtype=np.bool_)
     anchored[label[anchors[which]]] = True
     found[which] = anchored[label]

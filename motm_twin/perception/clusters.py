@@ -20,24 +20,31 @@ CALM = 0.075  # [m] an outline is kept while no corner of the new one is further
 
 
 @njit(cache=True)
-def label_cells(cells, rows, columns, reach):
-    """Cluster number of every cell, shape (m,): cells at most ``reach`` apart in row and column belong together."""
+def label_cells(cells, reach):
+    """Cluster number of every cell (row, column), shape (m,), and how many there are.
+
+    Cells at most ``reach`` apart in row and column belong together.
+    """
+    label = np.full(cells.shape[0], -1, np.int32)
+    if cells.shape[0] == 0:
+        return label, 0
+    low_row, low_column = cells[:, 0].min(), cells[:, 1].min()
+    rows, columns = cells[:, 0].max() - low_row + 1, cells[:, 1].max() - low_column + 1
     index = np.full((rows, columns), -1, np.int32)
     for i in range(cells.shape[0]):
-        index[cells[i, 0], cells[i, 1]] = i
-    label = np.full(cells.shape[0], -1, np.int32)
+        index[cells[i, 0] - low_row, cells[i, 1] - low_column] = i
     stack = np.empty(cells.shape[0], np.int32)
     count = 0
     for first in range(cells.shape[0]):
         if label[first] >= 0:
             continue
         label[first] = count
-        index[cells[first, 0], cells[first, 1]] = -1
+        index[cells[first, 0] - low_row, cells[first, 1] - low_column] = -1
         stack[0] = first
         size = 1
         while size > 0:
             size -= 1
-            row, column = cells[stack[size], 0], cells[stack[size], 1]
+            row, column = cells[stack[size], 0] - low_row, cells[stack[size], 1] - low_column
             for r in range(max(0, row - reach), min(rows, row + reach + 1)):
                 for c in range(max(0, column - reach), min(columns, column + reach + 1)):
                     other = index[r, c]
@@ -118,11 +125,9 @@ def area_of(corners):
     return 0.5 * total
 
 
-def seen_outlines(cells: np.ndarray, shape: tuple[int, int], resolution: float, origin: Array) -> list[Array]:
+def seen_outlines(cells: np.ndarray, resolution: float, origin: Array) -> list[Array]:
     """Convex outlines [m], counter-clockwise, each shape (n, 2), of seen cells (row, col) sorted by row and column."""
-    low = cells.min(axis=0) if len(cells) else np.zeros(2, cells.dtype)
-    rows, columns = cells.max(axis=0) - low + 1 if len(cells) else shape
-    labels, count = label_cells(cells - low, rows, columns, MERGE_CELLS)
+    labels, count = label_cells(cells, MERGE_CELLS)
     by_label = cells[np.argsort(labels, kind="stable")]
     ends = np.cumsum(np.bincount(labels, minlength=count))
     outlines: list[Array] = []

@@ -95,7 +95,7 @@ class Mapper(Stateful[MapperState]):
         keep = own.evidence.level[own.cells[:, 0], own.cells[:, 1]] > 0
         if not keep.all():
             own.cells, own.static = own.cells[keep], own.static[keep]
-            outlines = seen_outlines(own.cells, self.base.grid.shape, self.base.grid.resolution, self._origin)
+            outlines = seen_outlines(own.cells, self.base.grid.resolution, self._origin)
             own.outlines = tuple(read_only(corners) for corners in outlines)
 
     def update(self, observation: Observation, targets: Sequence[Array] = ()) -> WorldMap:
@@ -148,7 +148,7 @@ class Mapper(Stateful[MapperState]):
         state.refusal, state.scan_stamp = "", checked.stamp
         cells, static = self._integrate(checked)
         if not np.array_equal(cells, state.cells):
-            outlines = seen_outlines(cells, self.base.grid.shape, self.base.grid.resolution, self._origin)
+            outlines = seen_outlines(cells, self.base.grid.resolution, self._origin)
             state.outlines = tuple(read_only(corners) for corners in calm(outlines, state.outlines))
         state.cells, state.static = cells, static
 

@@ -170,7 +170,7 @@ class MoverTracker(Stateful[MoverState]):
         anchors = long & (world.seen_age <= p.fresh) & ~np.isin(cells, state.came)
         column, row = np.floor((world.seen_points - world.origin).T / world.resolution).astype(np.int32)
         others = ~state.held.has(cells)
-        return long | touching(np.column_stack((row, column)), world.distance.shape, anchors, others, p.join_cells)
+        return long | touching(np.column_stack((row, column)), anchors, others, p.join_cells)
 
     def _static(self, world: WorldMap, cells: Numbers, furniture: Mask) -> Mask:
         """What is static, or was so lately, shape (m,); but nothing that has moved and not rested since."""
@@ -274,8 +274,7 @@ class MoverTracker(Stateful[MoverState]):
         if not len(points):
             return []
         column, row = np.floor((points - world.origin).T / world.resolution).astype(np.int32)
-        rows, columns = world.distance.shape
-        label, count = label_cells(np.column_stack((row, column)), rows, columns, p.join_cells)
+        label, count = label_cells(np.column_stack((row, column)), p.join_cells)
         found = []
         for k in range(count):
             members = np.flatnonzero(label == k)

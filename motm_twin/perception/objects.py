@@ -11,8 +11,10 @@ from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
+from numba import njit
 
-from motm_twin.model.geometry import Array, compose, from_frame, inverse, wrap_angle
+from motm_twin.model.exact import wrap_angle
+from motm_twin.model.geometry import Array, compose, from_frame, inverse
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.state import Stateful
@@ -60,6 +62,7 @@ class ObjectTracker(Stateful[TrackerState]):
         self._settings = settings or TrackerSettings()
         self._priors = {item.name: (np.array(item.position), item.yaw) for item in known.objects}
         self._prior_sd = known.object_sd
+        self._frame: tuple[Observation, Array] | None = None  # an observation, and the world in its odometry frame
         self._state = TrackerState({}, {})
 
     def update(self, observation: Observation, held: str | None = None) -> None:
@@ -117,12 +120,7 @@ class ObjectTracker(Stateful[TrackerState]):
         state, settings = self._state, self._settings
         pose, odometry = state.pose, state.odometry
         state.pose, state.odometry = np.array(observation.pose), np.array(observation.odometry)
-        total = sum(state.pose.tolist() + state.odometry.tolist())  # finite when each is
-        if pose is None or odometry is None or not math.isfinite(total):
-            return
-        expected = compose(pose, compose(inverse(odometry), observation.odometry))
-        off = compose(inverse(expected), observation.pose)
-        if max(math.hypot(off[0], off[1]), abs(off[2])) < settings.jump:
+        if pose is None or odometry is None or not _jump(pose, odometry, state.pose, state.odometry) >= settings.jump:
             return
         T_world_odom = compose(pose, inverse(odometry))
         T_odom_world = compose(observation.odometry, inverse(observation.pose))
@@ -139,7 +137,9 @@ class ObjectTracker(Stateful[TrackerState]):
 
     def _prior_in_odometry(self, name: str, observation: Observation) -> tuple[Array, float]:
         position, yaw = self._prior(name)
-        T_odom_world = compose(observation.odometry, inverse(observation.pose))
+        if self._frame is None or self._frame[0] is not observation:
+            self._frame = observation, compose(observation.odometry, inverse(observation.pose))
+        T_odom_world = self._frame[1]
         return from_frame(T_odom_world, position), wrap_angle(yaw + T_odom_world[2])
 
     def _take(self, detection: Detection, observation: Observation) -> None:
@@ -192,3 +192,13 @@ def _usable(detection: Detection) -> bool:
 def _towards(yaw: float, seen: float, gain: float) -> float:
     """The yaw moved by a share of the way to the nearest of the four equal readings of what was seen."""
     return wrap_angle(yaw + gain * math.remainder(seen - yaw, QUARTER))
+
+
+@njit(cache=True)
+def _jump(pose: Array, odometry: Array, pose_now: Array, odometry_now: Array) -> float:
+    """How far localisation is from where odometry says that the robot drove [m], or turned [rad]; nan: not finite."""
+    x, y = odometry_now[0] - odometry[0], odometry_now[1] - odometry[1]
+    c, s = math.cos(pose[2] - odometry[2]), math.sin(pose[2] - odometry[2])
+    off_x, off_y = pose_now[0] - pose[0] - (c * x - s * y), pose_now[1] - pose[1] - (s * x + c * y)
+    off, turn = math.sqrt(off_x * off_x + off_y * off_y), pose_now[2] - pose[2] - (odometry_now[2] - odometry[2])
+    return max(off, abs(wrap_angle(turn))) if math.isfinite(off + turn) else math.nan

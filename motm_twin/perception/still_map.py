@@ -37,14 +37,15 @@ class StandingMap(Stateful[StandingState]):
             return world
         base = self._base_map(world.resolution)
         shape, extent = world.occupied.shape, world.resolution * np.array(world.occupied.shape[::-1])
-        column, row = np.round((world.origin - np.array(base.grid.origin)) / world.resolution).astype(np.int32)
-        window = (slice(row, row + shape[0]), slice(column, column + shape[1]))  # of a large map it is a part
+        left, low = np.round((world.origin - np.array(base.grid.origin)) / world.resolution).astype(np.int32)
+        window = (slice(low, low + shape[0]), slice(left, left + shape[1]))  # of a large map it is a part
         points = world.seen_points[standing]
-        cells = np.floor((points - world.origin) / world.resolution).astype(np.int32)[:, ::-1]
+        column, row = np.floor((points - world.origin).T / world.resolution).astype(np.int32)
+        cells = np.column_stack((row, column))
         occupied = base.occupied[window].copy()
         occupied[cells[:, 0], cells[:, 1]] = 1
         seen = seen_distance(squared_cells(cells, *shape), world.resolution)
-        outlines = seen_outlines(cells, shape, world.resolution, world.origin) if len(cells) else []
+        outlines = seen_outlines(cells, world.resolution, world.origin) if len(cells) else []
         self._state.outlines = tuple(read_only(corners) for corners in calm(outlines, self._state.outlines))
         return msgspec.structs.replace(
             world,
