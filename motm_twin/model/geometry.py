@@ -35,6 +35,11 @@ def to_frame(pose_a_b: Array, points_a: Array) -> Array:
     """Points given in frame a, expressed in frame b; z is kept when there is one. Shapes (..., 2) or (..., 3)."""
     c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
     points_b = np.array(points_a, dtype=float)
+    if points_b.ndim == 1:  # one point: plain numbers take a third of the time
+        (dx, dy), (x, y) = points_b[:2].tolist(), pose_a_b[:2].tolist()
+        dx, dy = dx - x, dy - y
+        points_b[0], points_b[1] = c * dx + s * dy, -s * dx + c * dy
+        return points_b
     dx, dy = points_a[..., 0] - pose_a_b[0], points_a[..., 1] - pose_a_b[1]
     points_b[..., 0] = c * dx + s * dy
     points_b[..., 1] = -s * dx + c * dy
@@ -45,6 +50,10 @@ def from_frame(pose_a_b: Array, points_b: Array) -> Array:
     """Points given in frame b, expressed in frame a; z is kept when there is one. Shapes (..., 2) or (..., 3)."""
     c, s = math.cos(pose_a_b[2]), math.sin(pose_a_b[2])
     points_a = np.array(points_b, dtype=float)
+    if points_a.ndim == 1:
+        (dx, dy), (x, y) = points_a[:2].tolist(), pose_a_b[:2].tolist()
+        points_a[0], points_a[1] = x + c * dx - s * dy, y + s * dx + c * dy
+        return points_a
     x, y = points_b[..., 0], points_b[..., 1]
     points_a[..., 0] = pose_a_b[0] + c * x - s * y
     points_a[..., 1] = pose_a_b[1] + s * x + c * y

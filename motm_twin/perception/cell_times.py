@@ -49,7 +49,7 @@ class CellTimes:
 def latest(parts: Sequence[tuple[Numbers, NDArray[np.float64] | float]]) -> CellTimes:
     """All these cells, each with its latest time [s]."""
     cells = np.concatenate([numbers for numbers, _ in parts])
-    times = np.concatenate([np.broadcast_to(time, numbers.shape) for numbers, time in parts])
+    times = np.concatenate([np.full(len(numbers), time, dtype=float) for numbers, time in parts])
     if not len(cells):
         return CellTimes()
     order = np.argsort(cells)
