@@ -1,6 +1,7 @@
 """The solvers of the arm's quadratic program: programs of one run given to each, and one run with each."""
 
 import time
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ def _run(solver: str, programs: list[Program] | None, most: int | None) -> dict[
     def kept(program: Program, **named: Any) -> Any:
         nonlocal stopped
         if programs is not None:
-            programs.append(program)
+            programs.append(deepcopy(program))  # the next step writes over its arrays
         answer = solve(program, **named)
         stopped += bool(answer.reason)
         return answer

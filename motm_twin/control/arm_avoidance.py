@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.control.nearest_first import nearest_first
 from motm_twin.control.parameters import AvoidanceParameters, Numbers
 from motm_twin.model.geometry import Array
 
@@ -63,8 +64,11 @@ def lidar_limits(
     if a.enabled:
         for i in range(points.shape[0]):
             if _near(points[i], gripper, targets):
-                near[count], standing[count] = points[i], static[i]
+                near[count, 0], near[count, 1], standing[count] = points[i, 0], points[i, 1], static[i]
                 count += 1
+    if count == 0:
+        none = np.empty(0)
+        return LidarLimits(near[:0], none, none, none, standing[:0])
     d_s = np.full(count, a.d_s)
     if targets.shape[0]:
         distances = np.full(count, np.inf)
@@ -172,8 +176,4 @@ def _nearest_per_sector(
         sector = int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * sectors) % sectors
         if d < best[sector]:
             best[sector], index[sector] = d, i
-    order = np.argsort(best)
-    count = 0
-    while count < sectors and index[order[count]] >= 0:
-        count += 1
-    return index[order[:count]]
+    return index[nearest_first(best)]

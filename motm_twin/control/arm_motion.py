@@ -1,7 +1,6 @@
 """The velocity that the hand should have in each phase: reference, recomputed every step from where the hand is."""
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from motm_twin.control.arm_reference import (
 )
 from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.parameters import ArmParameters, Numbers
+from motm_twin.control.slate import Record, Slate
 from motm_twin.control.types import ArmInputs
 from motm_twin.model.exact import hypot, norm, wrap_angle
 from motm_twin.model.geometry import Array
@@ -44,12 +44,11 @@ _NEIGHBOURS = 0.6  # [m] from where an object was taken within which it is carri
 _HAND_CLEAR = 0.35  # [m] radius beyond which a retracting hand keeps its height
 
 
-@dataclass(frozen=True)
-class Motion:
-    """What the hand should do now."""
+class Motion(NamedTuple):
+    """Where the hand should be now. Its velocity towards it is on the slate."""
 
-    velocity: Array  # nu: linear [m/s], angular [rad/s], odometry frame, shape (6,)
-    reference: Array  # desired tool centre point, shape (3,)
+    reference: Array  # desired tool centre point, odometry frame [m], shape (3,)
+    error: float  # [m] of the tool centre point from there
 
 
 class _Swing(NamedTuple):
@@ -65,49 +64,50 @@ class _Swing(NamedTuple):
 
 
 def hand_motion(
-    state: ManipulatorState, view: View, inputs: ArmInputs, mount: Array, parameters: ArmParameters, p: Numbers
+    state: ManipulatorState, view: View, inputs: ArmInputs, slate: Slate, parameters: ArmParameters, p: Numbers
 ) -> Motion:
-    """Reference and velocity of the hand for the phase of this step; ``mount`` [m] in the base frame.
-
-    ``p``: `numbers` of the parameters.
-    """
-    goal, swinging = view.goal.kind, state.phase in _SWINGS
-    velocity, reference = np.empty(6), np.empty(3) if swinging else _point(state, view, parameters)
-    _fill_motion(
-        _SWINGS.get(state.phase, _FIXED), view.p, view.q, view.R, view.T, view.pose, view.twist, view.mount, mount,
-        state.anchor if state.phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses, view.radius,
-        view.azimuth, view.distance, view.time_to_range, goal == "none", goal == "pick", goal == "place",
-        state.clear_z, state.anchor, math.nan if state.yaw is None or state.phase == "release" else state.yaw,
-        parameters.hold_speed if state.phase == "closing" else _RADIAL, p, velocity, reference,
+    """Reference and, on the slate, velocity of the hand for the phase of this step; ``p``: `numbers` of parameters."""
+    phase, goal = state.phase, view.goal.kind
+    way = _SWINGS.get(phase, _FIXED)
+    reference = _point(state, view, parameters) if way == _FIXED else np.empty(3)
+    error = _fill_motion(
+        slate.record, way, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
+        view.radius, view.azimuth, view.distance, view.time_to_range, goal == "none", goal == "pick", goal == "place",
+        state.clear_z, state.anchor, math.nan if state.yaw is None or phase == "release" else state.yaw,
+        parameters.hold_speed if phase == "closing" else _RADIAL, p, reference,
     )  # fmt: skip
-    return Motion(velocity, reference)
+    return Motion(reference, error)
 
 
 @njit(cache=True)
 def _fill_motion(
-    way: int, p: Array, q: Array, R: Array, T: Array, pose: Array, twist: Array, mount: Array, base_mount: Array,
-    target: Array, plan_times: Array, plan_poses: Array, radius: float, azimuth: float, distance: float,
-    time_to_range: float, idle: bool, pick: bool, place: bool, clear_z: float, anchor: Array, yaw: float,
-    fastest: float, parameters: Numbers, velocity: Array, reference: Array,
-) -> None:  # fmt: skip
-    """Fill in velocity and reference of a `Motion`; ``way``: home, out to the target, or to the reference as it is.
+    slate: Record, way: int, over: Array, plan_times: Array, plan_poses: Array, radius: float, azimuth: float,
+    distance: float, time_to_range: float, idle: bool, pick: bool, place: bool, clear_z: float, anchor: Array,
+    yaw: float, fastest: float, parameters: Numbers, reference: Array,
+) -> float:  # fmt: skip
+    """Fill in velocity and reference; ``way``: home, out to the target, or to the reference as it is; returns the error.
 
     One kernel of all phases, so that none of them begins with a kernel that has to be loaded first.
     """
+    s = slate[0]
     if way == _FIXED:
-        _fixed(p, R, mount, reference, target, yaw, fastest, place, parameters, velocity)
-        return
+        _fixed(s.p, s.R, s.mount, reference, over, yaw, fastest, place, parameters, s.velocity)
+        return norm(reference - s.p)
     if way == _HOME:
-        planar, rotation = 1.0, _stow_rotation(p, mount, parameters)
-        swing = _stowed(p, mount, azimuth, idle, clear_z, parameters)
+        planar, rotation = 1.0, _stow_rotation(s.p, s.mount, parameters)
+        swing = _stowed(s.p, s.mount, azimuth, idle, clear_z, parameters)
     else:
-        planar = _planar_share(p, mount, target, time_to_range)
-        rotation = _transit_rotation(p, R, T, mount, target, radius, pick, place, yaw, planar, parameters)
+        planar = _planar_share(s.p, s.mount, s.target, time_to_range)
+        rotation = _transit_rotation(
+            s.p, s.R, s.T, s.mount, s.target, radius, pick, place, yaw, planar, parameters
+        )
         swing = _inbound(
-            p, q, pose, twist, mount, base_mount, target, plan_times, plan_poses, distance, time_to_range, pick, place,
-            clear_z if hypot(p[0] - anchor[0], p[1] - anchor[1]) < _NEIGHBOURS else -math.inf, parameters,
+            s.p, s.q, s.pose, s.twist, s.mount, s.base_mount, s.target, plan_times, plan_poses, distance,
+            time_to_range, pick, place,
+            clear_z if hypot(s.p[0] - anchor[0], s.p[1] - anchor[1]) < _NEIGHBOURS else -math.inf, parameters,
         )  # fmt: skip
-    _swing(swing, rotation, p, q, R, pose, twist, base_mount, planar, parameters, velocity, reference)
+    _swing(swing, rotation, s.p, s.q, s.R, s.pose, s.twist, s.base_mount, planar, parameters, s.velocity, reference)
+    return norm(reference - s.p)
 
 
 def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:

@@ -1,15 +1,19 @@
 """What one arm step looks at: the hand, the base and the goal in the odometry frame, computed once."""
 
+import math
 from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_reference import mount_point, polar, release_point
+from motm_twin.control.arm_avoidance import nearest_distance
+from motm_twin.control.arm_reference import mount_point, polar, release_point, tilt_of
 from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.qp_rows import hand_state
+from motm_twin.control.qp_rows import hand_of
+from motm_twin.control.slate import Record, Slate
 from motm_twin.control.types import ArmGoal, ArmInputs
+from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import LATER
@@ -44,19 +48,18 @@ class ManipulatorState:
 
 
 class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """One instant, in the odometry frame."""
+    """One instant, in the odometry frame. Its arrays are those of the slate: they change with the next step."""
 
     time: float
     dt: float
     goal: ArmGoal
+    finite: bool  # a sum of all numbers that the step reads is
     pose: Array  # base, shape (3,)
     beta: float  # share of a commanded change of the base twist that is there when the arm's rates act
     measured: Array  # base twist now, shape (2,)
-    twist: Array  # base rates expected while the commanded arm rates act, shape (2,)
     mount: Array  # position of the arm mount, shape (3,)
     q: Array
     dq: Array  # arm rates now, shape (7,)
-    T: Array  # arm transforms relative to the mount, shape (11, 4, 4)
     p: Array  # tool centre point, shape (3,)
     R: Array  # rotation of the hand, shape (3, 3)
     J: Array  # Jacobian of the tool centre point, shape (6, 9)
@@ -67,6 +70,9 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     time_to_range: float
     width: float
     gripper_moving: bool
+    tilt: float  # of the tool axis from straight down [rad]
+    manipulability: float
+    nearest: float  # horizontal, of the tool centre point from the nearest seen obstacle [m], inf when there is none
 
     @property
     def velocity(self) -> Array:
@@ -79,62 +85,84 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return last is not None and self.time - last <= parameters.seen_within
 
 
-def look(inputs: ArmInputs, mount: Array, beta: float, parameters: ArmParameters) -> View:
-    """The view of one step; ``mount`` [m] in the base frame, beta from `lag_factor`."""
+def look(inputs: ArmInputs, slate: Slate, beta: float, parameters: ArmParameters) -> View:
+    """The view of one step, written down on the slate, which it is gone from with the next; beta from `lag_factor`."""
     observation, goal = inputs.observation, inputs.goal
-    pose = np.asarray(observation.odometry, dtype=float)
-    q = np.asarray(observation.q, dtype=float)
-    measured = np.asarray(observation.twist, dtype=float)
     half = max(0.0, goal.release_half_width - 0.5 * goal.side - parameters.release_margin)
-    T, R, J, points, twist = np.empty((11, 4, 4)), np.empty((3, 3)), np.empty((6, 9)), np.empty((3, 3)), np.empty(2)
-    radius, azimuth, distance = _look(
-        q, pose, measured, inputs.base_twist, mount, goal.position, _GOALS.get(goal.kind, _NOTHING), goal.yaw, half,
-        parameters.release_height, beta, T, R, J, points, twist,
+    total, radius, azimuth, distance, tilt, dexterity, nearest = _look(
+        slate.record, observation.q, observation.dq, observation.odometry, observation.twist, inputs.base_twist,
+        inputs.T_odom_world, goal.position, inputs.obstacles.points, inputs.plan_poses,
+        _GOALS.get(goal.kind, _NOTHING), goal.yaw, half, parameters.release_height, beta,
     )  # fmt: skip
-    p, mount_now, target = points
     return View(
         time=observation.time,
         dt=inputs.dt,
         goal=goal,
-        pose=pose,
+        finite=math.isfinite(total + observation.time + observation.gripper_width + inputs.dt),
+        pose=slate.pose,
         beta=beta,
-        measured=measured,
-        twist=twist,
-        mount=mount_now,
-        q=q,
-        dq=observation.dq,
-        T=T,
-        p=p,
-        R=R,
-        J=J,
-        target=target,
+        measured=slate.measured,
+        mount=slate.mount,
+        q=slate.q,
+        dq=slate.dq,
+        p=slate.p,
+        R=slate.R,
+        J=slate.J,
+        target=slate.target,
         radius=radius,
         azimuth=azimuth,
         distance=distance,
         time_to_range=inputs.time_to_range,
         width=observation.gripper_width,
         gripper_moving=observation.gripper_moving,
+        tilt=tilt,
+        manipulability=dexterity,
+        nearest=nearest,
     )
 
 
 @njit(cache=True)
 def _look(
-    q: Array, pose: Array, measured: Array, wanted: Array, mount: Array, position: Array, goal: int, yaw: float,
-    half: float, rise: float, beta: float, T: Array, R: Array, J: Array, points: Array, twist: Array,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Fill in T, R, J, the twist and three points: hand, mount, target. Returns what `View` says of the target.
+    slate: Record, q: Array, dq: Array, pose: Array, measured: Array, wanted: Array, T_odom_world: Array,
+    position: Array, points: Array, plan_poses: Array, goal: int, yaw: float, half: float, rise: float, beta: float,
+) -> tuple[float, float, float, float, float, float, float]:  # fmt: skip
+    """Write down what is seen; returns a sum of all numbers, finite when each is, and what `View` has beside arrays.
 
     ``half`` and ``rise`` [m]: half the release square, and how far above the bin's rim the object is released.
     """
-    T[:], p, R[:], J[:] = hand_state(q, pose, mount)
-    m = mount_point(pose, mount)
-    target = m + np.array([1.0, 0.0, 0.0])
+    s = slate[0]
+    s.q[:], s.dq[:], s.pose[:], s.measured[:], s.wanted[:] = q, dq, pose, measured, wanted
+    s.T_odom_world[:] = T_odom_world
+    s.T[:] = fk_arm(s.q)
+    s.arm[:] = point_jacobian(s.T, 7, s.T[TCP, :3, 3])
+    hand_of(s.T, s.arm, s.pose, s.base_mount, s.p, s.R, s.J)
+    s.mount[:] = mount_point(s.pose, s.base_mount)
     if goal == _PICK:
-        target[:] = position
+        s.target[:] = position
     elif goal == _PLACE:  # the point of the release square that is easiest to reach
-        target[:2], target[2] = release_point(position, yaw, half, m, PREFERRED_RADIUS), position[2] + rise
-    points[0], points[1], points[2] = p, m, target
+        s.target[:2] = release_point(position, yaw, half, s.mount, PREFERRED_RADIUS)
+        s.target[2] = position[2] + rise
+    else:
+        s.target[:] = s.mount + np.array([1.0, 0.0, 0.0])
     for k in range(2):
-        twist[k] = measured[k] + beta * (wanted[k] - measured[k])
-    radius, azimuth = polar(target, pose, mount)
-    return radius, azimuth, hypot(p[0] - target[0], p[1] - target[1])
+        s.twist[k] = s.measured[k] + beta * (s.wanted[k] - s.measured[k])
+    radius, azimuth = polar(s.target, s.pose, s.base_mount)
+    distance = hypot(s.p[0] - s.target[0], s.p[1] - s.target[1])
+    total = _sum(slate) + position.sum() + yaw + _sum_of_rows(points) + _sum_of_rows(plan_poses)
+    return total, radius, azimuth, distance, tilt_of(s.R), factor(s.arm, s.factor), nearest_distance(s.p, points)
+
+
+@njit(cache=True)
+def _sum(slate: Record) -> float:
+    """Of what was told by the robot, and what the base wants."""
+    s = slate[0]
+    return s.q.sum() + s.dq.sum() + s.pose.sum() + s.measured.sum() + s.wanted.sum() + s.T_odom_world.sum()
+
+
+@njit(cache=True)
+def _sum_of_rows(matrix: Array) -> float:
+    total = 0.0
+    for row in range(matrix.shape[0]):
+        for column in range(matrix.shape[1]):
+            total += matrix[row, column]
+    return total

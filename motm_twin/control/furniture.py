@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from motm_twin.control.qp_rows import point_rows
+from motm_twin.control.nearest_first import nearest_first
+from motm_twin.control.qp_rows import approach_row
 from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
@@ -39,7 +40,6 @@ _TIP = (  # balls of a finger's tip: x across, y from the pad outwards, z beyond
 )
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
 MAX_ROWS = 24
-_FEW = 384  # distances that are sorted as they are
 _ROUNDING = 1e-9  # [m] more than distances are wrong by
 _ROUNDED_UP = 1.0 + 1e-9  # of a square, more than it is wrong by
 
@@ -299,36 +299,18 @@ def damper_rows(
     """
     solids = distance.shape[1]
     flat = distance.ravel()
-    close = np.flatnonzero(flat < np.inf)
-    rows, limit, which = np.zeros((len(close), 9)), np.zeros(len(close)), np.zeros(len(close), dtype=np.int64)
-    if len(close) == 0:
-        return rows, limit, which
-    if flat.shape[0] <= _FEW:
-        order = np.argsort(flat)
-    else:  # most are far away: sort the others only
-        order = close[np.argsort(flat[close])]
-    count = 0
+    order = nearest_first(flat)
+    rows, limit, which = np.empty((len(order), 9)), np.empty(len(order)), np.empty(len(order), dtype=np.int64)
     c, s = math.cos(turn), math.sin(turn)
-    for index in order:
-        if not flat[index] < np.inf:
-            break
+    for count in range(len(order)):
+        index = order[count]
         b, k = index // solids, index % solids
         i = ball[b, k]
-        f = frame[i]
-        point = T[f, :3, 3].copy()
-        for r in range(3):
-            for a in range(3):
-                point[r] += T[f, r, a] * centre[i, a]
-        joints = min(int(f), 7)
-        J = point_rows(T, joints, point, pose, mount)
         nx = c * normal[b, k, 0] - s * normal[b, k, 1]
         ny = s * normal[b, k, 0] + c * normal[b, k, 1]
-        nz = normal[b, k, 2]
-        for column in range(9):
-            rows[count, column] = -(nx * J[0, column] + ny * J[1, column] + nz * J[2, column])
+        approach_row(T, frame[i], centre[i], pose, mount, nx, ny, normal[b, k, 2], rows[count])
         limit[count] = xi * (flat[index] - d_s[b]) / (d_i[b] - d_s[b])
         which[count] = index
-        count += 1
     return rows, limit, which
 
 

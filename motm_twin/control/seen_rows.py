@@ -36,8 +36,10 @@ def seen_rows(
     for k in range(points.shape[0]):
         dx, dy = points[k, 0] - mount[0], points[k, 1] - mount[1]
         if static[k] == standing and dx * dx + dy * dy < _REACH * _REACH:
-            near[count] = points[k]
+            near[count, 0], near[count, 1] = points[k, 0], points[k, 1]
             count += 1
+    if count == 0:
+        return np.empty((0, 9)), np.empty(0), np.empty(0, dtype=np.int64)
     distance, normal, ball = seen_distances(
         T, frame, centre, ball_radius, body, HAND_BODY, d_i, near[:count], mount, pose[2]
     )

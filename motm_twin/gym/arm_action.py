@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from motm_twin.control.arm_phases import enter
-from motm_twin.control.arm_view import ManipulatorState, View, look
+from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.manipulation import Manipulator
-from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.qp_rows import base_bounds, joint_bounds, lag_factor
+from motm_twin.control.parameters import ArmParameters, numbers
+from motm_twin.control.qp_rows import anchor, base_bounds, joint_bounds
 from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.known import KnownWorld
@@ -46,9 +46,12 @@ class ArmAction(Manipulator):
     def step(self, inputs: ArmInputs) -> ArmStep:
         """Base twist, joint rates and gripper for the next ``inputs.dt``: those asked for, within their limits."""
         state, p = self._state, self.parameters
-        view = look(inputs, self._mount, lag_factor(inputs.dt, self.profile), p)
+        view = self._look(inputs)
         outcome = self._fingers(view)
-        self._anchor_commands(inputs)
+        anchor(
+            self._slate.record, state.twist, state.rates, inputs.dt, self.profile.arm.velocity_lag,
+            numbers(self.profile.base),
+        )  # fmt: skip
         state.twist = np.clip(inputs.base_twist, *base_bounds(state.twist, inputs.dt, self.profile))
         low, high = joint_bounds(view.q, state.rates, inputs.dt, p.qp)
         state.rates = np.clip(state.asked_rates, low, high)
@@ -58,7 +61,6 @@ class ArmAction(Manipulator):
             inputs,
             twist=frozen(state.twist),
             rates=frozen(state.rates),
-            reference=None,
             slack=frozen(np.zeros(6)),
             active=tuple(f"joint {k + 1}" for k in at_limit),
             status=STATUS,

@@ -17,16 +17,17 @@ import msgspec
 import numpy as np
 
 from motm_twin.control.arm_motion import OVER, OVER_RIM, Motion
+from motm_twin.control.arm_program import Rows
 from motm_twin.control.arm_reference import rotation_error, tilt_for, tool_rotation
 from motm_twin.control.arm_view import View
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp import Program
 from motm_twin.control.qp_rows import ARM, BASE, SLACK
-from motm_twin.control.speed_limits import Rows
 from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.methods.method import ArmParts, Method, PlannerParts
 from motm_twin.methods.motm2022 import TangentController, TangentParameters, TangentPlacement
+from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.kinematics import manipulability_gradient
 from motm_twin.model.known import KnownWorld
@@ -100,7 +101,8 @@ class HolisticManipulator(Manipulator):
         error = point - view.p
         scale = h.scale(float(np.abs(error).sum()))
         angular = h.gain * h.angular_gain * rotation_error(view.R, self._rotation(view))
-        return Motion(scale * np.concatenate([h.gain * error, angular]), point)
+        self._slate.velocity[:] = scale * np.concatenate([h.gain * error, angular])
+        return Motion(point, norm(error))
 
     def _hover(self, view: View) -> Array:
         p, point = self.parameters, view.target.copy()
@@ -120,15 +122,15 @@ class HolisticManipulator(Manipulator):
             tilt = tilt_for(view.radius, view.p[2] - view.mount[2], p.grasp_stretch, largest)
         return tool_rotation(outward if self._state.yaw is None else self._state.yaw, tilt, outward)
 
-    def _program(self, view: View, inputs: ArmInputs, motion: Motion, rows: Rows) -> Program:
+    def _program(self, view: View, inputs: ArmInputs, motion: Motion) -> tuple[Program, Rows]:
         """The program of the arm with the holistic cost; while a grasp is under way the hand is held as there."""
-        program = super()._program(view, inputs, motion, rows)
+        program, rows = super()._program(view, inputs, motion)
         if view.goal.kind == "none":
-            return program
+            return program, rows
         P, c, h = program.P.copy(), program.c.copy(), self._h
         if self._state.phase in _RESTING:
             c[BASE] = 0.0
-            return msgspec.structs.replace(program, c=c)
+            return msgspec.structs.replace(program, c=c), rows
         error = max(float(np.abs(motion.reference - view.p).sum()), h.arrived)
         scale = h.scale(error)
         P[BASE] = h.base_weight / error
@@ -136,7 +138,7 @@ class HolisticManipulator(Manipulator):
         if self._state.phase == "transit":
             P[ARM], P[SLACK] = h.rate_weight, h.slack_weight / error
             c[ARM] = -scale * manipulability_gradient(view.q)
-        return msgspec.structs.replace(program, P=P, c=c)
+        return msgspec.structs.replace(program, P=P, c=c), rows
 
     def _turning(self, gain: float, weight: float, theta: float) -> float:
         """Linear cost of the yaw rate: ``gain theta``, less where the base could not stop turning within theta."""

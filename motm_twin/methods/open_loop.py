@@ -15,9 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm_view import ManipulatorState, look
+from motm_twin.control.arm_view import ManipulatorState
 from motm_twin.control.manipulation import Manipulator
-from motm_twin.control.qp_rows import lag_factor
 from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.methods.error import MethodError
@@ -173,7 +172,7 @@ class OpenLoopArm(Manipulator):
         """The planned joint rates, and what brings the joints back to the plan; outcomes by the clock."""
         state = self._state
         plan, seen = self.script.plan(state.script), inputs.observation
-        view = look(inputs, self._mount, lag_factor(inputs.dt, self.profile), self.parameters)
+        view = self._look(inputs)
         n, over = min(state.script.at, len(plan.q) - 1), state.script.at >= len(plan.q)
         planned = np.zeros(7) if over else plan.rates[n]
         rates = np.clip(planned + K_Q * (plan.q[n] - seen.q), -DQ_MAX, DQ_MAX)
@@ -187,7 +186,6 @@ class OpenLoopArm(Manipulator):
             inputs,
             twist=frozen(inputs.base_twist),
             rates=frozen(rates),
-            reference=None,
             slack=frozen(np.zeros(6)),
             active=(),
             status="open loop",

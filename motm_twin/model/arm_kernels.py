@@ -86,9 +86,8 @@ def arm_jacobian(q: Array) -> Array:
 
 
 @njit(cache=True)
-def _cholesky(J: Array) -> tuple[Array, float]:
-    """Lower factor of J J^T and the root of its determinant; 0 and zeros when singular."""
-    L = np.zeros((6, 6))
+def factor(J: Array, L: Array) -> float:
+    """Fill in the lower factor (6, 6) of J J^T, J of shape (6, 7); returns the root of its determinant, 0: singular."""
     root = 1.0
     for i in range(6):
         for j in range(i + 1):
@@ -99,35 +98,39 @@ def _cholesky(J: Array) -> tuple[Array, float]:
                 total -= L[i, k] * L[j, k]
             if i == j:
                 if total <= _SINGULAR:
-                    return np.zeros((6, 6)), 0.0
+                    return 0.0
                 L[i, i] = math.sqrt(total)
                 root *= L[i, i]
             else:
                 L[i, j] = total / L[j, j]
-    return L, root
+    return root
 
 
 @njit(cache=True)
 def manipulability(q: Array) -> float:
     """Yoshikawa's measure sqrt(det(J J^T)) of the seven arm joints at the tool centre point."""
-    return _cholesky(arm_jacobian(q))[1]
+    return factor(arm_jacobian(q), np.empty((6, 6)))
 
 
 @njit(cache=True)
 def manipulability_gradient(q: Array) -> Array:
-    """Derivative of `manipulability` with respect to q, shape (7,); zero at a singularity.
+    """Derivative of `manipulability` with respect to q, shape (7,); zero at a singularity."""
+    J, L = arm_jacobian(q), np.empty((6, 6))
+    return factored_gradient(J, L, factor(J, L))
+
+
+@njit(cache=True)
+def factored_gradient(J: Array, L: Array, m: float) -> Array:
+    """The same with what `factor` gives: L and the measure m.
 
     dm/dq_i = m trace((dJ/dq_i) P) with P = J^T (J J^T)^-1 the pseudo-inverse, and the columns of dJ/dq_i by cross
     products of the columns of J: w_i x (v_j, w_j) for i <= j, (w_j x v_i, 0) for i > j.
     """
-    J = arm_jacobian(q)
-    L, m = _cholesky(J)
     gradient = np.zeros(7)
     if m == 0.0:
         return gradient
-    P = np.empty((7, 6))
+    P, y = np.empty((7, 6)), np.empty(6)
     for k in range(7):
-        y = np.empty(6)
         for i in range(6):
             total = J[i, k]
             for j in range(i):
