@@ -14,12 +14,16 @@ from numba import njit
 from motm_twin.control.parameters import Numbers, numbers
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
-from motm_twin.model.plant import Actuation, Observation
+from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
+_NO_SCAN = Scan(
+    stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
+    pose=np.zeros(3),
+)  # fmt: skip
 
 
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,36 +74,40 @@ class Monitor(Stateful[MonitorState]):
 
         `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands.
         """
-        if not _healthy(observation.pose, observation.odometry, observation.twist, observation.q, observation.dq):
+        share, reason = self._age(observation, scan_stamp)
+        twist, rates, scan, p = np.empty(2), np.empty(7), observation.scan or _NO_SCAN, self.parameters
+        healthy, turning, holding = _examine(
+            observation.pose, observation.odometry, observation.twist, observation.q, observation.dq,
+            actuation.twist, actuation.joint_velocity, self._state.twist, dt, share, self._arm_share(observation.age),
+            scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, observation.ahead > 0.0, self._base,
+            self._rectangle, self._corner, p.stop_margin, p.minimum_points, twist, rates,
+        )  # fmt: skip
+        if not healthy:
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
-        twist, reason = self._age(actuation.twist, observation, scan_stamp)
-        twist = self._within_limits(twist, dt)
-        free, turning = self._free_stop(twist, observation)
-        if not free:
-            stop = np.array([0.0, twist[1] if turning else 0.0])
+        if min(turning, holding) >= p.minimum_points:
+            stop = np.array([0.0, twist[1] if holding < turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
-        rates = _slowed(actuation.joint_velocity, self._arm_share(observation.age))
         return self._let_through(twist, rates, actuation.gripper, reason)
 
     def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
         self._state.twist = twist
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
 
-    def _age(self, twist: Array, observation: Observation, stamp: float | None) -> tuple[Array, str]:
-        """Slowed when the scan or what the robot reports about itself is old."""
+    def _age(self, observation: Observation, stamp: float | None) -> tuple[float, str]:
+        """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old."""
         if stamp is None:
-            return np.zeros(2), "stopped: no usable lidar scan has come yet"
+            return 0.0, "stopped: no usable lidar scan has come yet"
         scan_age = observation.time - observation.ahead - stamp
         what, age = "lidar scan", scan_age
         if observation.age > scan_age:
             what, age = "state of the robot", observation.age
         p = self.parameters
         if age > p.stop_age:
-            return np.zeros(2), f"stopped: the newest {what} is {age:.2f} s old, more than {p.stop_age:.2f} s"
+            return 0.0, f"stopped: the newest {what} is {age:.2f} s old, more than {p.stop_age:.2f} s"
         if age > p.slow_age:
             why = f"slowed to half speed: the newest {what} is {age:.2f} s old, more than {p.slow_age:.2f} s"
-            return 0.5 * twist, why
-        return twist, ""
+            return 0.5, why
+        return 1.0, ""
 
     def _arm_share(self, age: float) -> float:
         """Share of its speed that the arm keeps: it needs no scan, but must know where it is."""
@@ -124,45 +132,41 @@ class Monitor(Stateful[MonitorState]):
     def _brake(self, dt: float) -> Array:
         return self._within_limits(np.zeros(2), dt)
 
-    def _free_stop(self, twist: Array, observation: Observation) -> tuple[bool, bool]:
-        """Whether some stop from a twist is free, and whether the better one holds the yaw rate to the end.
-
-        A base that turns away from something may have to keep turning while it brakes.
-        """
-        scan, base = observation.scan, self.profile.base
-        v, w = twist.tolist()
-        if scan is None or (abs(v) < 1e-3 and abs(w) < 1e-3):
-            return True, False
-        travel = abs(v) * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
-        reach = travel + self._corner + _MARGIN_OF_REACH
-        moved = observation.ahead > 0.0  # the scan was made some way before
-        if moved:
-            reach += float(np.hypot(*(observation.pose - scan.pose)[:2]))
-        turning, holding = _counts(
-            scan.ranges, scan.angle_min, scan.angle_step, scan.origin, reach, scan.pose, observation.pose, moved, v, w,
-            base.linear_acceleration, base.yaw_acceleration, base.velocity_lag, self._rectangle,
-            self.parameters.stop_margin, self.parameters.minimum_points,
-        )  # fmt: skip
-        return min(turning, holding) < self.parameters.minimum_points, holding < turning
-
 
 @njit(cache=True)
-def _counts(
-    ranges: Array, angle_min: float, angle_step: float, origin: Array, reach: float, pose: Array, now: Array,
-    moved: bool, v: float, w: float, a: float, b: float, lag: float, rectangle: Array, margin: float,
-    enough: int,
-) -> tuple[int, int]:  # fmt: skip
-    """`points_in_stop` of a scan made at ``pose``, stopping from ``now`` by braking the turn, or holding it.
+def _examine(
+    pose: Array, odometry: Array, measured: Array, q: Array, dq: Array,
+    asked: Array, asked_rates: Array, last: Array, dt: float, share: float, arm_share: float,
+    ranges: Array, angle_min: float, angle_step: float, origin: Array, scan_pose: Array, moved: bool, base: Numbers,
+    rectangle: Array, corner: float, margin: float, enough: int, twist: Array, rates: Array,
+) -> tuple[bool, int, int]:  # fmt: skip
+    """Fill in a share of the asked twist (2,) and rates (7,) within the limits; returns what is to be said of them.
 
-    The second is looked for only where there are ``enough`` points in the first.
+    Whether the sensors are finite, and the `points_in_stop` of a scan, stopping by braking the turn, or holding it. The
+    second is looked for only where there are ``enough`` points in the first: a base that turns away from something may
+    have to keep turning while it brakes. A scan that was ``moved`` since was made some way before.
     """
+    if not (_finite(pose) and _finite(odometry) and _finite(measured) and _finite(q) and _finite(dq)):
+        return False, 0, 0
+    for k in range(2):
+        twist[k] = 0.0 if share == 0.0 else share * asked[k]
+    _limit(twist, last, dt, base, twist)
+    for k in range(rates.shape[0]):
+        rates[k] = arm_share * min(max(asked_rates[k], -DQ_MAX[k]), DQ_MAX[k])
+    b, v, w = base[0], twist[0], twist[1]
+    if ranges.shape[0] == 0 or (abs(v) < 1e-3 and abs(w) < 1e-3):
+        return True, -1, -1
+    reach = abs(v) * b.velocity_lag + v * v / (2.0 * b.linear_acceleration) + corner + _MARGIN_OF_REACH
+    if moved:
+        reach += math.hypot(pose[0] - scan_pose[0], pose[1] - scan_pose[1])
     points = near_points(ranges, angle_min, angle_step, origin, reach)
     if moved:
-        _carry(points, pose, now)
-    turning = points_in_stop(points, v, w, a, b, lag, False, rectangle, margin)
+        _carry(points, scan_pose, pose)
+    a, yaw_a, lag = b.linear_acceleration, b.yaw_acceleration, b.velocity_lag
+    turning = points_in_stop(points, v, w, a, yaw_a, lag, False, rectangle, margin)
     if turning < enough:
-        return turning, turning
-    return turning, points_in_stop(points, v, w, a, b, lag, True, rectangle, margin)
+        return True, turning, turning
+    return True, turning, points_in_stop(points, v, w, a, yaw_a, lag, True, rectangle, margin)
 
 
 @njit(cache=True)
@@ -173,11 +177,6 @@ def _carry(points: Array, pose: Array, now: Array) -> None:
         x, y = points[i, 0], points[i, 1]
         dx, dy = pose[0] + c * x - s * y - now[0], pose[1] + s * x + c * y - now[1]
         points[i, 0], points[i, 1] = back_c * dx + back_s * dy, -back_s * dx + back_c * dy
-
-
-@njit(cache=True)
-def _healthy(pose: Array, odometry: Array, twist: Array, q: Array, dq: Array) -> bool:
-    return _finite(pose) and _finite(odometry) and _finite(twist) and _finite(q) and _finite(dq)
 
 
 @njit(cache=True)
@@ -197,15 +196,6 @@ def _limit(twist: Array, last: Array, dt: float, base: Numbers, limited: Array) 
     w = min(max(twist[1], last[1] - dw), last[1] + dw)
     limited[0] = min(max(v, -b.reverse_speed), b.forward_speed)
     limited[1] = min(max(w, -b.yaw_rate), b.yaw_rate)
-
-
-@njit(cache=True)
-def _slowed(rates: Array, share: float) -> Array:
-    """Joint rates (7,) within `DQ_MAX`, times a share."""
-    slowed = np.empty(rates.shape[0])
-    for k in range(rates.shape[0]):
-        slowed[k] = share * min(max(rates[k], -DQ_MAX[k]), DQ_MAX[k])
-    return slowed
 
 
 @njit(cache=True)
