@@ -10,14 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from motm_twin.bench.measures.encounters import compile_gaps
+from motm_twin.control.arm_reference import rotation_error
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
+from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.qp_rows import base_bounds, joint_bounds
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import READY
+from motm_twin.model.kinematics import manipulability_gradient
 from motm_twin.model.known import known_world
 from motm_twin.model.plant import Actuation, Observation, Scan
-from motm_twin.model.profile import Lidar
+from motm_twin.model.profile import Lidar, RobotProfile
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.mapper import Mapper
 from motm_twin.planning.staa import run_search
@@ -72,6 +76,16 @@ def _arm() -> None:
     narrow = _observation(known.robot.lidar, ARM_STEP * PERIODS, radius=0.5, speed=0.5)
     fast = Actuation(twist=np.array([0.5, 0.1]), joint_velocity=np.zeros(7), gripper="open")
     monitor.check(fast, narrow, ARM_STEP, scan_stamp=narrow.time)  # brakes
+    _called_by_other_arms(known.robot)
+
+
+def _called_by_other_arms(profile: RobotProfile) -> None:
+    """Kernels that this arm side calls from kernels only, and others from Python: holistic, gymnasium."""
+    q, rates = READY.copy(), np.zeros(7)
+    base_bounds(np.zeros(2), ARM_STEP, profile)
+    joint_bounds(q, rates, ARM_STEP, ArmParameters().qp)
+    manipulability_gradient(q)
+    rotation_error(np.eye(3), np.eye(3))
 
 
 def _observation(lidar: Lidar, time: float, *, radius: float = 2.0, speed: float = 0.0) -> Observation:

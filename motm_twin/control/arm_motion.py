@@ -64,9 +64,9 @@ class _Swing(NamedTuple):
 
 
 def hand_motion(
-    state: ManipulatorState, view: View, inputs: ArmInputs, slate: Slate, parameters: ArmParameters, p: Numbers
+    state: ManipulatorState, view: View, inputs: ArmInputs, slate: Slate, parameters: ArmParameters
 ) -> Motion:
-    """Reference and, on the slate, velocity of the hand for the phase of this step; ``p``: `numbers` of parameters."""
+    """Reference and, on the slate, velocity of the hand for the phase of this step."""
     phase, goal = state.phase, view.goal.kind
     way = _SWINGS.get(phase, _FIXED)
     reference = _point(state, view, parameters) if way == _FIXED else np.empty(3)
@@ -74,7 +74,7 @@ def hand_motion(
         slate.record, way, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, goal == "none", goal == "pick", goal == "place",
         state.clear_z, state.anchor, math.nan if state.yaw is None or phase == "release" else state.yaw,
-        parameters.hold_speed if phase == "closing" else _RADIAL, p, reference,
+        parameters.hold_speed if phase == "closing" else _RADIAL, reference,
     )  # fmt: skip
     return Motion(reference, error)
 
@@ -83,13 +83,14 @@ def hand_motion(
 def _fill_motion(
     slate: Record, way: int, over: Array, plan_times: Array, plan_poses: Array, radius: float, azimuth: float,
     distance: float, time_to_range: float, idle: bool, pick: bool, place: bool, clear_z: float, anchor: Array,
-    yaw: float, fastest: float, parameters: Numbers, reference: Array,
+    yaw: float, fastest: float, reference: Array,
 ) -> float:  # fmt: skip
-    """Fill in velocity and reference; ``way``: home, out to the target, or to the reference as it is; returns the error.
+    """Fill in velocity and reference, return the error; ``way``: home, out to the target, or to the reference as it is.
 
     One kernel of all phases, so that none of them begins with a kernel that has to be loaded first.
     """
     s = slate[0]
+    parameters = s.arm_numbers
     if way == _FIXED:
         _fixed(s.p, s.R, s.mount, reference, over, yaw, fastest, place, parameters, s.velocity)
         return norm(reference - s.p)
@@ -98,9 +99,7 @@ def _fill_motion(
         swing = _stowed(s.p, s.mount, azimuth, idle, clear_z, parameters)
     else:
         planar = _planar_share(s.p, s.mount, s.target, time_to_range)
-        rotation = _transit_rotation(
-            s.p, s.R, s.T, s.mount, s.target, radius, pick, place, yaw, planar, parameters
-        )
+        rotation = _transit_rotation(s.p, s.R, s.T, s.mount, s.target, radius, pick, place, yaw, planar, parameters)
         swing = _inbound(
             s.p, s.q, s.pose, s.twist, s.mount, s.base_mount, s.target, plan_times, plan_poses, distance,
             time_to_range, pick, place,

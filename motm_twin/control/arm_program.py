@@ -1,4 +1,4 @@
-"""The quadratic program of one arm step, filled in by one kernel: rows of speed limits, cost, rows of the hand, bounds."""
+"""The quadratic program of one arm step, filled in by one kernel: speed limits, cost, rows of the hand, bounds."""
 
 from typing import NamedTuple
 
@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.furniture import IntArray
-from motm_twin.control.parameters import ArmParameters, Numbers, numbers
+from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp import Program
-from motm_twin.control.qp_rows import SIZE, SLACK, anchor, fill_program, weights
-from motm_twin.control.slate import Record, Slate
+from motm_twin.control.qp_rows import SLACK, anchor, fill_program, weights
+from motm_twin.control.slate import SIZE, Record, Slate
 from motm_twin.control.speed_limits import SpeedLimits, fill_rows
 from motm_twin.control.types import ArmInputs
 from motm_twin.model.geometry import Array
@@ -40,10 +40,10 @@ class ArmProgram:
         self._limits = SpeedLimits(known, p.avoidance)
         self.names = self._limits.names
         self._lag = known.robot.arm.velocity_lag
-        self._qp, self._base = numbers(p.qp), numbers(known.robot.base)
         self._weights = {swinging: weights(p.qp, swinging=swinging) for swinging in (False, True)}
         room = self._limits.room
         self._G, self._h, self._which = np.empty((room, SIZE)), np.empty(room), np.empty(room, dtype=np.int64)
+        self._arrays = (self._G, self._h, self._which, *self._limits.arrays)
 
     def fill(
         self, slate: Slate, view: View, state: ManipulatorState, inputs: ArmInputs, relaxing: Array
@@ -54,16 +54,16 @@ class ArmProgram:
         remembers are kept near what the robot does, should somebody else have commanded it.
         """
         swinging = state.phase in _SWINGING
-        cost, G, h = self._weights[swinging], self._G, self._h
+        cost = self._weights[swinging]
         count, tightest, allowed = _fill(
             slate.record, inputs.obstacles.points, inputs.obstacles.static, relaxing, state.twist, state.rates, cost,
             view.manipulability, view.beta, inputs.dt, self._lag, view.width, state.side if state.holding else 0.0,
-            state.phase in _TOUCHING, swinging, self._qp, self._base, G, h, self._which, *self._limits.arrays,
+            state.phase in _TOUCHING, swinging, *self._arrays,
         )  # fmt: skip
-        s = slate
         program = Program(
-            P=cost, c=s.c, A=s.A, b=s.b, G=G[:count], h=h[:count], lower=s.lower, upper=s.upper, slack=_SLACKS
-        )
+            P=cost, c=slate.c, A=slate.A, b=slate.b, G=self._G[:count], h=self._h[:count], lower=slate.lower,
+            upper=slate.upper, slack=_SLACKS,
+        )  # fmt: skip
         return program, Rows(count, self._which, tightest, allowed)
 
 
@@ -71,17 +71,17 @@ class ArmProgram:
 def _fill(
     slate: Record, points: Array, static: NDArray[np.bool_], relaxing: Array, twist: Array, rates: Array, cost: Array,
     dexterity: float, beta: float, dt: float, lag: float, width: float, held: float, touching: bool, swinging: bool,
-    qp: Numbers, base: Numbers, G: Array, h: Array, which: IntArray,
+    G: Array, h: Array, which: IntArray,
     first: IntArray, vertices: Array, radius: Array, z: Array, bounds: Array,
     own_first: IntArray, own_vertices: Array, own_radius: Array, own_z: Array, own_bounds: Array,
-    frame: IntArray, centre: Array, ball_radius: Array, body: IntArray, avoidance: Numbers,
+    frame: IntArray, centre: Array, ball_radius: Array, body: IntArray,
 ) -> tuple[int, int, float]:  # fmt: skip
     """`anchor`, `fill_rows` and `fill_program`; returns what `fill_rows` does."""
-    anchor(slate, twist, rates, dt, lag, base)
+    anchor(slate, twist, rates, dt, lag)
     found = fill_rows(
         slate, points, static, relaxing, width, held, touching, beta, G, h, which,
         first, vertices, radius, z, bounds, own_first, own_vertices, own_radius, own_z, own_bounds,
-        frame, centre, ball_radius, body, avoidance,
+        frame, centre, ball_radius, body,
     )  # fmt: skip
-    fill_program(slate, twist, rates, cost, dexterity, beta, dt, swinging, qp, base)
+    fill_program(slate, twist, rates, cost, dexterity, beta, dt, swinging)
     return found

@@ -12,7 +12,7 @@ from motm_twin.control.arm_program import ArmProgram, Rows
 from motm_twin.control.arm_reference import planar_joints
 from motm_twin.control.arm_view import ManipulatorState, View, look
 from motm_twin.control.furniture import IntArray
-from motm_twin.control.parameters import ArmParameters, numbers
+from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp import Program, load, solve
 from motm_twin.control.qp_rows import ARM, BASE, SLACK, joint_limits, lag_factor
 from motm_twin.control.slate import Slate
@@ -43,15 +43,14 @@ class Manipulator(Stateful[ManipulatorState]):
         p = self.parameters
         load(p.qp.solver)
         arm = known.robot.arm
-        self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
         self._rules = PhaseRules(
             parameters=p,
             profile=known.robot,
             timing=timing or TransitRule(k_A=p.k_A, base_speed=p.transit_base_speed, hand_speed=p.hand_speed),
-            mount=self._mount,
+            mount=np.array([arm.mount_x, arm.mount_y, arm.mount_z]),
         )
-        self._slate = Slate(self._mount, joint_limits(p.qp.elbow_limit))
-        self._programs, self._numbers = ArmProgram(known, p), numbers(p)
+        self._slate = Slate(known.robot, p, joint_limits(p.qp.elbow_limit))
+        self._programs = ArmProgram(known, p)
         self._stow_joints = planar_joints(p.stow_radius, p.stow_height, p.stow_tilt)
         self._state = ManipulatorState()
 
@@ -106,13 +105,18 @@ class Manipulator(Stateful[ManipulatorState]):
 
     def _motion(self, view: View, inputs: ArmInputs) -> Motion:
         """What the hand should do in this step; its velocity is written on the slate."""
-        return hand_motion(self._state, view, inputs, self._slate, self.parameters, self._numbers)
+        return hand_motion(self._state, view, inputs, self._slate, self.parameters)
 
     def _active(self, rows: Rows, active: IntArray) -> tuple[str, ...]:
         """Names of the active rows, and of the active bounds of base twist and arm rates."""
-        names, which, count = self._programs.names, rows.which, rows.count
-        found = [k for k in active.tolist() if k < count + ARM.stop]
-        return tuple(dict.fromkeys(names[which[k]] if k < count else _BOUND_NAMES[k - count] for k in found))
+        names, which, count = self._programs.names, rows.which.item, rows.count
+        found: dict[str, None] = {}
+        for k in active.tolist():
+            if k < count:
+                found[names[which(k)]] = None
+            elif k < count + ARM.stop:
+                found[_BOUND_NAMES[k - count]] = None
+        return tuple(found)
 
     def _relaxing(self, view: View, inputs: ArmInputs) -> Array:
         """Grasps for which static obstacles give way: the one under way, and the last until the gripper has left."""

@@ -111,37 +111,30 @@ def _daqp(program: Program, first: int, count: int) -> tuple[int, Array | None]:
     """
     p = program
     n, k = len(p.P) - count, len(p.h) + len(p.b) - count
-    H, c, rows, bounds, sense = (
-        np.empty((n, n)),
-        np.empty(n),
-        np.empty((k, n)),
-        np.empty((2, n + k)),
-        np.zeros(n + k, np.int32),
-    )
-    flaw = _fill_daqp(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper, first, count, H, c, rows, bounds, sense)
+    H, c, rows = np.empty((n, n)), np.empty(n), np.empty((k, n))
+    low, high, sense = np.empty(n + k), np.empty(n + k), np.empty(n + k, np.int32)
+    flaw = _fill_daqp(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper, first, count, H, c, rows, low, high, sense)
     if flaw:
         return flaw, None
-    x, _, flag, _ = daqp.solve(H, c, rows, bounds[1], bounds[0], sense)
+    x, _, flag, _ = daqp.solve(H, c, rows, high, low, sense)
     return 0, np.asarray(x) if flag > 0 else None
 
 
 @njit(cache=True)
 def _fill_daqp(
     P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array, first: int, count: int,
-    H: Array, f: Array, rows: Array, bounds: Array, sense: NDArray[np.int32],
+    H: Array, f: Array, rows: Array, low: Array, high: Array, sense: NDArray[np.int32],
 ) -> int:  # fmt: skip
     """Fill in DAQP's form: cost, rows, lower and upper bounds, kinds; variables first, then G, then A (equal) or not.
 
-    ``sense`` comes as zeros. With s = b - A u for the ``count`` slack variables from ``first`` on, and u the others,
-    the cost is 1/2 u' (P_u + A' P_s A) u + (c_u - A' (P_s b + c_s))' u. Returns the flaw of a program that is not to
-    be solved.
+    With s = b - A u for the ``count`` slack variables from ``first`` on, and u the others, the cost is
+    1/2 u' (P_u + A' P_s A) u + (c_u - A' (P_s b + c_s))' u. Returns the flaw of a program that is not to be solved.
     """
     flaw = _flaw(P, c, A, b, G, h, lower, upper)
     if flaw:
         return flaw
     n, k, e = H.shape[0], h.shape[0], b.shape[0] - count
-    low, high = bounds[0], bounds[1]
-    low[n:] = _NO_BOUND
+    low[n:], sense[:] = _NO_BOUND, 0
     for i in range(n):
         own = i if i < first else i + count
         f[i], high[i], low[i] = c[own], upper[own], lower[own]

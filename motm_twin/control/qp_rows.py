@@ -17,7 +17,7 @@ from numba import njit
 
 from motm_twin.control.arm_reference import polar
 from motm_twin.control.parameters import Numbers, QpParameters, numbers
-from motm_twin.control.slate import SIZE, Record
+from motm_twin.control.slate import Record
 from motm_twin.model.arm_kernels import TCP, factored_gradient, fk_arm, point_jacobian
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
@@ -192,15 +192,14 @@ def weights(parameters: QpParameters, *, swinging: bool) -> Array:
 
 @njit(cache=True)
 def fill_program(
-    slate: Record, twist: Array, rates: Array, cost: Array, dexterity: float, beta: float, dt: float, swinging: bool,
-    parameters: Numbers, base: Numbers,
-) -> None:  # fmt: skip
+    slate: Record, twist: Array, rates: Array, cost: Array, dexterity: float, beta: float, dt: float, swinging: bool
+) -> None:
     """Fill in linear cost, rows A x = b and bounds of a step's program; ``twist``, ``rates``: commanded last.
 
-    ``cost`` is from `weights`, ``dexterity`` the arm's manipulability, ``parameters`` and ``base`` are the `numbers`
-    of `QpParameters` and `BaseLimits`.
+    ``cost`` is from `weights`, ``dexterity`` the arm's manipulability.
     """
-    n, s = parameters[0], slate[0]
+    s = slate[0]
+    n = s.qp[0]
     gain, fastest = (n.swing_posture_gain, n.swing_posture_rate) if swinging else (n.posture_gain, n.posture_rate)
     s.c[:] = 0.0
     gradient = factored_gradient(s.arm, s.factor, dexterity)
@@ -211,7 +210,7 @@ def fill_program(
         s.c[2 + k] = cost[2 + k] * error[k] - n.manipulability_weight * gradient[k]
     s.c[LIDAR_ELASTIC] = s.c[FURNITURE_ELASTIC] = n.elastic_weight
     _hand_rows(slate, beta)
-    _base_bounds(twist, dt, base, s.lower[:2], s.upper[:2])
+    _base_bounds(twist, dt, s.base, s.lower[:2], s.upper[:2])
     _joint_bounds(
         s.q, rates, dt, s.joint_limits, n.damper_gain, n.damper_start, n.damper_stop, s.lower[2:9], s.upper[2:9]
     )
@@ -233,12 +232,13 @@ def _hand_rows(slate: Record, beta: float) -> None:
 
 
 @njit(cache=True)
-def anchor(slate: Record, twist: Array, rates: Array, dt: float, lag: float, base: Numbers) -> None:
+def anchor(slate: Record, twist: Array, rates: Array, dt: float, lag: float) -> None:
     """Bring a base twist (2,) near the wanted one, and arm rates (7,) near the measured ones and within the limits.
 
-    ``lag`` [s] of the arm: what its rates may be behind, and three steps. ``base``: `numbers` of `BaseLimits`.
+    ``lag`` [s] of the arm: what its rates may be behind, and three steps.
     """
-    s, limits, follow = slate[0], base[0], lag + 3.0 * dt
+    s, follow = slate[0], lag + 3.0 * dt
+    limits = s.base[0]
     room_v, room_w = 2.0 * dt * limits.linear_acceleration, 2.0 * dt * limits.yaw_acceleration
     twist[0] = _clipped(twist[0], s.wanted[0] - room_v, s.wanted[0] + room_v)
     twist[1] = _clipped(twist[1], s.wanted[1] - room_w, s.wanted[1] + room_w)

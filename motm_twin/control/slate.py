@@ -1,13 +1,18 @@
 """The slate of the arm side: what the kernels of one arm step write down for each other.
 
-It is one record of fixed shapes. A kernel that is called from Python pays for each array it is given, but for a record
-once, whatever is in it. The next step writes over all of it: what goes into a Tick or a state is copied.
+It is one record of fixed shapes, with the parameters as well. A kernel that is called from Python pays for each array
+that it is given, but for a record once, whatever is in it. The next step writes over it: what goes into a Tick or a
+state is copied.
 """
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.control.parameters import ArmParameters, numbers
 from motm_twin.model.geometry import Array
+from motm_twin.model.profile import RobotProfile
 
 SIZE = 17  # decision variables of the QP, as `qp_rows` tells them
 Record = NDArray[np.void]  # of `Slate.record`, shape (1,): a kernel reads and writes `record[0].q`
@@ -66,9 +71,23 @@ class Slate:
     lower: Array  # its bounds, shape (17,)
     upper: Array  # shape (17,)
 
-    def __init__(self, base_mount: Array, joint_limits: Array) -> None:
-        """A slate for one arm side; ``base_mount`` (3,) [m], ``joint_limits`` (4, 7) of `qp_rows.joint_limits`."""
-        self.record: Record = np.zeros(1, np.dtype([(name, float, shape) for name, shape in _SHAPES.items()]))
+    def __init__(self, profile: RobotProfile, parameters: ArmParameters, joint_limits: Array) -> None:
+        """A slate for one arm side; ``joint_limits`` (4, 7) of `qp_rows.joint_limits`.
+
+        Kernels find `numbers` of the parameters under ``arm_numbers``, ``qp``, ``avoidance`` and ``base``.
+        """
+        parts = {
+            "arm_numbers": numbers(parameters),
+            "qp": numbers(parameters.qp),
+            "avoidance": numbers(parameters.avoidance),
+            "base": numbers(profile.base),
+        }
+        shapes: list[Any] = [(name, float, shape) for name, shape in _SHAPES.items()]
+        shapes += [(name, part.dtype, (1,)) for name, part in parts.items()]
+        self.record: Record = np.zeros(1, np.dtype(shapes))
+        for name, part in parts.items():
+            self.record[name][0] = part
         for name in _SHAPES:
             setattr(self, name, self.record[name][0])
-        self.base_mount[:], self.joint_limits[:] = base_mount, joint_limits
+        arm = profile.arm
+        self.base_mount[:], self.joint_limits[:] = (arm.mount_x, arm.mount_y, arm.mount_z), joint_limits

@@ -24,7 +24,7 @@ from motm_twin.control.furniture import (
     placed,
     solid_bounds,
 )
-from motm_twin.control.parameters import AvoidanceParameters, Numbers, numbers
+from motm_twin.control.parameters import AvoidanceParameters, Numbers
 from motm_twin.control.qp_rows import elastic_rows
 from motm_twin.control.seen_rows import seen_rows
 from motm_twin.control.slate import Record
@@ -55,7 +55,7 @@ class SpeedLimits:
             *(f"{body} - lidar" for body in BODIES),
             *(f"{body} - {solid}" for solids in (own, mapped) for body in BODIES for solid in solids.names),
         )
-        self.arrays: tuple[Any, ...] = (*_arrays(mapped), *_arrays(own), *arm_balls(), numbers(parameters))
+        self.arrays: tuple[Any, ...] = (*_arrays(mapped), *_arrays(own), *arm_balls())
         self.room = parameters.sectors + parameters.moving_sectors + MAX_ROWS + _OWN_ROWS + 2 * HAND_BODY
 
 
@@ -70,7 +70,6 @@ def fill_rows(
     first: IntArray, vertices: Array, radius: Array, z: Array, bounds: Array,
     own_first: IntArray, own_vertices: Array, own_radius: Array, own_z: Array, own_bounds: Array,
     frame: IntArray, centre: Array, ball_radius: Array, body: IntArray,
-    avoidance: Numbers,
 ) -> tuple[int, int, float]:  # fmt: skip
     """Fill in rows G x <= h of gripper, mapped furniture, own base and seen obstacles, shapes (k, 17) and (k,).
 
@@ -78,7 +77,9 @@ def fill_rows(
     `SpeedLimits.names`. Returns how many there are; of the gripper's obstacles the one that limits it most, 1 static, 0
     moving, -1 none is near; and its damper line [m/s], inf when none is near.
     """
-    a, s = avoidance[0], slate[0]
+    s = slate[0]
+    avoidance = s.avoidance
+    a = avoidance[0]
     centre, ball_radius = placed(centre, ball_radius, width, held)
     d_s, d_i = _distances(avoidance, touching)
 

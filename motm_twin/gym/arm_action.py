@@ -12,7 +12,7 @@ import numpy as np
 from motm_twin.control.arm_phases import enter
 from motm_twin.control.arm_view import ManipulatorState, View
 from motm_twin.control.manipulation import Manipulator
-from motm_twin.control.parameters import ArmParameters, numbers
+from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp_rows import anchor, base_bounds, joint_bounds
 from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.model.geometry import Array, frozen, to_frame
@@ -48,10 +48,7 @@ class ArmAction(Manipulator):
         state, p = self._state, self.parameters
         view = self._look(inputs)
         outcome = self._fingers(view)
-        anchor(
-            self._slate.record, state.twist, state.rates, inputs.dt, self.profile.arm.velocity_lag,
-            numbers(self.profile.base),
-        )  # fmt: skip
+        anchor(self._slate.record, state.twist, state.rates, inputs.dt, self.profile.arm.velocity_lag)
         state.twist = np.clip(inputs.base_twist, *base_bounds(state.twist, inputs.dt, self.profile))
         low, high = joint_bounds(view.q, state.rates, inputs.dt, p.qp)
         state.rates = np.clip(state.asked_rates, low, high)
