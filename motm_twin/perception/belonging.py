@@ -5,23 +5,26 @@ seconds and then missed for one, by a pose that is 2 cm off; and a side that com
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
-from motm_twin.perception.cell_times import Mask
 from motm_twin.perception.clusters import label_cells
 
 
-def touching(cells: NDArray[np.int32], anchors: Mask, others: Mask, reach: int) -> Mask:
+@njit(cache=True)
+def touching(cells, anchors, others, reach):
     """Which cells hang together with one of the ``anchors``, through ``others`` up to ``reach`` apart; shape (m,).
 
     ``cells``: row and column, shape (m, 2); ``anchors`` and ``others``: shape (m,) each.
     """
-    found = np.zeros(len(cells), dtype=np.bool_)
+    found = np.zeros(cells.shape[0], np.bool_)
     if not anchors.any() or not others.any():
         return found
     which = np.flatnonzero(anchors | others)
     label, count = label_cells(cells[which], reach)
-    anchored = np.zeros(count, dtype=np.bool_)
-    anchored[label[anchors[which]]] = True
-    found[which] = anchored[label]
+    anchored = np.zeros(count, np.bool_)
+    for i in range(which.shape[0]):
+        if anchors[which[i]]:
+            anchored[label[i]] = True
+    for i in range(which.shape[0]):
+        found[which[i]] = anchored[label[i]]
     return found

@@ -1,8 +1,4 @@
-"""What moves: clusters of seen cells followed from map to map, as discs with a velocity.
-
-The lidar sees the front of a thing that is about as deep as it is wide. Its middle is therefore half its width behind
-the nearest point: it stays the same point of the thing while robot and thing pass each other.
-"""
+"""What moves: clusters of seen cells followed from map to map, as discs with a velocity."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,14 +9,11 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import Stateful
-from motm_twin.perception.base_map import read_only
 from motm_twin.perception.belonging import touching
-from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, latest, numbers_of
-from motm_twin.perception.clusters import label_cells
+from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of
+from motm_twin.perception.clusters import cells_of
+from motm_twin.perception.fronts import Disc, apart, at_ends, behind, front_of, share_gone
 from motm_twin.perception.world_map import NO_AGES, NO_MOVERS, NO_POINTS, WorldMap
-
-FAR_SIDE = np.linspace(-0.5, 0.5, 9) * math.pi  # [rad] from straight behind
-SAME_POINT = 0.08  # [m] between the middles of cells that may show the same point
 
 
 class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -100,6 +93,10 @@ class Seen(msgspec.Struct, frozen=True, eq=False):
     points: NDArray[np.int64]  # which of the seen points of the map it is made of
 
 
+Pair = tuple[Track, Seen]
+Cells = NDArray[np.int32]  # row and column, shape (m, 2)
+
+
 class MoverTracker(Stateful[MoverState]):
     """Follows what is not static from map to map."""
 
@@ -123,18 +120,21 @@ class MoverTracker(Stateful[MoverState]):
         for track in state.tracks:
             track.position = track.position + dt * track.velocity
         cells = numbers_of(world)
-        furniture = self._furniture(world, cells)
-        seen = self._clusters(world, np.flatnonzero(~furniture), viewpoint[:2])
+        since = state.static.of(cells, math.inf)  # [s] it has been static
+        held = state.held.has(cells)
+        grid = cells_of(world.seen_points, world.origin, world.resolution)
+        furniture = self._furniture(world, cells, grid, since, held)
+        seen = self._clusters(world, grid, np.flatnonzero(~furniture), viewpoint[:2])
         pairs = self._correct(seen, world.stamp, dt)
         state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
         for track, one in pairs:
             self._judge(track, one, world, viewpoint[:2], dt)
         self._part(viewpoint[:2])
         unsettled = [(track, one) for track, one in pairs if self._unsettled(track)]
-        held = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
-        held += [(cells[one.points], world.stamp) for one in self._absorbing(pairs, world)]
-        self._hold(held, world.stamp)
-        static = self._static(world, cells, furniture)
+        places = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
+        places += [(cells[one.points], world.stamp) for one in self._absorbing(pairs, world)]
+        self._hold(places, world.stamp)
+        static = self._static(world, cells, furniture, since)
         static.setflags(write=False)
         found = [
             (*track.position, *track.velocity, track.radius, track.near)
@@ -142,48 +142,51 @@ class MoverTracker(Stateful[MoverState]):
             if self._moving(track) and not track.wide
         ]
         movers = np.array(found) if found else NO_MOVERS
-        young = [
-            (track, one)
-            for track, one in pairs
-            if not track.wide and track.moved is None and static[one.points].mean() < p.settled
-        ]
-        hidden = [_behind(track.position, track.radius, viewpoint[:2]) for track, _ in unsettled + young]
-        for track, one in pairs:
-            if track.wide and static[one.points].mean() < p.settled:
-                hidden += _behind_ends(world.seen_points[one.points], p.end_radius, viewpoint[:2])
         return msgspec.structs.replace(
             world,
             seen_static=static,
             seen_age=NO_AGES,
             movers=movers,
-            hidden=np.concatenate(hidden) if hidden else NO_POINTS,
+            hidden=behind(self._hidden(pairs, unsettled, static, world, viewpoint[:2]), viewpoint[:2]),
         )
 
-    def _furniture(self, world: WorldMap, cells: Numbers) -> Mask:
+    def _hidden(
+        self, pairs: list[Pair], unsettled: list[Pair], static: Mask, world: WorldMap, viewpoint: Array
+    ) -> list[Disc]:
+        """The discs of what may be moving, of which the far sides are not seen."""
+        p = self.parameters
+        loose = [pair for pair in pairs if _share(static, pair[1].points) < p.settled]
+        young = [(track, one) for track, one in loose if not track.wide and track.moved is None]
+        discs = [(*track.position.tolist(), track.radius) for track, _ in unsettled + young]
+        for track, one in loose:
+            if track.wide:
+                discs += at_ends(world.seen_points[one.points], p.end_radius, viewpoint)
+        return discs
+
+    def _furniture(self, world: WorldMap, cells: Numbers, grid: Cells, since: Array, held: Mask) -> Mask:
         """What is static for long, or hangs together with that and has never moved: it is not followed; shape (m,).
 
         Its sides come into sight and go, which looks like something small that slides along them. But what has come
         nearer hides all of where it was.
         """
         state, p = self._state, self.parameters
-        long = state.static.of(cells, math.inf) <= world.stamp - p.rests
-        anchors = long & (world.seen_age <= p.fresh) & ~np.isin(cells, state.came)
-        column, row = np.floor((world.seen_points - world.origin).T / world.resolution).astype(np.int32)
-        others = ~state.held.has(cells)
-        return long | touching(np.column_stack((row, column)), anchors, others, p.join_cells)
+        long = since <= world.stamp - p.rests
+        anchors = long & (world.seen_age <= p.fresh) & ~among(state.came, cells)
+        return long | touching(grid, anchors, ~held, p.join_cells)
 
-    def _static(self, world: WorldMap, cells: Numbers, furniture: Mask) -> Mask:
+    def _static(self, world: WorldMap, cells: Numbers, furniture: Mask, since: Array) -> Mask:
         """What is static, or was so lately, shape (m,); but nothing that has moved and not rested since."""
         state, now = self._state, world.stamp
         held = state.held.has(cells)
-        static = (world.seen_static | furniture | state.static.has(cells)) & ~held
-        static |= state.static.of(cells, math.inf) <= now - self.parameters.rests
-        state.static = latest([(cells[static], state.static.of(cells, now)[static])])
+        static = (world.seen_static | furniture | (since < math.inf)) & ~held
+        static |= since <= now - self.parameters.rests
+        state.static = CellTimes().also(cells[static], np.where(since < math.inf, since, now)[static])
         if len(state.came):
-            state.came = read_only(state.came[state.static.has(state.came)])
+            state.came = state.came[state.static.has(state.came)]
         static |= state.lately.has(cells) & ~held
-        until = now + self.parameters.remembers
-        state.lately = latest([(state.lately.cells, state.lately.times), (cells[static], until)]).after(now)
+        lately = cells[static]
+        until = np.full(len(lately), now + self.parameters.remembers)
+        state.lately = state.lately.also(lately, until).after(now)
         return static
 
     def _judge(self, track: Track, seen: Seen, world: WorldMap, viewpoint: Array, dt: float) -> None:
@@ -195,7 +198,7 @@ class MoverTracker(Stateful[MoverState]):
         p, place = self.parameters, track.place
         moved = False
         if place is not None and world.stamp - place.time >= p.young and _away(track, seen, place, p.leaves):
-            moved = _share_gone(place.points, world.seen_points, world.seen_points[seen.points], viewpoint) > p.gone
+            moved = share_gone(place.points, world.seen_points, world.seen_points[seen.points], viewpoint) > p.gone
         if moved and not track.wide:
             track.moved = world.stamp
         elsewhere = place is None or moved or track.wide or seen.radius > place.radius + p.grows
@@ -236,7 +239,7 @@ class MoverTracker(Stateful[MoverState]):
             return False
         return now - track.rest.time < self.parameters.waits
 
-    def _absorbing(self, pairs: list[tuple[Track, Seen]], world: WorldMap) -> list[Seen]:
+    def _absorbing(self, pairs: list[Pair], world: WorldMap) -> list[Seen]:
         """Clusters too wide for a mover that one is part of now: it was followed until a moment ago."""
         p = self.parameters
         lost = [track for track in self._state.tracks if track.seen < world.stamp and self._unsettled(track)]
@@ -256,8 +259,11 @@ class MoverTracker(Stateful[MoverState]):
         if not places and not len(state.held.cells):
             return
         # the next map may have hits beside them
-        new = [((cells[:, None] + AROUND).ravel(), since + waits) for cells, since in places]
-        held = latest([(state.held.cells, state.held.times), *new])
+        around = [(cells[:, None] + AROUND).ravel() for cells, _ in places]
+        until = [since + waits for _, since in places]
+        held = state.held
+        if places:
+            held = held.also(np.concatenate(around), np.repeat(until, [len(cells) for cells in around]))
         state.held = held.after(now)
         if len(state.held.cells) < len(held.cells):
             state.came = np.union1d(state.came, held.cells[held.times <= now])
@@ -266,36 +272,29 @@ class MoverTracker(Stateful[MoverState]):
         """Say which are near, with a hysteresis."""
         for track in self._state.tracks:
             limit = self.parameters.parted if track.near else self.parameters.near
-            track.near = math.hypot(*(track.position - viewpoint)) <= limit
+            track.near = math.dist(track.position, viewpoint) <= limit
 
-    def _clusters(self, world: WorldMap, young: NDArray[np.int64], viewpoint: Array) -> list[Seen]:
+    def _clusters(self, world: WorldMap, grid: Cells, young: NDArray[np.int64], viewpoint: Array) -> list[Seen]:
         """Clusters of those of the seen points, by index."""
-        p, points = self.parameters, world.seen_points[young]
-        if not len(points):
-            return []
-        column, row = np.floor((points - world.origin).T / world.resolution).astype(np.int32)
-        label, count = label_cells(np.column_stack((row, column)), p.join_cells)
-        found = []
-        for k in range(count):
-            members = np.flatnonzero(label == k)
-            if len(members) >= p.smallest:
-                now = members[world.seen_age[young[members]] <= p.now]
-                front = points[now if len(now) >= p.smallest else members]
-                middle, radius = _front(front, viewpoint, world.resolution)
-                found.append(Seen(middle, radius, young[members]))
+        p = self.parameters
+        recent = world.seen_age[young] <= p.now
+        members, ends, front, front_ends = apart(grid[young], recent, p.join_cells, p.smallest)
+        points, members = world.seen_points[young[front]], young[members]
+        found, start, front_start = [], 0, 0
+        for end, front_end in zip(ends.tolist(), front_ends.tolist(), strict=True):
+            middle, radius = front_of(points[front_start:front_end], viewpoint, world.resolution)
+            found.append(Seen(middle, radius, members[start:end]))
+            start, front_start = end, front_end
         return found
 
-    def _correct(self, seen: list[Seen], now: float, dt: float) -> list[tuple[Track, Seen]]:
+    def _correct(self, seen: list[Seen], now: float, dt: float) -> list[Pair]:
         """Give each cluster to the track that expects it nearest; begin tracks for the others. All pairs."""
         p, tracks = self.parameters, self._state.tracks
-        pairs = [
-            (math.hypot(*(one.middle - track.position)), i, k)
-            for i, track in enumerate(tracks)
-            for k, one in enumerate(seen)
-        ]
+        expected, middles = [track.position.tolist() for track in tracks], [one.middle.tolist() for one in seen]
+        pairs = [(math.dist(b, a), i, k) for i, a in enumerate(expected) for k, b in enumerate(middles)]
         of_track: set[int] = set()
         of_seen: set[int] = set()
-        met: list[tuple[Track, Seen]] = []
+        met: list[Pair] = []
         for distance, i, k in sorted(pairs):
             if distance > p.gate or i in of_track or k in of_seen:
                 continue
@@ -322,52 +321,15 @@ def standing(world: WorldMap, movers: Array, parameters: MoverParameters) -> NDA
     return keep | world.seen_static
 
 
-def _front(cluster: Array, viewpoint: Array, resolution: float) -> tuple[Array, float]:
-    """Middle and radius of something round of which the front is seen."""
-    ahead = cluster.mean(axis=0) - viewpoint
-    ahead = ahead / max(math.hypot(*ahead), 1e-9)
-    across = (cluster - viewpoint) @ np.array([-ahead[1], ahead[0]])
-    radius = 0.5 * (float(across.max() - across.min()) + resolution)
-    depth = float(((cluster - viewpoint) @ ahead).min()) - 0.5 * resolution + radius
-    side = 0.5 * float(across.max() + across.min())
-    return viewpoint + depth * ahead + side * np.array([-ahead[1], ahead[0]]), radius
+def _share(mask: Mask, which: NDArray[np.int64]) -> float:
+    """Share of those by index (k,) that are set in the mask (m,)."""
+    return np.count_nonzero(mask[which]) / len(which)
 
 
 def _away(track: Track, seen: Seen, place: Place, limit: float) -> bool:
     """Whether it is farther than this [m] from its place, and not just seen in another way."""
     sight = math.sqrt(2.0) * abs(place.radius - seen.radius)
-    return math.hypot(*(track.position - place.middle)) > limit + sight
-
-
-def _behind(middle: Array, radius: float, viewpoint: Array) -> Array:
-    """Points of the half of a disc that is turned away from the viewpoint [m], shape (n, 2)."""
-    away = middle - viewpoint
-    angle = math.atan2(away[1], away[0]) + FAR_SIDE
-    return middle + radius * np.column_stack((np.cos(angle), np.sin(angle)))
-
-
-def _behind_ends(cluster: Array, radius: float, viewpoint: Array) -> list[Array]:
-    """The same of the discs that begin at the two ends of something wide, of which the lines of sight are tangents."""
-    sight = cluster - viewpoint
-    mean = sight.mean(axis=0)
-    bearing = np.arctan2(mean[0] * sight[:, 1] - mean[1] * sight[:, 0], sight @ mean)
-    found = []
-    for end, inwards in ((int(np.argmin(bearing)), 1.0), (int(np.argmax(bearing)), -1.0)):
-        x, y = inwards * sight[end] / max(math.hypot(*sight[end]), 1e-9)
-        found.append(_behind(cluster[end] + radius * np.array([-y, x]), radius, viewpoint))
-    return found
-
-
-def _share_gone(before: Array, seen: Array, own: Array, viewpoint: Array) -> float:
-    """Share of these points (m, 2) [m] near which nothing is seen now (n, 2), or that are behind its own (k, 2)."""
-    near = np.hypot(*(before[:, None] - seen[None]).transpose(2, 0, 1)) <= SAME_POINT
-    sight = before - viewpoint
-    sight = sight / np.maximum(np.hypot(*sight.T), SAME_POINT)[:, None]
-    apart = before[:, None] - own[None]
-    ahead = apart[..., 0] * sight[:, None, 0] + apart[..., 1] * sight[:, None, 1]
-    across = apart[..., 0] * sight[:, None, 1] - apart[..., 1] * sight[:, None, 0]
-    behind = (ahead > SAME_POINT) & (np.abs(across) <= 0.5 * SAME_POINT)
-    return float(np.mean(~near.any(axis=1) | behind.any(axis=1)))
+    return math.dist(track.position, place.middle) > limit + sight
 
 
 def _begun(seen: Seen, now: float, p: MoverParameters) -> Track:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motm_twin.perception.belonging import touching
-from motm_twin.perception.cell_times import latest
+from motm_twin.perception.cell_times import CellTimes
 
 CELLS = st.lists(st.tuples(st.integers(-5, 5), st.floats(0.0, 9.0)), max_size=12)
 
@@ -16,7 +16,9 @@ def test_each_cell_keeps_its_latest_time(first: list[tuple[int, float]], second:
     for cell, time in first + second:
         wanted[cell] = max(time, wanted.get(cell, 0.0))
     parts = [(np.array([c for c, _ in part], np.int64), np.array([t for _, t in part])) for part in (first, second)]
-    found = latest(parts)
+    found = CellTimes()
+    for cells, times in parts:
+        found = found.also(cells, times)
     assert dict(zip(found.cells.tolist(), found.times.tolist(), strict=True)) == wanted
     asked = np.arange(-6, 7)
     assert found.of(asked, -1.0).tolist() == [wanted.get(cell, -1.0) for cell in asked.tolist()]
