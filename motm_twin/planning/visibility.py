@@ -4,29 +4,19 @@ Rings keep the obstacle on their left. Vertices lie on the grown polygons; sight
 shrunk by 2 mm, so that a line along an edge or through a corner is free and any other crossing is not.
 """
 
-import functools
 import math
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.planning.kernel import kernel, length_of
+from motm_twin.planning.outlines import SHRINK, Rings, grown_outlines, rings_of
 
 IntArray = NDArray[np.int32]
-SHRINK = 0.002  # [m]
 FAR = 1e9  # [m]
-KEPT = 512  # polygons and outlines whose shape is remembered
 TOUCH = 1e-9  # [m^2] cross products smaller than this count as collinear
-
-
-class Rings(NamedTuple):
-    """Closed polygon rings: points (n, 2); per ring (r, 6) x_low, y_low, x_high, y_high, first point, end of points."""
-
-    point: Array
-    ring: Array
 
 
 class Graph(NamedTuple):
@@ -151,83 +141,32 @@ def _see_each_other(vertex: Array, walls: Rings, free: NDArray[np.bool_]) -> Non
                 free[u, v] = free[v, u] = True
 
 
-def _neighbours(ring: Array) -> tuple[Array, Array]:
-    """The point before and the one after each of a ring, shape (n, 2) each."""
-    return np.concatenate((ring[-1:], ring[:-1])), np.concatenate((ring[1:], ring[:1]))
+@kernel
+def _fill_edges(
+    vertex: Array, free: NDArray[np.bool_], start: IntArray, ends: IntArray, line: Array, in_edge: IntArray
+) -> None:
+    """List who sees whom: vertices of each edge and the way between them, by the vertex it leaves, then by the other.
 
-
-def _corners(ring: Array) -> tuple[Array, IntArray]:
-    """The ring shrunk by SHRINK, and the indices of its convex corners."""
-    before, after = _neighbours(ring)
-    come, go = ring - before, after - ring
-    come /= np.hypot(come[:, 0], come[:, 1])[:, None]
-    go /= np.hypot(go[:, 0], go[:, 1])[:, None]
-    inward = np.column_stack((-(come[:, 1] + go[:, 1]), come[:, 0] + go[:, 0]))
-    scale = np.hypot(inward[:, 0], inward[:, 1])
-    spike = scale < 1e-6
-    inward = np.where(spike[:, None], -come, inward / np.where(spike, 1.0, scale)[:, None])
-    convex = np.flatnonzero(come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0] > 1e-6).astype(np.int32)
-    return ring + SHRINK * inward, convex
-
-
-def _rings(rings: list[Array], bounds: list[tuple[float, ...]]) -> Rings:
-    """Rings (n, 2) and of each x_low, y_low, x_high, y_high as one table."""
-    end = np.cumsum([len(ring) for ring in rings])
-    table = [(*box, last - len(ring), last) for box, ring, last in zip(bounds, rings, end, strict=True)]
-    return Rings(np.concatenate(rings) if rings else np.zeros((0, 2)), np.array(table, dtype=np.float64).reshape(-1, 6))
-
-
-def _box(ring: Array) -> tuple[float, ...]:
-    return (*ring.min(axis=0).tolist(), *ring.max(axis=0).tolist())
-
-
-def _oriented(coordinates: Array, *, counter_clockwise: bool) -> Array:
-    ring = np.ascontiguousarray(coordinates[:-1])
-    _, after = _neighbours(ring)
-    area = float(np.sum(ring[:, 0] * after[:, 1] - after[:, 0] * ring[:, 1]))
-    ring = ring if (area > 0.0) == counter_clockwise else ring[::-1].copy()
-    keep = np.hypot(*(ring - _neighbours(ring)[0]).T) > 1e-6
-    return np.ascontiguousarray(ring[keep])
-
-
-class Outline(NamedTuple):
-    """A grown ring, shrunk to what blocks sight, with the bounds of both and the convex corners (c, 6) of `Graph`."""
-
-    ring: Array
-    wall: Array
-    ring_box: tuple[float, ...]
-    wall_box: tuple[float, ...]
-    corner: Array
-
-
-# From one map to the next few polygons change. Both are pure functions of bytes of float64, shape (n, 2).
-@functools.lru_cache(maxsize=KEPT)
-def _grown(polygon: bytes, g: float) -> shapely.Geometry:
-    corners = np.frombuffer(polygon).reshape(-1, 2)
-    return shapely.buffer(shapely.Polygon(corners), g, quad_segs=2)
-
-
-@functools.lru_cache(maxsize=KEPT)
-def _outline(coordinates: bytes, counter_clockwise: bool) -> Outline | None:
-    ring = _oriented(np.frombuffer(coordinates).reshape(-1, 2), counter_clockwise=counter_clockwise)
-    if len(ring) < 3:
-        return None
-    wall, convex = _corners(ring)
-    corner = np.hstack((ring[convex], ring[convex - 1], ring[(convex + 1) % len(ring)]))
-    return Outline(ring, wall, _box(ring), _box(wall), corner)
-
-
-def outlines(polygons: tuple[Array, ...], g: float) -> list[Outline]:
-    """Outlines of the union of the polygons grown by g [m], two chamfers per right angle; obstacle on the left."""
-    if not polygons:
-        return []
-    area = shapely.union_all([_grown(np.asarray(p, dtype=np.float64).tobytes(), g) for p in polygons])
-    area = shapely.simplify(area, 0.005)
-    found = []
-    for part in shapely.get_parts(area):
-        found.append(_outline(shapely.get_coordinates(part.exterior).tobytes(), True))
-        found += [_outline(shapely.get_coordinates(hole).tobytes(), False) for hole in part.interiors]
-    return [outline for outline in found if outline is not None]
+    Sight is mutual: as many edges arrive at a vertex as leave it. They are listed in the order of their numbers.
+    """
+    count = 0
+    for u in range(vertex.shape[0]):
+        start[u] = count
+        for v in range(vertex.shape[0]):
+            if free[u, v]:
+                ends[count, 0], ends[count, 1] = u, v
+                line[count, 0], line[count, 1] = vertex[v, 0] - vertex[u, 0], vertex[v, 1] - vertex[u, 1]
+                count += 1
+    start[vertex.shape[0]] = count
+    count = 0
+    for v in range(vertex.shape[0]):
+        for e in range(start[v], start[v + 1]):
+            u = ends[e, 1]
+            back = start[u]
+            while ends[back, 1] != v:
+                back += 1
+            in_edge[count] = back
+            count += 1
 
 
 def build_graph(
@@ -237,30 +176,21 @@ def build_graph(
 
     Corners outside the bounds (x_min, y_min, x_max, y_max) are left out, so that no path leaves the map.
     """
-    outline = outlines(polygons, g)
-    vertex = np.concatenate([np.zeros((0, 6)), *(one.corner for one in outline)])
-    at = vertex[:, :2]
-    vertex = vertex[(at >= bounds[:2]).all(axis=1) & (at <= bounds[2:]).all(axis=1)]
-    walls = _rings([one.wall for one in outline], [one.wall_box for one in outline])
-    solid = [np.asarray(p, dtype=np.float64) for p in polygons]
-    solids = _rings(solid, [_box(corners) for corners in solid])
+    outline, walls, vertex = grown_outlines(polygons, g, bounds)
     free = np.zeros((len(vertex), len(vertex)), dtype=bool)
     _see_each_other(vertex, walls, free)
-    edge_from, edge_to = (part.astype(np.int32) for part in np.nonzero(free))
-    out_start = np.zeros(len(vertex) + 1, np.int32)
-    out_start[1:] = np.cumsum(free.sum(axis=1))
-    line = vertex[edge_to, :2] - vertex[edge_from, :2]
-    in_edge = np.argsort(edge_to, kind="stable").astype(np.int32)
-    in_start = np.zeros(len(vertex) + 1, np.int32)
-    in_start[1:] = np.cumsum(np.bincount(edge_to, minlength=len(vertex)))
+    edges = np.count_nonzero(free)
+    start, in_edge = np.empty(len(vertex) + 1, np.int32), np.empty(edges, np.int32)
+    ends, line = np.empty((edges, 2), np.int32), np.empty((edges, 2))
+    _fill_edges(vertex, free, start, ends, line, in_edge)
     return Graph(
         vertex=vertex,
-        outline=_rings([one.ring for one in outline], [one.ring_box for one in outline]),
+        outline=outline,
         walls=walls,
-        solids=solids,
-        out_start=out_start,
-        ends=np.column_stack((edge_from, edge_to)),
+        solids=rings_of(polygons),
+        out_start=start,
+        ends=ends,
         edge=np.column_stack((np.hypot(line[:, 0], line[:, 1]), np.arctan2(line[:, 1], line[:, 0]))),
-        in_start=in_start,
+        in_start=start,
         in_edge=in_edge,
     )
