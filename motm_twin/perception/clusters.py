@@ -135,22 +135,49 @@ def area_of(corners):
     return 0.5 * total
 
 
+@njit(cache=True)
+def _by_label(labels, count):
+    """Indices of cells (m,), label by label and in their order, and where each label ends, (count,)."""
+    ends = np.zeros(count, np.int64)
+    for label in labels:
+        ends[label] += 1
+    ends = np.cumsum(ends)
+    order, place = np.empty(labels.shape[0], np.int64), ends.copy()
+    for i in range(labels.shape[0] - 1, -1, -1):
+        place[labels[i]] -= 1
+        order[place[labels[i]]] = i
+    return order, ends
+
+
+@njit(cache=True)
+def _outline_of(cells, resolution, cell_area, origin):
+    """Convex outline [m], counter-clockwise, (n, 2), of cells sorted by row and column; none when it would lie."""
+    hull = hull_of_cells(cells)
+    area = area_of(hull) * cell_area
+    if cells.shape[0] >= MIN_SPLIT and area > max(SPLIT_AREA, SPLIT_RATIO * cells.shape[0] * cell_area):
+        return hull[:0]
+    corners = drop_flat_corners(hull, FLAT / resolution, MAX_CORNERS)
+    for i in range(corners.shape[0]):
+        corners[i, 0] = origin[0] + resolution * corners[i, 0]
+        corners[i, 1] = origin[1] + resolution * corners[i, 1]
+    return corners
+
+
 def seen_outlines(cells: np.ndarray, resolution: float, origin: Array) -> list[Array]:
     """Convex outlines [m], counter-clockwise, each shape (n, 2), of seen cells (row, col) sorted by row and column."""
-    labels, count = label_cells(cells, MERGE_CELLS)
-    by_label = cells[np.argsort(labels, kind="stable")]
-    ends = np.cumsum(np.bincount(labels, minlength=count))
+    order, ends = _by_label(*label_cells(cells, MERGE_CELLS))
+    by_label, start = cells[order], 0
     outlines: list[Array] = []
-    for start, end in zip(np.concatenate([[0], ends[:-1]]), ends, strict=True) if count else ():
+    for end in ends.tolist():
         pending = [by_label[start:end]]
         while pending:
             part = pending.pop()
-            hull = hull_of_cells(part)
-            area = area_of(hull) * resolution**2
-            if len(part) >= MIN_SPLIT and area > max(SPLIT_AREA, SPLIT_RATIO * len(part) * resolution**2):
-                pending.extend(_halves(part))
+            outline = _outline_of(part, resolution, resolution**2, origin)
+            if len(outline):
+                outlines.append(outline)
             else:
-                outlines.append(origin + resolution * drop_flat_corners(hull, FLAT / resolution, MAX_CORNERS))
+                pending.extend(_halves(part))
+        start = end
     return outlines
 
 

@@ -30,17 +30,15 @@ def squared_cells(cells, rows, columns):
     used = np.flatnonzero(slot == 0)
     for k in range(used.shape[0]):
         slot[used[k]] = k
-    along = np.full((rows, used.shape[0]), -1, np.int64)  # distance to the nearest seen cell of the same column
+    along = np.full((rows, used.shape[0]), rows, np.int32)  # distance to the nearest seen cell of the same column
     for i in range(cells.shape[0]):
         along[cells[i, 0], slot[cells[i, 1]]] = 0
-    for k in range(used.shape[0]):
-        for row in range(1, rows):
-            if along[row, k] != 0 and along[row - 1, k] >= 0:
-                along[row, k] = along[row - 1, k] + 1
-        for row in range(rows - 2, -1, -1):
-            below = along[row + 1, k]
-            if below >= 0 and (along[row, k] < 0 or below + 1 < along[row, k]):
-                along[row, k] = below + 1
+    for row in range(1, rows):
+        for k in range(used.shape[0]):
+            along[row, k] = min(along[row, k], along[row - 1, k] + np.int32(1))
+    for row in range(rows - 2, -1, -1):
+        for k in range(used.shape[0]):
+            along[row, k] = min(along[row, k], along[row + 1, k] + np.int32(1))
     vertex = np.empty(used.shape[0], np.int64)  # column of each parabola of the envelope
     height = np.empty(used.shape[0], np.int64)
     start = np.empty(used.shape[0], np.float64)  # where it becomes the lowest
@@ -48,7 +46,7 @@ def squared_cells(cells, rows, columns):
         top = -1
         for k in range(used.shape[0]):
             q = used[k]
-            f = along[row, k] * along[row, k]
+            f = np.int64(along[row, k]) * along[row, k]
             at = -math.inf
             while top >= 0:
                 at = ((f + q * q) - (height[top] + vertex[top] * vertex[top])) / (2.0 * (q - vertex[top]))
@@ -58,12 +56,13 @@ def squared_cells(cells, rows, columns):
                 at = -math.inf
             top += 1
             vertex[top], height[top], start[top] = q, f, at
-        part = 0
-        for column in range(columns):
-            while part < top and start[part + 1] < column:
-                part += 1
-            gap = column - vertex[part]
-            squared[row, column] = gap * gap + height[part]
+        first = 0
+        for part in range(top + 1):
+            end = columns if part == top else min(columns, math.floor(start[part + 1]) + 1)
+            for column in range(first, end):
+                gap = column - vertex[part]
+                squared[row, column] = gap * gap + height[part]
+            first = max(first, end)
     return squared
 
 
@@ -108,8 +107,10 @@ def _blurred(distance, slope, blur, share, cost):
                 inner[column] += other[column]
         for k in range(blur):
             along[k], along[columns + 2 * blur - 1 - k] = inner[0], inner[columns - 1]
+        total = cost[row]
+        total[:] = along[:columns]
+        for k in range(1, 2 * blur + 1):
+            for column in range(columns):
+                total[column] += along[column + k]
         for column in range(columns):
-            total = along[column]
-            for k in range(1, 2 * blur + 1):
-                total += along[column + k]
-            cost[row, column] = total * share
+            total[column] *= share

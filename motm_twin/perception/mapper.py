@@ -173,7 +173,8 @@ class Mapper(Stateful[MapperState]):
             self._frame,
             (settings.explained_margin, settings.explained_per_range),
         )
-        occupied = occupied_cells(evidence.level, (self._state.cells, self.base.grid.cell_of(ends[hit])))
+        seen = (self._state.cells, self.base.grid.cell_of(ends[hit])) if self.large else ()
+        occupied = occupied_cells(evidence.level, seen)
         clear_rays(
             evidence.level,
             hit_now,

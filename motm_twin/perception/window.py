@@ -41,7 +41,10 @@ def window_of(grid: Grid, points: Sequence[Array]) -> Window:
 
 
 def occupied_cells(level: np.ndarray, boxes: Sequence[np.ndarray]) -> np.ndarray:
-    """Flat indices of cells with evidence, ascending; none lies outside all of the sets of cells (row, col), (m, 2)."""
+    """Flat indices of cells with evidence, ascending; shape (n,).
+
+    ``boxes``: sets of cells (row, col), (m, 2) each, of a large map, outside all of which there is none.
+    """
     if level.size <= WHOLE:
         return np.flatnonzero(level.view(bool))
     filled = [box for box in boxes if len(box)]

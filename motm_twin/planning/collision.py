@@ -1,5 +1,6 @@
 """The footprint in the distance field: clearance of the base body, as circles that cover its rectangle."""
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -46,12 +47,17 @@ def field_of(world: WorldMap) -> Field:
     """The map's distance field with the border of the map as an obstacle, as a copy that is not read-only."""
     if world.resolution > COARSEST:
         raise ValueError(f"a map with cells of {world.resolution} m: planning needs {COARSEST} m or less")
-    rows, columns = world.distance.shape
-    across = (np.minimum(np.arange(columns), np.arange(columns)[::-1]) + 0.5) * world.resolution
-    along = (np.minimum(np.arange(rows), np.arange(rows)[::-1]) + 0.5) * world.resolution
-    value = np.minimum(world.distance, across.astype(np.float32))
-    np.minimum(value, along.astype(np.float32)[:, None], out=value)
+    value = np.minimum(world.distance, _to_border(*world.distance.shape, world.resolution))
     return Field(value, float(world.origin[0]), float(world.origin[1]), 1.0 / world.resolution)
+
+
+@functools.lru_cache(maxsize=2)
+def _to_border(rows: int, columns: int, resolution: float) -> NDArray[np.float32]:
+    """Distance [m] of the centre of each cell to the border of a map, shape (rows, columns)."""
+    across = np.minimum(np.arange(columns), np.arange(columns)[::-1])
+    along = np.minimum(np.arange(rows), np.arange(rows)[::-1])
+    distance = (np.minimum(across, along[:, None]) + 0.5) * resolution
+    return distance.astype(np.float32)
 
 
 def body_of(footprint: Footprint) -> Body:
