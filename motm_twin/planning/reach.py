@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
@@ -103,6 +104,19 @@ def _driven(x: float, y: float, heading: float, v: float, w: float, dt: float) -
     return x, y, facing
 
 
+@kernel
+def _mark_reached(
+    poses: Array, c: Array, s: Array, mount_x: float, mount_y: float, x: float, y: float, least: float, most: float,
+    behind: float, result: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """`ReachModel.reached_from`; c, s of the headings, ``behind``: cosine of the largest azimuth."""
+    for i in range(poses.shape[0]):
+        dx = x - (poses[i, 0] + c[i] * mount_x - s[i] * mount_y)
+        dy = y - (poses[i, 1] + s[i] * mount_x + c[i] * mount_y)
+        distance = math.hypot(dx, dy)
+        result[i] = least <= distance <= most and c[i] * dx + s[i] * dy >= behind * distance
+
+
 class ReachModel:
     """Reach of the arm of one robot: horizontal distance and azimuth of the object from the mount, and its speed."""
 
@@ -135,13 +149,13 @@ class ReachModel:
     def reached_from(self, poses: Array, target: Target, *, slack: float = 0.0) -> Array:
         """Which poses (m, 3) have the target in reach of a standing robot, shape (m,) of bool."""
         p = self.parameters
-        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        mount_x = poses[:, 0] + c * self._arm.mount_x - s * self._arm.mount_y
-        mount_y = poses[:, 1] + s * self._arm.mount_x + c * self._arm.mount_y
-        dx, dy = target.position[0] - mount_x, target.position[1] - mount_y
-        distance = np.hypot(dx, dy)
-        turned_to = c * dx + s * dy >= math.cos(p.azimuth_max) * distance
-        return (distance >= p.r_min + slack) & (distance <= p.r_max(target.kind) - slack) & turned_to
+        least, most = p.r_min + slack, p.r_max(target.kind) - slack
+        result = np.empty(len(poses), dtype=np.bool_)
+        _mark_reached(
+            poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), self._arm.mount_x, self._arm.mount_y,
+            float(target.position[0]), float(target.position[1]), least, most, math.cos(p.azimuth_max), result,
+        )  # fmt: skip
+        return result
 
     def passes(self, radius: float, target: Target) -> bool:
         """Whether a base driving along a tangent of a circle of `radius` [m] gets the target into reach at all."""

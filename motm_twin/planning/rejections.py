@@ -1,5 +1,6 @@
 """Why the footprint does not fit at a candidate pose."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -7,9 +8,13 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.collision import Body, Field, clearances
+from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.kernel import kernel
 from motm_twin.planning.visibility import Graph
+
+REASONS = ("", "outside the map", "collision with a seen obstacle", "collision with mapped furniture")
+OUTSIDE, SEEN, MAPPED = 1, 2, 3
+BESIDE = 0.1  # [m] a seen point this near to the footprint is what it collides with
 
 
 class Here(NamedTuple):
@@ -23,23 +28,17 @@ class Here(NamedTuple):
 
 def rejections(pose: Array, wanted: float, here: Here) -> list[str]:
     """Why the footprint with a clearance `wanted` [m] does not fit at each pose (m, 3); "" where it does."""
-    free = clearances(pose, wanted, here.field, here.body) >= wanted
-    why = [""] * len(pose)
-    if free.all():
-        return why
-    seen = _near_seen(pose, here)
-    outside = _beyond_border(pose, wanted, here)
-    for i in np.flatnonzero(~free).tolist():
-        collides = "collision with a seen obstacle" if seen[i] else "collision with mapped furniture"
-        why[i] = "outside the map" if outside[i] else collides
-    return why
+    reason = np.zeros(len(pose), np.uint8)
+    c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    _judge(pose, c, s, wanted, here.world.seen_points, here.world.resolution, here.field, here.body, reason)
+    return [REASONS[i] for i in reason.tolist()]
 
 
 def leaves_room(pose: Array, room: float, here: Here) -> Array:
     """Whether nothing that may be moving is in the footprint larger by `room` [m] on all sides, shape (m,) of bool."""
     result = np.zeros(len(pose), dtype=bool)
-    _mark_within(pose, may_move(here.world), room, here.body, result)
-    return ~result
+    _mark_free(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), may_move(here.world), room, here.body, result)
+    return result
 
 
 def may_move(world: WorldMap) -> Array:
@@ -47,58 +46,66 @@ def may_move(world: WorldMap) -> Array:
     return np.concatenate((world.seen_points[~world.seen_static], world.hidden))
 
 
-def _beyond_border(pose: Array, margin: float, here: Here) -> Array:
-    """Whether the footprint with a margin [m] reaches over the border of the map, shape (m,) of bool."""
-    low = np.array([here.field.x, here.field.y]) + margin
-    high = low - 2.0 * margin + np.array(here.world.distance.shape[::-1]) * here.world.resolution
-    result = np.zeros(len(pose), dtype=bool)
-    _any_beyond(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), here.body.corner, low, high, result)
-    return result
+@kernel
+def _judge(
+    pose: Array,
+    c: Array,
+    s: Array,
+    wanted: float,
+    seen: Array,
+    resolution: float,
+    field: Field,
+    body: Body,
+    reason: NDArray[np.uint8],
+) -> None:
+    """Which of `REASONS` there is against each pose (n, 3); c, s of the headings, ``seen`` points (m, 2) [m]."""
+    rows, columns = field.value.shape
+    for i in range(pose.shape[0]):
+        if clearance(pose[i, 0], pose[i, 1], pose[i, 2], wanted, field, body) >= wanted:
+            continue
+        if _beyond_border(
+            pose[i, 0], pose[i, 1], c[i], s[i], wanted, columns * resolution, rows * resolution, field, body
+        ):
+            reason[i] = OUTSIDE
+        elif _any_within(pose[i, 0], pose[i, 1], c[i], s[i], seen, BESIDE, body):
+            reason[i] = SEEN
+        else:
+            reason[i] = MAPPED
 
 
 @kernel
-def _any_beyond(
-    pose: Array, c: Array, s: Array, corner: Array, low: Array, high: Array, result: NDArray[np.bool_]
-) -> None:
-    """Whether a corner (4, 2) of the body at each pose (n, 3) is outside a rectangle; c, s of the headings."""
-    for i in range(pose.shape[0]):
-        for k in range(corner.shape[0]):
-            x = c[i] * corner[k, 0] - s[i] * corner[k, 1] + pose[i, 0]
-            y = s[i] * corner[k, 0] + c[i] * corner[k, 1] + pose[i, 1]
-            if x < low[0] or x > high[0] or y < low[1] or y > high[1]:
-                result[i] = True
-                break
-
-
-def _near_seen(pose: Array, here: Here) -> Array:
-    """Whether an obstacle seen outside the map is at the footprint of each pose, shape (m,) of bool."""
-    points = here.world.seen_points
-    result = np.zeros(len(pose), dtype=bool)
-    if not len(points):
-        return result
-    reach = here.body.outer + 0.1
-    low, high = pose[:, :2].min(axis=0) - reach, pose[:, :2].max(axis=0) + reach
-    near = points[((points >= low) & (points <= high)).all(axis=1)]
-    if not len(near):
-        return result
-    _mark_within(pose, near, 0.1, here.body, result)
-    return result
-
-
-def _mark_within(pose: Array, points: Array, margin: float, body: Body, result: NDArray[np.bool_]) -> None:
-    """Set what `_any_within` finds in footprints that are larger by the margin [m] on all sides."""
-    half = body.corner.max(axis=0) - (body.centre_x, 0.0) + margin
-    _any_within(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), points, half, body.centre_x, result)
+def _beyond_border(
+    px: float, py: float, c: float, s: float, margin: float, width: float, height: float, field: Field, body: Body
+) -> bool:
+    """Whether a corner of the body is nearer than a margin to the border of the map, or beyond; all in [m]."""
+    x_low, y_low = field.x + margin, field.y + margin
+    x_high, y_high = x_low - 2.0 * margin + width, y_low - 2.0 * margin + height
+    for k in range(body.corner.shape[0]):
+        x = c * body.corner[k, 0] - s * body.corner[k, 1] + px
+        y = s * body.corner[k, 0] + c * body.corner[k, 1] + py
+        if x < x_low or x > x_high or y < y_low or y > y_high:
+            return True
+    return False
 
 
 @kernel
-def _any_within(
-    pose: Array, c: Array, s: Array, points: Array, half: Array, centre_x: float, result: NDArray[np.bool_]
+def _any_within(px: float, py: float, c: float, s: float, points: Array, margin: float, body: Body) -> bool:
+    """Whether a point (m, 2) lies in the footprint that is larger by the margin [m] on all sides."""
+    half_x, half_y = -math.inf, -math.inf
+    for k in range(body.corner.shape[0]):
+        half_x, half_y = max(half_x, body.corner[k, 0]), max(half_y, body.corner[k, 1])
+    half_x, half_y = half_x - body.centre_x + margin, half_y + margin
+    for k in range(points.shape[0]):
+        dx, dy = points[k, 0] - px, points[k, 1] - py
+        if abs(c * dx + s * dy - body.centre_x) <= half_x and abs(-s * dx + c * dy) <= half_y:
+            return True
+    return False
+
+
+@kernel
+def _mark_free(
+    pose: Array, c: Array, s: Array, points: Array, margin: float, body: Body, result: NDArray[np.bool_]
 ) -> None:
-    """Whether a point (m, 2) lies in a rectangle of that half size at each pose (n, 3); c, s of the headings."""
+    """Say of each pose (n, 3) whether there is nothing within; c, s of the headings."""
     for i in range(pose.shape[0]):
-        for k in range(points.shape[0]):
-            dx, dy = points[k, 0] - pose[i, 0], points[k, 1] - pose[i, 1]
-            if abs(c[i] * dx + s[i] * dy - centre_x) <= half[0] and abs(-s[i] * dx + c[i] * dy) <= half[1]:
-                result[i] = True
-                break
+        result[i] = not _any_within(pose[i, 0], pose[i, 1], c[i], s[i], points, margin, body)

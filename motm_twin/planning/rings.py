@@ -16,7 +16,9 @@ def ring(centre: Array, radius: float, positions: int) -> tuple[Array, Array, Ar
     """
     unit, heading, place_of = _unit_ring(positions)
     place = np.asarray(centre)[:2] + radius * unit
-    return np.column_stack((place[place_of], heading)), place, place_of
+    pose = np.empty((len(heading), 3))
+    pose[:, :2], pose[:, 2] = place[place_of], heading
+    return pose, place, place_of
 
 
 def rings(centre: Array, radii: Array, positions: int) -> tuple[Array, Array, Array]:

@@ -66,6 +66,5 @@ class Localisation:
 
 
 def _moved(pose: Array, error: Array) -> Array:
-    moved = pose + error
-    moved[2] = wrap_angle(float(moved[2]))
-    return moved
+    (x, y, heading), (off_x, off_y, off) = pose.tolist(), error.tolist()
+    return np.array([x + off_x, y + off_y, wrap_angle(heading + off)])
