@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 from motm_twin.perception.clusters import label_cells

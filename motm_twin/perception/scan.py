@@ -33,7 +33,8 @@ class CheckedScan:
         self.pose: Array = scan.pose
         self.origin: Array = from_frame(scan.pose, scan.origin)
         bearings = scan.pose[2] + scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
-        self.directions: Array = np.column_stack([np.cos(bearings), np.sin(bearings)])
+        self.directions: Array = np.empty((len(bearings), 2))
+        self.directions[:, 0], self.directions[:, 1] = np.cos(bearings), np.sin(bearings)
         self.ranges: Array = np.where(scan.ranges < scan.range_min, np.nan, scan.ranges)  # nan: says nothing
         self.range_max: float = scan.range_max
 
@@ -52,14 +53,19 @@ def _numbers_wrong(scan: Scan) -> str:
     header = (scan.stamp, scan.angle_min, scan.angle_step, scan.range_min, scan.range_max)
     if not all(math.isfinite(value) for value in header):
         return "scan refused: its stamp, angles or range limits are not finite"
-    if scan.pose.shape != (POSE_SIZE,) or not np.isfinite(scan.pose).all():
+    if scan.pose.shape != (POSE_SIZE,) or not _finite(scan.pose):
         return f"scan refused: its pose {scan.pose} is not three finite numbers"
-    if scan.origin.shape != (2,) or not np.isfinite(scan.origin).all():
+    if scan.origin.shape != (2,) or not _finite(scan.origin):
         return f"scan refused: its sensor position {scan.origin} is not two finite numbers"
-    bad = np.isnan(scan.ranges) | (scan.ranges < 0.0)
-    if bad.any():
-        return f"scan refused: {int(bad.sum())} of {bad.size} ranges are nan or negative"
+    good = scan.ranges >= 0.0  # nan is not
+    if not good.all():
+        return f"scan refused: {int((~good).sum())} of {good.size} ranges are nan or negative"
     return ""
+
+
+def _finite(numbers: Array) -> bool:
+    """Whether each of a few numbers (n,) is finite."""
+    return all(math.isfinite(value) for value in numbers.tolist())
 
 
 def _shape_wrong(scan: Scan, lidar: Lidar) -> str:

@@ -72,8 +72,8 @@ class PlantCheck:
         objects = _positions(world)
         before = (state.pose, state.twist, state.q, state.dq, state.objects)
         now = (world.pose, world.twist, world.q, world.dq, objects)
-        excess = _excess(*before, *now, self._limits, self.dt)
-        if not excess.max() <= SLACK:
+        excess, kept = _excess(*before, *now, self._limits, self.dt)
+        if not kept:
             for kind, value in zip(KINDS, excess.tolist(), strict=True):
                 if not value <= SLACK:
                     state.faults.setdefault(kind, f"{world.time:.2f} s: {kind} exceeded by {value:.3g}")
@@ -94,8 +94,11 @@ def _excess(
     objects: Array,
     limits: Array,
     dt: float,
-) -> Array:
-    """By how much each of `KINDS` is exceeded; limits are speeds forward, back, yaw, accelerations linear, yaw."""
+) -> tuple[Array, bool]:
+    """By how much each of `KINDS` is exceeded, and whether all are kept.
+
+    Limits are speeds forward, back, yaw, accelerations linear, yaw.
+    """
     excess = np.full(13, -np.inf)
     v, w, v0, w0 = twist[0], twist[1], twist0[0], twist0[1]
     excess[0], excess[1], excess[2] = v - limits[0], -v - limits[1], abs(w) - limits[2]
@@ -114,7 +117,7 @@ def _excess(
     for i in range(objects.shape[0]):
         for k in range(3):
             excess[12] = max(excess[12], abs(objects[i, k] - objects0[i, k]) - OBJECT_JUMP)
-    return excess
+    return excess, (excess <= SLACK).all()
 
 
 def _positions(world: "World") -> Array:
