@@ -22,10 +22,16 @@ from motm_twin.planning.global_path import (
     shortest_path,
 )
 from motm_twin.planning.rtr import path_rtr
-from motm_twin.planning.visibility import build_graph, outlines, push_out
+from motm_twin.planning.visibility import build_graph, push_out
 
 LIMITS = BaseLimits()
 G = 0.33
+
+
+def grown_rings(shapes: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+    """Outlines of the grown polygons, shape (n, 2) each."""
+    outline = build_graph(shapes, G).outline
+    return [outline.point[first:end] for first, end in outline.ring[:, 4:].astype(int)]
 
 
 def free_points(area: shapely.Geometry, count: int, seed: int) -> np.ndarray:
@@ -56,7 +62,7 @@ def length_of(path: np.ndarray) -> float:
 @pytest.mark.parametrize("boxes", [False, True])
 def test_shortest_paths_without_rotation_cost_equal_those_of_networkx_and_shapely(boxes: bool) -> None:
     shapes = polygons(boxes=boxes)
-    rings = [outline.ring for outline in outlines(shapes, G)]
+    rings = grown_rings(shapes)
     area = shapely.union_all([shapely.Polygon(r) for r in rings])
     points = free_points(area, 9, seed=4)
     expected = independent_lengths(rings, points[0], points[1:])
@@ -108,7 +114,7 @@ def test_the_directed_edge_search_finds_the_cheapest_path_of_all(goal_heading: f
 def test_costs_from_the_robot_equal_costs_to_the_goal() -> None:
     graph = build_graph(polygons(), G)
     rng = np.random.default_rng(1)
-    points = free_points(shapely.union_all([shapely.Polygon(one.ring) for one in outlines(polygons(), G)]), 12, seed=2)
+    points = free_points(shapely.union_all([shapely.Polygon(ring) for ring in grown_rings(polygons())]), 12, seed=2)
     poses = np.column_stack((points, rng.uniform(-3, 3, len(points))))
     rates = rates_of(LIMITS)
     index = np.arange(len(points), dtype=np.int32)
