@@ -116,14 +116,17 @@ def at_ends(cluster: Array, radius: float, viewpoint: Array) -> list[Disc]:
 
 
 @njit(cache=True)
-def share_gone(before, seen, own, viewpoint):
-    """Share of these points (m, 2) [m] near which nothing is seen now (n, 2), or that are behind its own (k, 2)."""
+def share_gone(before, seen, own, view_x, view_y):
+    """Share of these points (m, 2) [m] near which nothing is seen now (n, 2), or that are behind its own (k, 2).
+
+    ``view_x``, ``view_y``: the viewpoint [m].
+    """
     gone = 0
     for i in range(before.shape[0]):
         near = False
         for k in range(seen.shape[0]):
             near = near or math.hypot(before[i, 0] - seen[k, 0], before[i, 1] - seen[k, 1]) <= SAME_POINT
-        sight_x, sight_y = before[i, 0] - viewpoint[0], before[i, 1] - viewpoint[1]
+        sight_x, sight_y = before[i, 0] - view_x, before[i, 1] - view_y
         length = max(math.hypot(sight_x, sight_y), SAME_POINT)
         sight_x, sight_y = sight_x / length, sight_y / length
         hidden = False

@@ -198,7 +198,8 @@ class MoverTracker(Stateful[MoverState]):
         p, place = self.parameters, track.place
         moved = False
         if place is not None and world.stamp - place.time >= p.young and _away(track, seen, place, p.leaves):
-            moved = share_gone(place.points, world.seen_points, world.seen_points[seen.points], viewpoint) > p.gone
+            own, (x, y) = world.seen_points[seen.points], viewpoint.tolist()
+            moved = share_gone(place.points, world.seen_points, own, x, y) > p.gone
         if moved and not track.wide:
             track.moved = world.stamp
         elsewhere = place is None or moved or track.wide or seen.radius > place.radius + p.grows
