@@ -10,6 +10,7 @@ from collections import Counter
 import msgspec
 
 from motm_twin.control.loop import PERIOD
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.methods.registry import find_method
 from motm_twin.model.scene_file import load_scene
 from motm_twin.trial import run_scene
@@ -30,7 +31,7 @@ def main():
     parser.add_argument("scene", nargs="?", default="exp1")
     parser.add_argument("--variant")
     parser.add_argument("--seed", type=int)
-    parser.add_argument("--method", default="motm")
+    parser.add_argument("--method", default=DEFAULT_METHOD)
     parser.add_argument("--limit", type=float, help="end after this much simulated time [s]")
     parser.add_argument("--save", metavar="PNG", help="draw it")
     options = parser.parse_args()

@@ -14,6 +14,7 @@ from motm_twin.bench.paper.cli_paper import paper
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
 from motm_twin.external.cli_robot import robot
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.methods.error import MethodError
 from motm_twin.model.scene_error import SceneError
 from motm_twin.record.cli_record import info, record, recover, replay, rerun
@@ -30,7 +31,7 @@ def run(
     seed: int | None = None,
     json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
     save: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
-    method: str = "motm",
+    method: str = DEFAULT_METHOD,
 ) -> int:
     """Run a scene headless, as fast as the processor allows.
 
@@ -42,7 +43,7 @@ def run(
         seed: Seed of noise and random arrangements.
         json: Write the report to a file, or to standard output with '-'.
         save: Write the session to a file, for `rerun` and `what-if`.
-        method: Who decides: motm, or another of docs/method.md, or FILE.py:NAME of your own.
+        method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
     """
     from motm_twin.methods.registry import find_method
 
@@ -79,7 +80,7 @@ def serve(
     data: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     plant: Literal["simulated", "zenoh", "mirror"] = "simulated",
     connect: Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT")] = None,
-    method: str = "motm",
+    method: str = DEFAULT_METHOD,
     expansions_only: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> int:
     """Serve the twin in the browser, and its state on Zenoh.
@@ -100,7 +101,8 @@ def serve(
         data: Folder of the files that the commands save and record write; without it ./recordings.
         plant: zenoh: drive a robot in another program (docs/external_robot.md); mirror: only show it.
         connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
-        method: Who decides at the start: motm, or another of docs/method.md, or FILE.py:NAME of your own.
+        method: Who decides at the start: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME
+            of your own.
         expansions_only: No clock ends a search of the base: the run is that of `motm-twin run`, bit for bit, however
             slow the machine is.
     """

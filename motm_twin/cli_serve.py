@@ -12,13 +12,13 @@ from pathlib import Path
 from rich.console import Console
 
 from motm_twin.bus.children import Child, end_all
-from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.bus.config import VARIABLE
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.process import setter
 from motm_twin.bus.running import Running, note
 from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.scene_file import load_scene
 from motm_twin.security.folder import Folder
 from motm_twin.ui.guard import check_token

@@ -45,9 +45,10 @@ def rehearse(
     known: KnownWorld, planning: PlanningParameters, arm: ArmParameters, edits: Timed = (), longest: int = LONGEST
 ) -> Rehearsed:
     """Run the tasks to their end, with edits of the task list at their periods; raises ValueError for one refused."""
-    from motm_twin.twin import Twin  # which makes rehearsals: imported when the first one is asked for
+    from motm_twin.methods.modifications import MOTM  # these make rehearsals: imported when the first one is asked for
+    from motm_twin.twin import Twin
 
-    twin = Twin(nominal_scene(known), planning=planning, arm=arm)
+    twin = Twin(nominal_scene(known), method=MOTM, planning=planning, arm=arm)
     twin.loop.plant = log = _Log(twin.plant)
     ticks: list[Tick] = []
     while len(ticks) < longest and not (twin.done and all(at < len(ticks) for at, _ in edits)):

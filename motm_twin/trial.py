@@ -14,8 +14,8 @@ from motm_twin.bench.reference_tour import reference_tour_s
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
 from motm_twin.memory import freeze_setup
+from motm_twin.methods.fast import FAST
 from motm_twin.methods.method import Method
-from motm_twin.methods.modifications import MOTM
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene
@@ -65,7 +65,7 @@ class Tally:
                 self.meeting.discard(agent.name)
 
 
-def run_trial(scene: str, variant: str | None = None, seed: int | None = None, method: Method = MOTM) -> dict[str, Any]:
+def run_trial(scene: str, variant: str | None = None, seed: int | None = None, method: Method = FAST) -> dict[str, Any]:
     """Load and run a scene; the dictionary that `motm-twin run --json` prints."""
     return run_scene(load_scene(scene, variant, seed), method=method)
 
@@ -75,7 +75,7 @@ def run_scene(
     budget: SearchBudget | None = None,
     on_tick: Callable[[Tick], None] | None = None,
     plant: ExternalPlant | None = None,
-    method: Method = MOTM,
+    method: Method = FAST,
     parameters: dict[str, ParameterValue] | None = None,
 ) -> dict[str, Any]:
     """Run a scene to the end of its task list or its time limit; ``plant``: an external robot.

@@ -14,8 +14,8 @@ from motm_twin.control.task_list import TaskEdit, TaskList, edited
 from motm_twin.control.tick import Tick
 from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
+from motm_twin.methods.fast import FAST
 from motm_twin.methods.method import ArmParts, Method, PlannerParts
-from motm_twin.methods.modifications import MOTM
 from motm_twin.methods.rehearsal import Rehearsed, Timed
 from motm_twin.model.edits import (
     Announce,
@@ -53,7 +53,7 @@ class Twin:
         self,
         scene: Scene,
         *,
-        method: Method = MOTM,
+        method: Method = FAST,
         parameters: dict[str, ParameterValue] | None = None,
         budget: SearchBudget | None = None,
         planning: PlanningParameters | None = None,

@@ -6,6 +6,7 @@ import pytest
 from twin_steps import SCENE, advance, advance_until, caused
 
 from motm_twin.control.tuning import PARAMETERS
+from motm_twin.methods.fast import FAST
 from motm_twin.model.edits import (
     AddObstacle,
     Announce,
@@ -23,6 +24,7 @@ from motm_twin.planning.types import SearchBudget
 from motm_twin.record.replay import player, rerun
 from motm_twin.twin import Twin
 
+BEGINS = dict(FAST.parameters)  # of a twin that is told nothing
 FAR_DRIVE = DriveTo(point=(0.0, -1.0))
 
 
@@ -37,10 +39,10 @@ def test_a_parameter_changes_the_parts_and_nothing_else_of_the_state():
     before = twin.loop.manipulator.snapshot(), twin.loop.planner.snapshot()
     twin.post(SetParameter(name="xi", value=0.3))
     twin.post(SetParameter(name="next_weight", value=2))
-    assert twin.parameters == {}, "it waits for the next period"
+    assert twin.parameters == BEGINS, "it waits for the next period"
     tick = twin.advance()
     assert [edit.name for edit in tick.edits] == ["xi", "next_weight"]
-    assert twin.parameters == {"xi": 0.3, "next_weight": 2.0}
+    assert twin.parameters == {**BEGINS, "xi": 0.3, "next_weight": 2.0}
     assert twin.loop.manipulator.parameters.avoidance.xi == 0.3
     assert twin.loop.planner.parameters.placement.next_weight == 2.0
     assert before[0].phase == twin.loop.manipulator.snapshot().phase
@@ -57,7 +59,7 @@ def test_without_any_weight_of_the_next_target_the_cheapest_place_is_chosen():
 
 def test_the_same_value_again_rebuilds_nothing_and_none_goes_back_to_the_start():
     twin = Twin(SCENE, parameters={"k_A": 0.4, "xi": 0.6})
-    assert twin.parameters == {"k_A": 0.4}
+    assert twin.parameters == {**BEGINS, "k_A": 0.4}
     planner, manipulator = twin.loop.planner, twin.loop.manipulator
     twin.post(SetParameter(name="k_A", value=0.4))
     twin.post(SetParameter(name="bezier", value=True))
@@ -68,7 +70,7 @@ def test_the_same_value_again_rebuilds_nothing_and_none_goes_back_to_the_start()
     twin.advance()
     twin.post(SetParameter(name="k_A"))
     twin.advance()
-    assert twin.parameters == {"k_A": 0.4}
+    assert twin.parameters == {**BEGINS, "k_A": 0.4}
 
 
 @pytest.mark.parametrize(
@@ -219,10 +221,10 @@ def test_a_branch_goes_back_over_parameters_map_and_log():
     later, after = twin.snapshot(), twin.state_hash()
     twin.post(SetParameter(name="xi", value=0.4))
     twin.restore(saved)
-    assert (twin.state_hash(), twin.parameters, twin.edits, twin.index) == (before, {}, [], 20)
+    assert (twin.state_hash(), twin.parameters, twin.edits, twin.index) == (before, BEGINS, [], 20)
     assert twin.advance().edits == ()
     twin.restore(later)
-    assert (twin.state_hash(), twin.parameters, len(twin.edits)) == (after, {"xi": 0.2}, 3)
+    assert (twin.state_hash(), twin.parameters, len(twin.edits)) == (after, {**BEGINS, "xi": 0.2}, 3)
     other = Twin(SCENE)
     other.restore(later)
     assert advance(other, 20).index == advance(twin, 20).index

@@ -12,6 +12,8 @@ import matplotlib as mpl
 import numpy as np
 
 from motm_twin.control.tick import Tick
+from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods.registry import find_method
 from motm_twin.model.scene import Box, Cylinder, Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.trial import run_scene
@@ -86,6 +88,7 @@ def main() -> int:
     parser.add_argument("scene")
     parser.add_argument("--variant")
     parser.add_argument("--seed", type=int)
+    parser.add_argument("--method", default=DEFAULT_METHOD)
     parser.add_argument("--png", type=Path)
     parser.add_argument("--from", dest="begin", type=float, default=0.0)
     parser.add_argument("--until", type=float, default=0.0)
@@ -105,7 +108,7 @@ def main() -> int:
         for event in tick.events:
             print(f"{event.time:7.2f}  {event.kind}: {event.text}")
 
-    result = run_scene(scene, on_tick=keep)
+    result = run_scene(scene, method=find_method(options.method), on_tick=keep)
     print(json.dumps(result, indent=1))
     if options.png:
         draw(scene, ticks, options.png)

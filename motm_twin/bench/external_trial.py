@@ -11,6 +11,8 @@ from motm_twin.control.tick import Tick
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot_link import RobotLink
+from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods.registry import find_method
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.trial import run_scene
@@ -40,9 +42,13 @@ def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> It
 
 
 def run_external(
-    name: str, variant: str | None, link: LinkSpec, on_tick: Callable[[Tick], None] | None = None
+    name: str,
+    variant: str | None,
+    link: LinkSpec,
+    on_tick: Callable[[Tick], None] | None = None,
+    method: str = DEFAULT_METHOD,
 ) -> dict[str, Any]:
     """A trial; the dictionary of `motm_twin.trial.run_scene`."""
     scene = load_scene(name, variant)
     with external_robot(scene, link) as plant:
-        return run_scene(scene, on_tick=on_tick, plant=plant)
+        return run_scene(scene, on_tick=on_tick, plant=plant, method=find_method(method))

@@ -24,12 +24,16 @@ from motm_twin.bench.machine import machine
 from motm_twin.bench.report import load_average, write
 from motm_twin.bench.wanted import Wanted, enough, wanted_table
 from motm_twin.control.loop import PERIOD
+from motm_twin.methods.fast import FAST
+from motm_twin.methods.method import Method
+from motm_twin.methods.modifications import MOTM
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
 
 NAME = "period_cost"
 TITLE = "What a period costs, alone on one core, kernels compiled"
+METHODS = (FAST, MOTM)  # the first is judged, which is what runs when none is named
 SCENES = (("exp1", "trial1"), ("exp2", "random"))
 STAGES = ("map", "place", "plan", "arm", "monitor", "period")
 WARM_UP = 60  # periods that are not counted
@@ -82,9 +86,15 @@ def spread(times: list[float]) -> dict[str, float]:
     return {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(max(times), 3)}
 
 
-def measured(scene: Scene, *, periods: int | None = None, clock: Callable[[], float] = time.perf_counter) -> Measured:
+def measured(
+    scene: Scene,
+    *,
+    method: Method = FAST,
+    periods: int | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Measured:
     """Run a scene to its end, or for so many periods, with a clock [s] at every stage and arm step."""
-    twin = Twin(scene, clock=clock)
+    twin = Twin(scene, method=method, clock=clock)
     found = Measured()
     steps = _timed_steps(twin, clock)
     began = time.perf_counter()
@@ -184,43 +194,55 @@ def one_core() -> Iterator[int]:
 def bench_period(out: Path, share: float, console: Console) -> bool:
     """Measure, print, write ``out/period_cost.json``; True when everything is reached that is wanted at least.
 
-    Takes about eight minutes; ``share`` of the simulated time in which memory is looked at.
+    Takes about ten minutes; ``share`` of the simulated time in which memory is looked at. The first of `METHODS` is
+    judged.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
-    values: dict[str, float] = {}
-    processor: dict[str, float] = {}
+    columns: dict[str, dict[str, float]] = {name: {} for method in METHODS for name in _columns(method)}
+    stages: dict[str, dict[str, dict[str, float]]] = {}
     with one_core() as core:
-        stages = {scene: _scene_values(scene, variant, values, processor, console) for scene, variant in SCENES}
+        for method in METHODS:
+            for scene, variant in SCENES:
+                wall, processor = (columns[name] for name in _columns(method))
+                stages[f"{scene} {method.name}"] = _scene_values(scene, variant, method, wall, processor, console)
+        judged = columns[_columns(METHODS[0])[0]]
         start_seconds()
-        values["start"] = start_seconds()
+        judged["start"] = start_seconds()
         memory = memory_gained(SOAK * share)
-        values["memory"] = memory["megabytes"]
+        judged["memory"] = memory["megabytes"]
     console.print(stage_table(stages))
-    console.print(wanted_table(WANTED, {"measured": values, "processor time": processor}))
-    reached = all(enough(row, values[row.key], row.least) for row in WANTED)
+    console.print(wanted_table(WANTED, columns))
+    reached = all(enough(row, judged[row.key], row.least) for row in WANTED)
     report = {
         "group": NAME, "title": TITLE, "machine": machine(), "core": core, "reached": reached,
-        "rows": [{"name": row.name, "unit": row.unit, "least": row.least, "best": row.best,
-                  "measured": round(values[row.key], 4), "processor": processor.get(row.key)} for row in WANTED],
+        "rows": [{"name": row.name, "unit": row.unit, "least": row.least, "best": row.best}
+                 | {name: column.get(row.key) for name, column in columns.items()} for row in WANTED],
         "stages_ms": stages, "memory": memory, "load_average": load_average(console),
     }  # fmt: skip
     write(out / f"{NAME}.json", report)
     return reached
 
 
+def _columns(method: Method) -> tuple[str, str]:
+    """Names of what a method takes in wall time and in processor time."""
+    return method.name, f"{method.name}, processor"
+
+
 def _scene_values(
-    scene: str, variant: str, values: dict[str, float], processor: dict[str, float], console: Console
+    scene: str, variant: str, method: Method, values: dict[str, float], processor: dict[str, float], console: Console
 ) -> dict[str, dict[str, float]]:
     """Fill in what a scene gives, in wall and in processor time; its stages in processor time."""
     loaded = load_scene(scene, variant)
-    measured(loaded)  # may compile
+    measured(loaded, method=method)  # may compile
     table = {}
     for clock, found in ((time.perf_counter, values), (time.thread_time, processor)):
-        run = measured(loaded, clock=clock)
+        run = measured(loaded, method=method, clock=clock)
         table = run.table()
         found |= {f"{scene} {part}": table["period"][part] for part in ("p50", "p99", "max")}
         found |= {f"{scene} arm": table["arm step"]["p99"], f"{scene} factor": run.factor}
-        console.print(f"  {scene}/{variant}: {len(run.arm_steps)} arm steps, {run.factor:.1f} x", markup=False)
+        console.print(
+            f"  {scene}/{variant} {method.name}: {len(run.arm_steps)} arm steps, {run.factor:.1f} x", markup=False
+        )
     del processor[f"{scene} factor"]  # of both runs it is wall time
     return table
 

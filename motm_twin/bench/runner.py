@@ -31,13 +31,14 @@ def run_group(group: Group, workers: int, limit_s: float = LIMIT_S) -> Iterator[
 
 def run_one(trial: Trial) -> Result:
     """One trial; one that breaks gives a failed result."""
-    result = run_job(job_of(TrialSpec(trial.scene, trial.variant, trial.seed))).result
+    spec = TrialSpec(trial.scene, trial.variant, trial.seed)
+    result = run_job(job_of(spec)).result
     result = {**result, **result["wall"]} if "tick_ms" in result["wall"] else failed(trial, result["reason"])
     if trial.link is None:
         return result
     from motm_twin.bench.external_trial import run_external  # the bus: only where a robot is elsewhere
 
-    outside = run_external(trial.scene, trial.variant, trial.link)
+    outside = run_external(trial.scene, trial.variant, trial.link, method=spec.method)
     return {**outside, "in_process_s": result["time_s"], "link": msgspec.to_builtins(trial.link)}
 
 

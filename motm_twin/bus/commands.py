@@ -12,6 +12,7 @@ from typing import Literal
 
 import msgspec
 
+from motm_twin.methods.default import UNNAMED_METHOD
 from motm_twin.model.edits import (
     EDITS,
     AddObstacle,
@@ -36,7 +37,6 @@ COMMAND_VERSION = "motm.command/1"
 ANSWER_VERSION = "motm.answer/1"
 MAX_COMMAND_BYTES = 64 * 1024
 NAME_MAX = 40  # characters of a person's name
-DEFAULT_METHOD = "motm"
 SPEED_MIN, SPEED_MAX = 0.125, 8.0
 
 
@@ -70,7 +70,7 @@ class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown
     scene: str
     variant: str | None = None
     seed: int | None = None
-    method: str = DEFAULT_METHOD  # who decides how the base drives and the arm reaches
+    method: str = UNNAMED_METHOD  # who decides how the base drives and the arm reaches
 
 
 class Seed(msgspec.Struct, frozen=True, kw_only=True, tag="seed", forbid_unknown_fields=True):
@@ -188,7 +188,6 @@ __all__ = [
     "ANSWER_VERSION",
     "COMMAND_NAMES",
     "COMMAND_VERSION",
-    "DEFAULT_METHOD",
     "EDITS",
     "MAX_COMMAND_BYTES",
     "NAME_MAX",

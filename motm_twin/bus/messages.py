@@ -6,6 +6,7 @@ version; a change of meaning or a removal makes a new one.
 
 import msgspec
 
+from motm_twin.methods.default import UNNAMED_METHOD
 from motm_twin.model.edits import Edit, ParameterValue
 
 TICK_VERSION = "motm.tick/1"
@@ -251,7 +252,7 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     plant_text: str = ""  # one sentence about the external robot or the recording; "" for a simulated one
     recording: str = ""  # file that the server writes now; "" when it writes none
     span: Vector = []  # [s] first and last period of the recording that is played; empty: no recording is played
-    method: str = "motm"  # that drives: the name of one of `methods`
+    method: str = UNNAMED_METHOD  # that drives: the name of one of `methods`
     methods: list[MethodChoice] = []  # that can be loaded
 
 

@@ -5,8 +5,8 @@ No command names a file.
 
 from typing import TYPE_CHECKING
 
-from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.bus.messages import MethodChoice
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.names import hint
 
 if TYPE_CHECKING:

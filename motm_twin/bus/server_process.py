@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from motm_twin.bus.commands import DEFAULT_METHOD, Load
+from motm_twin.bus.commands import Load
 from motm_twin.bus.keeping import DEFAULT_FOLDER
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.library import FileLibrary
@@ -23,6 +23,7 @@ from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.bus.session import PortTaken, open_member
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.memory import freeze_setup, share_arenas
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget

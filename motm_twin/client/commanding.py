@@ -4,7 +4,6 @@ from abc import abstractmethod
 from typing import Generic, TypeVar
 
 from motm_twin.bus.commands import (
-    DEFAULT_METHOD,
     AddObstacle,
     Announce,
     Branch,
@@ -37,6 +36,7 @@ from motm_twin.bus.commands import (
     TakeWheel,
     UndoBranch,
 )
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import Task
 

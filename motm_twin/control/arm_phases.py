@@ -297,7 +297,8 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[st
         if view.radius > rules.reach("place") + p.reach_slack:
             enter(state, "transit", view.time)
             return "", "the bin went out of reach"
-        if math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance:
+        strayed = math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance
+        if strayed or not _in_square(state, view, rules, state.anchor):  # the robot was pushed, or the bin moved
             state.anchor = view.target.copy()
         if lands_inside(state, view, rules):
             state.gripper, state.released = "open", view.time
@@ -318,10 +319,15 @@ def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool
         return False
     fall = rules.profile.gripper.opening_time + math.sqrt(2.0 * (over + 0.1) / GRAVITY)
     land = view.p[:2] + view.velocity[:2] * fall
-    half = goal.release_half_width - 0.5 * state.side - 0.5 * p.release_margin
+    return _in_square(state, view, rules, view.p) and _in_square(state, view, rules, land)
+
+
+def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Array) -> bool:
+    """Whether the held object is within the release square when its centre is at a point (x, y, ...)."""
+    goal = view.goal
+    half = goal.release_half_width - 0.5 * state.side - 0.5 * rules.parameters.release_margin
     frame = np.array([goal.position[0], goal.position[1], goal.yaw])
-    now, then = to_frame(frame, view.p[:2]), to_frame(frame, land)
-    return bool(max(np.abs(now).max(), np.abs(then).max()) <= half)
+    return bool(np.abs(to_frame(frame, point[:2])).max() <= half)
 
 
 def _retry(state: ManipulatorState, view: View) -> tuple[str, str]:

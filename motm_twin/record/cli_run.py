@@ -5,15 +5,15 @@ from typing import Any
 
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
+from motm_twin.methods.fast import FAST
 from motm_twin.methods.method import Method
-from motm_twin.methods.modifications import MOTM
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.replay import Tracker
 from motm_twin.record.session import Session, SessionError, save_session
 from motm_twin.trial import run_scene
 
 
-def run_and_save(scene: str, variant: str | None, seed: int | None, file: str, method: Method = MOTM) -> dict[str, Any]:
+def run_and_save(scene: str, variant: str | None, seed: int | None, file: str, method: Method = FAST) -> dict[str, Any]:
     """Run a scene to its end, save the session; the report of the run. Raises SceneError and SessionError."""
     loaded = load_scene(scene, variant, seed)
     folder = Path(file).parent

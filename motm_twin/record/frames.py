@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.bus.messages import GridInfo
+from motm_twin.methods.default import UNNAMED_METHOD
 from motm_twin.record import channels as ch
 from motm_twin.record.reader import Entry, Health, read
 from motm_twin.record.recording import RunKey, TickPart
@@ -33,7 +33,7 @@ class _SceneText(msgspec.Struct):
 class _Driven(msgspec.Struct):
     """What a status or a session tells of the method."""
 
-    method: str = DEFAULT_METHOD
+    method: str = UNNAMED_METHOD
 
 
 class _SessionText(msgspec.Struct):
@@ -69,7 +69,7 @@ class Frames:
         self._open: tuple[TickPart, list[Sent]] | None = None
         self._before: list[Sent] = []  # what came before the first tick
         self._scene = self._grid = -1
-        self._method, self._methods = DEFAULT_METHOD, dict[RunKey, str]()
+        self._method, self._methods = UNNAMED_METHOD, dict[RunKey, str]()
         self._decode = msgspec.json.Decoder(TickPart).decode
         try:
             for entry in read(path, self.health):
@@ -92,7 +92,7 @@ class Frames:
 
     def method(self, frame: Frame) -> str:
         """Name of the method that drove in a frame."""
-        return self._methods.get(frame.run, DEFAULT_METHOD)
+        return self._methods.get(frame.run, UNNAMED_METHOD)
 
     def find(self, index: int, near: int) -> int | None:
         """Number of the frame of period ``index`` that is nearest to frame ``near``: of its run if there is one."""

@@ -7,8 +7,8 @@ import msgspec
 from rich.markup import escape
 from rich.table import Table
 
-from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.console import table_console
+from motm_twin.methods.default import UNNAMED_METHOD
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
 
@@ -38,7 +38,7 @@ class RunInfo(msgspec.Struct, frozen=True, kw_only=True):
     cuts: int
     hashes: int  # states whose hash a rerun compares
     plant: str
-    method: str = DEFAULT_METHOD
+    method: str = UNNAMED_METHOD
 
 
 class Info(msgspec.Struct, frozen=True, kw_only=True):

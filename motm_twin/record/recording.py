@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from motm_twin.bus.commands import DEFAULT_METHOD
 from motm_twin.bus.messages import StatusMessage
+from motm_twin.methods.default import UNNAMED_METHOD
 from motm_twin.model.edits import Edit
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch
@@ -52,7 +52,7 @@ class Run:
     past: int
     scene: Scene | None  # that was loaded when it began
     plant: str = "simulated"
-    method: str = DEFAULT_METHOD
+    method: str = UNNAMED_METHOD
     indices: list[int] = field(default_factory=list)  # recorded periods, rising
     edits: list[LoggedEdit] = field(default_factory=list)
     cuts: list[Cut] = field(default_factory=list)
@@ -149,7 +149,7 @@ class _Builder:
     def __init__(self) -> None:
         self.runs: dict[RunKey, Run] = {}
         self._scene: Scene | None = None
-        self._plant, self._method = "simulated", DEFAULT_METHOD
+        self._plant, self._method = "simulated", UNNAMED_METHOD
         self._tick = msgspec.json.Decoder(TickPart).decode
 
     def take(self, entry: Entry) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 
+from motm_twin.methods.default import UNNAMED_METHOD
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.scene import Scene
 from motm_twin.record.made_with import made_with
@@ -55,7 +56,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     title: str = ""
     made_with: dict[str, str] = msgspec.field(default_factory=made_with)  # versions, to explain another hash
     scene: Scene  # resolved: a later change of the scene file does not change the session
-    method: str = "motm"  # of `methods.registry`; a user's own is named by its `Method.name`, and given for a rerun
+    method: str = UNNAMED_METHOD  # of `methods.registry`, or what a user's own is named, which a rerun is then given
     parameters: dict[
         str, ParameterValue
     ] = {}  # of `control.tuning`, the method's included, set before the first period

@@ -16,6 +16,7 @@ from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port
 from motm_twin.client import EventsLost, NoTwin, Refused, connect, connect_async, running_twins
 from motm_twin.client.events import EventReader
+from motm_twin.methods.default import DEFAULT_METHOD
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def test_a_load_names_the_method(twin):
     twin.load("other", method="no_bezier")
     assert twin.status().method == "no_bezier"
     twin.load("fake")
-    assert twin.status().method == "motm"
+    assert twin.status().method == DEFAULT_METHOD
 
 
 def test_a_refusal_is_an_exception_with_the_reason_of_the_server(twin):

@@ -223,6 +223,8 @@ def test_a_robot_whose_clock_was_set_is_taken_up_again_and_the_run_goes_on(
                 times += [tick.time for tick in ticks]
         finally:
             robot.close()
-    assert all(0.0 < later - earlier < 2.5 for earlier, later in itertools.pairwise(times)), times
+    steps = [later - earlier for earlier, later in itertools.pairwise(times)]
+    assert min(steps) > 0.0, "time goes on"
+    assert max(steps) < 0.5 * abs(jump), "and not by what the clock was set"
     assert "old" not in ticks[-1].stop_reason
     assert max(abs(ahead) for ahead in robot.acts) < 0.3, "commands are for times of the new clock"

@@ -6,6 +6,7 @@ import pytest
 
 from motm_twin.methods.error import MethodError
 from motm_twin.methods.method import ArmParts, PlannerParts
+from motm_twin.methods.modifications import MOTM
 from motm_twin.methods.open_loop import OPEN_LOOP, docking_twist, tracking_twist
 from motm_twin.model.edits import InsertTask
 from motm_twin.model.geometry import drive
@@ -61,7 +62,7 @@ def test_it_needs_somebody_to_rehearse_with():
 
 
 def test_in_the_world_that_was_rehearsed_it_does_what_the_paper_s_method_does(quiet):
-    ours, planned = run_scene(quiet), run_scene(quiet, method=OPEN_LOOP)
+    ours, planned = run_scene(quiet, method=MOTM), run_scene(quiet, method=OPEN_LOOP)
     assert ours["success"]
     assert planned["success"]
     assert planned["picks_done"] == 1

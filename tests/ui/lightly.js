@@ -1,7 +1,7 @@
-// Draw the scene as on a slow machine: with rough edges and at most about three times a second. The last picture that
+// Draw the scene as on a slow machine: with rough edges and at most about twice a second. The last picture that
 // is asked for is drawn too, only later. What else waits for a frame, such as lists that open, does not wait longer.
 (() => {
-  const GAP = 300; // [ms] at least between two pictures
+  const GAP = 450; // [ms] at least between two pictures
   const make = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, how) {
     return make.call(this, kind, { ...how, antialias: false });

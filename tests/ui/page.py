@@ -16,13 +16,14 @@ from motm_twin.bench.page_serve import served
 from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 1024, "height": 700}  # small, because software draws it
-FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--no-sandbox"]
 LIGHTLY = Path(__file__).with_name("lightly.js")
 CAMERA = Path(__file__).with_name("camera.js")
 WORLD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # axes of the page's scene, in the world's
 NEAR = 0.02  # [m] from where it should be, the camera is there
 STILL = 1.0  # [px] that a point of the world may move on the screen while the camera is at rest
-BETWEEN = 700  # [ms] between two looks at whether the picture has changed: two gaps of lightly.js
+BETWEEN = 1000  # [ms] between two looks at whether the picture has changed: two gaps of lightly.js
+AT_REST = 600  # [ms] after which a camera that moves was drawn elsewhere: more than the gap of lightly.js
 MOMENT = 8000  # [ms] for something that does not last
 SHOWN = 60.0  # [s] for something to appear: software rendering on a busy machine
 
@@ -87,7 +88,7 @@ class Visitor:
     def enter(cls, browser, twin, view=VIEW, *, fine=False):
         """Open the page in a new window and put the introduction away.
 
-        The scene is drawn as everybody sees it when ``fine``; else with rough edges, at most three times a second and
+        The scene is drawn as everybody sees it when ``fine``; else with rough edges, at most twice a second and
         always with one dot per pixel: smooth edges take half of what software needs for a picture.
         """
         page = browser.new_page(viewport=view)
@@ -252,7 +253,7 @@ class Visitor:
         def still():
             pixel = self.pixel(point)
             act(*pixel)
-            self.page.wait_for_timeout(500)
+            self.page.wait_for_timeout(AT_REST)
             return pixel if math.dist(pixel, self.pixel(point)) < STILL else None
 
         return until(still, SHOWN, "the camera does not come to rest")

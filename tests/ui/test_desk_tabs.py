@@ -30,6 +30,7 @@ from motm_twin.bus.commands import (
 )
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import SceneChoice, StatusMessage
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
@@ -202,7 +203,7 @@ def test_play_speed_and_scene(person):
     person.chooses("Scene", "exp1")
     assert person.widget("Variant").options == ("trial1",)
     person.presses("Load")
-    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0)]
+    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
 
 
 def test_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
@@ -210,7 +211,7 @@ def test_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
     person.shows(variant="still")  # loaded before, heard of late
     assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp1", "trial1")
     person.presses("Load")
-    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0)]
+    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
     person.shows(scene="exp2", variant="random", seed=3)  # somebody else was quicker
     assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp2", "random")
     assert person.widget("Seed").value == 3
