@@ -70,7 +70,8 @@ FAST = Method(
     chosen=(
         "A plan is kept, period after period, until one is found that is cheaper than what is left of it: a search "
         "that starts anew finds another plan of about the same cost each time, and between obstacles the robot "
-        "followed none of them. Candidates on all rings of 0.6 to 0.8 m, not on the smallest that has a viable one; "
+        "followed none of them. Nothing that costs as much as what is left of a plan is looked at. Candidates on all "
+        "rings of 0.6 to 0.8 m, not on the smallest that has a viable one; "
         "what the base loses by passing more slowly where the arm reaches for a shorter time counts, and the chosen "
         "one stays while it is free at all. What has moved in the last 2 s is an obstacle of placement and driving "
         "from 2.0 m on, until it is 2.6 m away; until then it will have moved on. Where what moves leaves a target no "

@@ -55,6 +55,30 @@ class CommitmentState:
     kept: Kept | None = None
 
 
+class Rest(NamedTuple):
+    """What is left of a plan that is followed."""
+
+    kept: Kept
+    states: Array  # x, y, heading, v, w of its nodes from now on, shape (n, 5)
+    times: Array  # [s] of them from now on, shape (n,)
+    to_go: Array  # [s] what is left of its cost at each, shape (n,)
+    job: Job
+
+    def instead_of(self, found: BasePlan) -> BasePlan:
+        """The plan of a period in which the search found nothing better."""
+        states, times, arrives = self.states, self.times, self.kept.arrives
+        return msgspec.structs.replace(
+            found,
+            acceleration=frozen((states[1, 3:] - states[0, 3:]) / times[1]),
+            status="goal" if arrives else "aborted",
+            reason="",
+            local_poses=frozen(states),
+            local_times=frozen(times),
+            local_to_go=frozen(self.to_go),
+            time_to_range=_time_to_range(states, times, self.job) if arrives else found.time_to_range,
+        )
+
+
 class CommittedController(StaaController, Stateful[CommitmentState]):
     """STAA* that keeps to a plan that gets the job done."""
 
@@ -63,20 +87,26 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         super().__init__(*parts, **named)
         self._state = CommitmentState()
         self._in_pocket = self._loaded = False  # the first only while a plan is made
+        self._rest: Rest | None = None  # of this period
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """The plan of this period, or what is left of the one before when that is not dearer."""
+        self._rest = self._rest_of_kept(problem, placement)
         found = super().plan(problem, placement, budget)
         if found.status == "idle" or problem.target is None:
             self._state = CommitmentState()
             return found
-        left = self._left_of_kept(problem, placement, found)
-        if left is not None:
-            return left
+        rest = self._rest
+        if rest is not None and not _better(found, rest, self._in_pocket):
+            return rest.instead_of(found)
         self._state = CommitmentState(
             _kept(problem, problem.target, found, self._in_pocket) if len(found.local_poses) > 1 else None
         )
         return found
+
+    def _bound(self) -> float:
+        rest = self._rest
+        return math.inf if rest is None or not rest.kept.arrives else float(rest.to_go[0])
 
     def _pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
         pose, kept = np.array(problem.pose, dtype=np.float64), self._state.kept
@@ -90,18 +120,18 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         found = settle_pocket(pose, s, world, cells, memory.scratch)
         return found if self._in_pocket else NO_POCKET
 
-    def _left_of_kept(self, problem: BaseProblem, placement: Placement, found: BasePlan) -> BasePlan | None:
-        """The rest of the kept plan, when it is as good and still possible."""
+    def _rest_of_kept(self, problem: BaseProblem, placement: Placement) -> Rest | None:
+        """The rest of the kept plan, when it is still possible."""
         kept, target = self._state.kept, problem.target
-        if kept is None or target is None or kept.targets != _targets(problem) or placement.mode == "closest":
+        if kept is None or target is None or kept.targets != _targets(problem) or placement.mode in ("closest", "none"):
             return None
         if math.dist(kept.place, target.position[:2]) > MOVED:
             return None
         since = problem.time - kept.begins
         node = int(np.searchsorted(kept.times, since + TINY)) - 1
-        to_go = float(np.interp(since, kept.times, kept.to_go))
-        if node + 1 >= len(kept.times) or _better(found, kept, to_go, self._in_pocket):
+        if node + 1 >= len(kept.times):
             return None
+        to_go = float(np.interp(since, kept.times, kept.to_go))
         times = np.concatenate(([0.0], kept.times[node + 1 :] - since))
         job, limits = self._job(problem, target), self._limits
         states = np.empty((len(times), 5))
@@ -115,16 +145,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         )  # fmt: skip
         if not done if kept.arrives else not free:
             return None
-        return msgspec.structs.replace(
-            found,
-            acceleration=frozen((states[1, 3:] - states[0, 3:]) / times[1]),
-            status="goal" if kept.arrives else "aborted",
-            reason="",
-            local_poses=frozen(states),
-            local_times=frozen(times),
-            local_to_go=frozen(np.concatenate(([to_go], kept.to_go[node + 1 :]))),
-            time_to_range=_time_to_range(states, times, job) if kept.arrives else found.time_to_range,
-        )
+        return Rest(kept, states, times, np.concatenate(([to_go], kept.to_go[node + 1 :])), job)
 
 
 def _for_good(world: WorldMap, pose: Array) -> bool:
@@ -136,8 +157,9 @@ def _targets(problem: BaseProblem) -> tuple[str, str]:
     return tuple("" if target is None else target.name for target in (problem.target, problem.next_target))
 
 
-def _better(found: BasePlan, kept: Kept, to_go: float, informed: bool) -> bool:
-    """Whether a new plan takes the place of the kept one, of which a cost `to_go` [s] is left."""
+def _better(found: BasePlan, rest: Rest, informed: bool) -> bool:
+    """Whether a new plan takes the place of what is left of the kept one."""
+    kept = rest.kept
     if found.status not in ("goal", "aborted"):
         return False
     arrives = found.status == "goal"
@@ -145,7 +167,7 @@ def _better(found: BasePlan, kept: Kept, to_go: float, informed: bool) -> bool:
         return arrives
     if not arrives and informed != kept.informed:
         return informed
-    return bool(found.local_to_go[0] < to_go)
+    return bool(found.local_to_go[0] < rest.to_go[0])
 
 
 def _kept(problem: BaseProblem, target: Target, plan: BasePlan, informed: bool) -> Kept:

@@ -103,14 +103,14 @@ class StaaController:
         if not goal.path_found:
             why = f"no way to {target.name}: every gap on it is narrower than {2.0 * self._p.growth:.2f} m"
             return self._brake(problem, field, why, goal, expansions, cut=cut)
-        if solution < 0:
+        if solution < 0 and settings.bound == math.inf:
             why = self._no_motion(problem, target, field, expansions)
             return self._brake(problem, field, why, goal, expansions, cut=cut)
-        branch = search_memory.branch_to(memory, solution)
+        branch = search_memory.branch_to(memory, max(solution, 0))
         poses = memory.state[branch]
         t_h = self._time_to_goal(problem, world.job, settings, goal)
         return BasePlan(
-            acceleration=frozen(self._first_action(memory, branch)),
+            acceleration=frozen(search_memory.first_action(memory, branch, self._p.node_duration)),
             status="goal" if status == staa.GOAL else "aborted",
             reason="",
             global_path=frozen(goal.global_path),
@@ -119,13 +119,17 @@ class StaaController:
             local_poses=frozen(poses),
             local_times=frozen(np.arange(len(branch)) * self._p.node_duration),
             local_to_go=frozen(search_memory.to_go(memory, branch)),
-            bezier=frozen(self._bezier(poses[-1], settings, bool(memory.passed[solution]))),
+            bezier=frozen(self._bezier(poses[-1], settings, bool(memory.passed[branch[-1]]))),
             expansions=expansions,
             cut_by_clock=cut,
             t_h=t_h,
             k=self._k(t_h),
             time_to_range=self._time_to_range(poses, world.job, graph, goal),
         )
+
+    def _bound(self) -> float:
+        """What a plan must cost less than [s], to be of use. The paper knows none."""
+        return math.inf
 
     def _pocket(
         self,
@@ -244,6 +248,7 @@ class StaaController:
             region_x=float(problem.pose[0]),
             region_y=float(problem.pose[1]),
             region_radius=p.local_radius + 1.0,
+            bound=self._bound(),
         )
 
     def _next_table(self, graph: Graph, placement: Placement) -> Table | None:
@@ -308,10 +313,6 @@ class StaaController:
         return (
             f"no collision-free motion towards {target.name} ({expansions} tried, {room:.2f} m of clearance): braking"
         )
-
-    def _first_action(self, memory: search_memory.Memory, branch: list[int]) -> Array:
-        """The branch's first acceleration; where a speed limit cut it, what the node was predicted with."""
-        return (memory.state[branch[1], 3:] - memory.state[0, 3:]) / self._p.node_duration
 
     def _next_path(self, placement: Placement, graph: Graph, table: Table | None) -> Array:
         return empty_path() if table is None else path_to_goal(graph, table, placement.goal)[0]

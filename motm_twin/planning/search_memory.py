@@ -59,6 +59,7 @@ class Settings(NamedTuple):
     region_x: float
     region_y: float
     region_radius: float
+    bound: float  # [s] a plan that costs as much is of no use; inf: any is
 
 
 class Pocket(NamedTuple):
@@ -169,3 +170,10 @@ def to_go(memory: Memory, branch: list[int]) -> Array:
     """Cost [s] from each node of the branch on: that of the edges that follow, and the heuristic at its end."""
     spent = memory.cost[branch, G]
     return spent[-1] - spent + memory.cost[branch[-1], H]
+
+
+def first_action(memory: Memory, branch: list[int], duration: float) -> Array:
+    """The first acceleration of a branch; where a speed limit cut it, what the node was predicted with."""
+    if len(branch) == 1:  # there is nothing but the root
+        return np.zeros(2)
+    return (memory.state[branch[1], 3:] - memory.state[0, 3:]) / duration

@@ -2,7 +2,8 @@
 
 Differences from STAA* (each can be switched off): goal heading, Bezier heuristic, proximity penalty scaled by k, and
 the end of the search: when the path passes the goal, or when the job at the target is predicted to be done. The latter
-carries the time that the job still needs in every node; what follows the job counts with the weight of C_iN.
+carries the time that the job still needs in every node; what follows the job counts with the weight of C_iN. Where a
+plan is known already, nothing dearer is looked at.
 All state is in `Memory`, so that a search can be interrupted after any number of expansions and continued.
 """
 
@@ -299,7 +300,10 @@ def _child(
     k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
     cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
     inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
-    memory.cost[n, G] = memory.cost[node, G] + dt + k * s.grid_weight * cost + inside
+    spent = memory.cost[node, G] + dt + k * s.grid_weight * cost + inside
+    if spent + h >= s.bound:
+        return
+    memory.cost[n, G] = spent
     memory.cost[n, H], memory.cost[n, T_GOAL], memory.cost[n, LEFT] = h, t_goal, left
     memory.link[n, PARENT], memory.link[n, ACTION], memory.link[n, DEPTH] = node, action, depth
     memory.passed[n] = done

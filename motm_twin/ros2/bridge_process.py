@@ -1,6 +1,7 @@
 """The ROS 2 bridge as a program: ``python -m motm_twin.ros2.bridge_process --endpoint tcp/127.0.0.1:7447``."""
 
 import argparse
+import faulthandler
 import sys
 import time
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from motm_twin.ros2.forms import BRIDGE, DISTROS, FORMS, RMW, BridgeForm, Form, 
 from motm_twin.ros2.robot_model import FILES
 
 BAD_INPUT = 2
+CLOSING = 15.0  # [s] that closing may take: its peers may be gone
 QUIET = 5.0  # [s] before the same sentence is said again
 
 
@@ -42,6 +44,7 @@ def main() -> None:
     where = options.ros_endpoint or options.endpoint
     report("ros2", text=f"topics in the form of {_FORM_NAMES[options.form]} at {where}")
     stop.wait()
+    faulthandler.dump_traceback_later(CLOSING, exit=True)  # what hangs says where, and ends
     bridge.close()
     client.close()
     for session in {id(twin): twin, id(ros): ros}.values():

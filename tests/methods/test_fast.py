@@ -32,6 +32,17 @@ def test_the_job_is_done_without_a_contact(trial):
     assert report["contacts"] == []
 
 
+def test_a_search_that_finds_nothing_cheaper_still_tells_of_the_way():
+    """Of many nothing but the root is looked at."""
+    twin = Twin(load_scene("exp1", "trial1", 0), method=find_method("fast"))
+    plans = [twin.advance().plan for _ in range(150)]
+    short = [plan for plan in plans if plan.expansions == 1]
+    assert len(short) > 10
+    for plan in short:
+        assert plan.status == "goal" and len(plan.local_poses) > 1
+        assert len(plan.global_path) > 1 and len(plan.next_path) > 1 and np.isfinite(plan.t_h)
+
+
 @pytest.fixture(scope="module")
 def temis():
     """The four Temis for 1.5 s: a twin, and its newest Tick."""

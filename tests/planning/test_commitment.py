@@ -32,11 +32,14 @@ class Drive:
         self.controller = CommittedController(RobotProfile(), PlanningParameters())
         self.pose, self.twist, self.time = np.array([0.7, 0.0, 0.0]), np.array([0.4, 0.0]), 0.0
 
-    def period(self, budget, cube=CUBE, boxes=()) -> BasePlan:
-        problem = BaseProblem(
+    def problem(self, cube=CUBE, boxes=()) -> BaseProblem:
+        return BaseProblem(
             time=self.time, world=world_of((TABLE, *boxes)), pose=self.pose, twist=self.twist, engaged=False,
             target=Target(kind="pick", name="cube", position=np.array(cube), dwell=1.3), next_target=None,
         )  # fmt: skip
+
+    def period(self, budget, cube=CUBE, boxes=()) -> BasePlan:
+        problem = self.problem(cube, boxes)
         plan = self.controller.plan(problem, self.placement.place(problem), budget)
         self.pose, self.twist = step_unicycle(self.pose, self.twist, plan.acceleration, PERIOD)
         self.time += PERIOD
@@ -62,6 +65,17 @@ def test_a_plan_that_arrives_is_kept_when_no_search_finds_one(drive):
 def test_what_is_left_never_grows_while_nothing_happens(drive):
     left = [drive.period(WHOLE).local_to_go[0] for _ in range(12)]  # until the cube is in reach
     assert (np.diff(left) < 0.0).all()
+
+
+def test_nothing_is_looked_at_that_is_dearer_than_what_is_left(drive):
+    drive.period(WHOLE)
+    for _ in range(5):
+        problem = drive.problem()
+        anew = StaaController(RobotProfile(), PlanningParameters()).plan(problem, drive.placement.place(problem), WHOLE)
+        plan = drive.period(WHOLE)
+        assert plan.local_to_go[0] <= anew.local_to_go[0]
+        assert plan.expansions <= anew.expansions
+    assert plan.expansions < anew.expansions
 
 
 def test_a_box_in_its_way_ends_it(drive):
