@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from motm_twin.methods.registry import find_method
+from motm_twin.model.edits import InjectFault
 from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
@@ -92,3 +93,18 @@ def test_a_copied_twin_goes_on_bit_for_bit(temis):
     copy.restore(twin.snapshot())
     for _ in range(3):
         assert state_hash(copy.advance().plan) == state_hash(twin.advance().plan)
+
+
+@pytest.mark.parametrize(("variant", "periods"), [("trial3", 60), ("trial1", 30)])
+def test_a_robot_that_was_stopped_drives_on_at_once(variant, periods):
+    """It is not on its plan any more: what is left of that, to keep its speed, would be to stand."""
+    twin = Twin(load_scene("exp1", variant, 0), method=find_method("fast"))
+    for _ in range(periods):
+        twin.advance()
+    twin.post(InjectFault(fault="lidar_off", seconds=1.5))
+    reasons = [twin.advance().stop_reason for _ in range(29)]
+    assert reasons[-1].startswith("stopped: the newest lidar scan")
+    ticks = [twin.advance() for _ in range(24)]
+    stood = max(k for k, tick in enumerate(ticks) if tick.observation.twist[0] < 0.02)
+    assert stood < 5, "periods of standing after the lidar is back"
+    assert ticks[-1].observation.twist[0] > 0.3
