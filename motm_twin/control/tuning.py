@@ -39,7 +39,7 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
     path: tuple[str, ...]  # where it is in (PlanningParameters, ArmParameters)
     scale: float = 1.0  # value of the parameter class = scale * value here
     whole: bool = False  # a whole number
-    odd: bool = False  # an odd one, so that there is one in the middle
+    odd: bool = False  # an odd one
 
 
 _DEFAULTS = {"planning": PlanningParameters(), "arm": ArmParameters()}
