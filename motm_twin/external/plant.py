@@ -192,7 +192,9 @@ class ZenohPlant(RemoteWorld):
         self._latest, self._interrupted = None, False
 
     def _on_state(self, state: RobotState, received: float) -> None:
-        """In Zenoh's thread."""
+        """In Zenoh's thread. The clock of a robot that is not taken up yet says nothing about that of the run."""
+        if self._info is None or (state.life, self.link.clock_sets) != (self._info.life, self._clock_sets):
+            return
         self._clock.state(state.stamp, received)
         now = received
         for seq, at in state.heard:

@@ -203,6 +203,23 @@ class Skewed:
             time.sleep(0.01)
 
 
+def test_a_clock_that_was_set_in_the_middle_of_a_period_does_not_set_the_run(router: Router, scene: Scene) -> None:
+    """Nobody asks whether it is ready: as in a period in which the robot's new clock begins to count."""
+    with open_member(router.endpoint) as session:
+        robot = Skewed(session, scene.robot.lidar.beams)
+        try:
+            with driven(router, scene) as twin:
+                for _ in range(20):
+                    tick = twin.advance()
+                began, before = time.monotonic(), tick.time
+                robot.offset += 50.0
+                until(lambda: twin.advance() and twin.external.link.clock_sets == 1)
+                tick = twin.advance()
+                assert 0.0 < tick.time - before < time.monotonic() - began + 1.0
+        finally:
+            robot.close()
+
+
 @pytest.mark.parametrize("jump", [-50.0, 50.0])
 def test_a_robot_whose_clock_was_set_is_taken_up_again_and_the_run_goes_on(
     router: Router, scene: Scene, jump: float
