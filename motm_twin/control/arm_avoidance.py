@@ -9,6 +9,8 @@ swings at 1 m/s was 0.4 m/s over it. For what moves it counts from where the obs
 A static obstacle (occupied for 3 s, at rest for 8 s if it was seen to move) close to the target would forbid the grasp,
 so its d_s shrinks to the target's distance to it less a margin, from the approach until the gripper is d_s away again.
 A moving one keeps d_s.
+
+Nobody knows how tall it is: as long as the gripper must retreat from something, it may not sink (`speed_limits.py`).
 """
 
 import math

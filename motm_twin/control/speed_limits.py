@@ -33,7 +33,8 @@ from motm_twin.model.known import KnownWorld
 
 _OWN_ROWS = 8
 _DEEP = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
-_LIDAR = ("lidar moving", "lidar static")  # rows of the gripper
+_LIDAR = ("lidar moving", "lidar static", "lidar height")  # rows of the gripper
+_HEIGHT = 2  # of them the one that keeps it from sinking; it gives way like furniture, not like the other two
 _OWN_SOLIDS, _COLUMN = 2, 1  # base and column: elbow, forearm and wrist belong to the column
 _SEEN = len(_LIDAR)  # where the names of rows of seen obstacles begin: one per body
 _OWN = _SEEN + len(BODIES)  # and those of the robot's own base, and of furniture: body by body, solid by solid
@@ -56,7 +57,7 @@ class SpeedLimits:
             *(f"{body} - {solid}" for solids in (own, mapped) for body in BODIES for solid in solids.names),
         )
         self.arrays: tuple[Any, ...] = (*_arrays(mapped), *_arrays(own), *arm_balls())
-        self.room = parameters.sectors + parameters.moving_sectors + MAX_ROWS + _OWN_ROWS + 2 * HAND_BODY
+        self.room = parameters.sectors + parameters.moving_sectors + 1 + MAX_ROWS + _OWN_ROWS + 2 * HAND_BODY
 
 
 def _arrays(solids: Solids) -> tuple[IntArray, Array, Array, Array, Array]:
@@ -91,6 +92,9 @@ def fill_rows(
         G[:nearby, :9], h[:nearby] = normal @ s.J[:3], gripper.allowed
         for k in range(nearby):
             which[k] = 1 if gripper.static[k] else 0
+        if gripper.allowed.min() < 0.0:  # how tall it is nobody knows: the hand may be over it
+            G[count, :9], h[count], which[count] = -s.J[2], 0.0, _HEIGHT
+            count += 1
     if z.shape[0]:
         turn = s.T_odom_world[2]
         c, sine = math.cos(turn), math.sin(turn)

@@ -139,6 +139,11 @@ def _capital(value: str) -> str:
 
 _BODY = re.compile(r"^(elbow|forearm|wrist|hand|fingers|held object) - (.+)$")
 _JOINT = re.compile(r"^joint ([1-7])$")
+_GRIPPER = {
+    "lidar static": "kept off a standing obstacle",
+    "lidar moving": "kept off a moving obstacle",
+    "lidar height": "kept from sinking beside an obstacle",
+}
 
 
 def constraints(steps: Sequence[ArmMessage], q: Sequence[float]) -> list[tuple[str, str]]:
@@ -155,8 +160,8 @@ def constraints(steps: Sequence[ArmMessage], q: Sequence[float]) -> list[tuple[s
 
 
 def _constraint(name: str, step: ArmMessage, q: Sequence[float]) -> tuple[str, str]:
-    if name in ("lidar static", "lidar moving"):
-        return "gripper", "kept off a standing obstacle" if name == "lidar static" else "kept off a moving obstacle"
+    if name in _GRIPPER:
+        return "gripper", _GRIPPER[name]
     body = _BODY.match(name)
     if body is not None:
         other = {"lidar": LIDAR, "own base": "the own base", "own column": "the own column"}

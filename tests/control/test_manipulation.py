@@ -12,7 +12,7 @@ from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
 from motm_twin.model.geometry import compose, inverse
-from motm_twin.model.kinematics import fk_arm
+from motm_twin.model.kinematics import Frankie, fk_arm
 from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
@@ -116,6 +116,28 @@ def test_a_number_that_is_not_finite_stops_the_arm_within_one_period(spoil):
     assert first - last == pytest.approx(4 * 0.005, abs=1e-9)
     again = manipulator.step(inputs)
     assert again.qp_status == "solved"
+
+
+def test_a_hand_over_something_that_the_base_leaves_behind_does_not_sink_into_it():
+    """A box dropped on the robot is a ring of points round the hand, which they hold while the base drives on."""
+    plant = SimulatedPlant(SCENE)
+    manipulator = Manipulator(known_world(SCENE))
+    at = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
+    heights, active = [], set()
+    obstacles = None
+    for k in range(200):
+        inputs = inputs_of(plant, base_twist=(min(0.5, 0.01 * k), 0.0), obstacles=obstacles)
+        step = manipulator.step(inputs)
+        hand = Frankie(SCENE.robot).tcp_pose(inputs.observation.odometry, inputs.observation.q)[0]
+        if k == 20:
+            ring = hand[:2] + (0.05, 0.0) + 0.24 * np.column_stack((np.cos(at), np.sin(at)))
+            obstacles = ArmObstacles(points=ring, static=np.zeros(len(ring), dtype=bool))
+        heights.append(hand[2])
+        active |= set(step.active)
+        plant.command(step.actuation)
+        plant.step(0.01)
+    assert "lidar height" in active
+    assert min(heights[20:]) > heights[20] - 0.01
 
 
 def test_a_goal_that_is_not_finite_stops_the_arm_with_the_reason():

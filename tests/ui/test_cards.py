@@ -94,7 +94,7 @@ def test_what_holds_the_robot_up_is_told_once_with_numbers(tick):
 
 def test_every_row_and_bound_of_the_arms_program_is_told_in_words(tick):
     """Also those that the furniture of any scene brings: its names come from the scene."""
-    names = ["lidar static", "lidar moving", *_BOUND_NAMES]
+    names = ["lidar static", "lidar moving", "lidar height", *_BOUND_NAMES]
     names += [f"{body} - {other}" for body in BODIES for other in ("lidar", "own base", "own column", "desk - left")]
     for name in names:
         ((what, by),) = words.constraints(with_arm(tick, active=[name]).arm, READY)
