@@ -93,7 +93,8 @@ def parameters_table() -> str:
     lines = ["", "| name | what | allowed | default | unit | paper |", "|---|---|---|---|---|---|"]
     for entry in PARAMETERS:
         values = {"switch": "true, false", "choice": ", ".join(entry.choices)}
-        allowed = values.get(entry.kind, f"{entry.low:g} to {entry.high:g}{', whole' if entry.whole else ''}")
+        kind = ", odd" if entry.odd else ", whole" if entry.whole else ""
+        allowed = values.get(entry.kind, f"{entry.low:g} to {entry.high:g}{kind}")
         row = (f"`{entry.name}`", entry.title, allowed, _value(entry.default), entry.unit, _value(entry.paper))
         lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines) + "\n\n"

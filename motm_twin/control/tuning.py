@@ -39,6 +39,7 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
     path: tuple[str, ...]  # where it is in (PlanningParameters, ArmParameters)
     scale: float = 1.0  # value of the parameter class = scale * value here
     whole: bool = False  # a whole number
+    odd: bool = False  # an odd one, so that there is one in the middle
 
 
 _DEFAULTS = {"planning": PlanningParameters(), "arm": ArmParameters()}
@@ -54,13 +55,14 @@ def _at(path: tuple[str, ...]) -> Any:
 def _number(  # a row of the table below
     path: str, title: str, low: float, high: float, step: float, help: str, source: str, *,
     group: str, symbol: str = "", unit: str = "", paper: float | None = None, scale: float = 1.0, name: str = "",
+    odd: bool = False,
 ) -> Parameter:  # fmt: skip
     parts = tuple(path.split("."))
     default = _at(parts)
     return Parameter(
         name=name or parts[-1], title=title, symbol=symbol, unit=unit, group=group, low=low, high=high, step=step,
         default=float(default) if scale == 1.0 else round(default / scale, 9), paper=paper, help=help, source=source,
-        path=parts, scale=scale, whole=isinstance(default, int),
+        path=parts, scale=scale, whole=isinstance(default, int), odd=odd,
     )  # fmt: skip
 
 
@@ -106,6 +108,9 @@ PARAMETERS: tuple[Parameter, ...] = (
     _number("planning.staa.node_duration", "Time step of the search", 0.2, 0.5, 0.05,
             "Time between two nodes of the local search.",
             "STAA*", group="Base control", symbol="Dt", unit="s"),
+    _number("planning.staa.notches", "Accelerations that are tried", 5, 7, 2,
+            "So many from the strongest braking to the strongest acceleration, and as many of turning, at every node.",
+            "STAA*", group="Base control", odd=True),
     _number("planning.staa.epsilon", "Weight of the heuristic", 0.5, 3.0, 0.1,
             "Above 1 the search goes straighter for the goal and finds worse motions sooner.",
             "STAA*", group="Base control", symbol="epsilon"),
@@ -234,6 +239,8 @@ def check(name: str, value: ParameterValue) -> ParameterValue:
         raise ValueError(f"{name} = {value:g} is out of range: use {_range(entry)}")
     if entry.whole and value != round(value):
         raise ValueError(f"{name} = {value:g}: use a whole number from {_range(entry)}")
+    if entry.odd and value % 2 == 0:
+        raise ValueError(f"{name} = {value:g}: use an odd number from {_range(entry)}")
     return float(value)
 
 

@@ -70,6 +70,13 @@ def test_a_value_that_is_no_number_in_range_is_refused_with_the_range(name, valu
         check(name, value)
 
 
+@pytest.mark.parametrize("value", [6.0, 6.5])
+def test_without_an_acceleration_of_zero_a_robot_could_not_keep_its_speed(value):
+    with pytest.raises(ValueError, match="number from 5 to 7"):
+        check("notches", value)
+    assert tuned({"notches": 5.0})[0].staa.notches == 5
+
+
 @pytest.mark.parametrize("value", [1.0, 0, "yes", None])
 def test_a_switch_takes_true_and_false_only(value):
     with pytest.raises(ValueError, match="switch"):
