@@ -5,9 +5,10 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Command, HandOver, Inspect, Refused, TakeWheel
+from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Command, HandOver, Inspect, Load, Refused, TakeWheel
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.names import hint
 
 OK, REFUSED, BAD_INPUT = 0, 1, 2
@@ -32,7 +33,10 @@ def send(
 
 
 def parse(command: str, fields: list[str], json: str | None = None) -> Command:
-    """The command of this name with fields "name=value", or as JSON. Raises ValueError with what is allowed."""
+    """The command of this name with fields "name=value", or as JSON. Raises ValueError with what is allowed.
+
+    A load that names no method means the default one, as with `serve` and in Python, and says so in the message.
+    """
     kind = KINDS.get(command)
     if kind is None:
         raise ValueError(f"there is no command {command!r}; {hint(command, KINDS)}")
@@ -47,6 +51,8 @@ def parse(command: str, fields: list[str], json: str | None = None) -> Command:
         if name not in types:
             raise ValueError(f"{command!r} has no field {name!r}; it has: {', '.join(types) or 'none'}")
         values[name] = _value(name, text, types[name])
+    if kind is Load:
+        values.setdefault("method", DEFAULT_METHOD)
     try:
         return msgspec.convert({**values, "type": command}, type=kind)
     except msgspec.ValidationError as error:

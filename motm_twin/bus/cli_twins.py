@@ -5,7 +5,7 @@ import sys
 
 import msgspec
 
-from motm_twin.client.discover import Found, NoTwin, running_twins
+from motm_twin.client.discover import BEHIND, Found, NoTwin, running_twins
 
 OK, NONE = 0, 1
 
@@ -20,7 +20,7 @@ def twins(endpoint: str | None, *, as_json: bool) -> int:
     for twin in found:
         print(msgspec.json.encode(twin).decode() if as_json else _line(twin))
     if not found and not as_json:
-        where = "on this machine" if endpoint is None else f"at {endpoint}"
+        where = "on this machine" if endpoint is None else f"at {endpoint}: {BEHIND}"
         print(f"motm-twin twins: none is running {where}", file=sys.stderr)
     return OK if any(twin.alive for twin in found) else NONE
 

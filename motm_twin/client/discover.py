@@ -15,6 +15,7 @@ from motm_twin.bus.session import open_client
 
 TIMEOUT = 2.0  # [s]
 AGAIN = 0.05  # [s] between two questions
+BEHIND = 'behind a router, MOTM_ZENOH_CONFIG must say mode "client" (docs/scale.md)'
 OPTIONS = "--twin or --endpoint"  # how a user of the command line says which twin is meant
 
 T = TypeVar("T")
@@ -73,7 +74,8 @@ def find(endpoint: str | None, twin: str | None, *, how: str = "twin= or endpoin
     where = "on this machine" if endpoint is None else f"at {endpoint}"
     called = "" if twin is None else f" called {twin!r}"
     if not names:
-        raise NoTwin(f"no twin{called} is running {where}: start one with `motm-twin serve`, or give its endpoint")
+        advice = "start one with `motm-twin serve`, or give its endpoint" if endpoint is None else BEHIND
+        raise NoTwin(f"no twin{called} is running {where}: {advice}")
     listed = ", ".join(f"{name} at {place}" for place, name in names)
     raise NoTwin(f"{len(names)} twins{called} are running {where} ({listed}): say which one with {how}")
 
@@ -94,7 +96,7 @@ def require_answer(session: zenoh.Session, twin: str, endpoint: str, *, within: 
 
 def silent(twin: str, endpoint: str) -> NoTwin:
     """What is said of a twin that does not answer."""
-    return NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there?")
+    return NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there? ({BEHIND})")
 
 
 def _alive(session: zenoh.Session) -> list[str]:

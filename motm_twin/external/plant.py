@@ -64,10 +64,27 @@ class ZenohPlant(RemoteWorld):
 
     def ready(self) -> bool:
         """Whether there is a robot to observe now; takes up one that has come. Call it between periods."""
-        known = self._info is not None and self.link.life == self._info.life
-        if known and self.link.clock_sets == self._clock_sets and self._origin is not None:
+        if self._same() and self._origin is not None and not self._replaced():
             return self._fresh()
         return self._take_up()
+
+    def _replaced(self) -> bool:
+        """Whether somebody else is there instead of the robot; what came in the silence of one that answers is not."""
+        if not self.link.successor:
+            return False
+        info = self.link.info()
+        if info is None or not self._is_taken_up(info.life):
+            return True
+        self.link.live(info.life)
+        return False
+
+    def _same(self) -> bool:
+        """Whether the robot that is listened to is the one that was taken up, by the same clock."""
+        return self._info is not None and self._is_taken_up(self.link.life)
+
+    def _is_taken_up(self, life: str) -> bool:
+        taken = None if self._info is None else (self._info.life, self._clock_sets)
+        return taken == (life, self.link.clock_sets)
 
     def text(self) -> str:
         """One sentence about the robot."""
@@ -96,7 +113,8 @@ class ZenohPlant(RemoteWorld):
             why = self.link.refusal(name)
             if why:
                 return f": its {name} is refused: {why}"
-        return ""
+        other = self.link.intruder
+        return f": another robot (life {other[:20]!r}) sends on its keys, too, and is not listened to" if other else ""
 
     def observe(self) -> Observation:
         """The robot at the time at which a command that is given now acts."""
@@ -193,7 +211,7 @@ class ZenohPlant(RemoteWorld):
 
     def _on_state(self, state: RobotState, received: float) -> None:
         """In Zenoh's thread. The clock of a robot that is not taken up yet says nothing about that of the run."""
-        if self._info is None or (state.life, self.link.clock_sets) != (self._info.life, self._clock_sets):
+        if not self._is_taken_up(state.life):
             return
         self._clock.state(state.stamp, received)
         now = received
@@ -298,9 +316,7 @@ class ZenohPlant(RemoteWorld):
 
     def _take_up(self) -> bool:
         """Take up the robot that is there now; whether it can be observed."""
-        state = self.link.newest("state")
-        same = self._info is not None and (self.link.life, self.link.clock_sets) == (self._info.life, self._clock_sets)
-        if not same or state is None:
+        if not self._same() or self.link.successor or self.link.newest("state") is None:
             info = self.link.info()
             if info is None:
                 return False

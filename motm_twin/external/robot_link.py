@@ -1,6 +1,10 @@
 """The twin's end of the keys of a robot: the newest of everything it says, commands, questions with answers.
 
 Zenoh's threads only read, check and store. What can not be used is dropped and counted, and the last reason kept.
+
+A robot that is heard keeps its keys: what another one says there (another life, another robot of the same name, a
+forgery) is kept aside, and told. Once it is silent, the other one is its successor. It counts when whoever reads this
+link turns to it with `live`, between two periods.
 """
 
 import threading
@@ -26,7 +30,8 @@ from motm_twin.external.messages import (
 ANSWER = 2.0  # [s] for an answer
 RESET_ANSWER = 60.0  # [s] a simulated robot may compile for so long
 REFUSED_FOR = 1.0  # [s] after which a refused message is no longer told
-SILENCE = 1.0  # [s] without a state that counts, after which a clock that was set is believed
+SILENCE = 1.0  # [s] without a state that counts, after which a clock that was set, or another robot, is believed
+OTHERS = 4  # lives of which messages are kept aside
 _SENSED = ("scan", "detections")  # stamped before the state that comes after them
 
 
@@ -37,7 +42,10 @@ class RobotLink:
         self.keys, self.listen_only, self._session = PlantKeys(twin), listen_only, session
         self.changed = threading.Condition()
         self._newest: dict[str, Any] = {}
-        self._life, self._past_lives = "", set[str]()
+        self._life = ""
+        self._since = -1e9  # [s] monotonic, when this life began to count
+        self._aside: dict[str, dict[str, tuple[Message, float]]] = {}  # by life and key: the newest, received when
+        self._other: tuple[str, float] = ("", -1e9)  # life that was heard beside this one, and when [s] monotonic
         self.last_sign = -1e9  # [s] monotonic, of the newest state
         self.unreadable = 0
         self._refusals: dict[str, tuple[str, float]] = {}  # by key: why, and when [s] monotonic
@@ -68,8 +76,22 @@ class RobotLink:
 
     @property
     def life(self) -> str:
-        """Of the robot that sends now."""
+        """Of the robot whose messages these are."""
         return self._life
+
+    @property
+    def successor(self) -> str:
+        """Life of another robot that has come after this one fell silent; "" without one."""
+        with self.changed:
+            silent = max(self.last_sign, self._since) + SILENCE
+            lives = self._aside.items()
+            return next((life for life, said in lives if any(at >= silent for _, at in said.values())), "")
+
+    @property
+    def intruder(self) -> str:
+        """Life of another robot that was heard lately while this one is there; "" when this one is alone."""
+        life, at = self._other
+        return life if time.monotonic() - at < REFUSED_FOR else ""
 
     def command(self, command: RobotCommand) -> None:
         """Send a command."""
@@ -98,10 +120,11 @@ class RobotLink:
         return PlantAnswer(version=VERSION, ok=False, reason="the robot does not answer")
 
     def live(self, life: str) -> None:
-        """From now on only what this life of the robot says counts."""
+        """From now on only what this life of the robot says counts. Not in the middle of a period."""
         with self.changed:
             if life != self._life:
                 self._begin(life)
+            self._aside = {}
 
     def close(self) -> None:
         """Leave; the session stays open."""
@@ -117,10 +140,10 @@ class RobotLink:
             return []
 
     def _begin(self, life: str) -> None:
-        if self._life:
-            self._past_lives.add(self._life)
-        self._life, self._jumped = life, None
-        self._newest = {name: message for name, message in self._newest.items() if message.life == life}
+        self._life, self._jumped, self._since = life, None, time.monotonic()
+        own = self._aside.pop(life, {})
+        self._newest = {name: message for name, (message, _) in own.items()}
+        self.last_sign = own["state"][1] if "state" in own else -1e9
 
     def _reader(self, name: str) -> Callable[[zenoh.Sample], None]:
         def on_sample(sample: zenoh.Sample) -> None:
@@ -135,10 +158,11 @@ class RobotLink:
 
     def _keep(self, name: str, message: Message, received: float) -> None:
         with self.changed:
-            if message.life in self._past_lives:
-                return
-            if message.life != self._life:
+            if not self._life:
                 self._begin(message.life)
+            if message.life != self._life:
+                self._keep_aside(name, message, received)
+                return
             before, state = self._newest.get(name), self._newest.get("state")
             if name in _SENSED and state is not None:
                 self._require_on_time(message, state, received)
@@ -154,6 +178,16 @@ class RobotLink:
             self._newest[name] = message
             self._refusals.pop(name, None)
             self.changed.notify_all()
+
+    def _keep_aside(self, name: str, message: Message, received: float) -> None:
+        """Of another robot than the one that is listened to."""
+        if received - max(self.last_sign, self._since) < SILENCE:
+            self._other = message.life, received
+        said = self._aside.pop(message.life, {})
+        self._aside[message.life] = said | {name: (message, received)}  # the newest at the end
+        if len(self._aside) > OTHERS:
+            del self._aside[next(iter(self._aside))]
+        self.changed.notify_all()
 
     def _clock_was_set(self, message: RobotState, before: RobotState | None, received: float) -> bool:
         """Whether the robot's clock is another one now. One wrong stamp is not believed: two, after a silence, are."""

@@ -17,6 +17,7 @@ from motm_twin.bus.running import Running, note
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port
 from motm_twin.client import connect
+from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.scene import DriveTo
 
 
@@ -89,6 +90,14 @@ def test_words_become_a_command(words, command):
 def test_words_that_are_no_command_are_refused_with_what_is_allowed(words, said):
     with pytest.raises(ValueError, match=said):
         parse(words[0], words[1:])
+
+
+@pytest.mark.parametrize("given", [None, "motm"])
+def test_a_load_from_the_shell_means_the_method_of_serve_unless_another_is_named(given):
+    """The message alone would mean the paper's: what a version says never changes."""
+    words = ["scene=exp1"] + ([] if given is None else [f"method={given}"])
+    assert parse("load", words) == Load(scene="exp1", method=given or DEFAULT_METHOD)
+    assert DEFAULT_METHOD != Load(scene="exp1").method
 
 
 def test_fields_come_as_json_too():

@@ -88,6 +88,7 @@ def talk(router: Router):
             until(lambda name=name, message=message: put(name, message | {"life": "0"}) and link.newest(name))
         put("state", STATE | {"life": "0", "seq": 1})  # the last of them: nothing comes after it by itself
         until(lambda: link.newest("state").seq == 1)
+        link.live("1")
 
         def send(name: str, message: dict[str, Any], **changed: Any) -> RobotLink:
             before = link.unreadable, link.newest(name)
