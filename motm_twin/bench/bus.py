@@ -48,7 +48,7 @@ def bench_bus(out: Path, seconds: float, console: Console) -> bool:
             ("publishing", lambda: _publishing(twin, report, each)),
             ("command to effect", lambda: _effect(twin, report, each)),
             ("age of what readers get", lambda: _ages(twin, report, each)),
-            ("recording", lambda: _recording(twin, report, each / 2)),
+            ("recording", lambda: _recording(twin, report, each / 4)),
         ]
         measure(steps, report, console)
     return conclude(NAME, TITLE, LIMITS, report, out, console)

@@ -28,6 +28,7 @@ READING, STOPPED, FULL = 40, 5, 5  # subscribers: that read, whose process is st
 READERS_EACH = 10  # sessions in one process
 JAM_SPEED, JAM_SECONDS = 8.0, 6.0  # how the queues of those that never read are filled
 BODY = "measured"
+RECORDED = (False, True, True, False, True, False, False, True)  # a drift of the machine cancels
 COMMAND_EVERY = 0.17  # [s]; no multiple of the period, so that commands come at any moment of it
 
 
@@ -204,10 +205,10 @@ def ages(twin: Measured, seconds: float) -> dict[str, Values]:
 
 
 def recording(twin: Measured, seconds: float) -> dict[str, Values]:
-    """The loop with and without a recorder: the same run off, on, on, off, so that a drift of the machine cancels."""
+    """The loop with and without a recorder: the same ``seconds`` of the same run, again and again."""
     periods: dict[bool, list[list[float]]] = {False: [], True: []}
     sizes, shares = [], []
-    for on in (False, True, True, False):
+    for on in RECORDED:
         path = _start_recording(twin) if on else None
         restart(twin.client, playing=True)
         began, used = time.monotonic(), _recorder_seconds(twin)
@@ -227,9 +228,9 @@ def recording(twin: Measured, seconds: float) -> dict[str, Values]:
 
 
 def _paired(periods: dict[bool, list[list[float]]]) -> float:
-    """Mean time with / without over the same periods of the run, without the hundredth that others disturbed most."""
+    """Mean time with / without: of each period of the run the least, without the hundredth that takes longest."""
     count = min(len(part) for parts in periods.values() for part in parts)
-    cut = [np.sort(np.minimum(*(np.array(part[:count]) for part in periods[on]))) for on in (True, False)]
+    cut = [np.sort(np.min([part[:count] for part in periods[on]], axis=0)) for on in (True, False)]
     kept = max(1, int(0.99 * count))
     return float(cut[0][:kept].sum() / cut[1][:kept].sum())
 

@@ -17,6 +17,8 @@ from motm_twin.external.messages import (
 
 MAX_BYTES = 1024 * 1024
 MAX_AHEAD = 1.0  # [s] that a scan or a frame of the camera may be stamped later than the newest state
+LARGEST = 1e11  # of any measure: 3,000 years in s; sums and products of more are no numbers
+MOST = 2**53  # of any count: JSON has no larger whole numbers
 FARTHEST = 1e5  # [m] from the origin of the world, or of the odometry
 FASTEST = 20.0  # [m/s], [rad/s] of base and joints
 TURNED = 10.0  # [rad] of a joint: more than a turn and a half are degrees
@@ -49,6 +51,7 @@ def read(name: str, payload: bytes) -> Message:
         raise RefusedMessage(str(error)) from None
     if message.version != VERSION:
         raise RefusedMessage(f"version {message.version!r}: this twin reads {VERSION!r}")
+    _require_bounded(message)
     if isinstance(message, RobotState):
         _check_state(message)
     elif isinstance(message, ScanData):
@@ -65,6 +68,21 @@ def read(name: str, payload: bytes) -> Message:
     elif isinstance(message, TruthData):
         _pose("pose", message.pose)
     return message
+
+
+def _require_bounded(value: Any, name: str = "") -> None:
+    """Raise `RefusedMessage` for a number that is too large to compute with, however deep; ranges are checked later."""
+    if isinstance(value, float | int):
+        most = LARGEST if isinstance(value, float) else MOST
+        if not abs(value) <= most:
+            raise RefusedMessage(f"{name} has {value:g}: {most:g} at most can be")
+    elif isinstance(value, msgspec.Struct):
+        for field in value.__struct_fields__:
+            if field != "ranges":
+                _require_bounded(getattr(value, field), field)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            _require_bounded(part, name)
 
 
 def _check_state(state: RobotState) -> None:
