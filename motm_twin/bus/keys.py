@@ -42,3 +42,7 @@ class Keys:
     def command(self, name: str) -> str:
         """Key that the command of this name is sent to."""
         return f"{self._command}/{name}"
+
+    def command_in(self, key: str) -> str:
+        """The name of the command that is sent to this key, one of `commands`."""
+        return key.removeprefix(f"{self._command}/")

@@ -180,7 +180,7 @@ class TwinServer:
                 if problem:
                     query.reply_err(problem)
                 else:
-                    query.reply(query.key_expr, session, attachment=info, encoding=zenoh.Encoding.APPLICATION_JSON)
+                    query.reply(self.keys.session, session, attachment=info, encoding=zenoh.Encoding.APPLICATION_JSON)
 
         try:
             self.loop.session(reply)

@@ -136,9 +136,10 @@ def replay(
 def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Method = None) -> int:
     """Compute a saved session or a recording again and compare it bit for bit.
 
-    Of a recording, every period and state hash is compared, and the first period that differs is named.
+    Of a recording, every run that can be computed is: every period and state hash is compared, and the first period
+    that differs is named. Of every other run it is said why it cannot be; that is no difference.
 
-    Exit code 0: equal, or updated; 1: different; 2: bad input.
+    Exit code 0: equal, or updated; 1: different; 2: bad input, or nothing in the recording can be computed.
 
     Args:
         file: A saved session (.json) or a recording (.mcap).

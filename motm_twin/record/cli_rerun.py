@@ -19,11 +19,11 @@ OK, DIFFERENT = 0, 1
 
 
 def rerun_file(file: str, *, update: bool = False, report: str | None = None, method: str | None = None) -> int:
-    """Rerun a session or a recording; the exit code: 0 equal (or updated), 1 different or nothing to compare with.
+    """Rerun a session or a recording; the exit code: 0 equal (or updated), 1 different, or a session without a hash.
 
     ``update`` writes the new hash into the file; ``report``: file of the JSON report, '-' for standard output;
     ``method``: FILE.py:NAME of a user's, for what was made with it. Raises SessionError for a file that cannot be used,
-    MethodError for such a method.
+    such as a recording of which no run can be computed, MethodError for such a method.
     """
     own = None if method is None else find_method(method)
     if file.endswith(".mcap"):
@@ -46,27 +46,49 @@ def rerun_file(file: str, *, update: bool = False, report: str | None = None, me
     return OK if again.ok or update else DIFFERENT
 
 
+class NotComputed(msgspec.Struct, frozen=True, kw_only=True):
+    """A run of which nothing can be compared: it is neither equal nor different."""
+
+    run: int
+    text: str  # why
+
+
 def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
-    """Every run of a recording."""
+    """Every run of a recording that can be computed. Raises SessionError when none can."""
     recording = load_recording(file)
     console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
     if not recording.runs:
         raise SessionError("holds no period of a twin", file=file)
     found: list[RunReport] = []
+    left: list[NotComputed] = []
     for run in recording.runs:
         try:
             found.append(rerun_run(recording, run, own))
         except SessionError as error:
-            raise SessionError(error.problem, file=file) from error
+            left.append(NotComputed(run=run.key[1], text=error.problem))
+            continue
         if report != "-":
             _print_run(console, found[-1])
-    ok = all(run.ok and run.compared > 0 for run in found)
+    if not found:
+        reasons = "; ".join(f"run {run.run}: {run.text}" for run in left)
+        raise SessionError(f"no run in it can be computed again: {reasons}", file=file)
+    ok = all(run.ok for run in found)
+    if report != "-":
+        for run in left:
+            _print_not_computed(console, run)
+        if not recording.health.complete:
+            console.print(f"the file is not complete ({recording.health.text}): compared up to there", markup=False)
     if report is not None:
         parts = {"complete": recording.health.complete, "text": recording.health.text}
-        write_json({"file": file, "ok": ok, **parts, "runs": msgspec.to_builtins(found)}, report)
-    elif not recording.health.complete:
-        console.print(f"the file is not complete ({recording.health.text}): compared up to there", markup=False)
+        runs = {"runs": msgspec.to_builtins(found), "not_computed": msgspec.to_builtins(left)}
+        write_json({"file": file, "ok": ok, **parts, **runs}, report)
     return OK if ok else DIFFERENT
+
+
+def _print_not_computed(console: Console, run: NotComputed) -> None:
+    console.print(f"run {run.run}", style="bold", markup=False)
+    console.print("[yellow]not computed[/yellow], which is no difference: ", end="")
+    console.print(run.text, markup=False)
 
 
 def _print_run(console: Console, run: RunReport) -> None:

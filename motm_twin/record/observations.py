@@ -106,6 +106,7 @@ class RecordedPlant:
 
     def __init__(self, messages: Iterable[ObservationsMessage]) -> None:
         """``messages``: of one run from its first period on, without a gap; ValueError else."""
+        self.periods = 0  # that it reports
         self._samples: list[Observation] = []
         self._restarts: set[int] = set()  # first sample of each period before which control had been away
         scan, detections = None, ()
@@ -119,6 +120,7 @@ class RecordedPlant:
                 if sample.detections is not None:
                     detections = tuple(_detection(one) for one in sample.detections)
                 self._samples.append(_observation(sample, scan, detections))
+            self.periods = expected + 1
         self._at = 0
 
     def begin(self, scene: Scene) -> None:

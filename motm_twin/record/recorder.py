@@ -40,7 +40,8 @@ class Recorder:
         self._declared = [session.declare_subscriber(key, _direct(self._on_sample)) for key in self._stream.keys]
         self._live: set[str] = set()  # keys of which something came by itself
         keys, self._listened = self._keys, threading.Event()
-        first = (keys.status, keys.scene, keys.tick, keys.grid, keys.robot)  # late joiners get the last of each
+        # Late joiners get the last of each; the status comes first, which tells whether the others are of its run.
+        first = (keys.status, keys.scene, keys.tick, keys.grid, keys.robot, keys.observations)
         self._unanswered = set(first)
         for key in first:
             self._ask(key, lambda key=key: self._answered(key))
@@ -104,6 +105,8 @@ class Recorder:
         elif key in self._live:
             return  # older than what came since
         try:
+            if asked and self._stream.is_past(key, payload, attachment):
+                return
             if key == self._keys.session:
                 self._session_at = time.monotonic()
                 self._stream.session(payload, attachment)

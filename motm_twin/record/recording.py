@@ -99,10 +99,13 @@ class Recording:
             return Session(scene=run.scene, method=run.method)
         past = next((other for other in self.runs if other.key == (run.key[0], run.past)), None)
         if past is None or past is run:
-            raise SessionError(f"run {run.key[1]}: the file does not tell how it began")
+            raise SessionError("the file does not tell how it began")
         whole = self.session_of(past)
         if whole.periods < run.first:
-            raise SessionError(f"run {run.key[1]} branched at period {run.first}, which was not recorded")
+            raise SessionError(
+                f"it goes on from period {run.first} of run {run.past}, of which what was done is known only up to "
+                f"period {whole.periods}"
+            )
         return msgspec.structs.replace(
             whole,
             edits=tuple(entry for entry in whole.edits if entry.index < run.first),
@@ -135,10 +138,17 @@ def ticks_of(path: str | Path, key: RunKey) -> Iterator[tuple[int, bytes]]:
 
 
 def observations_of(path: str | Path, run: Run) -> Iterator[ObservationsMessage]:
-    """What the robot of a run reported, each period once, rising. Runs of one file are told apart by their number."""
-    decode, last = msgspec.json.Decoder(ObservationsMessage).decode, -1
+    """What the robot of a run reported, each period once, rising.
+
+    They name their run by its number only, which a server that was started again gives once more: they are of the run
+    of the tick before them.
+    """
+    decode, tick = msgspec.json.Decoder(ObservationsMessage).decode, msgspec.json.Decoder(TickPart).decode
+    last, now = -1, None
     for entry in read(path):
-        if entry.topic == ch.OBSERVATIONS.topic:
+        if entry.topic == ch.TICK.topic:
+            now = tick(entry.data).key
+        elif entry.topic == ch.OBSERVATIONS.topic and now == run.key:
             message = decode(entry.data)
             if message.run == run.key[1] and message.index > last:
                 last = message.index

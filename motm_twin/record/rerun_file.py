@@ -1,5 +1,6 @@
 """A recording once more: every run is computed again and compared with every period that was recorded."""
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import msgspec
@@ -7,12 +8,13 @@ import msgspec
 from motm_twin.bus.encode import seconds, tick_message
 from motm_twin.control.tick import Tick
 from motm_twin.methods.method import Method
+from motm_twin.model.edits import Announce
 from motm_twin.record.log import Log
 from motm_twin.record.made_with import differences
-from motm_twin.record.observations import RecordedPlant
+from motm_twin.record.observations import ObservationsMessage, RecordedPlant
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
 from motm_twin.record.replay import begin
-from motm_twin.record.session import SessionError
+from motm_twin.record.session import Session, SessionError
 
 # Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
 # run itself.
@@ -45,23 +47,29 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
 def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> RunReport:
     """Compute one run again; ``method`` of a user's file, for runs that were made with it.
 
-    Raises SessionError when the file does not tell how, or the run refuses an edit.
+    Raises SessionError when nothing of it can be computed and compared: the file does not tell how.
     """
+    robot = _robot_of(recording, run)
     session = recording.session_of(run)
-    plant = None if run.plant == "simulated" else _recorded_robot(recording, run)
+    end, why = _known_end(session, robot)
+    _require_comparable(run, end)
     twin, log = (
-        begin(session, plant, method if method and method.name == session.method else None),
+        begin(session, robot, method if method and method.name == session.method else None),
         Log(session.edits, session.cuts),
     )
     recorded = ticks_of(recording.path, run.key)
     waiting = next(recorded, None)
     compared, hashes, period, fields = 0, 0, -1, []
-    for index in range(session.periods):
-        tick = log.advance(twin, index)
+    for index in range(end):
+        try:
+            tick = log.advance(twin, index)
+        except SessionError as error:  # an edit that was taken when the run was recorded
+            period, fields = index, [error.problem]
+            break
         while waiting is not None and waiting[0] < index:
             waiting = next(recorded, None)
         if waiting is not None and waiting[0] == index:
-            fields, compared = _differing(waiting[1], tick, of_truth=plant is None), compared + 1
+            fields, compared = _differing(waiting[1], tick, of_truth=robot is None), compared + 1
         wanted = run.hashes.get(index + 1)
         if not fields and wanted is not None:
             hashes, now = hashes + 1, twin.state_hash()
@@ -81,26 +89,58 @@ def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> R
         fields=fields,
         state_hash=twin.state_hash(),
         differences=differences(made_with) if made_with and period >= 0 else (),
-        text=_not_compared(run, session.periods),
+        text=_not_compared(run, end, why),
     )
 
 
-def _recorded_robot(recording: Recording, run: Run) -> RecordedPlant:
-    try:
-        robot = RecordedPlant(observations_of(recording.path, run))
-    except ValueError as error:
+def _robot_of(recording: Recording, run: Run) -> RecordedPlant | None:
+    """The external robot of a run, as long as all that it reported is there; None: a simulated one.
+
+    Raises SessionError when not even its first period is known.
+    """
+    if run.plant == "simulated":
+        return None
+    if run.plant == "recording":
+        raise SessionError("a recording was played, no robot was driven: the file that was played can be computed")
+    robot = RecordedPlant(_from_the_start(observations_of(recording.path, run)))
+    if robot.ready():
+        return robot
+    first = next(observations_of(recording.path, run), None)
+    told = "nothing of what that saw" if first is None else f"what that saw only from period {first.index} on"
+    raise SessionError(f"its robot was in another program, and the file tells {told}")
+
+
+def _from_the_start(messages: Iterable[ObservationsMessage]) -> Iterator[ObservationsMessage]:
+    """Those from period 0 on up to the first that is missing."""
+    for expected, message in enumerate(messages):
+        if message.index != expected:
+            return
+        yield message
+
+
+def _known_end(session: Session, robot: RecordedPlant | None) -> tuple[int, str]:
+    """The period before which everything that was seen and done is known, and why no further."""
+    unknown = [(session.periods, "some before them are missing in the file")]
+    if robot is not None:
+        unknown.append((robot.periods, f"what the robot saw in period {robot.periods} is missing in the file"))
+        told = (entry.index for entry in session.edits if isinstance(entry.edit, Announce))
+        unknown += [(index, "where announced furniture stood is known to the robot's program only") for index in told]
+    return min(unknown, key=lambda end: end[0])
+
+
+def _require_comparable(run: Run, end: int) -> None:
+    """Raise SessionError when nothing was recorded of what can be computed, the periods before ``end``."""
+    if run.indices[0] >= end and not any(periods <= end for periods in run.hashes):
+        known = f"only of the periods before {end}" if end else "nothing"
         raise SessionError(
-            f"run {run.key[1]} is of an external robot and can be computed again only from its start on: {error}"
-        ) from error
-    if not robot.ready():
-        raise SessionError(f"run {run.key[1]} is of an external robot, whose observations are not in the file")
-    return robot
+            f"it was recorded from period {run.indices[0]} on, and of what was done before the file tells {known}"
+        )
 
 
-def _not_compared(run: Run, periods: int) -> str:
-    last = run.indices[-1] + 1 if run.indices else 0
-    if last > periods:
-        return f"periods {periods} to {last - 1} were not computed: some before them are missing in the file"
+def _not_compared(run: Run, end: int, why: str) -> str:
+    last = run.indices[-1]
+    if last >= end:
+        return f"periods {end} to {last} were not computed: {why}"
     return f"{run.missing} periods are missing in the file" if run.missing else ""
 
 

@@ -43,6 +43,10 @@ class _Stamped(msgspec.Struct, frozen=True):
     server_time: float
 
 
+class _OfRun(msgspec.Struct, frozen=True):
+    run: int
+
+
 class Stream:
     """Sorts payloads into ``add`` (channel, server time, JSON). ``wants_session``: the session should be asked for."""
 
@@ -63,6 +67,8 @@ class Stream:
             keys.metrics: self._on_metrics,
             keys.observations: self._on_observations,
         }
+        self._grid_key, self._of_a_run = keys.grid, (keys.tick, keys.grid, keys.robot, keys.observations)
+        self._told_run: int | None = None  # of the newest status
         self.wants_session = False
         self.lost = 0  # periods that did not arrive
         self.plant = ""
@@ -81,6 +87,17 @@ class Stream:
     def take(self, key: str, payload: bytes, attachment: bytes | None) -> None:
         """Sort one payload in. Raises msgspec.MsgspecError for one that is not of its key."""
         self._take[key](payload, attachment)
+
+    def is_past(self, key: str, payload: bytes, attachment: bytes | None) -> bool:
+        """Whether a last value is of a run before the one that the status tells. Raises msgspec.MsgspecError.
+
+        Until a robot in another program has begun its run, its twin still has the last period of the run before. That
+        is hours old at times, and may be of another scene: no part of what is recorded.
+        """
+        if self._told_run is None or key not in self._of_a_run:
+            return False
+        about = attachment if key == self._grid_key else payload
+        return msgspec.json.decode(about or b"null", type=_OfRun).run < self._told_run
 
     def session(self, payload: bytes, attachment: bytes | None) -> None:
         """Take the session of the run that its attachment names. Raises msgspec.MsgspecError."""
@@ -124,6 +141,7 @@ class Stream:
 
     def _on_status(self, payload: bytes, _: bytes | None) -> None:
         status = msgspec.json.decode(payload, type=StatusMessage)
+        self._told_run = status.run
         self.plant, self.now = status.plant, max(self.now, status.server_time)
         said = (status.run, status.state, status.text, status.speed, status.driver, status.plant_text, status.method)
         if said != self._said or abs(status.server_time - self._said_at) >= STATUS_INTERVAL:

@@ -169,6 +169,18 @@ def test_what_would_change_it_is_refused_with_a_reason(client):
     assert client.command(Pause()).ok
 
 
+def test_asked_with_a_wildcard_it_answers_on_its_own_key_and_obeys_nobody(path):
+    with PlayerServer(path, twin="again") as server, open_client(server.endpoint) as plain:
+        until(lambda: list(plain.get("motm/*/tick")), "nothing was played")
+        for selector in ("motm/*/cmd/pause", "motm/*/status", "motm/*/event", "motm/*/schema/tick"):
+            (reply,) = plain.get(selector)
+            assert str(reply.ok.key_expr) == selector.replace("*", "again")
+            if "cmd" in selector:
+                assert "without a wildcard" in json.loads(reply.ok.payload.to_bytes())["reason"]
+        (reply,) = plain.get("motm/*/session")
+        assert reply.err.payload.to_string().startswith("this is a recording")
+
+
 def test_a_loop_begins_again_by_itself(path):
     with (
         PlayerServer(path, twin="loop", speed=8.0, loop=True) as server,

@@ -5,7 +5,10 @@ import time
 
 import msgspec
 import pytest
+from fake_twin import FakeTwin, fake_scene
+from running import Running
 
+from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import SessionInfo
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
@@ -139,3 +142,27 @@ def test_it_listens_once_all_that_was_asked_first_is_answered(tmp_path):
     assert not recorder.listens(0.01)
     last.drop()
     assert recorder.listens(0.01)
+
+
+def test_a_last_value_of_a_run_before_the_one_of_the_status_is_not_recorded(tmp_path):
+    """Of a robot in another program that has not begun its run yet there is only the last period of the run before."""
+    twin, recorder = FakeTwin(fake_scene()), Recorder(Bus(), "frankie", tmp_path / "late.mcap")
+    keys = recorder._keys
+
+    def put(key, message, *, asked=True):
+        recorder._waiting.put((key, msgspec.json.encode(message), None, asked))
+
+    put(keys.status, a_status(run=4))
+    for run in (3, 4):
+        put(keys.tick, tick_message(twin.advance(), run, 7.5))
+    put(keys.tick, tick_message(twin.advance(), 3, 7.5), asked=False)  # what comes by itself is of now
+    stop = threading.Event()
+    stop.set()
+    recorder.run(stop)
+    ticks = [msgspec.json.decode(entry.data) for entry in read(tmp_path / "late.mcap") if entry.topic == ch.TICK.topic]
+    assert [(tick["run"], tick["index"]) for tick in ticks] == [(4, 1), (3, 2)]
+
+
+def a_status(run):
+    with Running() as running:
+        return msgspec.structs.replace(running.loop.status(), run=run)

@@ -168,6 +168,24 @@ def test_an_edit_in_a_period_that_is_missing_is_not_made_up(whole, tmp_path):
     assert report.text.startswith("periods 20 to 35 were not computed")
 
 
+def test_an_edit_that_is_refused_now_is_a_difference(whole, tmp_path, capsys):
+    def to_nobody(topic, message):
+        if topic == "/motm/tick" and message["index"] == 8:
+            message["edits"] = [{"type": "move_body", "name": "nobody", "x": 0.0, "y": 0.0}]
+        return None if topic == "/motm/session" else message
+
+    assert rerun_file(str(changed(whole, tmp_path / "x.mcap", to_nobody))) == 1
+    assert "different first in period 8 (0.40 s):\n  period 8: the edit MoveBody is refused" in capsys.readouterr().out
+
+
+def test_a_run_of_which_only_the_end_is_known_is_not_computed_and_is_no_difference(files, tmp_path):
+    path = changed(files[1], tmp_path / "x.mcap", lambda topic, message: None if topic == "/motm/session" else message)
+    with pytest.raises(
+        SessionError, match=r"on, and of what was done before the file tells nothing; run 2: it goes on"
+    ):
+        rerun_file(str(path))
+
+
 def test_every_message_fits_its_schema(whole):
     health, seen = Health(), {}
     entries = list(read(whole, health))
