@@ -2,14 +2,17 @@
 
 import contextlib
 import re
+from pathlib import Path
 
 import pytest
 
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.ranges import ALLOWED, check_command
 from motm_twin.bus.schemas import COMMANDS
+from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.scene import DriveTo
 
+DOCUMENT = Path(__file__).parents[2] / "docs" / "zenoh.md"
 SOME = {"name": "a", "x": 0.0, "y": 0.0, "dx": 0.0, "dy": 0.0, "v": 0.0, "factor": 1.0, "scene": "a", "index": 1}
 SOME |= {"seed": 1, "fault": "lidar_off", "tasks": (DriveTo(point=(0.0, 0.0)),)}
 
@@ -49,3 +52,11 @@ def test_the_ends_of_a_range_are_taken_and_what_is_beyond_is_refused(command, fi
 def test_texts_have_at_most_as_many_characters(command, field, most):
     kind = COMMANDS[f"cmd/{command}"]
     assert [refused(kind, field, "x" * int(count)) for count in (most, most + 1)] == [False, True]
+
+
+def test_the_joint_limits_in_the_document_are_those_of_the_arm():
+    text = " ".join(DOCUMENT.read_text(encoding="utf-8").split())
+    low, high = (", ".join(f"{value:g}" for value in limits.tolist()) for limits in (Q_MIN, Q_MAX))
+    assert f"from {low} to {high} rad" in text
+    assert f"{DQ_MAX[0]:g} (joints 1 to 4) and {DQ_MAX[4]:g} rad/s (5 to 7)" in text
+    assert set(DQ_MAX[:4]) == {DQ_MAX[0]} and set(DQ_MAX[4:]) == {DQ_MAX[4]}
