@@ -1,17 +1,22 @@
 """The Gymnasium environment with three policies: at random, scripted from what is observed, the shipped method.
 
-python examples/gym_policies.py towards               # needs: pip install 'motm_twin[gym]'
+python examples/gym_policies.py towards               # needs Gymnasium: .venv/bin/pip install gymnasium
 python examples/gym_policies.py expert --seed 3 --save last.png
 """
 
 import argparse
 import math
+import sys
 import time
 
-import gymnasium
 import numpy as np
 
-from motm_twin.gym import Expert
+try:
+    from motm_twin.gym import Expert
+except ImportError as missing:  # it says what to install
+    print(missing, file=sys.stderr)
+    sys.exit(2)
+import gymnasium
 
 SLOW = 0.9  # [m] from the target at which the scripted policy goes slowly
 HELD_UP = 10  # steps without getting ahead before it tries another way

@@ -1,5 +1,6 @@
 """A base controller of your own: pure pursuit of the global path, and a stop at the goal until the arm is done.
 
+python examples/own_base_controller.py                              # one trial by it, and one by the paper's
 motm-twin run exp1 --method examples/own_base_controller.py:PURSUIT
 """
 
@@ -121,3 +122,11 @@ PURSUIT = Method(
     source="own",
     planner=planner,
 )
+
+
+if __name__ == "__main__":
+    import sys
+
+    from one_trial import main
+
+    main([f"{sys.argv[0]}:PURSUIT", *sys.argv[1:]])

@@ -6,6 +6,7 @@ the paths worth it? This rule takes the same candidates and the time of a straig
 On the open floor of exp1 they hardly are: straight lines took 0.4 s longer, 95 % interval [-1.4, 2.1], four random
 arrangements. Among the boxes of exp1a it was 5.1 s [-8.2, 18.3] in three: too few to tell.
 
+python examples/own_placement_rule.py                                      # one trial by it, and one by the paper's
 motm-twin run exp1 --method examples/own_placement_rule.py:STRAIGHT
 motm-twin bench exp1a --methods motm examples/own_placement_rule.py:STRAIGHT
 """
@@ -144,6 +145,6 @@ STRAIGHT = Method(
 if __name__ == "__main__":
     import sys
 
-    from compare_two_controllers import main
+    from one_trial import main
 
-    main(["motm", f"{__file__}:STRAIGHT", *sys.argv[1:]])
+    main([f"{sys.argv[0]}:STRAIGHT", *sys.argv[1:]])

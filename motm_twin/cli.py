@@ -13,6 +13,7 @@ from motm_twin import __version__
 from motm_twin.bench.paper.cli_paper import paper
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
+from motm_twin.console import table_console
 from motm_twin.external.cli_robot import robot
 from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.methods.error import MethodError
@@ -146,7 +147,7 @@ def what_if(
 
     Args:
         file: A saved session.
-        changes: A parameter and its value; may be given several times.
+        changes: A parameter and its value; may be given several times. docs/zenoh.md lists them (Parameters).
         seconds: Simulated time from which the parameters are others; 0 for the whole run.
         json: Write the report to a file, or to standard output with '-'.
         stream: Write the poses of both robots at 10 Hz and their ends as JSON lines instead.
@@ -281,11 +282,11 @@ def _write(result: dict, target: str) -> None:
 
 
 def _print(result: dict) -> None:
-    console = Console(highlight=False)
+    console = table_console()
     console.print(f"[bold]{result['scene']} / {result['variant']}[/bold], seed {result['seed']}: ", end="")
     console.print("[green]completed[/green]" if result["success"] else f"[red]failed[/red]: {result['reason']}")
     console.print(
-        f"time {result['time_s']:.1f} s (reference tour {result['reference_tour_s']:.1f} s), "
+        f"time {result['time_s']:.2f} s (reference tour {result['reference_tour_s']:.1f} s), "
         f"picked {result['picks_done']}/{result['picks_total']}, "
         f"placed {result['places_done']}/{result['places_total']}, "
         f"contacts {result['contacts_caused_by_robot']} caused of {len(result['contacts'])}"

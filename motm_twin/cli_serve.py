@@ -206,8 +206,8 @@ class _Supervisor:
             case "refused":
                 self._console.print(f"motm-twin: {event['text']}", style="red", markup=False)
             case "state":
-                text = event["text"] or {"playing": "the robot moves", "paused": "paused"}.get(event["state"], "")
-                self._console.print(f"{after}  {event['state']}: {text}", markup=False)
+                text = event["text"] or {"playing": "the robot moves"}.get(event["state"], "")
+                self._console.print(f"{after}  {event['state']}{text and ': ' + text}", markup=False)
 
     def _say(self, text: str) -> None:
         self._console.print(text)

@@ -13,6 +13,7 @@ from motm_twin.bench.measures.encounters import base_gap, body_of
 from motm_twin.bench.reference_tour import reference_tour_s
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
+from motm_twin.finish import Finish
 from motm_twin.memory import freeze_setup
 from motm_twin.methods.fast import FAST
 from motm_twin.methods.method import Method
@@ -27,7 +28,6 @@ from motm_twin.twin import Twin
 ENCOUNTER = 1.0  # [m] between base and agent at which an encounter begins
 PARTED = 1.2  # [m] and at which it has ended
 ROBOT_WAIT = 120.0  # [s] of wall time for an external robot to come: it may compile first
-SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest
 
 
 @dataclass
@@ -88,7 +88,7 @@ def run_scene(
         _wait_for(plant)
     tally, measures = Tally(), Measures(scene, twin.loop.manipulator.parameters.avoidance)
     began = time.perf_counter()
-    settle = SETTLE_PERIODS
+    finish = Finish()
     while True:
         tick = twin.advance()
         tally.add(tick)
@@ -96,10 +96,8 @@ def run_scene(
         measures.add(tick)
         if on_tick is not None:
             on_tick(tick)
-        assert tick.truth is not None
-        finished = tick.done and (tick.truth.places >= _count(tick, "place") or settle == 0)
-        settle -= int(tick.done)
-        if finished or tick.time >= scene.time_limit:
+        finish.add(tick)
+        if finish.over or tick.time >= scene.time_limit:
             break
     seconds = time.perf_counter() - began
     return {**report(twin, tick, tally, seconds), "measures": measures.report()}

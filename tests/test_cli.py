@@ -87,6 +87,9 @@ def test_what_if_prints_both_runs_and_their_difference(tmp_path):
         "what-if", str(path), "--set", "next_weight=0.5", "--set", "bezier=off", "--from", "1", "--json", str(out)
     )
     assert result.returncode == 0, result.stderr
+    said = result.stdout.splitlines()
+    assert said[0] == "  running both: 3.05 s are recorded"
+    assert {"  as it was: ended at 3.00 s", "  changed: ended at 3.00 s"} <= set(said)
     assert "as it was" in result.stdout
     assert "time [s]" in result.stdout
     assert "time limit" in result.stdout
@@ -96,6 +99,21 @@ def test_what_if_prints_both_runs_and_their_difference(tmp_path):
     stream = call("what-if", "no/such/session.json", "--set", "bezier=off", "--stream")
     assert stream.returncode == 2
     assert "no such file" in json.loads(stream.stdout)["error"]
+
+
+def test_a_rerun_tells_the_time_of_the_run_and_calls_the_length_of_the_recording_so(tmp_path):
+    path = tmp_path / "run.json"
+    run = call("run", str(short_scene(tmp_path)), "--variant", "trial1", "--save", str(path))
+    assert "time 3.00 s " in run.stdout
+    assert "time 3.00 s, 61 periods (3.05 s of recording)" in call("rerun", str(path)).stdout
+
+
+def test_a_run_that_is_piped_prints_whole_lines_however_long_they_are(tmp_path):
+    result = call("run", str(short_scene(tmp_path)), "--variant", "trial1")
+    first, second, third = result.stdout.splitlines()
+    assert "time limit 3 s reached" in first
+    assert re.fullmatch(r"time 3\.00 s .* contacts 0 caused of 0", second)
+    assert re.fullmatch(r"period p50 .*; state [0-9a-f]{12}", third)
 
 
 @pytest.mark.parametrize(
@@ -114,6 +132,7 @@ def test_what_if_prints_both_runs_and_their_difference(tmp_path):
         (("rerun", str(RECORDED), "--json", "no/such/folder/out.json"), "no/such/folder"),
         (("what-if", str(RECORDED)), "--set"),
         (("what-if", str(RECORDED), "--set", "next_wait=1"), "next_weight"),
+        (("what-if", str(RECORDED), "--set", "nosuch=0"), "docs/zenoh.md, Parameters"),
         (("what-if", str(RECORDED), "--set", "bezier=off", "--from", "1000"), "1000"),
         (("run", "exp1", "--save", "no/such/folder/run.json"), "folder"),
     ],

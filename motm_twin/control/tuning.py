@@ -219,7 +219,7 @@ def parameter(name: str) -> Parameter:
     """The entry of a name; ValueError with the names there are when there is none."""
     if name in _BY_NAME:
         return _BY_NAME[name]
-    raise ValueError(f"there is no parameter {name!r}; {hint(name, _BY_NAME)}")
+    raise ValueError(f"there is no parameter {name!r} (docs/zenoh.md, Parameters, lists all); {hint(name, _BY_NAME)}")
 
 
 def check(name: str, value: ParameterValue) -> ParameterValue:

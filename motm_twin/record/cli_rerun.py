@@ -40,7 +40,7 @@ def rerun_file(file: str, *, update: bool = False, report: str | None = None, me
     if update:
         save_session(updated(session, again), file)
         if report != "-":
-            Console(highlight=False).print(f"{file} was written with this run's state.", markup=False)
+            Console(highlight=False, soft_wrap=True).print(f"{file} was written with this run's state.", markup=False)
     if report is not None:
         write_json({"file": file, "updated": update, **msgspec.to_builtins(again)}, report)
     return OK if again.ok or update else DIFFERENT
@@ -132,8 +132,8 @@ def _print(session: Session, again: Rerun) -> None:
     name = f"{scene.name} / {scene.variant}, seed {scene.seed}" + (f": {session.title}" if session.title else "")
     console.print(name, style="bold", markup=False)
     console.print(
-        f"method {session.method}, {again.periods} periods, {again.periods / 20:.2f} s, {len(session.edits)} edits, "
-        f"{len(session.cuts)} searches cut by the clock"
+        f"method {session.method}, time {again.time_s:.2f} s, {again.periods} periods ({again.periods / 20:.2f} s of "
+        f"recording), {len(session.edits)} edits, {len(session.cuts)} searches cut by the clock"
     )
     if again.ok:
         console.print(f"[green]equal[/green] bit for bit: state {again.state_hash[:12]}")

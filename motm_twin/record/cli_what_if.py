@@ -1,6 +1,6 @@
 """`motm-twin what-if`: a session as it was and with other parameters, side by side in a table."""
 
-import sys
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -8,10 +8,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from motm_twin.record.changes import parse_changes, start_period
+from motm_twin.console import table_console
+from motm_twin.record.changes import PERIODS_PER_SECOND, parse_changes, start_period
 from motm_twin.record.cli_rerun import write_json
 from motm_twin.record.session import SessionError, load_session
-from motm_twin.record.what_if import FAILED, OK, RunBroke, compare, stream
+from motm_twin.record.what_if import FAILED, OK, Line, RunBroke, compare, stream
+from motm_twin.record.what_if_progress import BothRuns
 from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome
 
 
@@ -35,7 +37,8 @@ def what_if(
     session = load_session(file)
     values, start = parse_changes(changes), start_period(session, seconds)
     try:
-        ends = {line.run: line for line in compare(session, values, start, method) if isinstance(line, Outcome)}
+        console = Console(stderr=True, highlight=False, soft_wrap=True) if report == "-" else table_console()
+        ends = _run_both(compare(session, values, start, method), session.periods / PERIODS_PER_SECOND, console)
     except SessionError as error:
         raise SessionError(error.problem, file=file) from error
     except RunBroke as error:
@@ -51,8 +54,19 @@ def what_if(
     return OK
 
 
+def _run_both(lines: Iterator[Line], recorded: float, console: Console) -> dict[str, Outcome]:
+    """The end of each run; the console is told how far they are. ``recorded``: [s]."""
+    ends: dict[str, Outcome] = {}
+    with BothRuns(recorded, console) as progress:
+        for line in lines:
+            progress.add(line)
+            if isinstance(line, Outcome):
+                ends[line.run] = line
+    return ends
+
+
 def _print(was: Outcome, changed: Outcome, title: str) -> None:
-    console = Console(file=sys.stdout, highlight=False)
+    console = table_console()
     table = Table("", "as it was", "changed", "difference")
     for column in table.columns[1:]:
         column.justify = "right"
@@ -89,7 +103,7 @@ def _since(seconds: float | None) -> str:
 
 def _say(console: Console, text: Any) -> None:
     if text:
-        console.print(text, markup=False, soft_wrap=True)
+        console.print(text, markup=False)
 
 
 def _numbers(was: float, changed: float, digits: int) -> tuple[str, str, str]:

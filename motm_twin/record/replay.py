@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import msgspec
 
 from motm_twin.control.tick import Tick
+from motm_twin.finish import Finish
 from motm_twin.methods.method import Method
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.names import hint
@@ -29,7 +30,8 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
     state_hash: str  # now
     recorded_hash: str  # "": nothing to compare with
     periods: int
-    time: float  # [s] simulated, at the end
+    time: float  # [s] simulated, at the begin of the last period
+    time_s: float  # [s] of the work, as of `motm-twin run`: until it was done, or that of the last period
     parts: dict[str, str]  # part of the twin: first digits of its own hash
     track: Track  # true base pose after each second
     first_sign: str  # where the rerun parted from the recording, one sentence; "" when it did not
@@ -70,9 +72,10 @@ def player(session: Session, *, until: int | None = None, method: Method | None 
 
 def rerun(session: Session, method: Method | None = None) -> Rerun:
     """Run a session again and compare; ``method`` as of `begin`. Raises SessionError when it cannot be run."""
-    tracker, twin, time = Tracker(), None, 0.0
+    tracker, finish, twin, time = Tracker(), Finish(), None, 0.0
     for twin, tick in player(session, method=method):  # noqa: B007 - the last one is used
         tracker.add(tick)
+        finish.add(tick)
         time = tick.time
     twin = twin or begin(session, method=method)
     now, parts = twin.state_hash(), part_hashes(twin)
@@ -83,6 +86,7 @@ def rerun(session: Session, method: Method | None = None) -> Rerun:
         recorded_hash=session.state_hash,
         periods=session.periods,
         time=time,
+        time_s=finish.time_s,
         parts=parts,
         track=tracker.track,
         first_sign="" if ok else _first_sign(session, tracker.track, parts),

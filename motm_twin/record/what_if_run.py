@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.control.tick import Tick
+from motm_twin.finish import Finish, all_placed
 from motm_twin.methods.method import Method
 from motm_twin.model.edits import Edit, InsertTask, SetParameter
 from motm_twin.planning.types import SearchBudget
@@ -18,7 +19,6 @@ from motm_twin.twin import Twin
 
 AS_IT_WAS, CHANGED = "as it was", "changed"
 SAMPLE_PERIODS = 2  # 10 Hz of simulated time
-SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest
 PATIENCE = 30.0  # [s] without progress in the tasks, after the last recorded period
 
 
@@ -37,7 +37,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
 
     run: str
     done: bool = True  # the last line of this run
-    time_s: float  # [s] until the last task was done, or until the run ended without that
+    time_s: float  # [s] of the work, as of `motm-twin run`: until it was done, or until the run ended without that
     picks: int
     places: int
     contacts: int  # caused by the robot
@@ -82,11 +82,10 @@ class _Side:
         self._log = Log(session.edits, session.cuts)
         self._last_insert = max((e.index for e in session.edits if isinstance(e.edit, InsertTask)), default=-1)
         self._recorded = session.periods / PERIODS_PER_SECOND
-        self._limit = max(session.scene.time_limit, self._recorded)
         self._skipped: list[str] = []
         self._progress: tuple[Any, ...] = ()
         self._progress_time = 0.0
-        self._done_time: float | None = None
+        self._finish = Finish()
 
     def advance(self, index: int) -> Tick:
         """One period with what the log and the changes have for it."""
@@ -115,18 +114,15 @@ class _Side:
         progress = (tick.truth.picks, tick.truth.places, *((task.target, task.status) for task in tick.tasks))
         if progress != self._progress:
             self._progress, self._progress_time = progress, tick.time
-        if not tick.done:
-            self._done_time = None
-        elif self._done_time is None:
-            self._done_time = tick.time
+        self._finish.add(tick)
 
     def ended(self, tick: Tick) -> tuple[bool, str]:
         """Whether this was the last period, and why if not because all is done."""
-        if self._done_time is not None and tick.index >= self._last_insert:
-            settled = tick.time - self._done_time >= SETTLE_PERIODS / PERIODS_PER_SECOND
-            return settled or _all_placed(tick), ""
-        if tick.time >= self._limit:
-            return True, f"the time limit of {self._limit:g} s was reached"
+        if self._finish.over and tick.index >= self._last_insert:
+            return True, ""
+        limit = self._session.scene.time_limit
+        if tick.time >= limit and tick.index + 1 >= self._session.periods:
+            return True, f"the time limit of {limit:g} s was reached"
         if tick.time - max(self._progress_time, self._recorded) >= PATIENCE:
             return True, f"nothing was achieved for {PATIENCE:g} s"
         return False, ""
@@ -138,14 +134,14 @@ class _Side:
         caused = sum(contact.caused_by_robot for contact in truth.contacts)
         reason = why and f"{why} during {_doing(tick)}"
         reason = reason or "; ".join(self._twin.loop.sequence.failures)
-        if not reason and not _all_placed(tick):
+        if not reason and not all_placed(tick):
             reason = "the referee counts fewer cubes in their bins than the robot believes to have placed"
         if not reason and caused:
             reason = f"{caused} contact(s) caused by the robot"
-        time = tick.time if self._done_time is None else self._done_time
+        time = self._finish.time_s
         return Outcome(
             run=self.name,
-            time_s=round(time, 3),
+            time_s=time,
             forecast_from_s=self._forecast_from(time),
             picks=truth.picks,
             places=truth.places,
@@ -160,11 +156,6 @@ class _Side:
         """Where the repetition of the recording ended [s], if that was before the period at ``time`` [s]."""
         known = min(self._start, self._session.periods) if self._changes else self._session.periods
         return round(known / PERIODS_PER_SECOND, 3) if round(time * PERIODS_PER_SECOND) >= known else None
-
-
-def _all_placed(tick: Tick) -> bool:
-    assert tick.truth is not None
-    return tick.truth.places >= sum(task.kind == "place" for task in tick.tasks)
 
 
 def _doing(tick: Tick) -> str:

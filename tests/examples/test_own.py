@@ -1,5 +1,6 @@
 """The examples for those who build on it run, and what docs/extend.md shows works as it is, in a folder of its own."""
 
+import os
 import re
 import subprocess
 import sys
@@ -74,10 +75,34 @@ def test_a_first_run_tells_where_the_time_goes(tmp_path):
 
 
 def test_the_placement_rule_is_compared_with_the_paper_s(tmp_path):
-    said = run("own_placement_rule.py", "--trials", 1, "--limit", 1, "--workers", 1, "--out", "out", cwd=tmp_path)
+    methods = ("motm", EXAMPLES / "own_placement_rule.py:STRAIGHT")
+    few = ("--trials", 1, "--limit", 1, "--workers", 1, "--out", "out")
+    said = run("compare_two_controllers.py", *methods, *few, cwd=tmp_path)
     assert said.count("0 of 6 placed, success 0 % [0, 98]") == 2
     assert "there are no times to compare" in said
     assert len((tmp_path / "out" / "compare" / "trials.jsonl").read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("example", "name", "own"),
+    [("own_placement_rule.py", "STRAIGHT", "straight_lines"), ("own_base_controller.py", "PURSUIT", "pursuit")],
+)
+def test_a_method_s_script_runs_one_trial_by_it_and_one_by_the_paper_s(example, name, own, tmp_path):
+    lines = run(example, "--limit", 1, cwd=tmp_path).splitlines()
+    assert [line.split(":")[0] for line in lines[:2]] == [own, "motm"]
+    assert all("0 of 6 placed in 1.00 s" in line for line in lines[:2])
+    assert lines[2].endswith(f"motm-twin bench exp1 --methods motm {EXAMPLES / example}:{name}")
+
+
+def test_without_gymnasium_the_policies_say_what_to_install(tmp_path):
+    """As if it was not there: a module of its name that cannot be imported comes first on the path."""
+    (tmp_path / "gymnasium.py").write_text("raise ModuleNotFoundError(\"No module named 'gymnasium'\")\n")
+    command = [sys.executable, EXAMPLES / "gym_policies.py", "towards"]
+    there = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, env=there)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.endswith(f"which is not installed: {sys.executable} -m pip install 'gymnasium>=1.0'")
 
 
 @pytest.mark.parametrize("policy", ["towards", "expert"])

@@ -261,5 +261,5 @@ def test_what_the_text_shows_runs():
 def test_without_gymnasium_the_import_says_what_to_install():
     program = "import sys; sys.modules['gymnasium'] = None; import motm_twin.gym"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert "pip install 'motm_twin[gym]'" in done.stderr
+    assert f"not installed: {sys.executable} -m pip install 'gymnasium>=1.0'" in done.stderr
     assert package.__doc__ is not None

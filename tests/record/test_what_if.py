@@ -1,5 +1,6 @@
 """The same run under other parameters, beside the run as it was."""
 
+import io
 import json
 import os
 import signal
@@ -10,13 +11,17 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from rich.console import Console
 
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.changes import parse_changes, start_period
+from motm_twin.record.replay import rerun
 from motm_twin.record.session import LoggedEdit, Session, SessionError, save_session
+from motm_twin.record.what_if_progress import BothRuns
 from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, run_one
+from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
 
 replace = msgspec.structs.replace
@@ -75,6 +80,36 @@ def test_a_run_that_was_recorded_to_its_end_ends_at_its_recorded_time(clocked):
         assert (end.success, end.path_length) == (True, round(finished.truth.path_length, 3))
         assert samples[-1].time == end.time_s
         assert samples[-1].pose == pytest.approx(finished.truth.pose, abs=1e-4)
+
+
+@pytest.mark.parametrize("limit", [60.0, 1.0])
+def test_run_rerun_and_what_if_tell_the_same_time(limit):
+    scene = load_scene("exp1", "trial1", 0)
+    scene = replace(scene, tasks=scene.tasks[:2], time_limit=limit)
+    done = []
+    report = run_scene(scene, on_tick=lambda tick: done.append(tick.done))
+    session = Session(scene=scene, periods=len(done), state_hash=report["state_hash"], method=report["method"])
+    assert (report["places_done"], report["time_s"] >= limit) == ((1, False) if limit > 1.0 else (0, True))
+    assert sum(done) > 1 or limit == 1.0  # a cube falls when the last task is done
+    again, (_, end) = rerun(session), ends(session, {})
+    assert again.ok
+    assert (again.time_s, end.time_s) == (report["time_s"], report["time_s"])
+    assert end.forecast_from_s is None
+
+
+def test_without_a_terminal_a_what_if_says_how_far_both_runs_are():
+    said = io.StringIO()
+    with BothRuns(60.0, Console(file=said)) as progress:
+        at = {"pose": (0.0,) * 3, "q": (0.0,) * 7, "gripper": 0.0}
+        for tenth in range(200):
+            for run in (AS_IT_WAS, CHANGED):
+                progress.add(Sample(run=run, time=0.1 * tenth, **at))
+    assert said.getvalue().splitlines() == [
+        "  running both: 60.00 s are recorded",
+        "  as it was: 6 s, changed: 6 s",
+        "  as it was: 12 s, changed: 12 s",
+        "  as it was: 18 s, changed: 18 s",
+    ]
 
 
 def test_what_was_not_recorded_is_called_a_forecast(session):
