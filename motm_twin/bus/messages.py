@@ -221,6 +221,7 @@ class MethodChoice(msgspec.Struct, frozen=True, kw_only=True):
     name: str  # for `load`
     title: str  # a few words, to be shown
     summary: str  # one sentence: what it does otherwise than the paper's
+    parameters: dict[str, ParameterValue] = {}  # it is shipped with, where they are not the defaults
 
 
 class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):

@@ -26,7 +26,9 @@ class MethodLibrary:
     def choices(self) -> list[MethodChoice]:
         """What can be loaded."""
         return [
-            MethodChoice(name=method.name, title=method.title, summary=method.summary)
+            MethodChoice(
+                name=method.name, title=method.title, summary=method.summary, parameters=dict(method.parameters)
+            )
             for method in self._known().values()
         ]
 

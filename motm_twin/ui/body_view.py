@@ -1,5 +1,6 @@
 """What moves beside the robot: cubes, Temis and persons with their trails, obstacles that somebody added."""
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -20,6 +21,8 @@ from motm_twin.ui.textures import FLOOR
 ROOT = "/bodies"
 TRAIL_LENGTH = 48  # points
 TRAIL_GAP = 0.06  # [m] between two of them
+FASTEST = 3.0  # [m/s] what goes faster was put elsewhere: none walks or is thrown so
+TRAIL_PAUSE = 1.0  # [s] longer than this, nobody knows how it came there
 MESHES = {"temi": 0.97, "person": 1.75}  # [m] height of the mesh
 LYING = SHADOW_HEIGHT + 0.002  # [m] shadows of bodies lie on those of furniture
 FROZEN = "frozen"
@@ -33,6 +36,7 @@ class _Drawn:
     sign: viser.LabelHandle | None = None  # that it is frozen
     trail: deque = field(default_factory=lambda: deque(maxlen=TRAIL_LENGTH))
     place: tuple = ()
+    time: float = 0.0  # [s] simulated, of the period it was drawn in
 
 
 class BodyView:
@@ -59,14 +63,14 @@ class BodyView:
         for body in tick.objects:
             held = self._drag.held(body.name)
             place = tuple(body.position) if held is None else (held.x, held.y, held.z + body.size[0] / 2)
-            present.add(self._place(f"object/{body.name}", body, place, body.yaw, False))
+            present.add(self._place(f"object/{body.name}", body, place, body.yaw, tick.time, False))
         for body in (*tick.agents, *tick.obstacles):
             held, yaw = self._drag.held(body.name), body.yaw
             x, y = body.position[:2]
             if held is not None:
                 x, y = held.x, held.y
                 yaw = body.yaw if held.heading is None else held.heading
-            present.add(self._place(f"body/{body.name}", body, (x, y, 0.0), yaw, True))
+            present.add(self._place(f"body/{body.name}", body, (x, y, 0.0), yaw, tick.time, True))
         for name in set(self._bodies) - present:
             self._remove(name)
 
@@ -86,7 +90,7 @@ class BodyView:
                 self._trails.points = np.concatenate(pieces).astype(np.float32)
                 self._trails.colors = np.concatenate(tones).astype(np.uint8)
 
-    def _place(self, name: str, body: BodyMessage, position: tuple, yaw: float, loose: bool) -> str:
+    def _place(self, name: str, body: BodyMessage, position: tuple, yaw: float, time: float, loose: bool) -> str:
         shape = (body.kind, tuple(body.size))
         drawn = self._bodies.get(name)
         if drawn is not None and drawn.shape != shape:
@@ -104,7 +108,8 @@ class BodyView:
                 if body.kind == "box":
                     drawn.shadow.wxyz = yaw_wxyz(yaw)
             if body.kind in MESHES:
-                self._lengthen(drawn, position)
+                self._lengthen(drawn, position, time - drawn.time)
+        drawn.time = time
         self._mark_frozen(name, drawn, body)
         return name
 
@@ -121,9 +126,13 @@ class BodyView:
             )  # fmt: skip
 
     @staticmethod
-    def _lengthen(drawn: _Drawn, position: tuple) -> None:
+    def _lengthen(drawn: _Drawn, position: tuple, seconds: float) -> None:
+        """One more point; a new trail where the body did not come by itself: it was put there, or time went back."""
         trail = drawn.trail
-        if not trail or np.hypot(trail[-1][0] - position[0], trail[-1][1] - position[1]) > TRAIL_GAP:
+        reach = TRAIL_GAP + FASTEST * min(seconds, TRAIL_PAUSE)
+        if trail and (seconds <= 0.0 or math.dist(trail[-1], position[:2]) > reach):
+            trail.clear()
+        if not trail or math.dist(trail[-1], position[:2]) > TRAIL_GAP:
             trail.append((position[0], position[1]))
 
     def _add(self, name: str, body: BodyMessage, loose: bool) -> _Drawn:

@@ -1,4 +1,4 @@
-"""One visitor's panel: the state on top, and tabs to drive, disturb, understand, tune and look back."""
+"""One visitor's panel: the state and what the robot does on top, tabs to drive, disturb, explain, tune, look back."""
 
 from typing import Protocol
 
@@ -14,6 +14,7 @@ from motm_twin.ui.replay_tab import ReplayTab
 from motm_twin.ui.stage import Stage
 from motm_twin.ui.tune_tab import TuneTab
 from motm_twin.ui.wheel import Wheel
+from motm_twin.ui.why_cards import headline
 from motm_twin.ui.why_tab import WhyTab
 from motm_twin.ui.widgets import STYLE, Html, buttons
 
@@ -47,6 +48,7 @@ class Desk:
         gui.add_html(STYLE + markup.STYLE)
         self._status = Html(gui, cards.status_card("waiting", None, "connecting"))
         self._wheel = Wheel(gui, hub, visitor)
+        self._headline = Html(gui)
         tabs, icon = gui.add_tab_group(), viser.Icon
         self._help = HelpCard(hub, visitor)
         with tabs.add_tab("Drive", icon.STEERING_WHEEL):
@@ -84,6 +86,7 @@ class Desk:
         card = cards.status_card(shown.state, shown.status, note, looked_at=looked_at)
         self._status.set(TOP + card + (CROSSHAIR if aiming else ""))
         self._wheel.update(shown)
+        self._headline.set("" if shown.tick is None else headline(shown.tick, shown.scene))
         if driving != self._driving:
             self._driving = driving
             self._wheel.enable(driving)

@@ -1,5 +1,6 @@
 """Disturbing: new bodies, what can be done with the selected thing, pushes, and sensors that fail."""
 
+import asyncio
 import html
 
 import viser
@@ -114,8 +115,11 @@ class DisturbTab:
         self._grip.visible = disturb.held_cube(shown.newest) != ""
         self._faults.set(faults(shown.newest.faults))
 
-    def add(self, kind: str) -> None:
-        """Put a new body on the floor before the robot, select it, and say where it is; a click moves it elsewhere."""
+    async def add(self, kind: str) -> None:
+        """Put a new body on the floor before the robot; once it is taken, select it, and say where it is.
+
+        A click moves it elsewhere.
+        """
         shown = self._live()
         if shown is None:
             return
@@ -124,7 +128,8 @@ class DisturbTab:
         surroundings.update(shown.newest)
         sight = Sight(self._visitor.client.camera, surroundings, shown.newest)
         body, where = disturb.new_body(kind, shown.scene, shown.newest, self._hub.client.grid(), sight)
-        self._send(body)
+        if not (await asyncio.to_thread(self._hub.command, self._visitor, body)).ok:
+            return  # the hub has said why
         view = self._hub.view
         view.selected, view.placing, view.sending = body.name, body.name, ""
         self._just = Thing(body.name, disturb.kind_of(kind))

@@ -1,8 +1,9 @@
 """What a click in the scene means.
 
-Candidate: its costs and paths. Body, furniture, bin, cube: it is selected; a bin after a cube: the cube is to be
-delivered there. Floor: a body that was just added is put there, an agent is sent there, what is selected is let go, or
-else the robot drives there now. Any click takes a wheel that is free.
+Candidate: its costs and paths. Body, furniture, bin, cube: it is selected, or let go when it is; but a cube stays
+picked up, for a bin after a cube means that it is to be delivered there. Floor: a body that was just added is
+put there, an agent is sent there, what is selected is let go, or else the robot drives there now. Any click takes a
+wheel that is free.
 """
 
 import asyncio
@@ -51,7 +52,7 @@ class Pointing:
         elif hit.kind == "bin" and self._is_cube(view.selected):
             await self._deliver(visitor, view.selected, hit.name)
         elif hit.kind in SELECTED:
-            view.selected = "" if view.selected == hit.name else hit.name
+            view.selected = "" if view.selected == hit.name and hit.kind != "object" else hit.name
         elif hit.kind == "floor":
             await self._floor(visitor, hit)
         else:

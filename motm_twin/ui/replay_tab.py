@@ -149,7 +149,7 @@ class ReplayTab:
         self._consequence.set(branch_text(shown))
         aside = None if shown.status is None else shown.status.aside
         self._undo.visible = aside is not None
-        self._undo.label = "Undo" if aside is None else f"Undo: on from {aside:.1f} s"
+        self._undo.label = "Undo" if aside is None else f"Undo: on from {aside:.2f} s"
         self._announce(shown.newest)
 
     def _show_position(self, shown: Shown) -> None:

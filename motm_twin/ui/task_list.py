@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import viser
+from msgspec.structs import replace
 
 from motm_twin.bus.commands import InsertTask, MoveTask, RemoveTask
-from motm_twin.bus.messages import TaskMessage
+from motm_twin.bus.messages import TaskMessage, TickMessage
 from motm_twin.model.scene import Pick, Place
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.widgets import Changing, Html, buttons
@@ -50,6 +51,16 @@ def jobs(tasks: Sequence[TaskMessage]) -> list[Job]:
         found.append(Job(text, _status(group), index, count, attempts, next(going, index)))
         index += count
     return found
+
+
+def in_hand(tick: TickMessage) -> list[TaskMessage]:
+    """The tasks of a tick, of which that in hand is active, also where time stands and another was put before it."""
+    if not tick.preview:
+        return tick.tasks
+    tasks = [replace(task, status="waiting") if task.status == "active" else task for task in tick.tasks]
+    if tick.task_index < len(tasks) and tasks[tick.task_index].status == "waiting":
+        tasks[tick.task_index] = replace(tasks[tick.task_index], status="active")
+    return tasks
 
 
 def _length(tasks: Sequence[TaskMessage], index: int) -> int:
@@ -151,7 +162,7 @@ class TaskBlock:
         """Show this."""
         self._tasks = shown.newest.tasks if shown.newest is not None else []
         if shown.tick is not None:
-            self._show(jobs(shown.tick.tasks))
+            self._show(jobs(in_hand(shown.tick)))
         if shown.scene is not None:
             names = (tuple(o.name for o in shown.scene.objects), tuple(box.name for box in shown.scene.bins))
             if names != self._names:
@@ -182,7 +193,10 @@ class TaskBlock:
             return
         job = self._open[number]
         command = RemoveTask(index=job.now) if what == DELETE else moved(self._listed, job, what == UP)
-        if command is not None:
+        if command is None:
+            end = "first that is left" if what == UP else "last"
+            self._hub.tell(self._visitor, f"{job.text} is the {end} already", "Task")
+        else:
             self._hub.send(self._visitor, command)
 
     def _insert(self) -> None:

@@ -1,16 +1,20 @@
 """The values on one visitor's sliders, what the twin has, and what is still to be sent."""
 
+import contextlib
 import time
 from collections.abc import Callable, Mapping
 
 from motm_twin.bus.commands import SetParameter
-from motm_twin.control.tuning import PARAMETERS, Parameter, parameter
+from motm_twin.bus.messages import StatusMessage
+from motm_twin.control.tuning import PARAMETERS, PRESETS, Parameter, check
 from motm_twin.model.edits import ParameterValue
 
 INTERVAL = 0.2  # [s] between two sendings; the last value wins
+SHIPPED = "As shipped"  # of `PRESETS`
 HOLD = 1.5  # [s] after a person has moved a slider, it is not set from outside
 
 Values = dict[str, ParameterValue]
+DEFAULTS: Values = {entry.name: entry.default for entry in PARAMETERS}
 
 
 class TuningValues:
@@ -18,12 +22,19 @@ class TuningValues:
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
-        self.wanted: Values = {entry.name: entry.default for entry in PARAMETERS}  # as the widgets show them
-        self.running: Values = {}  # as the twin has them, changed ones only
+        self.shipped: Values = dict(DEFAULTS)  # with the method that drives
+        self.wanted: Values = dict(DEFAULTS)  # as the widgets show them
+        self.running: Values = {}  # as the twin has them, where they are not the defaults
         self.apart = False  # the widgets are for a comparison only
         self._pending: dict[str, ParameterValue | None] = {}
         self._touched: dict[str, float] = {}
         self._sent = -1e9
+
+    def ship(self, shipped: Values) -> list[str]:
+        """Take what the method that drives was shipped with; the names of which that has become another."""
+        changed = [name for name, value in shipped.items() if value != self.shipped[name]]
+        self.shipped = shipped
+        return changed
 
     def move(self, name: str, value: ParameterValue) -> None:
         """A person has moved a widget."""
@@ -32,12 +43,16 @@ class TuningValues:
         if not self.apart:
             self._pending[name] = value
 
-    def reset(self, names: list[str], values: Mapping[str, ParameterValue] | None = None) -> None:
-        """Set these back to how they were shipped, or to the values that are given."""
+    def reset(self, names: list[str], values: Values | None = None) -> None:
+        """Set these back to how they were shipped, or to the values that are given, one for each."""
         for name in names:
-            value = (values or {}).get(name, parameter(name).default)
-            if self.wanted[name] != value or name in self.running:
+            value = (self.shipped if values is None else values)[name]
+            if not value == self.wanted[name] == self._run(name):
                 self.move(name, value)
+
+    def preset(self, name: str) -> Values:
+        """All that one of `PRESETS` sets: what the paper did has the defaults besides, whatever drives."""
+        return self.shipped if name == SHIPPED else {**DEFAULTS, **PRESETS[name]}
 
     def due(self) -> list[SetParameter]:
         """What is to be sent now: at most every `INTERVAL`, each parameter once."""
@@ -54,7 +69,7 @@ class TuningValues:
             return []
         changed = []
         for entry in PARAMETERS:
-            value = running.get(entry.name, entry.default)
+            value = self._run(entry.name)
             if value != self.wanted[entry.name] and self._free(entry.name):
                 self.wanted[entry.name] = value
                 changed.append(entry.name)
@@ -68,21 +83,36 @@ class TuningValues:
 
     def changed(self) -> Values:
         """The widgets that are not as shipped."""
-        return {e.name: self.wanted[e.name] for e in PARAMETERS if self.wanted[e.name] != e.default}
+        return {name: value for name, value in self.wanted.items() if value != self.shipped[name]}
 
     def compared(self) -> Values:
         """The whole of what a comparison sets: what is not as shipped here, or in the running twin."""
-        values = self.changed()
-        for name in self.running:
-            values.setdefault(name, self.wanted.get(name, self.running[name]))
-        return values
+        return {
+            name: value
+            for name, value in self.wanted.items()
+            if self.shipped[name] != value or self.shipped[name] != self._run(name)
+        }
 
     def differs(self) -> bool:
         """Whether the widgets say something else than the twin has."""
-        return any(self.wanted[e.name] != self.running.get(e.name, e.default) for e in PARAMETERS)
+        return any(value != self._run(name) for name, value in self.wanted.items())
+
+    def _run(self, name: str) -> ParameterValue:
+        """What the twin has."""
+        return self.running.get(name, DEFAULTS[name])
 
     def _free(self, name: str) -> bool:
         return name not in self._pending and self._now() - self._touched.get(name, -1e9) > HOLD
+
+
+def shipped_with(status: StatusMessage) -> Values:
+    """What the method that drives was shipped with; what this page has no name or room for is left out."""
+    own = next((choice.parameters for choice in status.methods if choice.name == status.method), {})
+    values = dict(DEFAULTS)
+    for name, value in own.items():
+        with contextlib.suppress(ValueError):
+            values[name] = check(name, value)
+    return values
 
 
 def title(entry: Parameter, changed: bool) -> str:
@@ -92,24 +122,24 @@ def title(entry: Parameter, changed: bool) -> str:
     return f"{'● ' if changed else ''}{entry.title}{symbol}{unit}"
 
 
-def hint(entry: Parameter) -> str:
+def hint(entry: Parameter, shipped: ParameterValue) -> str:
     """What a parameter means, where it comes from, and the values it had."""
     words = [entry.help]
     if entry.paper is not None:
         words.append(f"Paper: {_shown(entry.paper)}.")
-    words.append(f"As shipped: {_shown(entry.default)}. Source: {entry.source}.")
+    words.append(f"As shipped with the method that drives: {_shown(shipped)}. Source: {entry.source}.")
     return " ".join(words)
 
 
-def marks(entry: Parameter) -> tuple[tuple[float, str], ...]:
+def marks(entry: Parameter, shipped: ParameterValue) -> tuple[tuple[float, str], ...]:
     """Marks of a slider: the paper's value, and the shipped one when it is another."""
     low, high = entry.low, entry.high
     found = []
     if isinstance(entry.paper, float) and low <= entry.paper <= high:
         found.append((entry.paper, f"paper {entry.paper:g}"))
-    if isinstance(entry.default, float) and all(entry.default != value for value, _ in found):
-        near = any(abs(entry.default - value) < 0.3 * (high - low) for value, _ in found)
-        found.append((entry.default, "" if near else f"shipped {entry.default:g}"))
+    if isinstance(shipped, float) and all(shipped != value for value, _ in found):
+        near = any(abs(shipped - value) < 0.3 * (high - low) for value, _ in found)
+        found.append((shipped, "" if near else f"shipped {shipped:g}"))
     return tuple(sorted(found))
 
 

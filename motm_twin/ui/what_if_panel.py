@@ -14,6 +14,7 @@ from motm_twin.ui.what_if import RUNS, Outcome, State
 from motm_twin.ui.widgets import Changing, Html, buttons
 
 WATCH = "Watch both runs"
+APART = "Try in what-if only"
 NOW, SHOWN, START = "from now", "from the shown moment", "from the start"
 _TEXT = "font-size:12px;line-height:1.45;padding:2px 12px 6px 12px"
 _MUTED = "color:#6b7280"
@@ -98,7 +99,7 @@ class WhatIfPanel:
         self._shown: Shown | None = None
         with gui.add_folder("What if…"):
             words = "sliders then leave the running twin as it is"
-            self._apart = self._changing(gui.add_checkbox("Try in what-if only", False, hint=words))
+            self._apart = self._changing(gui.add_checkbox(APART, False, hint=words))
             self._apart.on_update(hub.driving(lambda event, _: self._part(bool(event.target.value))))
             self._from: viser.GuiDropdownHandle[str] = self._changing(
                 gui.add_dropdown("Changed", (START, NOW, SHOWN), initial_value=START)
@@ -138,7 +139,17 @@ class WhatIfPanel:
             return
         start = {START: 0, NOW: shown.newest.index + 1, SHOWN: shown.tick.index}[self._from.value]
         compared = values.compared()
-        if not compared or not (values.differs() or start == 0 or compared):
-            self._hub.tell(self._visitor, f"nothing is changed yet: move one of the {len(PARAMETERS)} parameters first")
+        if not compared:
+            words = (
+                f"nothing is changed, both runs would be the same: move one of the {len(PARAMETERS)} parameters first"
+            )
+            self._hub.tell(self._visitor, words, "Nothing to compare")
+            return
+        if self._from.value == NOW and not values.differs():
+            words = (
+                "the running twin has these values already, so from now on both runs would be the same: "
+                f"compare {START}, or tick {APART}, and then move one"
+            )
+            self._hub.tell(self._visitor, words, "Nothing to compare")
             return
         what_if.start(self._visitor.name, compared, start, shown.newest.run)

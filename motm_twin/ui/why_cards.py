@@ -47,16 +47,20 @@ _EVENT_COLOURS = {
 }  # fmt: skip
 
 
-def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessage | None = None) -> str:
-    """One big sentence, and what the robot waits for; with the scene whom it keeps off, with the status who drives."""
-    speed, turn = tick.robot.twist
+def headline(tick: TickMessage, scene: Scene | None = None) -> str:
+    """One big sentence: what the robot does, and with the scene whom it keeps off."""
     colour = GREEN if tick.done and tick.success else "#111827"
     near = avoided(tick, scene)
     says, lines = words.doing(tick) + (near and f", {near}"), "" if tick.done else " two"
-    rows = [f'<div class="big{lines}" style="color:{colour}">{text(says)}.</div>']
+    return card(f'<div class="big{lines}" style="color:{colour}">{text(says)}.</div>')
+
+
+def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessage | None = None) -> str:
+    """What the robot waits for, and how it moves; with the scene by names, with the status who drives."""
+    speed, turn = tick.robot.twist
     limiter = limited_by(tick, scene)
     said = words.doing(tick).lower() if tick.done else ""
-    rows += [
+    rows = [
         sentence(why, AMBER if held_up else MUTED)
         for why, held_up in words.waiting(tick, limiter)
         if why.lower() != said
@@ -64,8 +68,9 @@ def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessag
     if tick.done and words.stands(tick):
         return card(*rows, _driven_by(status))
     motion = f"base {speed:+.2f} m/s, {math.degrees(turn):+.0f}&deg;/s"
-    reach = tick.plan.time_to_range
-    if reach is not None and words.active_task(tick) is not None and not tick.done:
+    reach, task = tick.plan.time_to_range, words.active_task(tick)
+    planned = task is not None and not (tick.preview and task.status == "waiting")  # for the task in hand
+    if reach is not None and planned and not tick.done:
         motion += " &middot; target in reach" + (f" in {reach:.1f} s" if reach > 0.0 else " <b>now</b>")
     rows.append(f'<div class="mu" style="margin-top:4px">{motion}</div>')
     return card(*rows, _driven_by(status))

@@ -71,6 +71,11 @@ def set_disabled(widget: Any, disabled: bool) -> None:
         widget._queue_update("disabled", disabled)
 
 
+def set_marks(slider: Any, marks: Sequence[tuple[float, str]]) -> None:
+    """Give a slider other marks, sent as Viser sends what it lets change: its handle does not offer them."""
+    slider._marks = tuple({"value": value, "label": label} for value, label in marks)
+
+
 def buttons(gui: viser.GuiApi, options: Sequence[str], act: Callable, *, label: str = "", hint: str | None = None):
     """A row of small buttons over the whole width (without a label); ``act`` is the callback."""
     row = gui.add_button_group(label, tuple(options), hint=hint)

@@ -9,7 +9,7 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage, TickMessage
 from motm_twin.model.furniture import pieces
 from motm_twin.ui.avoided import avoided, gripper, limited_by, unmapped
-from motm_twin.ui.why_cards import now_card
+from motm_twin.ui.why_cards import headline, now_card
 
 replace = msgspec.structs.replace
 SCENE = fake_scene()
@@ -89,7 +89,7 @@ def test_furniture_that_was_moved_is_not_in_the_map_until_the_robot_is_told(tick
 
 def test_hostile_names_stay_text(tick):
     evil = "<img src=x onerror=alert(1)>"
-    page = now_card(replace(tick, obstacles=[body(evil, 1.2, 0.0)]), SCENE)
+    page = headline(replace(tick, obstacles=[body(evil, 1.2, 0.0)]), SCENE)
     assert "<img" not in page and "&lt;img" in page
 
 

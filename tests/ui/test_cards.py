@@ -9,7 +9,7 @@ from fake_twin import FakeTwin, fake_scene
 
 from motm_twin.bench.published import published
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.messages import BeliefMessage, ContactMessage, EventMessage, ScoreMessage, TickMessage
+from motm_twin.bus.messages import BeliefMessage, ContactMessage, EventMessage, ScoreMessage, TaskMessage, TickMessage
 from motm_twin.control.furniture import BODIES
 from motm_twin.control.manipulation import _BOUND_NAMES
 from motm_twin.control.task_list import kind_of, name_of
@@ -23,8 +23,9 @@ from motm_twin.ui.cards import PHASES
 from motm_twin.ui.plots import Curve, number, path_of, plots_html
 from motm_twin.ui.samples import Part, Sample, sample
 from motm_twin.ui.score_card import score_card
+from motm_twin.ui.task_list import in_hand as in_hand_of
 from motm_twin.ui.timing_card import timing_card
-from motm_twin.ui.why_cards import READY_MANIPULABILITY, arm_card, bands, events_card, now_card, task_card
+from motm_twin.ui.why_cards import READY_MANIPULABILITY, arm_card, bands, events_card, headline, now_card, task_card
 
 EVIL = "<img src=x onerror=alert(1)>"
 replace = msgspec.structs.replace
@@ -250,6 +251,7 @@ def test_names_from_outside_are_escaped_on_every_card(tick):
                            min_arm_clearance=None, min_ee_obstacle=None, ee_obstacle=None),
     )  # fmt: skip
     pages = [
+        headline(hostile),
         now_card(hostile),
         task_card(hostile),
         arm_card(hostile, {}),
@@ -274,9 +276,20 @@ def test_a_finished_run_stands_beside_the_published_times_and_says_its_end_once(
         stop_reason="all 8 tasks are done",
         robot=replace(tick.robot, twist=[0.0, 0.0]),
     )  # fmt: skip
-    assert now_card(done).lower().count("all 8 tasks are done") == 1
+    assert (headline(done) + now_card(done)).lower().count("all 8 tasks are done") == 1
     assert result_card(tick, None) == ""
     assert "76.20 s" in result_card(done, None) and "no published time" in result_card(done, None)
+
+
+def test_where_time_stands_nothing_of_the_task_before_is_said_of_one_that_was_put_before_it(tick):
+    before = replace(tick, plan=replace(tick.plan, time_to_range=1.5))
+    assert "in 1.5 s" in now_card(before)
+    drive = TaskMessage(kind="drive_to", target="(1.50, -0.61)", status="waiting", attempts=0)
+    put = replace(before, tasks=[drive, *tick.tasks], task_index=0, preview=True)
+    assert "Driving to (1.50, -0.61)" in headline(put) and "target in reach" not in now_card(put)
+    assert [task.status for task in in_hand_of(put)].index("active") == 0
+    assert [task.status for task in in_hand_of(put)].count("active") == 1
+    assert in_hand_of(before) == before.tasks
 
 
 def test_a_cost_that_is_not_the_paper_s_sum_is_not_shown_as_one(tick):

@@ -30,13 +30,17 @@ from motm_twin.bus.commands import (
 )
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import SceneChoice, StatusMessage
+from motm_twin.bus.methods import MethodLibrary
 from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods.fast import FAST
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
 from motm_twin.ui.desk import Desk
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
+from motm_twin.ui.why_cards import headline
+from motm_twin.ui.widgets import Html
 
 ENCODE = msgspec.json.Encoder().encode
 
@@ -47,7 +51,7 @@ class Client:
     sender, alive, endpoint = "page", True, "tcp/none"
 
     def __init__(self):
-        self.now = None
+        self.now, self.heard, self.answers = None, [], Answer(ok=True)
 
     def status(self):
         return self.now
@@ -59,7 +63,8 @@ class Client:
         return b"{}"
 
     def command(self, command, timeout=0.0, *, sender="", name=""):
-        return Answer(ok=True)
+        self.heard.append(command)
+        return self.answers
 
 
 class Page:
@@ -195,6 +200,23 @@ def test_it_can_be_shown_before_there_is_a_twin(person):
     assert person.page.notes == []
 
 
+def test_what_the_robot_does_stands_above_the_tabs_and_nowhere_else(person):
+    person.shows()
+    said = headline(person.ticks[-1], person.scene)
+    assert [html._handle.content for html in texts(person.desk) if "big" in html._handle.content] == [said]
+    assert (
+        person.desk._headline._handle._impl.parent_container_id == person.desk._status._handle._impl.parent_container_id
+    )
+
+
+def texts(part, depth=3):
+    """Every Html of a desk and of its parts."""
+    found = [value for value in vars(part).values() if isinstance(value, Html)]
+    parts = [*vars(part).values(), *vars(part).get("_tabs", [])]
+    inner = [p for p in parts if depth and type(p).__module__.startswith("motm_twin.ui") and hasattr(p, "__dict__")]
+    return found + [html for part in inner if not isinstance(part, Html) for html in texts(part, depth - 1)]
+
+
 def test_play_speed_and_scene(person):
     person.presses("Pause")
     assert person.sent == [Pause()]
@@ -234,7 +256,9 @@ def test_tasks_are_added_moved_and_removed(person):
 
 def test_bodies_are_added_and_the_selected_one_is_sent_and_deleted(person):
     person.presses("Temi")
-    assert isinstance(person.last, AddObstacle) and person.hub.view.selected == person.last.name
+    (added,) = person.client.heard
+    assert isinstance(added, AddObstacle) and person.hub.view.selected == person.hub.view.placing == added.name
+    assert f"{added.name} stands" in person.page.notes[-1]
     agent = person.scene.agents[0].name
     person.chooses("Selected", agent)
     person.shows()
@@ -277,13 +301,52 @@ def test_sliders_send_and_follow(person):
     assert person.widget("● " + title).value == 1.5
 
 
+def test_as_shipped_means_the_method_that_drives_and_without_a_change_nothing_is_compared(person):
+    fast = dict(FAST.parameters)
+    person.shows(parameters=fast, method="fast", methods=MethodLibrary().choices())
+    assert person.widget("Preset").value == "As shipped"
+    offset = person.widget("Bezier control points")
+    assert offset.value == 0.1 and "drives: 0.1" in offset._impl.props.hint
+    assert [mark["value"] for mark in offset._impl.props._marks] == [0.1, 0.25]
+    person.presses("Reset everything")
+    person.shows()
+    assert not any(isinstance(command, SetParameter) for command in person.sent)
+    started = []
+    person.hub.what_if.start = lambda *arguments: started.append(arguments[1])
+    person.presses("Compare")
+    assert "nothing is changed" in person.page.notes[-1] and started == []
+    person.chooses("Approach speed  xi [m/s]", 1.0)
+    person.shows(parameters={**fast, "xi": 1.0})
+    person.chooses("Changed", "from now")
+    person.presses("Compare")
+    assert "the running twin has these values already" in person.page.notes[-1] and started == []
+    person.chooses("Changed", "from the start")
+    person.presses("Compare")
+    assert started == [{"xi": 1.0}]
+
+
+def test_what_is_refused_is_not_said_to_be_added_and_every_press_is_answered(person):
+    no = "this is a recording"
+    person.client.answers = Answer(ok=False, reason=no)
+    for kind in ("Temi", "Box"):
+        person.presses(kind)
+        assert person.page.notes[-1] == no and not any("stands" in note for note in person.page.notes)
+        assert (person.hub.view.selected, person.hub.view.placing) == ("", "")
+    notes = len(person.page.notes)
+    person.presses("▲")
+    assert "is the first that is left already" in person.page.notes[-1]
+    person.hub.send = person.hub.command  # as it comes from there
+    person.presses("▼", 1)
+    assert person.page.notes[notes + 1 :] == [no]
+
+
 def test_nothing_is_changed_while_looking_back(person):
     person.chooses("Seconds before now", -0.5)
     assert person.hub.view.at == 19
     person.shows()
     for press in ("Temi", "✕", "◀ Left"):
         person.presses(press)
-        assert all(not isinstance(c, AddObstacle | RemoveTask | PushRobot) for c in person.sent)
+        assert all(not isinstance(c, RemoveTask | PushRobot) for c in person.sent) and person.client.heard == []
     assert len(person.page.notes) == 3 and "looking back" in person.page.notes[0]
     person.presses("Branch from here")
     assert person.last == Branch(index=19) and person.hub.view.at is None
@@ -296,7 +359,7 @@ def test_a_branch_says_what_it_does_and_is_undone(person):
     assert "goes on from 0.95 s" in person.page.notes[-1]
     person.shows(tick=newest)
     assert len(person.page.notes) == 1
-    person.presses("Undo: on from 1.5 s")
+    person.presses("Undo: on from 1.50 s")
     assert person.last == UndoBranch()
     person.shows(tick=msgspec.structs.replace(newest, run=6, first=30, past=4), aside=1.0)
     assert "as before the branch" in person.page.notes[-1]

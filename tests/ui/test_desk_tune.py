@@ -3,9 +3,23 @@
 import pytest
 
 from motm_twin.bus.commands import SetParameter
+from motm_twin.bus.messages import MethodChoice, StatusMessage
+from motm_twin.bus.methods import MethodLibrary
 from motm_twin.control.tuning import PARAMETERS, PRESETS, check, parameter
+from motm_twin.methods.fast import FAST
 from motm_twin.ui.tune_tab import summary
-from motm_twin.ui.tuning_values import HOLD, INTERVAL, TuningValues, hint, marks, title
+from motm_twin.ui.tuning_values import DEFAULTS, HOLD, INTERVAL, TuningValues, hint, marks, shipped_with, title
+
+
+def status(**changes):
+    return StatusMessage(
+        version="motm.status/1", twin="frankie", run=1, server_time=0.0, state="playing", text="", scene="exp2",
+        variant="random", seed=0, time=1.0, speed=1.0, actual_speed=1.0, capped=False, scenes=[], **changes,
+    )  # fmt: skip
+
+
+def driven_by(method):
+    return status(method=method.name, methods=MethodLibrary().choices())
 
 
 class Clock:
@@ -75,7 +89,7 @@ def test_reset_sends_what_differs_only(values, clock):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_can_be_set(values, name):
-    values.reset([entry.name for entry in PARAMETERS], PRESETS[name])
+    values.reset([entry.name for entry in PARAMETERS], values.preset(name))
     for command in values.due():
         assert command.value is not None
         check(command.name, command.value)
@@ -86,14 +100,55 @@ def test_presets_can_be_set(values, name):
 @pytest.mark.parametrize("entry", PARAMETERS, ids=lambda entry: entry.name)
 def test_every_parameter_is_shown_with_the_papers_value(entry):
     assert title(entry, True) == "● " + title(entry, False)
-    assert entry.unit in title(entry, False) and entry.help in hint(entry)
-    places = [value for value, _ in marks(entry)]
+    about, marked = hint(entry, entry.default), marks(entry, entry.default)
+    assert entry.unit in title(entry, False) and entry.help in about
+    places = [value for value, _ in marked]
     if entry.kind == "number":
         assert entry.default in places and all(entry.low <= value <= entry.high for value in places)
         if entry.paper is not None and entry.low <= entry.paper <= entry.high:
-            assert any(words.startswith("paper") for _, words in marks(entry))
+            assert any(words.startswith("paper") for _, words in marked)
     if entry.paper is not None:
-        assert "Paper: " in hint(entry)
+        assert "Paper: " in about
+
+
+class TestMethod:
+    """As shipped means the method that drives."""
+
+    @pytest.fixture
+    def fast(self, values):
+        values.ship(shipped_with(driven_by(FAST)))
+        values.follow(FAST.parameters)
+        return values
+
+    def test_a_method_that_nobody_has_changed_is_as_shipped(self, fast):
+        assert fast.changed() == fast.compared() == {} and not fast.differs()
+        assert "All as shipped with MotM, fast" in summary(fast, "MotM, fast")
+        assert fast.preset("As shipped") == fast.wanted != fast.preset("The paper's words")
+
+    def test_reset_brings_back_the_values_of_the_method(self, fast):
+        everything = [entry.name for entry in PARAMETERS]
+        fast.reset(everything)
+        assert fast.due() == []
+        fast.reset(everything, fast.preset("The paper's words"))
+        assert fast.wanted["bezier_offset"] == parameter("bezier_offset").default
+        fast.reset(["bezier_offset"])
+        assert fast.wanted["bezier_offset"] == 0.1
+        fast.reset(everything)
+        assert fast.changed() == {}
+
+    def test_a_comparison_also_sets_what_is_a_default_but_not_as_shipped(self, fast):
+        fast.move("bezier_offset", parameter("bezier_offset").default)
+        assert fast.compared() == {"bezier_offset": parameter("bezier_offset").default}
+
+    def test_both_the_papers_value_and_that_of_the_method_are_marked(self, fast):
+        entry = parameter("bezier_offset")
+        assert [value for value, _ in marks(entry, fast.shipped[entry.name])] == [0.1, 0.25]
+        assert "Paper: 0.25." in hint(entry, 0.1) and "drives: 0.1." in hint(entry, 0.1)
+
+    def test_what_this_page_does_not_know_is_left_out(self):
+        choice = MethodChoice(name="new", title="", summary="", parameters={"xi": 1e9, "unheard_of": 1.0, "d_s": 0.3})
+        assert shipped_with(status(method="new", methods=[choice])) == {**DEFAULTS, "d_s": 0.3}
+        assert shipped_with(status(method="new")) == DEFAULTS
 
 
 def test_the_summary_counts_what_is_changed(values):

@@ -157,6 +157,15 @@ def test_a_click_on_something_else_ends_placing(pointing):
     assert hub.view.placing == "" and hub.view.selected != "temi 1" and not hub.sent
 
 
+def test_a_cube_that_is_selected_already_is_still_taken_to_the_bin_that_is_clicked_next(pointing, tick):
+    cube, box = tick.objects[0], pointing.surroundings.now.bins[0]
+    pointing._hub.view.selected = cube.name  # since it was dragged here
+    hub = click(pointing, cube.position)
+    assert hub.view.selected == cube.name
+    hub = click(pointing, box.centre)
+    assert hub.view.selected == "" and any(cube.name in note for note in hub.told)
+
+
 def test_every_click_of_who_may_drive_takes_the_free_wheel_and_dots_need_nothing_else(pointing, tick):
     free = next(i for i, reason in enumerate(tick.placement.rejected) if not reason)
     hub = click(pointing, tick.placement.poses[free][:2])

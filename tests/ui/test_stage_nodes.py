@@ -57,6 +57,20 @@ def person(name, **fields):
     )
 
 
+def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_earlier(stage, tick):
+    def at(x, time):
+        walker = msgspec.structs.replace(person("Ann"), position=[x, 0.5, 0.0])
+        show(stage, msgspec.structs.replace(tick, agents=[walker], time=time), scene)
+        return len(stage._bodies._bodies["body/Ann"].trail)
+
+    scene = fake_scene()
+    assert [at(0.5 + 0.1 * k, 1.0 + 0.1 * k) for k in range(4)] == [1, 2, 3, 4]
+    assert at(3.0, 1.3) == 1  # while time stands
+    assert [at(3.1, 1.4), at(3.2, 1.5), at(6.0, 1.6)] == [2, 3, 1]  # while it runs
+    assert [at(6.1, 1.7), at(3.1, 1.4)] == [2, 1]  # looking back
+    assert not stage._bodies._trails.visible
+
+
 def test_fewer_than_a_hundred_nodes_move(stage, tick):
     show(stage, tick, fake_scene())
     stage._others.update([Other(label="changed: 7.1 s", pose=(0.0, 0.0, 0.0), q=(0.0,) * 7, gripper=0.08)])
