@@ -8,13 +8,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from motm_twin.bench import bus_measures, soak_measures
+from motm_twin.bench import bus_measures, soak_measures, soak_robot
 from motm_twin.bench.bus_measures import Measured
 from motm_twin.bench.report import Limit, Report, Steps, conclude, measure
 
 NAME = "soak"
 TITLE = "Long and hostile use of a twin server, Experiment 1; all in one run"
 CLIENTS, MESSAGES, STARTS, KILLS = 1000, 100_000, 200, 100
+ROBOT = 100_000  # malformed messages on the keys of a robot in another program
 PLAYING = 120_000  # messages to a running twin: in 2 minutes 24 periods are above p99, which 12 hardly settle
 KILLER = Path(__file__).parents[2] / "tools" / "kill_recorder.py"  # of a checkout
 KILL_SECONDS = 30.0  # [s] for one kill at most
@@ -24,6 +25,7 @@ LIMITS = {
     "threads": Limit(name="server after clients came and went, threads", unit="", limit=0.0, decimals=0),
     "accepted": Limit(name="malformed messages that were accepted", unit="", limit=0.0, decimals=0),
     "unanswered": Limit(name="malformed commands that got no answer", unit="", limit=0.0, decimals=0),
+    "robot": Limit(name="periods of an external robot changed by such on its keys", unit="", limit=0.0, decimals=0),
     "period": Limit(name="period p99 under 1,000 malformed messages/s / without", unit="x", limit=1.1, decimals=3),
     "period_own": Limit(name="the same / while another server gets them", unit="x", limit=1.1, decimals=3),
     "left": Limit(name="starts and stops that left something behind", unit="", limit=0.0, decimals=0),
@@ -51,6 +53,7 @@ def bench_soak(out: Path, share: float, console: Console) -> bool:
             ]
             measure(steps, report, console)
         steps = [
+            ("malformed messages on a robot's keys", lambda: _robot(report, _part(ROBOT, share))),
             ("starts and stops", lambda: _starts(report, _part(STARTS, share), say)),
             ("killed recorders", lambda: _kills(report, _part(KILLS, share))),
         ]
@@ -58,7 +61,13 @@ def bench_soak(out: Path, share: float, console: Console) -> bool:
     return conclude(NAME, TITLE, LIMITS, report, out, console)
 
 
-_COUNTS = {"clients": CLIENTS, "malformed messages": MESSAGES, "starts": STARTS, "kills": KILLS}
+_COUNTS = {
+    "clients": CLIENTS,
+    "malformed messages": MESSAGES,
+    "on a robot's keys": ROBOT,
+    "starts": STARTS,
+    "kills": KILLS,
+}
 
 
 def _part(count: int, share: float) -> int:
@@ -89,6 +98,12 @@ def _malformed(twin: Measured, report: Report, count: int, data: Path) -> None:
     for name in ("accepted", "unanswered"):
         if examples := [text for part in parts for text in getattr(part, name)]:
             report.details[name] = dict(enumerate(examples))
+
+
+def _robot(report: Report, count: int) -> None:
+    found = soak_robot.attack_robot(count)
+    report.values["robot"] = found["differing"]
+    report.details["robot"] = found
 
 
 def _starts(report: Report, count: int, say: soak_measures.Say) -> None:

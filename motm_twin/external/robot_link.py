@@ -39,7 +39,7 @@ class RobotLink:
     """One robot on a session. ``listen_only``: nothing is ever sent, not even declared."""
 
     def __init__(self, session: zenoh.Session, twin: str, *, listen_only: bool = False) -> None:
-        self.keys, self.listen_only, self._session = PlantKeys(twin), listen_only, session
+        self.keys, self.listen_only, self.session = PlantKeys(twin), listen_only, session
         self.changed = threading.Condition()
         self._newest: dict[str, Any] = {}
         self._life = ""
@@ -134,7 +134,7 @@ class RobotLink:
 
     def _ask(self, key: str, payload: bytes, timeout: float) -> list[bytes]:
         try:
-            replies = self._session.get(key, payload=payload, timeout=timeout)
+            replies = self.session.get(key, payload=payload, timeout=timeout)
             return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
         except zenoh.ZError:
             return []
