@@ -75,7 +75,8 @@ def _require_bounded(value: Any, name: str = "") -> None:
     if isinstance(value, float | int):
         most = LARGEST if isinstance(value, float) else MOST
         if not abs(value) <= most:
-            raise RefusedMessage(f"{name} has {value:g}: {most:g} at most can be")
+            said = f"{value:g}" if isinstance(value, float) else f"a whole number of {value.bit_length()} bits"
+            raise RefusedMessage(f"{name} has {said}: {most:g} at most can be")
     elif isinstance(value, msgspec.Struct):
         for field in value.__struct_fields__:
             if field != "ranges":
