@@ -1,6 +1,7 @@
 """Malformed messages on the keys of a robot, in small numbers: `motm-twin bench soak` does it by the thousand."""
 
 import json
+from types import SimpleNamespace
 
 from motm_twin.bench.soak_robot import RobotFuzzer, attack_robot
 from motm_twin.external.checks import NAMES, RefusedMessage, read
@@ -11,20 +12,14 @@ STATE = {"version": "motm.plant/1", "life": "own", "seq": 0, "stamp": 5.0, "pose
          "gripper_moving": False}  # fmt: skip
 
 
-class Sample:
-    """One of the robot's own messages."""
-
-    key_expr = PlantKeys().state
-
-    class payload:  # noqa: N801 - as Zenoh has it
-        """Its bytes."""
-
-        to_bytes = staticmethod(lambda: json.dumps(STATE).encode())
+def sample(key, payload):
+    """What a subscriber gets."""
+    return SimpleNamespace(key_expr=key, payload=SimpleNamespace(to_bytes=lambda: payload))
 
 
 def test_no_message_of_the_fuzzer_is_a_right_one_of_the_robot_itself():
     fuzzer, names = RobotFuzzer(1), {getattr(PlantKeys(), name): name for name in NAMES}
-    fuzzer.heard(Sample)
+    fuzzer.heard(sample(PlantKeys().state, json.dumps(STATE).encode()))
     others = 0
     for key, payload in fuzzer.messages(3000, PlantKeys()):
         try:
@@ -33,6 +28,14 @@ def test_no_message_of_the_fuzzer_is_a_right_one_of_the_robot_itself():
             continue
         assert json.loads(payload)["life"].startswith("other ")
     assert others > 100
+
+
+def test_the_fuzzer_takes_none_of_its_own_messages_for_one_of_the_robot():
+    fuzzer, key = RobotFuzzer(2), PlantKeys().state
+    fuzzer.heard(sample(key, json.dumps(STATE).encode()))
+    for of, payload in list(fuzzer.messages(3000, PlantKeys())):
+        fuzzer.heard(sample(of, payload))
+    assert fuzzer._heard == {key: STATE}
 
 
 def test_a_run_with_malformed_messages_on_the_robots_keys_is_the_same_bit_for_bit():

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from fake_twin import FakeLibrary, FakeTwin
 from running import Running
-from waiting import until
+from waiting import asked, until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import DriveToPoint, Load, Record, Save, Seed, Step
@@ -77,7 +77,7 @@ def test_a_recorder_that_was_killed_is_told_and_another_can_begin(server, tmp_pa
         until(lambda: client.status().recording == "", "the status does not say so")
 
         def told():
-            (reply,) = plain.get(server.keys.event + "?from=0")
+            (reply,) = asked(plain, server.keys.event + "?from=0")
             events = json.loads(reply.ok.payload.to_bytes())["events"]
             return [event for event in events if event["kind"] == "recording"]
 

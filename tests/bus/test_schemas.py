@@ -8,7 +8,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 from fake_twin import FakeLibrary, FakeTwin
-from waiting import until
+from waiting import asked, until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Envelope, Load, Step
@@ -129,7 +129,7 @@ def server(tmp_path_factory):
 
 def test_schemas_are_answered_to_queries(server):
     with open_client(server.endpoint) as session:
-        (reply,) = session.get(server.keys.schema("tick"))
+        (reply,) = asked(session, server.keys.schema("tick"))
         assert json.loads(reply.ok.payload.to_bytes()) == schema("tick")
         found = {str(reply.ok.key_expr) for reply in session.get(server.keys.schemas)}
         assert found == {server.keys.schema(name) for name in (*names(), *(f"plant/{name}" for name in KINDS))}
@@ -153,9 +153,9 @@ def test_what_travels_is_what_the_schemas_say(server):
             ),
             ("events", f"{keys.event}?from=0"),
         ):
-            (reply,) = session.get(key)
+            (reply,) = asked(session, key)
             jsonschema.validate(json.loads(reply.ok.payload.to_bytes()), schema(name))
-        (grid,) = session.get(keys.grid)
+        (grid,) = asked(session, keys.grid)
         jsonschema.validate(json.loads(grid.ok.attachment.to_bytes()), schema("grid"))
         envelope = {"sender": "me", "seq": 1, "expires": 1.0, "command": {"type": "step", "count": 2}}
         jsonschema.validate(envelope, schema("command"))

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 import pytest
 import zenoh
-from waiting import until
+from waiting import asked, until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, MoveBody, Pause, Speed
@@ -69,7 +69,7 @@ def test_a_plain_zenoh_subscriber_sees_the_robot_drive_and_a_clean_end():
             until(lambda: grids, "no grid", READY)
             tick_subscriber.undeclare()
             grid_subscriber.undeclare()
-            (scene,) = [json.loads(reply.ok.payload.to_string()) for reply in session.get("motm/mine/scene")]
+            (scene,) = [json.loads(reply.ok.payload.to_string()) for reply in asked(session, "motm/mine/scene")]
         assert [tick["version"] for tick in ticks[:2]] == ["motm.tick/1"] * 2
         times = [tick["time"] for tick in ticks]
         assert all(after - before == pytest.approx(0.05) for before, after in itertools.pairwise(times))

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 import zenoh
 from fake_twin import FakeTwin, fake_scene, fake_tick
-from waiting import until
+from waiting import asked, until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import (
@@ -60,7 +60,7 @@ def session(server):
 def test_live_or_asked_for_a_value_says_how_it_is_encoded(server, session):
     json_keys = ("tick", "robot", "scan", "event", "scene", "status", "metrics", "session", "cmd/pause", "event?from=0")
     for name in (*json_keys, "grid"):
-        replies = [reply.ok for reply in session.get(f"motm/{server.keys.twin}/{name}", payload=b"", timeout=5.0)]
+        replies = [reply.ok for reply in asked(session, f"motm/{server.keys.twin}/{name}", b"")]
         assert len(replies) == 1, name
         assert str(replies[0].encoding) == ("zenoh/bytes" if name == "grid" else "application/json"), name
 
@@ -73,7 +73,7 @@ def done(client, *commands):
 
 def get(session, key):
     """Payload of the only reply."""
-    (reply,) = session.get(key, timeout=5.0)
+    (reply,) = asked(session, key)
     if reply.err is not None:
         raise ValueError(reply.err.payload.to_string())
     return reply.ok.payload.to_bytes()
@@ -96,9 +96,8 @@ def test_every_key_answers_a_late_joiner_with_its_last_value(server, client, ses
     keys = server.keys
     until(lambda: json.loads(get(session, keys.tick))["index"] >= 2, "no steps")
     for key in (keys.tick, keys.scene, keys.status, keys.robot, keys.scan, keys.metrics, keys.event):
-        until(lambda key=key: list(session.get(key)), f"{key} does not answer")
         assert isinstance(json.loads(get(session, key)), dict), key
-    (grid,) = session.get(keys.grid)
+    (grid,) = asked(session, keys.grid)
     info = json.loads(grid.ok.attachment.to_bytes())
     assert len(grid.ok.payload) == info["width"] * info["height"]
     assert {str(reply.ok.key_expr) for reply in session.get("motm/*/tick")} == {keys.tick}
@@ -138,7 +137,6 @@ def test_no_sample_of_a_period_is_sent_before_its_time():
 
 
 def test_the_frames_fit_the_pose_and_the_joints(server, client, session):
-    until(lambda: list(session.get(server.keys.robot)), "no robot")
     robot = msgspec.json.decode(get(session, server.keys.robot), type=RobotStateMessage)
     for name, frame in robot.frames.items():
         assert sum(value**2 for value in frame[3:]) == pytest.approx(1.0, abs=1e-4), name

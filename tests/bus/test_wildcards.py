@@ -19,6 +19,7 @@ from motm_twin.bus.session import LOOPBACK, free_port, open_member
 
 TWINS = ("anna", "bert")
 VARIANTS = {"anna": "a", "bert": "b"}
+VALUES = ("tick", "status", "scene", "event", "session", "schema/tick")
 TIMEOUT = 10.0  # [s]
 
 
@@ -63,7 +64,8 @@ def twins(at_router):
 @pytest.fixture(scope="module")
 def session(endpoint, twins):
     with open_member(endpoint, wait=TIMEOUT) as plain:
-        until(lambda: len(answers(plain, "motm/*/tick")) == len(TWINS), "the twins do not meet")
+        for key in (*VALUES, *(f"cmd/{name}" for name in COMMAND_NAMES)):  # it hears of one after the other
+            until(lambda key=key: len(answers(plain, f"motm/*/{key}")) == len(TWINS), f"the twins do not meet: {key}")
         yield plain
 
 
@@ -81,7 +83,7 @@ def status(session, name):
 
 
 def test_every_value_is_answered_by_each_twin_on_its_own_key(session):
-    for key in ("tick", "status", "scene", "event", "session", "schema/tick"):
+    for key in VALUES:
         assert set(answers(session, f"motm/*/{key}")) == {f"motm/{name}/{key}" for name in TWINS}, key
     found = {f"motm/{name}/schema/{schema}" for name in TWINS for schema in names()}
     assert found <= set(answers(session, "motm/*/schema/**"))

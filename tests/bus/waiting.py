@@ -10,3 +10,8 @@ def until(condition, what, timeout=20.0):
             return value
         time.sleep(0.01)
     raise AssertionError(f"after {timeout:.0f} s: {what}")
+
+
+def asked(session, selector, payload=None):
+    """Replies to a query. Who has just connected hears of one queryable after the other: it is asked again."""
+    return until(lambda: list(session.get(selector, payload=payload, timeout=5.0)), f"nobody answers {selector}")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fake_twin import FakeLibrary, FakeTwin
 from recordings import Recording
-from waiting import until
+from waiting import asked, until
 
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
@@ -80,7 +80,7 @@ def test_its_events_can_be_asked_for_and_are_numbered_as_they_are_told(path):
 
 
 def _events(session, selector):
-    replies = [reply.ok for reply in session.get(selector)]
+    replies = [reply.ok for reply in asked(session, selector)]
     return msgspec.json.decode(replies[0].payload.to_bytes(), type=EventsMessage)
 
 
@@ -173,11 +173,11 @@ def test_asked_with_a_wildcard_it_answers_on_its_own_key_and_obeys_nobody(path):
     with PlayerServer(path, twin="again") as server, open_client(server.endpoint) as plain:
         until(lambda: list(plain.get("motm/*/tick")), "nothing was played")
         for selector in ("motm/*/cmd/pause", "motm/*/status", "motm/*/event", "motm/*/schema/tick"):
-            (reply,) = plain.get(selector)
+            (reply,) = asked(plain, selector)
             assert str(reply.ok.key_expr) == selector.replace("*", "again")
             if "cmd" in selector:
                 assert "without a wildcard" in json.loads(reply.ok.payload.to_bytes())["reason"]
-        (reply,) = plain.get("motm/*/session")
+        (reply,) = asked(plain, "motm/*/session")
         assert reply.err.payload.to_string().startswith("this is a recording")
 
 
