@@ -28,7 +28,7 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Lidar obstacles outside the map, in the odometry frame; any is assumed tall (Paper, Sec. V)."""
 
     points: Array  # [m], shape (m, 2)
-    static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 8 s if it was seen to move, shape (m,)
+    static: NDArray[np.bool_]  # in the same place for 3 s, at rest for 12 s if it was seen to move, shape (m,)
 
     @classmethod
     def of(cls, world: WorldMap, T_odom_world: Array) -> "ArmObstacles":

@@ -36,7 +36,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
     stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
     rests: float = 3.5  # [s] that something must be static for, until what hangs together with it belongs to it
-    waits: float = 8.0  # [s] in the same place after which what has moved is static: one that waits may leave again
+    waits: float = 12.0  # [s] in the same place after which what has moved is static: one that waits leaves sooner
     lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     settled: float = 0.9  # share of a thing that is static, from which on all of it is: a cell at its edge may flicker

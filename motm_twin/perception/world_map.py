@@ -28,7 +28,7 @@ class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     proximity: NDArray[np.float32]  # blurred, inflated occupancy 0..1 (STAA*'s grid penalty)
     polygons: tuple[Array, ...]  # obstacle outlines, counter-clockwise, not inflated, each shape (n, 2)
     seen_points: Array  # centres of cells occupied by lidar outside the mapped furniture [m], shape (m, 2)
-    seen_static: NDArray[np.bool_]  # occupied for 3 s, at rest for 8 s if it was seen to move, shape (m,)
+    seen_static: NDArray[np.bool_]  # occupied for 3 s, at rest for 12 s if it was seen to move, shape (m,)
     seen_age: Array = NO_AGES  # [s] since each of them was hit last, shape (m,); for `MoverTracker`, not beyond it
     movers: Array = NO_MOVERS  # where they are followed: x, y [m], velocity [m/s], radius [m], near (0, 1), (k, 6)
     hidden: Array = NO_POINTS  # far sides of what may be moving, which the lidar does not see [m], shape (n, 2)
