@@ -14,13 +14,20 @@ from rich.console import Console
 from motm_twin.bench.experiments.run import run
 from motm_twin.bench.experiments.spec import Experiment, TrialSpec
 from motm_twin.bench.experiments.statistics import paired_difference, proportion
+from motm_twin.model.scene_file import listing
+from motm_twin.model.scene_load import load_document
+
+
+def arrangement_of(scene):
+    """Random arrangements where the scene has them, else its default variant."""
+    return "random" if "random" in listing(load_document(scene)).variants else None
 
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("methods", nargs="*", default=["motm", "staa"], help="two names, or FILE.py:NAME of your own")
     parser.add_argument("--scene", default="exp1")
-    parser.add_argument("--variant", default="random")
+    parser.add_argument("--variant", help="default: random arrangements, where the scene has them")
     parser.add_argument("--trials", type=int, default=5)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--limit", type=float, help="end each trial after this much simulated time [s]")
@@ -28,9 +35,10 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     if len(options.methods) != 2:
         parser.error("name two methods")
+    variant = options.variant or arrangement_of(options.scene)
     changes = {} if options.limit is None else {"time_limit": options.limit}
     specs = tuple(
-        TrialSpec(options.scene, options.variant, seed, method=method, changes=changes)
+        TrialSpec(options.scene, variant, seed, method=method, changes=changes)
         for seed in range(options.trials)
         for method in options.methods
     )

@@ -3,7 +3,8 @@
     .venv/bin/python tools/method_page.py [--check]
 
 With --check nothing is written, and the exit code is 1 when something would be. A table stands between a line
-``<!-- methods -->`` or ``<!-- numbers of FILE:CLASS -->`` and a line ``<!-- end -->``.
+``<!-- methods -->``, ``<!-- numbers of FILE:CLASS -->`` or ``<!-- numbers of FILE -->`` and a line ``<!-- end -->``.
+Without a class the numbers are the constants of the file that have a comment beside them.
 """
 
 import argparse
@@ -19,7 +20,7 @@ from motm_twin.methods.registry import METHODS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "method.md"
-BLOCK = re.compile(r"(<!-- (methods|numbers of (\S+):(\w+)) -->\n).*?(<!-- end -->\n)", re.S)
+BLOCK = re.compile(r"(<!-- (methods|numbers of ([^\s:]+)(?::(\w+))?) -->\n).*?(<!-- end -->\n)", re.S)
 
 
 def wanted(page: str) -> str:
@@ -51,19 +52,33 @@ def _value(value: float | str | bool) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def numbers_table(file: str, name: str) -> str:
-    """One row for each field of a class: its value, and what the comment beside it says."""
+def numbers_table(file: str, name: str | None) -> str:
+    """One row for each field of a class, or constant of a file: its value, and what the comment beside it says."""
     source = (ROOT / file).read_text(encoding="utf-8")
-    found = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef) and node.name == name]
+    module, comments = ast.parse(source), comments_of(source)
+    lines = ["| number | value | unit, source, reason |", "|---|---|---|"]
+    for target, value in _constants(module) if name is None else _fields(module, name, file):
+        said = [comments[k] for k in range(target.lineno, (value.end_lineno or value.lineno) + 1) if k in comments]
+        if said or name is not None:
+            lines.append(_row(_plain(target), _plain(value), " ".join(said)))
+    return "\n".join(lines) + "\n"
+
+
+def _fields(module: ast.Module, name: str, file: str) -> list[tuple[ast.expr, ast.expr]]:
+    found = [node for node in ast.walk(module) if isinstance(node, ast.ClassDef) and node.name == name]
     if not found:
         raise ValueError(f"{file} has no class {name}: put the right one into docs/method.md")
-    comments = comments_of(source)
-    lines = ["| number | value | unit, source, reason |", "|---|---|---|"]
-    for node in found[0].body:
-        if isinstance(node, ast.AnnAssign) and node.value is not None and isinstance(node.target, ast.Name):
-            said = [comments[k] for k in range(node.lineno, (node.end_lineno or node.lineno) + 1) if k in comments]
-            lines.append(_row(f"`{node.target.id}`", f"`{ast.unparse(node.value)}`", " ".join(said)))
-    return "\n".join(lines) + "\n"
+    fields = [node for node in found[0].body if isinstance(node, ast.AnnAssign)]
+    return [(node.target, node.value) for node in fields if node.value is not None]
+
+
+def _constants(module: ast.Module) -> list[tuple[ast.expr, ast.expr]]:
+    return [(node.targets[0], node.value) for node in module.body if isinstance(node, ast.Assign)]
+
+
+def _plain(node: ast.expr) -> str:
+    """As it is written; several at once without the brackets round them."""
+    return ", ".join(f"`{ast.unparse(each)}`" for each in (node.elts if isinstance(node, ast.Tuple) else [node]))
 
 
 def comments_of(source: str) -> dict[int, str]:

@@ -6,9 +6,9 @@ As printed in the paper the line reads as a bound of d-dot; it must bound the ap
 gripper to retreat. The line goes on beyond d_i, as an allowance above xi: where it began only at d_i, a hand that
 swings at 1 m/s was 0.4 m/s over it. For what moves it counts from where the obstacle may begin within its cell.
 
-A static obstacle (occupied for 3 s, at rest for 12 s if it was seen to move) close to the target would forbid the grasp,
-so its d_s shrinks to the target's distance to it less a margin, from the approach until the gripper is d_s away again.
-A moving one keeps d_s.
+A static obstacle (occupied for 3 s, at rest for 12 s if it was seen to move) close to the target would forbid the
+grasp, so its d_s shrinks to the target's distance to it less a margin, from the approach until the gripper is d_s away
+again. A moving one keeps d_s.
 
 Nobody knows how tall it is: as long as the gripper must retreat from something, it may not sink (`speed_limits.py`).
 """

@@ -1,5 +1,6 @@
 """Ticks of made-up motions: what a base, its gripper and agents do is given as functions of time."""
 
+import functools
 import math
 
 import numpy as np
@@ -23,9 +24,14 @@ TASKS = (
 )
 
 
+@functools.cache
+def _frankie():
+    return Frankie(load_scene("exp1").robot)
+
+
 def gripper_at(pose):
     """The gripper centre [m] with the arm as it always is here, shape (2,)."""
-    return Frankie(load_scene("exp1").robot).tcp_pose(np.array(pose, dtype=float), Q)[0][:2]
+    return _frankie().tcp_pose(np.array(pose, dtype=float), Q)[0][:2]
 
 
 def measured(seconds, pose, *, agents=None, phase=lambda t: "stow", in_reach=lambda t: False, task=lambda t: 0):

@@ -39,6 +39,16 @@ def test_methods_are_compared_by_seed_where_both_completed():
     assert (staa.success.value, staa.placed, staa.places) == (0.75, 20, 24)
 
 
+def test_a_trial_with_contacts_has_a_time_but_no_success():
+    """It was completed here with success only, and in the report with contacts or not."""
+    touched = result(seed=1, time_s=90.0, success=False)
+    (row,) = rows([result(), touched])
+    assert (row.time.value, row.time.n, row.success.value) == (85.0, 2, 0.5)
+    words = printed([touched]).split()
+    assert "contacts or not" in " ".join(words)
+    assert "compares with nothing" in " ".join(words)
+
+
 def test_settings_have_rows_of_their_own_and_are_compared_with_the_shipped_one():
     swept = [result(seed=seed, parameters={"next_weight": 2.0}, time_s=90.0) for seed in range(2)]
     shipped, other = rows([result(seed=0), result(seed=1), *swept])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from motm_twin.model.scene_file import load_scene
+from motm_twin.perception.movers import MoverParameters
 from motm_twin.trial import run_scene
 
 from .made_ticks import RADIUS, gripper_at, measured
@@ -106,6 +107,96 @@ def test_crossing_in_front_of_an_agent_that_stands_is_no_cut_in():
     assert measured(4.0, crossing(0.45), agents={"temi": lambda t: (1.2, 0.0)})["cut_ins"] == []
 
 
+def bent(start, speed, turns):
+    """The way of an agent with this speed: its course [rad] is 0 before and after ``turns``: (from s, to s, rad)."""
+    times = np.arange(0.0, 20.0, 0.01)
+    course = sum(np.interp(times, (begin, end), (0.0, angle)) for begin, end, angle in turns) + np.zeros_like(times)
+    x, y = (np.concatenate([[0.0], np.cumsum(0.01 * speed * part)])[:-1] for part in (np.cos(course), np.sin(course)))
+    return lambda t: (start[0] + float(np.interp(t, times, x)), start[1] + float(np.interp(t, times, y)))
+
+
+def slides_in(along, at=0.8):
+    """The base gets in front of `temi` from the side, ``at`` [m] before it at first, with ``along`` [m/s] its way."""
+    return lambda t: (RADIUS + HALF_LENGTH + at + along * t, -0.9 + 0.2 * t, 0.0)
+
+
+@pytest.mark.parametrize(("along", "at", "count"), [(0.3, 0.6, 1), (0.5, 0.1, 0)])
+def test_a_base_that_leaves_faster_than_the_agent_follows_cuts_nobody_off(along, at, count):
+    assert len(measured(4.0, slides_in(along, at), agents={"temi": temi})["cut_ins"]) == count
+
+
+def test_an_agent_that_turns_in_behind_a_base_that_leaves_is_not_cut_in_on():
+    """Experiment 2, seed 0, `motm`, at 55.80 s: the base was 0.12 m/s faster along the course of the Temi."""
+    behind = bent((-0.9, 0.9), 0.3, [(0.0, 0.01, -math.pi / 2), (1.0, 2.5, math.pi / 2)])
+    found = measured(5.0, lambda t: (0.2 + 0.41 * t, 0.0, 0.0), agents={"temi": behind})
+    assert found["cut_ins"] == []
+
+
+def test_an_agent_that_turns_onto_a_base_that_drives_straight_on_is_not_cut_in_on():
+    """The base drives across its way, but the way came to the base."""
+    towards = bent((0.6, 1.0), 0.4, [(1.0, 2.1, math.radians(-100.0))])
+    found = measured(4.0, straight(0.3), agents={"temi": towards})
+    assert found["cut_ins"] == []
+    assert found["near_misses"]  # it did come close
+
+
+def test_an_agent_that_follows_a_base_that_passed_far_ahead_is_not_cut_in_on():
+    """Without its turn after the base it would have gone on behind it."""
+    follows = bent((0.0, -4.2), 0.4, [(0.0, 0.01, math.pi / 2), (4.5, 6.5, -math.pi / 6)])
+    base = pieces((5.0, 0.3, 0.0), (6.0, 0.15, 0.0))
+    found = measured(10.5, lambda t: (base(t)[0] - 1.2, 0.0, 0.0), agents={"temi": follows})
+    assert found["cut_ins"] == []
+    assert found["near_misses"]  # but it did come close
+
+
+def test_an_agent_that_turned_a_moment_ago_is_cut_in_on_by_a_base_that_crosses():
+    turned = bent((0.0, 0.0), 0.4, [(0.0, 0.01, -math.pi / 3), (0.6, 1.6, math.pi / 3)])
+    x, y = turned(3.0)
+    base = lambda t: (x + RADIUS + 0.25 + 0.45, y - 1.5 + 0.5 * t, math.pi / 2)  # noqa: E731
+    assert len(measured(4.0, base, agents={"temi": turned})["cut_ins"]) == 1
+
+
+def test_an_agent_that_drives_up_to_a_base_that_came_to_stand_in_its_way_is_not_cut_in_on():
+    """It had five seconds; that the base then leaves again across its way is no cut-in either."""
+    base = pieces((3.0, 0.5, 0.0), (1.0, 0.0, 0.0), (3.0, 0.1, 0.0))
+
+    def turned(t):
+        return (2.3, base(t)[0] - 1.5, math.pi / 2)
+
+    assert measured(5.5, turned, agents={"temi": temi})["cut_ins"] == []
+
+
+def test_an_agent_that_drives_off_behind_a_base_that_crosses_is_not_cut_in_on():
+    """Experiment 2, seed 2, `motm`, at 15.70 s: the Temi stood while the base passed in front of it."""
+    starts = {"temi": lambda t: (0.4 * max(0.0, t - 3.0), 0.0)}
+    assert measured(4.0, lambda t: (0.9, -1.5 + 0.5 * t, math.pi / 2), agents=starts)["cut_ins"] == []
+
+
+def test_a_base_that_hovers_at_the_border_of_the_way_cuts_in_once():
+    """It was two within 1.55 s: half a second outside was enough to count anew."""
+
+    def hovers(t):
+        return (RADIUS + HALF_LENGTH + 0.55 + 0.35 * t, 0.55 + 0.15 * math.cos(math.pi * t), 0.0)
+
+    assert len(measured(9.0, hovers, agents={"temi": temi})["cut_ins"]) == 1
+
+
+def test_after_they_have_parted_a_second_crossing_counts_anew():
+    def twice(t):
+        x, y, heading = crossing(0.45)(min(t, 7.0))
+        return (x, y, heading) if t < 7.0 else (x + 3.2, y - 0.5 * (t - 7.0), -heading)
+
+    cuts = measured(14.0, twice, agents={"temi": temi})["cut_ins"]
+    assert len(cuts) == 2
+    assert cuts[1]["time"] - cuts[0]["time"] > 5.0
+
+
+def test_a_cut_in_is_told_as_it_was_when_it_began_and_how_near_it_came():
+    (cut,) = measured(4.0, crossing(0.3), agents={"temi": temi})["cut_ins"]
+    assert cut["gap_s"] == pytest.approx(1.5, abs=0.13)  # a period of 50 ms at 0.4 m/s
+    assert cut["least_gap_m"] < cut["gap_m"] - 0.1
+
+
 def test_a_near_miss_is_a_small_gap_to_a_base_that_moves():
     beside = {"temi": lambda t: (1.0, 0.25 + RADIUS + 0.06)}
     found = measured(4.0, straight(0.5), agents=beside)["near_misses"]
@@ -173,6 +264,32 @@ def test_the_excess_is_the_grippers_own_speed_over_the_damper_line():
     assert found["advance_excess_mps"] == found["approach_excess_mps"]
     away = measured(1.5, lambda t: (-approach(t)[0], 0.0, 0.0), agents={"temi": agent})
     assert away["approach_excess_mps"] < 0.0
+
+
+WAITS = MoverParameters().waits
+
+
+@pytest.mark.parametrize(
+    ("moves", "creeps", "approaches", "judged"),
+    [
+        (1.0, 0.0, 1.0 + 4.0, True),  # it has moved: after 3 s it is not static yet
+        (1.0, 0.0, 1.0 + WAITS - 1.5, True),
+        (1.0, 0.0, 1.0 + WAITS + 0.2, False),
+        (1.0, 0.01, 1.0 + WAITS + 0.2, True),  # it creeps on with 1 cm/s
+        (0.0, 0.0, 1.0, True),  # it has never moved, but has not been there for 3 s either
+        (0.0, 0.0, 3.1, False),
+    ],
+)
+def test_what_has_moved_is_static_when_it_is_for_the_loop(moves, creeps, approaches, judged):
+    """The gripper drives at it for a second; with a rule of 3 s for everything the damper line did not count."""
+    x, y = gripper_at((0.0, 0.0, 0.0))
+
+    def agent(t):
+        return (x + RADIUS + 0.9 + 0.3 * max(0.0, moves - t) + 0.001, y + creeps * t)
+
+    found = measured(approaches + 1.0, lambda t: (0.5 * max(0.0, t - approaches), 0.0, 0.0), agents={"temi": agent})
+    assert (found["approach_excess_mps"] is not None) == judged
+    assert not judged or found["approach_excess_mps"] > 0.02
 
 
 def test_what_the_arm_feels_is_the_acceleration_of_its_foot():

@@ -1,7 +1,10 @@
 """The examples for those who build on it run, and what docs/extend.md shows works as it is, in a folder of its own."""
 
+import json
+import math
 import os
 import re
+import statistics
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +17,7 @@ from motm_twin.twin import Twin
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
+SHORT = ROOT / "tests" / "bench" / "half_a_metre.yaml"  # a trial of a second
 OWN = ("own_placement_rule.py:STRAIGHT", "own_base_controller.py:PURSUIT")
 
 
@@ -80,7 +84,48 @@ def test_the_placement_rule_is_compared_with_the_paper_s(tmp_path):
     said = run("compare_two_controllers.py", *methods, *few, cwd=tmp_path)
     assert said.count("0 of 6 placed, success 0 % [0, 98]") == 2
     assert "there are no times to compare" in said
-    assert len((tmp_path / "out" / "compare" / "trials.jsonl").read_text().splitlines()) == 2
+    assert [result["variant"] for result in kept(tmp_path)] == ["random", "random"]
+
+
+def kept(folder):
+    """Results that a comparison left behind, in the order in which they were run."""
+    lines = (folder / "out" / "compare" / "trials.jsonl").read_text(encoding="utf-8").splitlines()
+    return [json.loads(line)["result"] for line in lines]
+
+
+def test_two_controllers_are_compared_by_seed_with_an_interval(tmp_path):
+    """In a scene without variants, whose trials end within a second or two: the difference needs trials that end."""
+    few = ("--trials", 3, "--workers", 1, "--out", "out")
+    said = run("compare_two_controllers.py", "motm", "staa", "--scene", SHORT, *few, cwd=tmp_path)
+    assert said.count("0 of 0 placed, success 100 % [29, 100]") == 2
+    times = {method: [r["time_s"] for r in kept(tmp_path) if r["method"] == method] for method in ("motm", "staa")}
+    for seed, (ours, theirs) in enumerate(zip(*times.values(), strict=True)):
+        assert f"seed {seed:3}: {ours:6.1f} s and {theirs:6.1f} s" in said
+    by_seed = [theirs - ours for ours, theirs in zip(*times.values(), strict=True)]
+    half = 4.303 * statistics.stdev(by_seed) / math.sqrt(3)  # Student's t of two degrees of freedom
+    (line,) = [line for line in said.splitlines() if "longer than" in line]
+    found = re.fullmatch(r"staa takes (\S+) \[(\S+), (\S+)\] s longer than motm \(3 seeds\)", line)
+    assert found, line
+    middle = statistics.mean(by_seed)
+    assert abs(middle) > 0.05  # or the sign could not be wrong
+    wanted = (middle, middle - half, middle + half)
+    assert [float(number) for number in found.groups()] == pytest.approx(wanted, abs=0.051)
+
+
+WEIGHTS = {"W0": 0.0, "W1": 1.0, "W2": 2.0, "W10": 10.0, "W20": 20.0, "W40": 40.0, "EARLY2": 2.0, "EARLY10": 10.0}
+
+
+@pytest.mark.parametrize("name", WEIGHTS)
+def test_the_weights_of_sequential_are_what_their_names_say(name):
+    method = find_method(f"{EXAMPLES / 'sequential_weights.py'}:{name}")
+    twin = Twin(load_scene("exp1", "trial1", 0), method=method)
+    placement = twin.advance().placement
+    strategy, controller = twin.loop.planner.placement, twin.loop.planner.controller
+    assert strategy.stationary.manipulability_weight == WEIGHTS[name]
+    beside = placement.cost[placement.chosen] - placement.cost_current[placement.chosen]
+    beside -= placement.cost_next[placement.chosen]  # what is left is the manipulability's
+    assert -1e-9 <= beside <= WEIGHTS[name] + 1e-9
+    assert controller._overlap == name.startswith("EARLY")
 
 
 @pytest.mark.parametrize(

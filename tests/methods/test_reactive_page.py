@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from motm_twin.methods.registry import METHODS
+from motm_twin.methods.stationary.methods import STATIONARY
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -33,6 +34,26 @@ def test_a_number_is_shown_with_the_reason_beside_it(tool):
     table = tool.numbers_table("motm_twin/planning/parameters.py", "PlacementParameters")
     assert "| `next_weight` | `1.05` | Paper, Sec. IV: weight of C_iN |" in table
     assert "| `clearance` | `0.06` | [m] own:" in table
+
+
+def test_constants_of_a_file_are_shown_where_a_comment_says_what_they_are(tool):
+    table = tool.numbers_table("motm_twin/methods/open_loop.py", None)
+    assert "| `K_X`, `K_Y`, `K_H` | `1.0`, `4.0`, `2.0` | [1/s], [1/m^2], [1/s]: critically damped" in table
+    assert "_OVER" not in table
+
+
+def test_every_number_of_a_rival_is_in_the_page(tool):
+    page = tool.PAGE.read_text(encoding="utf-8")
+    parts = ("parameters.py:StationaryParameters", "reachability.py", "fixed_set.py")
+    for part in (*(f"stationary/{part}" for part in parts), "open_loop.py"):
+        assert f"<!-- numbers of motm_twin/methods/{part} -->" in page, part
+
+
+def test_every_rival_has_a_section(tool):
+    rivals = tool.PAGE.read_text(encoding="utf-8").partition("\n## Methods of others\n")[2]
+    headings = "".join(line for line in rivals.splitlines() if line.startswith("### "))
+    compared = ("staa", "motm2022", "holistic", "open_loop", *(method.name for method in STATIONARY))
+    assert not [name for name in compared if f"`{name}`" not in headings]
 
 
 def test_a_class_that_is_gone_is_named(tool):

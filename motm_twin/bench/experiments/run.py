@@ -58,11 +58,13 @@ def run(
     address: str | None = None,
     console: Console | None = None,
     retry_failed: bool = False,
+    about: Mapping[str, str] | None = None,
 ) -> Results:
     """Run what is not in ``out``/<experiment>/trials.jsonl yet; the results of all.
 
     After Ctrl-C or SIGTERM (KeyboardInterrupt) or a crash the same call goes on where it ended. ``retry_failed`` runs
     trials again that were without success. ``backend`` "ray" needs the extra ``cluster``; ``address`` is the cluster's.
+    ``about``: what is kept with every trial that is run now, beside what it was made with.
     Raises ValueError for a spec that cannot be run, before any trial begins.
     """
     chosen = [experiments] if isinstance(experiments, Experiment) else list(experiments)
@@ -80,7 +82,7 @@ def run(
             methods = [task.job.spec.method for task in tasks]
             bar = stack.enter_context(Bar(methods, pool.processes(), console or Console(quiet=True)))
             for number, outcome in outcomes(run_job, [task.job for task in tasks], pool, bar.say):
-                _keep(tasks[number], outcome, stores, results, source, bar)
+                _keep(tasks[number], outcome, stores, results, source, bar, about or {})
         for name, store in stores.items():
             store.write_results(results.trials[name])
     return results
@@ -122,7 +124,13 @@ def _missing(
 
 
 def _keep(
-    task: _Task, outcome: Outcome | Lost, stores: Mapping[str, Store], results: Results, source: str, bar: Bar
+    task: _Task,
+    outcome: Outcome | Lost,
+    stores: Mapping[str, Store],
+    results: Results,
+    source: str,
+    bar: Bar,
+    about: Mapping[str, str],
 ) -> None:
     """Write a finished trial down, and say what was not as it should be."""
     lost = isinstance(outcome, Lost)
@@ -132,7 +140,7 @@ def _keep(
         bar.say(results.notes[-1])
     key = task.job.key(whole.source)
     result = msgspec.json.decode(msgspec.json.encode(whole.result))  # as it will be when it is read again
-    record = Record(key=key, spec=task.job.spec, result=result, made_with=whole.made_with)
+    record = Record(key=key, spec=task.job.spec, result=result, made_with={**whole.made_with, **about})
     kept = ""
     for name in dict(task.places):
         session = stores[name].keep_session(key, whole.session)

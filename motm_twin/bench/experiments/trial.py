@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from motm_twin.bench.experiments.spec import Job, method_of
+from motm_twin.bench.machine import machine
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.record.made_with import SOURCE, made_with
@@ -15,6 +16,7 @@ from motm_twin.record.session import Session
 
 WALL = ("tick_ms", "realtime_factor")  # measured by a clock: differ from run to run
 PERIODS_PER_S = 20
+MACHINE = "machine"  # key of where a trial was run, beside what it was made with
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,7 +51,7 @@ def run_job(job: Job) -> Outcome:
         result = broken(job, reason, time_s=periods / PERIODS_PER_S)
     result = parted(job, result, time.perf_counter() - began)
     session = None if result["success"] else session_of(job, periods, result.get("state_hash", ""))
-    return Outcome(result=result, made_with=made_with(), session=session)
+    return Outcome(result=result, made_with={**made_with(), MACHINE: machine()}, session=session)
 
 
 def given_up(job: Job, reason: str, source: str) -> Outcome:
@@ -57,7 +59,7 @@ def given_up(job: Job, reason: str, source: str) -> Outcome:
     periods = round(job.scene.time_limit * PERIODS_PER_S)
     return Outcome(
         result=parted(job, broken(job, reason), 0.0),
-        made_with={**made_with(), SOURCE: source},
+        made_with={**made_with(), SOURCE: source, MACHINE: machine()},
         session=session_of(job, periods, ""),
     )
 

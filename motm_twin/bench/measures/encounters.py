@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from motm_twin.bench.measures.cut_ins import CutIns, compile_in_front
 from motm_twin.bench.measures.interval import Interval
-from motm_twin.model.geometry import Array, to_frame, wrap_angle
+from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.profile import Footprint
 
-CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing is cutting in
-AGENT_MOVES = 0.1  # [m/s] from which an agent is one that can be cut in on
-SIDEWAYS = 0.05  # [m/s] across the agent's way from which the base enters it by itself
-APART = 0.5  # [s] after which the same agent counts anew
+APART = 0.5  # [s] after which a conflict with the same agent is a new one
 NEAR, NEAR_END = 0.10, 0.20  # [m] gap that is a near miss, and gap at which it has ended
 HORIZON, STEP = 2.0, 0.1  # [s] of prediction
 CONFLICT = 0.30  # [m] predicted gap from which something has to be done
@@ -22,7 +20,6 @@ SLOWED = 0.15  # [m/s] slower, or
 TURNED = math.radians(15.0)  # turned this far from where the base was going: it gave way
 TURNS = math.radians(10.0)  # [rad/s] from which it is still turning away
 FAR = 3.5  # [m] between base and agent beyond which nothing is predicted
-EDGE = 0.05  # [m] between points on the outline
 
 Body = tuple[float, float, float]  # of the base: offset of its centre, length, width [m]
 
@@ -73,26 +70,7 @@ def compile_gaps() -> None:
     """Compile now, not at the first encounter."""
     base_gap((0.0, 1.0, 1.0), np.zeros(3), 1.0, 1.0, 0.1)
     predicted_gap((0.0, 1.0, 1.0), np.zeros(3), (0.1, 0.1), np.ones(4), 0.1)
-
-
-def outline(footprint: Footprint) -> Array:
-    """Points on the outline of the base body, 5 cm apart, base frame [m], shape (n, 2)."""
-    half = 0.5 * np.array([footprint.length, footprint.width])
-    x, y = (np.linspace(-h, h, max(2, math.ceil(2 * h / EDGE) + 1)) for h in half)
-    sides = [np.column_stack([x, np.full_like(x, side)]) for side in (-half[1], half[1])]
-    sides += [np.column_stack([np.full_like(y, side), y]) for side in (-half[0], half[0])]
-    return np.concatenate(sides) + np.array([footprint.offset_x, 0.0])
-
-
-def way_to_touch(body: Array, agent: Array, radius: float) -> float:
-    """How far [m] an agent can go straight on before it touches the base as it stands; inf when it passes.
-
-    ``body`` [m]: points of the outline in the world, shape (n, 2); ``agent``: x, y, and its velocity, shape (4,).
-    """
-    direction = math.atan2(agent[3], agent[2])
-    ahead = to_frame(np.array([agent[0], agent[1], direction]), body)
-    hit = ahead[(np.abs(ahead[:, 1]) <= radius) & (ahead[:, 0] > 0.0)]
-    return float(np.maximum(hit[:, 0] - np.sqrt(radius**2 - hit[:, 1] ** 2), 0.0).min()) if len(hit) else math.inf
+    compile_in_front()
 
 
 @dataclass
@@ -110,8 +88,7 @@ class _Conflict:
 class Encounters:
     """Counts what happens between the base and moving agents.
 
-    Cut-in: the base enters, by its own motion sideways (more than 0.05 m/s across), the strip that a moving agent
-    (0.1 m/s or more) sweeps when it goes straight on, so near that the agent would touch it within 1.5 s and 1 m.
+    Cut-in: see `CutIns`.
 
     Near miss: the gap between the base, while it moves, and an agent is less than 0.10 m; it ends at 0.20 m.
 
@@ -122,18 +99,14 @@ class Encounters:
     """
 
     footprint: Footprint
-    cut_ins: list[dict[str, Any]] = field(default_factory=list)
     near_misses: list[dict[str, Any]] = field(default_factory=list)
     evasions: list[dict[str, Any]] = field(default_factory=list)
-    _cutting: dict[str, float] = field(default_factory=dict)  # agent: when it was last in front of it
     _near: set[str] = field(default_factory=set)
     _conflicts: dict[str, _Conflict] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        foot = self.footprint
-        self._outline = outline(foot)
-        self._reach = float(np.hypot(self._outline[:, 0], self._outline[:, 1]).max())
-        self._body = body_of(foot)
+        self._body = body_of(self.footprint)
+        self._cut_ins = CutIns(self.footprint)
 
     @property
     def evading(self) -> bool:
@@ -146,10 +119,12 @@ class Encounters:
         for name, (x, y, radius) in interval.start.agents.items():
             if math.hypot(x - pose[0], y - pose[1]) > FAR:
                 self._end(name, interval.start.time)
+                self._cut_ins.forget(name)
                 continue
             agent = np.array([x, y, *interval.velocity(name).tolist()])
-            self._cut_in(interval, name, agent, radius)
-            self._near_miss(interval, name, agent, radius)
+            gap = base_gap(self._body, pose, x, y, radius)
+            self._cut_ins.add(interval, name, agent, radius, gap)
+            self._near_miss(interval, name, gap)
             self._evade(interval, name, agent, radius)
 
     def report(self) -> dict[str, Any]:
@@ -158,34 +133,9 @@ class Encounters:
         for name, conflict in self._conflicts.items():
             if conflict.gave_way is not None:
                 whole.append(_evasion(name, conflict, conflict.last))
-        return {"cut_ins": self.cut_ins, "near_misses": self.near_misses, "evasive_manoeuvres": whole}
+        return {"cut_ins": self._cut_ins.found, "near_misses": self.near_misses, "evasive_manoeuvres": whole}
 
-    def _cut_in(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
-        time, pose = interval.start.time, interval.start.pose
-        speed = math.hypot(agent[2], agent[3])
-        apart = math.hypot(agent[0] - pose[0], agent[1] - pose[1]) - self._reach - radius
-        if speed < AGENT_MOVES or apart > CUT_DISTANCE + EDGE:  # no point of the base is near enough
-            return
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        body = pose[:2] + self._outline @ np.array([[c, s], [-s, c]])
-        way = way_to_touch(body, agent, radius)
-        if way > CUT_DISTANCE or way > CUT_TIME * speed:
-            return
-        known = time - self._cutting.get(name, -math.inf) <= APART
-        self._cutting[name] = time
-        if known:
-            if self.cut_ins and self.cut_ins[-1]["agent"] == name and way < self.cut_ins[-1]["gap_m"]:
-                self.cut_ins[-1] |= {"gap_m": round(way, 3), "gap_s": round(way / speed, 3)}
-            return
-        across = np.array([-agent[3], agent[2]]) / speed
-        side = float(across @ (pose[:2] - agent[:2]))
-        sideways = float(across @ (interval.end.pose[:2] - pose[:2])) / interval.dt
-        if abs(sideways) > SIDEWAYS and (abs(side) <= radius or side * sideways < 0.0):
-            found = {"time": round(time, 2), "agent": name, "gap_m": round(way, 3), "gap_s": round(way / speed, 3)}
-            self.cut_ins.append(found)
-
-    def _near_miss(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
-        gap = base_gap(self._body, interval.start.pose, agent[0], agent[1], radius)
+    def _near_miss(self, interval: Interval, name: str, gap: float) -> None:
         if gap > NEAR_END:
             self._near.discard(name)
         elif gap < NEAR and interval.moving:

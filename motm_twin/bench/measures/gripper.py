@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import shapely
 
-from motm_twin.bench.measures.interval import STANDS, Interval
+from motm_twin.bench.measures.interval import Interval
 from motm_twin.control.parameters import AvoidanceParameters
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline
+from motm_twin.perception.movers import MoverParameters
+from motm_twin.perception.occupancy import STATIC_MS
 
-STATIC_AFTER = 3.0  # [s] of standing after which an agent is a static obstacle (Paper, Sec. V)
+STATIC_AFTER = 0.001 * STATIC_MS  # [s] in the same place after which what has never moved is static (Paper, Sec. V)
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,27 @@ class Neighbour:
     distance: float  # [m] in the plane, mean over the interval
     own: float  # [m/s] of the gripper towards it
     other: float  # [m/s] of it towards the gripper
-    static: bool  # it cannot move, or has stood for 3 s
+    static: bool  # it cannot move, or has been in the same place for long enough, see `Rest`
+
+
+@dataclass
+class Rest:
+    """How long an agent has been in the same place; when it is static is the loop's rule, applied to the truth.
+
+    What has never moved is static after 3 s, what has moved after `MoverParameters.waits`. It moves when it is
+    `MoverParameters.creeps` away from where it rested. The loop knows only what it saw: what moved out of its sight
+    counts as moved here, and is judged as moving for longer than the loop takes it for.
+    """
+
+    place: Array  # [m], shape (2,)
+    since: float  # [s]
+    moved: bool = False
+
+    def at(self, place: Array, time: float, movers: MoverParameters) -> bool:
+        """Take note of where it is now; is it static?"""
+        if math.dist(place, self.place) > movers.creeps:
+            self.place, self.since, self.moved = place, time, True
+        return time - self.since >= (movers.waits if self.moved else STATIC_AFTER)
 
 
 @dataclass
@@ -72,10 +94,10 @@ class GripperObstacles:
 
     A stretch is the time in which the referee's distance is below d_s. Its cause is whoever came nearer by more, from
     the interval in which d_s was crossed until the least distance: the gripper (arm and base together) or the other.
-    "static": the other cannot move or has stood for 3 s, so that a grasp beside it is allowed (its d_s shrinks then).
+    "static": the other cannot move, or rests (`Rest`), so that a grasp beside it is allowed (its d_s shrinks then).
 
     The gripper's own approach speed is its true velocity along the line to the other, over 50 ms; the damper line is
-    xi (d - d_s) / (d_i - d_s) at the mean distance d of that time. Only others that have moved in the last 3 s count.
+    xi (d - d_s) / (d_i - d_s) at the mean distance d of that time. Only others that are not static count.
     """
 
     scene: Scene
@@ -85,7 +107,8 @@ class GripperObstacles:
     excess: float = -math.inf  # [m/s] over the damper line
     advance_excess: float = -math.inf  # [m/s] over the line, or over 0 where it asks to retreat
     _open: _Stretch | None = None
-    _moved: dict[str, float] = field(default_factory=dict)  # agent: when it last moved
+    _movers: MoverParameters = field(default_factory=MoverParameters)
+    _rests: dict[str, Rest] = field(default_factory=dict)  # of each agent
 
     def __post_init__(self) -> None:
         solids = [solid for solid in self.scene.solids if not solid.mapped]
@@ -131,11 +154,10 @@ class GripperObstacles:
         found = []
         for name, (x, y, radius) in interval.start.agents.items():
             velocity = interval.velocity(name)
-            if math.hypot(*velocity) > STANDS:
-                self._moved[name] = interval.end.time
-            static = interval.end.time - self._moved.get(name, -math.inf) > STATIC_AFTER
             before = math.hypot(x - interval.start.gripper[0], y - interval.start.gripper[1])
             at = np.array([x, y]) + velocity * interval.dt
+            rest = self._rests.setdefault(name, Rest(np.array([x, y]), interval.start.time))
+            static = rest.at(at, interval.end.time, self._movers)
             after = float(np.hypot(*(at - interval.end.gripper)))
             distance = max(0.0, 0.5 * (before + after) - radius)
             if distance >= self.avoidance.d_i and not whatever:

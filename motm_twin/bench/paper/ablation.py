@@ -12,7 +12,6 @@ from motm_twin.bench.paper.style import BLACK, BLUE, ONE_COLUMN, figure, styled
 from motm_twin.methods.registry import METHODS
 
 NAME, TITLE = "ablations", "Each modification of the paper switched off alone"
-COMMAND = "motm-twin paper --only ablations"
 OURS = "motm"
 HEADER = ("Without", "Paper", "Slower by, mean [95 % CI] [s]", "Pairs", "Objects placed", "Contacts", "What it shows")
 
@@ -28,7 +27,7 @@ def draw(store: Store) -> Part:
         results = store.of("exp1", method=method)
         found.append((method, results, statistics.paired_difference(data.times(results), ours)))
     if not found or not ours:
-        return Missing(name=NAME, title=TITLE, reason="no modification, or not motm itself, was run", command=COMMAND)
+        return Missing(name=NAME, title=TITLE, reason="no modification, or not motm itself, was run")
     with styled():
         fig = figure(ONE_COLUMN, 16.0 + 6.0 * len(found))
         axes = fig.add_subplot()
@@ -51,7 +50,6 @@ def draw(store: Store) -> Part:
             "modification "
             "saves time. Filled: the interval excludes zero. Open: no effect is shown by these trials."
         ),
-        command=COMMAND,
         n="; ".join(f"{data.title(method)}: {slower.n} pairs" for method, _, slower in found),
         rows=[_row(*each) for each in found],
         header=HEADER,

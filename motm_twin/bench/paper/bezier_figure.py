@@ -62,7 +62,6 @@ def draw() -> Drawn:
             f"The poses of the paper's figure at {SPEED} m/s and 100°/s. Diamonds: the control points, at "
             f"{100 * found['offset']:.0f} % of the distance in front of the start and behind the goal."
         ),
-        command="motm-twin paper --only bezier",
         n="no trial: computed by the planner's own functions",
         rows=rows,
         facts={**found, "curve": curve},

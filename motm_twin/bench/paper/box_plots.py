@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from motm_twin.bench.experiments.summary import COMPLETED, TOUCHED
 from motm_twin.bench.paper import data
 from motm_twin.bench.paper.data import Result, Store
 from motm_twin.bench.paper.part import Drawn, Missing, Part
@@ -11,7 +12,6 @@ from motm_twin.bench.paper.style import BLACK, RED, TWO_COLUMNS, figure, look, s
 from motm_twin.bench.published import TABLE_I
 
 NAME, TITLE = "box_plots", "Task times of Experiments 1 and 1a"
-COMMAND = "motm-twin paper --only box_plots"
 PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
     ("exp1", "Experiment 1, published arrangements", data.ten),
     ("exp1", "Experiment 1, random", data.random),
@@ -35,14 +35,13 @@ def draw(store: Store) -> Part:
             name=NAME,
             title=TITLE,
             reason="no trial of Experiments 1 or 1a was completed by two methods",
-            command=COMMAND,
         )
     methods = list(dict.fromkeys(method for *_, found in panels for method in found))
     with styled():
         fig = figure(TWO_COLUMNS, 22.0 + 5.2 * len(methods) * ((len(panels) + 1) // 2))
         axes = fig.subplots((len(panels) + 1) // 2, min(2, len(panels)), squeeze=False, sharex=True, sharey=True)
         for panel, (title, experiment, found) in zip(axes.flat, panels, strict=False):
-            _panel(panel, methods, found, experiment == "exp1" and "published" in title)
+            _panel(panel, methods, found, _touched(store, experiment), experiment == "exp1" and "published" in title)
             panel.set_title(title)
         for unused in list(axes.flat)[len(panels) :]:
             unused.set_axis_off()
@@ -50,8 +49,15 @@ def draw(store: Store) -> Part:
         handles = [h for h in _handles(axes.flat[0])]
         fig.legend(handles=handles, loc="outside lower center", ncols=3)
     rows = [
-        {"panel": title, "method": method, "variant": key[0], "seed": key[1], "time_s": value}
-        for title, _, found in panels
+        {
+            "panel": title,
+            "method": method,
+            "variant": key[0],
+            "seed": key[1],
+            "time_s": value,
+            "with_contacts": (method, key) in _touched(store, experiment),
+        }
+        for title, experiment, found in panels
         for method, values in found.items()
         for key, value in values.items()
     ]
@@ -60,13 +66,12 @@ def draw(store: Store) -> Part:
         title=TITLE,
         caption=(
             "Boxes: quartiles and median; whiskers: the furthest trial within 1.5 times the box; every completed "
-            "trial is "
-            f"a point, and with fewer than {FEW} there is no box. Diamonds: published numbers of the simulated "
+            f"trial is a point, open where the robot caused contacts, and with fewer than {FEW} there is no box. "
+            f"{COMPLETED} {TOUCHED} Diamonds: published numbers of the simulated "
             "Experiment 1 (Table I; Reister's include 40 s for grasping). The paper's own box plots have no numbers "
             "that "
             "could be drawn, and of Experiment 1a none are published at all."
         ),
-        command=COMMAND,
         n="; ".join(
             f"{title}: " + ", ".join(f"{data.title(name)} {len(each)}" for name, each in found.items())
             for title, _, found in panels
@@ -82,10 +87,19 @@ def _times(store: Store, experiment: str, choose: Callable) -> dict[str, dict]:
     return {method: values for method, values in found.items() if values}
 
 
-def _panel(axes, methods: list[str], found: dict[str, dict], with_published: bool) -> None:
+def _touched(store: Store, experiment: str) -> set[tuple[str, data.Key]]:
+    """Method and arrangement of the trials in which the robot caused contacts."""
+    return {(each["method"], data.key(each)) for each in store.of(experiment) if data.contacts([each])}
+
+
+def _panel(
+    axes, methods: list[str], found: dict[str, dict], touched: set[tuple[str, data.Key]], with_published: bool
+) -> None:
     rng = np.random.default_rng(0)  # only moves points apart
     for row, method in enumerate(methods):
-        values = np.array(list(found.get(method, {}).values()))
+        times = found.get(method, {})
+        values = np.array(list(times.values()))
+        filled = ["none" if (method, key) in touched else BLACK for key in times]
         style = look(method)
         if len(values) >= FEW:
             axes.boxplot(
@@ -95,7 +109,7 @@ def _panel(axes, methods: list[str], found: dict[str, dict], with_published: boo
             )  # fmt: skip
         if len(values):
             at = row + SPREAD * rng.uniform(-1.0, 1.0, len(values))
-            axes.scatter(values, at, s=7, c=BLACK, linewidths=0, zorder=4)
+            axes.scatter(values, at, s=7, facecolors=filled, edgecolors=BLACK, linewidths=0.5, zorder=4)
         if with_published:
             for each in TABLE_I:
                 if each.like == method and not each.real and not each.single:
@@ -108,4 +122,5 @@ def _panel(axes, methods: list[str], found: dict[str, dict], with_published: boo
 
 def _handles(axes):
     yield axes.plot([], [], "D", mfc="white", mec=RED, mew=1.4, ms=5.5, label="published, Table I")[0]
-    yield axes.plot([], [], ".", color=BLACK, ms=4, label="one trial")[0]
+    yield axes.plot([], [], "o", mfc=BLACK, mec=BLACK, mew=0.5, ms=2.6, ls="", label="one trial")[0]
+    yield axes.plot([], [], "o", mfc="none", mec=BLACK, mew=0.5, ms=2.6, ls="", label="one trial, with contacts")[0]

@@ -1,32 +1,34 @@
 """What a citation of the numbers needs: version, source, seeds, parameters, machine, and the numbers."""
 
-import importlib.metadata
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from motm_twin.bench.machine import machine
 from motm_twin.bench.paper import data, goals
 from motm_twin.bench.paper.data import Result, Store
+from motm_twin.bench.paper.origin import COMMAND, NOT_RECORDED, Origin, now
 from motm_twin.bench.paper.part import Drawn, Missing, Part
+from motm_twin.bench.paper.results_table import group_of
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.methods.registry import METHODS
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.record.made_with import SOURCE
+
+VERSION = "motm-twin"  # of this package, in what a trial was made with
 
 
-def record(store: Store, plan: str, command: str, sources: Sequence[str], parts: Sequence[Part]) -> dict[str, Any]:
-    """``results.json``: everything but the figures."""
+def record(store: Store, origin: Origin, command: str, parts: Sequence[Part]) -> dict[str, Any]:
+    """``results.json``: everything but the figures. ``origin``: of the trials; ``command``: that draws them now."""
     everything = store.all()
     return {
         "project": "motm_twin",
-        "version": version(),
-        "source": made_with()[SOURCE],
-        "sources_of_trials": list(sources),
-        "made_with": made_with(),
-        "machine": machine(),
-        "written": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": command,
-        "plan": plan,
+        "version": origin.made_with.get(VERSION, NOT_RECORDED),
+        "source": origin.made_with[SOURCE],
+        "sources_of_trials": list(origin.sources),
+        "made_with": origin.made_with,
+        "machine": origin.machine,
+        "plan": origin.plan,
+        "command": origin.command,
+        "drawn": {"written": datetime.now(UTC).isoformat(timespec="seconds"), COMMAND: command, **now()},
         "trials": len(everything),
         "without_success": [_failed(name, result) for name, result in everything if not result["success"]],
         "experiments": {name: _experiment(results) for name, results in store.trials.items()},
@@ -37,15 +39,8 @@ def record(store: Store, plan: str, command: str, sources: Sequence[str], parts:
     }
 
 
-def version() -> str:
-    """Of this package."""
-    try:
-        return importlib.metadata.version("motm-twin")
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed as a package"
-
-
 def _experiment(results: Sequence[Result]) -> dict[str, Any]:
+    """All trials of an experiment; a mean is within one group of the results table, or within one setting."""
     methods = list(dict.fromkeys(result["method"] for result in results))
     return {
         "trials": len(results),
@@ -56,11 +51,25 @@ def _experiment(results: Sequence[Result]) -> dict[str, Any]:
 
 
 def _method(results: list[Result]) -> dict[str, Any]:
-    time, (placed, wanted) = data.mean_time(results), data.placed(results)
+    groups: dict[str, list[Result]] = {}
+    for result in results:
+        groups.setdefault(group_of(result), []).append(result)
+    alone = _time(results) if len(groups) == 1 else {}
+    return {**_counts(results), **alone, "groups": {name: _counts(each) | _time(each) for name, each in groups.items()}}
+
+
+def _counts(results: list[Result]) -> dict[str, Any]:
+    placed, wanted = data.placed(results)
     return {
-        "trials": len(results), "completed": time.n, "mean_s": time.value, "low_s": time.low, "high_s": time.high,
+        "trials": len(results), "completed": sum(map(data.completed, results)),
+        "success": sum(bool(result["success"]) for result in results),
         "placed": placed, "wanted": wanted, "contacts_caused": data.contacts(results),
     }  # fmt: skip
+
+
+def _time(results: list[Result]) -> dict[str, float]:
+    time = data.mean_time(results)
+    return {"mean_s": time.value, "low_s": time.low, "high_s": time.high}
 
 
 def _failed(name: str, result: Result) -> dict[str, Any]:

@@ -1,7 +1,9 @@
 """`motm-twin paper`: the experiments, the figures and tables, and the report, in one command."""
 
+import shlex
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import tyro
 from rich.console import Console
@@ -27,26 +29,26 @@ def paper(
 ) -> int:
     """Run the paper's experiments and write a report to cite: figures, tables, results, one HTML file.
 
-    By default eight methods on ten trials of Experiments 1 and 1a and five of 2, and each modification switched off on
-    ten: half an hour to an hour on two cores. After Ctrl-C the same command goes on where it ended. Exit code 0: the
-    report was written; 2: bad input; 130: stopped with Ctrl-C.
+    By default all methods on ten trials of Experiments 1 and 1a and five of 2, each modification switched off on ten,
+    other values of four parameters on five, ten seeds of every error and five of late, missed and slipped grasps: less
+    than an hour on two cores. After Ctrl-C the same command goes on where it ended. Exit code 0: the report was
+    written; 2: bad input; 130: stopped with Ctrl-C.
 
     Args:
         out: Folder for everything; trials that are in it are not run again.
-        quick: One trial of everything, in about five minutes: to see that it works.
-        full: Fifty seeds everywhere; says how long, and needs --yes.
+        quick: In less than five minutes, to see that it works: one trial of every method and modification on Experiment
+            1, of four methods on 1a, of motm and fast on 2; one seed of one level of every error and of late grasps;
+            one value of every swept parameter.
+        full: Fifty seeds everywhere; says how long, and needs --yes, but not to go on.
         yes: Start also what takes hours.
-        only: Only these figures and tables, with the experiments that they need.
-        draw: Run nothing: draw what is in the folder, from whichever state of the source.
+        only: Only these figures and tables, with the trials that they are made from.
+        draw: Run no experiment: draw what is in the folder, from whichever plan and state of the source.
         no_page: No photographs of the page.
         workers: Processes.
         backend: loky: processes here; ray: a cluster (extra [cluster]).
         address: Of the Ray cluster.
         retry_failed: Run trials again that were without success.
     """
-    from motm_twin.bench.paper import report
-    from motm_twin.bench.paper.context import Context
-    from motm_twin.bench.paper.data import Store
     from motm_twin.bench.paper.parts import NAMES
     from motm_twin.bench.paper.plan import PLANS
     from motm_twin.bench.paper.stored import stored
@@ -60,34 +62,42 @@ def paper(
     if workers < 1:
         return _refused(f"--workers {workers}: at least 1")
     plan = PLANS["quick" if quick else "full" if full else "default"]()
-    if not draw:
-        plan = _needed(plan, only)
-        hours = plan.hours(workers)
-        console.print(
-            f"{plan.trials()} trials, expected to take {said(hours)} with {workers} processes on this machine"
-        )
-        if hours > WARN_HOURS and not yes:
-            return _refused(
-                f"that is long: add --yes to start, more --workers, or --backend ray; expected {said(hours)}"
-            )
+    call = Call(plan.name, out, workers, backend, address, retry_failed=retry_failed, draw=draw, only=only)
     try:
-        trials, sources = (
-            stored(out)
-            if draw
-            else _run(plan, out, console, workers=workers, backend=backend, address=address, retry_failed=retry_failed)
-        )
-    except ValueError as error:  # a scene, method or folder with which no trial can be run
+        records = stored(out) if draw else _run(call, plan, console, yes=yes)
+    except ValueError as error:  # a scene, method or folder with which no trial can be run; or hours
         return _refused(str(error))
     except KeyboardInterrupt:
         console.print(f"\nstopped; the finished trials are in {out}: the same command goes on from there", markup=False)
         return INTERRUPTED
     console.print("figures and tables:")
-    context = Context(Store(trials), out, console, not no_page)
-    out.mkdir(parents=True, exist_ok=True)
-    command = _command(plan.name, out, workers, draw, only)
-    target = report.write(context, plan, command, tuple(only) or NAMES, sources)
+    target = _write(call, plan, records, console, pages=not no_page)
     console.print(f"written: {target}")
     return 0
+
+
+class Call(NamedTuple):
+    """What was asked for."""
+
+    plan: str
+    out: Path
+    workers: int
+    backend: str
+    address: str | None
+    retry_failed: bool
+    draw: bool
+    only: tuple[str, ...]
+
+    def text(self) -> str:
+        """The same as a command."""
+        from motm_twin.bench.paper.context import OPTIONS
+
+        run = f"{OPTIONS[self.plan]} --workers {self.workers}"
+        run += f" --backend {self.backend}" if self.backend != "loky" else ""
+        run += f" --address {self.address}" if self.address else ""
+        run += " --retry-failed" if self.retry_failed else ""
+        only = f" --only {' '.join(self.only)}" if self.only else ""
+        return f"motm-twin paper{' --draw' if self.draw else run} --out {shlex.quote(str(self.out))}{only}"
 
 
 def said(hours: float) -> str:
@@ -95,42 +105,85 @@ def said(hours: float) -> str:
     return f"{hours:.1f} h" if hours >= 1.0 else f"{60.0 * hours:.0f} min"
 
 
-def _needed(plan, only: tuple[str, ...]):
-    """The plan with only the experiments that the named parts need."""
-    import dataclasses
-
-    from motm_twin.bench.paper.parts import PARTS
-
-    if not only:
-        return plan
-    needs = {name for source in PARTS if source.name in only for name in source.needs}
-    return dataclasses.replace(plan, experiments=tuple(each for each in plan.experiments if each.name in needs))
-
-
-def _run(
-    plan, out: Path, console: Console, *, workers: int, backend: str, address: str | None, retry_failed: bool
-) -> tuple[dict, list[str]]:
-    """Results by experiment, those of `bench` in the folder as well, and the sources that they come from."""
+def _run(call: Call, plan, console: Console, *, yes: bool) -> dict:
+    """Run what is missing; the records of the plan, and of what else is in the folder. Raises ValueError."""
     from motm_twin.bench.experiments.run import run
+    from motm_twin.bench.paper.origin import COMMAND, PLAN
+    from motm_twin.bench.paper.parts import needed
+    from motm_twin.bench.paper.stored import completed, keys, of_plan, stored
+
+    experiments = needed(plan.experiments, call.only) if call.only else plan.experiments
+    wanted = keys(experiments)
+    _announce(call, wanted, console, yes=yes)
+    results = run(
+        experiments,
+        out=call.out,
+        workers=call.workers,
+        backend=call.backend,
+        address=call.address,
+        console=console,
+        retry_failed=call.retry_failed,
+        about={PLAN: plan.name, COMMAND: call.text()},
+    )
+    for note in results.notes:
+        console.print(f"  {note}", markup=False)
+    if not call.only:
+        return {**stored(call.out, without=wanted), **of_plan(call.out, wanted)}
+    whole = keys(each for each in plan.experiments if (call.out / each.name).is_dir())
+    completed(call.out, whole)
+    return {**stored(call.out, without=whole), **of_plan(call.out, whole)}
+
+
+def _announce(call: Call, wanted, console: Console, *, yes: bool) -> None:
+    """Say how long it will take. Raises ValueError for hours that nobody has confirmed."""
+    from motm_twin.bench.paper.plan import hours
+    from motm_twin.bench.paper.stored import missing
+
+    left, count = missing(call.out, wanted, retry_failed=call.retry_failed)
+    expected = said(hours(left, call.workers))
+    console.print(
+        f"{len(left)} of {count} trials to run, expected to take {expected} with {call.workers} processes on this "
+        "machine; then the figures"
+    )
+    if hours(left, call.workers) > WARN_HOURS and not yes and not _begun(call):
+        raise ValueError(f"that is long: add --yes to start, more --workers, or --backend ray; expected {expected}")
+
+
+def _begun(call: Call) -> bool:
+    """Whether trials of this plan were run into the folder before, with the source as it is now."""
+    from motm_twin.bench.paper.origin import PLAN
     from motm_twin.bench.paper.stored import stored
     from motm_twin.record.made_with import SOURCE, made_with
 
-    results = run(plan.experiments, out=out, workers=workers, backend=backend, address=address, console=console,
-                  retry_failed=retry_failed)  # fmt: skip
-    for note in results.notes:
-        console.print(f"  {note}", markup=False)
-    own = {experiment.name for experiment in plan.experiments}
-    others, sources = stored(out, without=own)
-    return {**others, **results.trials}, list(dict.fromkeys([made_with()[SOURCE], *sources]))
+    wanted = (call.plan, made_with()[SOURCE])
+    notes = (record.made_with for these in stored(call.out).values() for record in these)
+    return any((note.get(PLAN), note.get(SOURCE)) == wanted for note in notes)
 
 
-def _command(plan: str, out: Path, workers: int, draw: bool, only: tuple[str, ...]) -> str:
-    size = {"default": "", "full": " --full --yes", "quick": " --quick"}[plan]
-    return (
-        f"motm-twin paper{size} --workers {workers} --out {out}"
-        + " --draw" * draw
-        + (" --only " + " ".join(only) if only else "")
-    )
+def _write(call: Call, plan, records: dict, console: Console, *, pages: bool) -> Path:
+    """Draw, and say what is known of who ran the trials."""
+    from motm_twin.bench.paper import report
+    from motm_twin.bench.paper.context import Context
+    from motm_twin.bench.paper.data import Store
+    from motm_twin.bench.paper.origin import origin
+    from motm_twin.bench.paper.parts import NAMES
+
+    ran = origin((record for these in records.values() for record in these), call.text())
+    shown = _largest(ran.plans, plan) if call.draw else plan
+    trials = {name: [record.result for record in these] for name, these in records.items()}
+    context = Context(Store(trials), call.out, console, pages, shown.name, ran.sources)
+    call.out.mkdir(parents=True, exist_ok=True)
+    for warning in report.stale(ran):
+        console.print(f"  {warning}", markup=False)
+    return report.write(context, ran, call.text(), call.only or NAMES, shown.notes)
+
+
+def _largest(names: Collection[str], otherwise):
+    """The largest of the plans that ran the trials of a folder."""
+    from motm_twin.bench.paper.plan import PLANS
+
+    known = [name for name in PLANS if name in names]
+    return PLANS[known[-1]]() if known else otherwise
 
 
 def _refused(why: str) -> int:

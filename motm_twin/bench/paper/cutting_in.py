@@ -1,8 +1,13 @@
 """The tendency to cut in front of who moves (Paper, Sec. VIII-1), from a recorded episode."""
 
-import numpy as np
+from typing import Any
 
+import numpy as np
+from matplotlib.patches import Polygon
+
+from motm_twin.bench.measures.cut_ins import CUT_DISTANCE, CUT_TIME
 from motm_twin.bench.paper import ground
+from motm_twin.bench.paper.data import command_of
 from motm_twin.bench.paper.episode import Episode, Moment
 from motm_twin.bench.paper.part import Drawn, Missing, Part
 from motm_twin.bench.paper.style import BLUE, ONE_COLUMN, ORANGE, figure, styled
@@ -19,15 +24,15 @@ RADIUS = 0.25  # [m] of a Temi, for its outline only
 def draw(episode: Episode) -> Part:
     """The closest cut-in of the episode, a second before it."""
     found = episode.measures["cut_ins"]
-    command = f"motm-twin run exp2 --seed {episode.spec.seed}; motm-twin paper --only {NAME}"
     if not found:
         return Missing(
             name=NAME,
             title=TITLE,
-            command=command,
-            reason=f"in the recorded trial (seed {episode.spec.seed}) the robot cut in front of nobody",
+            larger=True,
+            reason="in none of the completed trials of motm in Experiment 2 the robot cut in front of anybody; the one "
+            f"that was recorded has seed {episode.spec.seed}",
         )
-    cut = min(found, key=lambda each: each["gap_s"])
+    cut = min(found, key=lambda each: each.get("least_gap_m", each["gap_m"]))
     crossing = round(cut["time"] / PERIOD)
     index = max(0, crossing - round(BEFORE_S / PERIOD))
     here = episode.moments[index]
@@ -50,26 +55,29 @@ def draw(episode: Episode) -> Part:
                 ground.temi(axes, past[1], past[2], RADIUS, colour=ORANGE, alpha=0.5 - 0.09 * step)
             ground.temi(axes, agent[1], agent[2], RADIUS, colour=ORANGE if chosen else "#DDDDDD")
         there = episode.moments[crossing]
+        ground.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
+        axes.add_patch(_swept(episode, crossing, cut))
         axes.plot(there.pose[0], there.pose[1], "x", color="black", ms=7, mew=1.8, zorder=9)
         ground.metres(axes, *_window(here, there, cut["agent"]))
         axes.plot([], [], "o", mfc=ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
         axes.plot([], [], "s", mfc=BLUE, mec="black", label="Frankie (transparent: its plan)")
-        axes.plot([], [], "x", color="black", mew=1.8, label="enters the Temi's way from here, 1 s later")
+        axes.plot([], [], "x", color="black", mew=1.8, ls="", label="Frankie 1 s later, when the cut-in begins")
+        axes.plot([], [], "-", color=ORANGE, lw=1.0, label="what the Temi then sweeps before it would touch it")
         fig.legend(loc="outside lower center", ncols=1)
     return Drawn(
         name=NAME,
         title=TITLE,
         caption=(
             f"Experiment 2, seed {episode.spec.seed}, at {here.time:.2f} s. Nothing is predicted: the plan leads in "
-            "front of the "
-            f"Temi, {cut['gap_m']:.2f} m or {cut['gap_s']:.1f} s before it would touch the robot. A cut-in: the base "
-            "enters, by its own "
-            f"motion, what a moving agent sweeps within 1 m and 1.5 s; this trial has {len(found)}."
+            f"front of the Temi, which at {cut['time']:.2f} s would touch the robot within {cut['gap_m']:.2f} m and "
+            f"{cut['gap_s']:.1f} s. A cut-in: by its own motion, not by the agent's turning, the base gets in front of "
+            f"an agent that drives, within {CUT_DISTANCE:g} m and {CUT_TIME:g} s of being touched while they close. "
+            f"This trial has {len(found)}; no completed one has more."
         ),
-        command=command,
+        command=command_of(episode.spec),
         n=f"one trial, {len(found)} cut-ins",
         rows=[
-            {"time_s": each["time"], "agent": each["agent"], "gap_m": each["gap_m"], "gap_s": each["gap_s"]}
+            {"time_s": each["time"], **{name: value for name, value in each.items() if name != "time"}}
             for each in found
         ],
         facts={
@@ -80,6 +88,18 @@ def draw(episode: Episode) -> Part:
         },
         figure=fig,
     )
+
+
+def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:
+    """The way of the Temi from where it is at the cut-in until it would touch the robot."""
+    (at,), (then,) = (
+        [np.array(each[1:3]) for each in episode.moments[index].agents if each[0] == cut["agent"]]
+        for index in (crossing, crossing + 1)
+    )
+    along = (then - at) / np.hypot(*(then - at))
+    side, end = RADIUS * np.array([-along[1], along[0]]), (RADIUS + cut["gap_m"]) * along
+    corners = [at + side, at + end + side, at + end - side, at - side]
+    return Polygon(corners, facecolor="none", edgecolor=ORANGE, lw=1.0, ls="-", zorder=8)
 
 
 def _window(here: Moment, crossing: Moment, agent: str) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -5,7 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from motm_twin.bench.experiments import statistics
+from motm_twin.bench.experiments.spec import TrialSpec
 from motm_twin.bench.experiments.statistics import Estimate
+from motm_twin.bench.experiments.summary import completed
 from motm_twin.bench.paper.plan import TEN
 from motm_twin.methods.registry import METHODS
 
@@ -58,15 +60,6 @@ def key(result: Result) -> Key:
     return result["variant"], result["seed"]
 
 
-def completed(result: Result) -> bool:
-    """All objects in their bins (or grasped, where that is all), so that the time is one of the whole task.
-
-    Contacts do not matter here.
-    """
-    kind = "place" if result["places_total"] else "pick"
-    return 0 < result[f"{kind}s_total"] <= result[f"{kind}s_done"]
-
-
 def times(results: Iterable[Result]) -> dict[Any, float]:
     """Task times [s] of the completed trials: one that gave up early is not fast."""
     return {key(result): float(result["time_s"]) for result in results if completed(result)}
@@ -103,6 +96,14 @@ def measure(result: Result, *names: str) -> float | None:
     return float(value) if isinstance(value, (int, float)) else None
 
 
+def command_of(spec: TrialSpec, verb: str = "run") -> str:
+    """What runs (or serves) this trial again. Only of a trial as shipped: `run` takes no parameters."""
+    assert not spec.parameters and not spec.changes
+    options = {"variant": spec.variant, "seed": spec.seed, "method": spec.method}
+    given = "".join(f" --{name} {value}" for name, value in options.items() if value is not None)
+    return f"motm-twin {verb} {spec.scene}{given}"
+
+
 def title(method: str) -> str:
     """Name of a method in tables and figures."""
     return METHODS[method].title if method in METHODS else method
@@ -115,3 +116,8 @@ def percent(estimate: Estimate, decimals: int = 0) -> str:
     value, low, high = (100.0 * each for each in (estimate.value, estimate.low, estimate.high))
     interval = f" [{low:.{decimals}f}, {high:.{decimals}f}]" if math.isfinite(low) and math.isfinite(high) else ""
     return f"{value:.{decimals}f} %{interval}"
+
+
+def points(estimate: Estimate, decimals: int = 0) -> str:
+    """A difference of two shares with its interval, as "43 percentage points [41, 45]"."""
+    return percent(estimate, decimals).replace(" %", " percentage points", 1)

@@ -1,7 +1,10 @@
 """What is otherwise here than in the paper: what it leaves open, what we changed, what we cannot compare."""
 
+from motm_twin.bench.measures.gripper import STATIC_AFTER
 from motm_twin.bench.paper.html import paragraphs, table, text
+from motm_twin.control.parameters import AvoidanceParameters
 from motm_twin.methods.registry import METHODS
+from motm_twin.perception.movers import MoverParameters
 
 OPEN = (
     (
@@ -43,9 +46,9 @@ CHANGED = (
     "Besides the gripper's centre (Sec. V), elbow, forearm and wrist keep off what the lidar sees, and the whole arm "
     "keeps off "
     "mapped furniture.",
-    "An obstacle that has stood for 3 s beside the target lets its d_s shrink during the grasp: else the object "
-    "could not be "
-    "reached. Moving ones keep 0.25 m.",
+    "A static obstacle beside the target lets its d_s shrink during the grasp: else the object could not be reached. "
+    f"Static is what was never seen to move and has been in the same place for {STATIC_AFTER:g} s, or was seen to move "
+    f"and has rested for {MoverParameters().waits:g} s since. Others keep {AvoidanceParameters().d_s} m.",
     "The damper line bounds the speed of approach. As printed it reads as a bound of the distance's rate.",
 )
 CANNOT = (

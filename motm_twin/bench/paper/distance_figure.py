@@ -3,14 +3,18 @@
 import math
 
 import numpy as np
+from matplotlib.patheffects import Normal, Stroke
 
+from motm_twin.bench.paper.data import command_of
 from motm_twin.bench.paper.episode import Episode
 from motm_twin.bench.paper.part import Drawn
-from motm_twin.bench.paper.style import BLACK, BLUE, ORANGE, RED, TWO_COLUMNS, figure, styled
+from motm_twin.bench.paper.style import BLACK, BLUE, ORANGE, TWO_COLUMNS, figure, styled
 from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.model.geometry import Array
 
 NAME, TITLE = "gripper_distance", "Distance from gripper to the nearest seen obstacle"
 SHOWN = 2.0  # [m] of the axis
+RED = "#C1121F"  # the region of the paper is red; that of `style` is nearer to orange, and beside it looks like it
 JUMP = 0.10  # [m] by which the distance falls in a period when something comes into view
 
 
@@ -25,7 +29,14 @@ def draw(episode: Episode) -> Drawn:
         fig = figure(TWO_COLUMNS, 56.0)
         axes = fig.add_subplot()
         axes.axhspan(
-            0.0, p.d_s, facecolor=RED, alpha=0.55, hatch="////", edgecolor=RED, lw=0.0, label=f"below $d_s$ = {p.d_s} m"
+            0.0,
+            p.d_s,
+            facecolor=RED,
+            alpha=0.8,
+            hatch="////",
+            edgecolor="white",
+            lw=0.0,
+            label=f"below $d_s$ = {p.d_s} m",
         )
         axes.axhspan(
             p.d_s, p.d_i, facecolor=ORANGE, alpha=0.35, lw=0.0, label=f"region of influence, below $d_i$ = {p.d_i} m"
@@ -37,9 +48,11 @@ def draw(episode: Episode) -> Drawn:
             color=BLUE,
             lw=1.1,
             label="distance",
+            path_effects=[Stroke(linewidth=2.6, foreground="white"), Normal()],  # seen on the red, also in grey
         )
         for stretch in close:
-            axes.plot(stretch["time"] + 0.5 * stretch["duration_s"], 0.03, "^", color=BLACK, ms=4, clip_on=False)
+            at = stretch["time"] + 0.5 * stretch["duration_s"]
+            axes.plot(at, 0.03, "^", mfc=BLACK, mec="white", mew=0.6, ms=5, clip_on=False, zorder=3)
         axes.set_xlim(0.0, float(time[-1]))
         axes.set_ylim(0.0, SHOWN)
         axes.set_xlabel("time [s]")
@@ -51,15 +64,11 @@ def draw(episode: Episode) -> Drawn:
         name=NAME,
         title=TITLE,
         caption=(
-            f"Experiment 2 with four Temis, seed {seed}; gaps where no obstacle is seen, or where another one comes "
-            "into view. "
-            "As the robot itself sees it: horizontally, from the gripper's centre to the cells that the lidar found "
-            "outside "
-            f"the map. Triangles: stretches in which the referee's true distance is below d_s ({len(close)}), with "
-            "their causes "
-            "in the table."
+            f"Experiment 2 with four Temis, seed {seed}. As the robot itself sees it: horizontally, from the gripper's "
+            f"centre to the cells that the lidar found outside the map. {_gaps(distance)} Triangles: stretches in "
+            f"which the referee's true distance is below d_s ({len(close)}), with their causes in the table."
         ),
-        command=f"motm-twin run exp2 --seed {seed}; motm-twin paper --only {NAME}",
+        command=command_of(episode.spec),
         n=f"one trial, {len(episode.moments)} periods, in {seen} of them an obstacle is seen",
         rows=[
             {
@@ -103,6 +112,14 @@ def draw(episode: Episode) -> Drawn:
         figure=fig,
         notes=[_line(episode)],
     )
+
+
+def _gaps(distance: Array) -> str:
+    """Why there is no line, where there is none."""
+    above, none = float(np.mean(distance > SHOWN)), float(np.mean(np.isnan(distance)))
+    said = f"Distances above {SHOWN:g} m are cut off ({100 * above:.0f} % of the time)"
+    said += f", and where no obstacle is seen there is no line ({100 * none:.0f} %)" if none else ""
+    return said + f"; the line is broken where it jumps by more than {JUMP} m, because another one comes into view."
 
 
 def _line(episode: Episode) -> str:

@@ -29,7 +29,7 @@ class Moment(msgspec.Struct, frozen=True):
     task: str  # kind and name of the active task
     phase: str  # of the arm
     distance: float | None  # gripper centre to the nearest seen obstacle; None: none is seen
-    static: bool  # that obstacle has stood for 3 s
+    static: bool  # that obstacle counts as standing, not as one that may move
     agents: tuple[tuple[str, float, float, float], ...]  # name, x, y, yaw: the truth
     plan: tuple[tuple[float, float, float], ...]  # the local plan
     path: tuple[tuple[float, float], ...]  # the global path
@@ -100,14 +100,18 @@ class Watcher:
         return _rounded(found[0]) if found else None
 
 
-def watched(spec: TrialSpec, folder: Path) -> Episode:
-    """The episode of a trial of motm as shipped: from the folder when this source has made it before, else run now."""
+def watched(spec: TrialSpec, folder: Path, source: str) -> Episode:
+    """The episode of a trial of motm as shipped: from the folder, as this or else the current source made it, or now.
+
+    ``source``: of the trial. Where that is another one than now and left no episode, the episode is of another run.
+    """
     from motm_twin.trial import run_scene  # the whole twin: only where a trial is run
 
-    job, source = job_of(spec), made_with()[SOURCE]
-    file = folder / f"{job.key(source)}.json"
-    if file.is_file():
-        return msgspec.json.decode(file.read_bytes(), type=Episode)
+    job, current = job_of(spec), made_with()[SOURCE]
+    for each in dict.fromkeys((source, current)):
+        file = folder / f"{job.key(each)}.json"
+        if file.is_file():
+            return msgspec.json.decode(file.read_bytes(), type=Episode)
     watcher, measures = Watcher(job.scene), Measures(job.scene, AvoidanceParameters())
 
     def on_tick(tick: Tick) -> None:
@@ -117,7 +121,7 @@ def watched(spec: TrialSpec, folder: Path) -> Episode:
     result = run_scene(job.scene, on_tick=on_tick, method=method_of(job), parameters=dict(spec.parameters))
     folder.mkdir(parents=True, exist_ok=True)
     episode = Episode(
-        spec=spec, source=source, moments=tuple(watcher.moments), result=result, measures=measures.report()
+        spec=spec, source=current, moments=tuple(watcher.moments), result=result, measures=measures.report()
     )
     partial = file.with_suffix(".partial")
     write_json(partial, msgspec.to_builtins(episode))

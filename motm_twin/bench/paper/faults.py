@@ -101,11 +101,11 @@ def draw_robustness(store: Store) -> Part:
 
 
 def draw_grasp_delay(store: Store) -> Part:
-    """Task time against the delay of each grasp."""
+    """Task time against the delay of each grasp, and how many miss or slip."""
     return _draw(
         store.of("grasp_delay"),
         "grasp_delay",
-        "Task time when every grasp takes longer",
+        "Task time when grasps are late, miss or slip",
         "task time [s]",
         "Mean task time of the completed trials with Student's 95 % interval; open where not all were completed, "
         f"nothing where none was. Points alone: published, read off a chart, for another robot and layout; "
@@ -114,12 +114,29 @@ def draw_grasp_delay(store: Store) -> Part:
     )
 
 
+def compared(results: list[Result]) -> list[str]:
+    """Success with an error, over all errors and levels: of each method, and how much less than the first, by seed."""
+    shares: dict[str, dict[int, float]] = {}  # method: share of success by seed
+    said = []
+    for method in dict.fromkeys(result["method"] for result in results):
+        these = [each for each in results if each["method"] == method and any(varied(each).values())]
+        by_seed = {seed: [each for each in these if each["seed"] == seed] for seed in {each["seed"] for each in these}}
+        shares[method] = {seed: _success(trials).value for seed, trials in by_seed.items()}
+        if not these:
+            continue
+        done = sum(bool(each["success"]) for each in these)
+        first = next(iter(shares))
+        less = statistics.paired_difference(shares[first], shares[method])
+        beside = "" if method == first else f", by seed {data.points(less)} less than {data.title(first)}"
+        said.append(f"{data.title(method)}: {done} of {len(these)} trials with an error end with success{beside}.")
+    return said
+
+
 def _draw(results: list[Result], name: str, title: str, label: str, caption: str, *, success: bool) -> Part:
-    command = f"motm-twin bench {name} --out out/paper"
     rows = points(results, success=success) if results else []
     rows = [row for row in rows if math.isfinite(row["estimate"])]
     if not rows:
-        return Missing(name=name, title=title, reason=f"the experiment {name} was not run", command=command)
+        return Missing(name=name, title=title, reason=f"the experiment {name} was not run")
     sweeps = list(dict.fromkeys(row["sweep"] for row in rows))
     lines = (len(sweeps) + COLUMNS - 1) // COLUMNS
     with styled():
@@ -145,10 +162,10 @@ def _draw(results: list[Result], name: str, title: str, label: str, caption: str
         name=name,
         title=title,
         caption=caption,
-        command=command,
         n=f"{len(results)} trials; of each point in the CSV",
         rows=rows,
         figure=fig,
+        notes=compared(results) if success else (),
     )
 
 

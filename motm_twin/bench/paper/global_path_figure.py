@@ -41,6 +41,11 @@ def measured(path: Array, here: Standing) -> dict[str, float]:
     }
 
 
+def _sentence(text: str) -> str:
+    """The same at the beginning of a sentence; STAA* stays as it is written."""
+    return text[:1].upper() + text[1:]
+
+
 def draw() -> Drawn:
     """Both paths between the same poses round the table of Experiment 1."""
     here = standing("exp1", "trial1")
@@ -68,12 +73,11 @@ def draw() -> Drawn:
             "Red, solid: the cheapest path by PathRTR. Yellow, dashed: the shortest one, as unmodified STAA* has it. "
             "The colour of the ground is the proximity grid at STAA*'s own inflation of 0.6 m. "
             + " ".join(
-                f"{row['path'].capitalize()}: {row['length_m']:.2f} m, {row['turning_deg']:.0f}° of turning, "
+                f"{_sentence(row['path'])}: {row['length_m']:.2f} m, {row['turning_deg']:.0f}° of turning, "
                 f"PathRTR {row['path_rtr_s']:.1f} s."
                 for row in rows
             )
         ),
-        command="motm-twin paper --only global_path",
         n="no trial: the planner's own search on the map of exp1/trial1",
         rows=rows,
         facts={"start": START, "goal": GOAL, "paths": found},

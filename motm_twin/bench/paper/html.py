@@ -71,6 +71,11 @@ def paragraphs(sentences: Iterable[str]) -> str:
     return "".join(f"<p>{text(each)}</p>" for each in sentences)
 
 
+def warnings(sentences: Iterable[str]) -> str:
+    """Each as a paragraph that stands out."""
+    return "".join(f'<p class="missing">{text(each)}</p>' for each in sentences)
+
+
 def _row(cells: Sequence[str], *, published: bool) -> str:
     kind = ' class="published"' if published else ""
     return f"<tr{kind}>" + "".join(f"<td>{text(cell)}</td>" for cell in cells) + "</tr>"
@@ -86,7 +91,7 @@ def _part(part: Part, folder: Path) -> str:
         return (
             f'<div class="missing" id="{part.name}"><h3>{text(part.title)}</h3>'
             f"<p>Not in this report: {text(part.reason)}.</p>"
-            f'<p class="about">It is made by <code>{text(part.command)}</code>.</p></div>'
+            f'<p class="about">Command: <code>{text(part.command)}</code>.</p></div>'
         )
     shown = _picture(part, folder) if part.figure is not None or part.picture is not None else ""
     caption = f"<figcaption>{text(part.caption)}</figcaption>"

@@ -6,6 +6,10 @@ from motm_twin.bench.paper.style import BLACK, ONE_COLUMN, figure, styled
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.scene_load import load_document
 
+ABOVE = (0.0, 0.08, "center", "bottom")  # of a slot: where its name is [m], and how it is aligned
+RIGHT, LEFT = (0.1, 0.02, "left", "center_baseline"), (-0.1, 0.02, "right", "center_baseline")
+BESIDE = {"L": RIGHT, "F1": RIGHT, "R": LEFT, "F5": LEFT}  # others are above; all but those at the back on the table
+
 
 def slots() -> dict[str, tuple[float, float]]:
     """Name and place [m] of the twelve object positions, from the shipped scene."""
@@ -25,11 +29,8 @@ def draw() -> Drawn:
         ground.setting(axes, scene)
         ground.cubes(axes, list(places.values()), "#C00000", 10.0)
         for name, (x, y) in places.items():
-            above = name.startswith("B")
-            side = {"L": (0.09, 0.0, "left", "center"), "R": (-0.09, 0.0, "right", "center")}.get(
-                name, (0.0, 0.08 if above else -0.08, "center", "bottom" if above else "top")
-            )
-            axes.text(x + side[0], y + side[1], name, fontsize=7, ha=side[2], va=side[3], zorder=9)
+            dx, dy, ha, va = BESIDE.get(name, ABOVE)
+            axes.text(x + dx, y + dy, name, fontsize=7, ha=ha, va=va, zorder=9)
         for item in scene.bins:
             axes.text(*item.centre, item.name[-1], ha="center", va="center", fontsize=8, weight="bold", zorder=9)
         start = scene.start
@@ -52,7 +53,6 @@ def draw() -> Drawn:
             "locations 1 and 2. Hatched yellow: the two boxes of Experiment 1a, which the robot's map does not have. "
             "In Experiment 2 the Temis drive round the object table."
         ),
-        command="motm-twin paper --only layout",
         n="no trial: drawn from the shipped scenes",
         rows=rows,
         figure=fig,
@@ -70,10 +70,10 @@ def _measures(axes) -> None:
     """Lengths of the table and its distance from the start."""
     look = {"arrowstyle": "<->", "color": BLACK, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
     for a, b, text, dx, dy in (
-        ((3.0, 2.55), (5.4, 2.55), "object table, 2.4 m", 0.0, 0.14),
-        ((5.6, 1.37), (5.6, 2.17), "0.8 m", 0.36, 0.0),
+        ((3.0, 2.55), (5.4, 2.55), "object table, 2.4 m", 0.0, 0.16),
+        ((5.6, 1.37), (5.6, 2.17), "0.8 m", 0.40, 0.0),
         ((0.0, 0.75), (3.0, 0.75), "3 m", 0.0, 0.12),
-        ((5.0, 0.0), (5.0, 1.37), "1.37 m", 0.42, 0.0),
+        ((5.0, 0.0), (5.0, 1.37), "1.37 m", 0.47, 0.0),
     ):
         axes.annotate("", b, a, arrowprops=look, zorder=8)
         x, y = 0.5 * (a[0] + b[0]) + dx, 0.5 * (a[1] + b[1]) + dy

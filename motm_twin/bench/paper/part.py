@@ -23,9 +23,9 @@ class Drawn:
     name: str  # of its files
     title: str
     caption: str  # what is seen, in sentences
-    command: str  # that makes the numbers again
     n: str  # how many trials, or what else was counted
     rows: Sequence[Row]  # the numbers, as the CSV has them
+    command: str = ""  # of the one trial that is shown; the report puts before it what makes the part
     facts: Mapping[str, Any] = field(default_factory=dict)  # more numbers, for the JSON
     figure: Figure | None = None
     picture: bytes | None = None  # PNG of what is not drawn here: photographs of the page
@@ -42,7 +42,8 @@ class Missing:
     name: str
     title: str
     reason: str  # one sentence
-    command: str  # that would make it
+    larger: bool = False  # these trials do not have it, more of them may
+    command: str = ""  # that would make it; the report says it
 
 
 Part = Drawn | Missing

@@ -84,7 +84,6 @@ def draw() -> Drawn:
                 for drop, (placement, _) in found.items()
             )
         ),
-        command="motm-twin paper --only base_placement",
         n="no trial: one decision of the shipped placement for each drop location",
         rows=rows,
         facts={

@@ -1,35 +1,71 @@
 """How much quicker the paper's method is than every rival, by trial, beside the published reductions."""
 
 import math
+from typing import NamedTuple
 
 from motm_twin.bench.experiments import statistics
 from motm_twin.bench.experiments.statistics import Estimate
+from motm_twin.bench.experiments.summary import COMPLETED, TOUCHED
 from motm_twin.bench.paper import data
-from motm_twin.bench.paper.data import Store
+from motm_twin.bench.paper.data import Result, Store
 from motm_twin.bench.paper.part import Drawn, Missing, Part
-from motm_twin.bench.paper.style import BLACK, ONE_COLUMN, RED, figure, look, styled
+from motm_twin.bench.paper.results_table import GROUPS
+from motm_twin.bench.paper.style import BLACK, GREY, ONE_COLUMN, RED, figure, look, styled
 from motm_twin.bench.published import REDUCTIONS, TABLE_I
 
 NAME, TITLE = "reductions", "Reduction of the task time against every rival"
-COMMAND = "motm-twin paper --only reductions"
 OURS = "motm"
-EXPERIMENTS = {"exp1": "Experiment 1", "exp1a": "Experiment 1a", "exp2": "Experiment 2"}
-MARKS = {"exp1": ("o", -0.22), "exp1a": ("s", 0.0), "exp2": ("^", 0.22)}
+MARKS = dict(zip((name for _, name, _ in GROUPS), "ov*s<^X", strict=True))
+SPREAD, BETWEEN = 0.8, 0.16  # of the distance between two rivals: all marks of one, and from one to the next at most
 HEADER = (
     "Experiment",
     "Rival",
     "Reduction, mean [95 % CI]",
     "Seconds saved, mean [95 % CI]",
     "Pairs",
+    "Contacts of the rival, of ours",
     "Published reduction",
 )
 
 
-def reduction(store: Store, experiment: str, rival: str) -> tuple[Estimate, Estimate]:
-    """Share of the rival's time that is saved, and the seconds, over the trials that both completed."""
-    ours = data.times(store.of(experiment, method=OURS))
-    theirs = data.times(store.of(experiment, method=rival))
-    return turned(statistics.paired_ratio(ours, theirs)), turned(statistics.paired_difference(ours, theirs))
+class Compared(NamedTuple):
+    """A rival in one group of trials."""
+
+    experiment: str
+    group: str
+    rival: str
+    share: Estimate  # of its time that is saved
+    saved: Estimate  # [s]
+    contacts: int  # that it caused in the trials compared
+    own: int  # that ours caused in them
+
+    @property
+    def clean(self) -> bool:
+        """Neither caused a contact, so that the times say something."""
+        return not self.contacts and not self.own
+
+    @property
+    def published(self) -> float | None:
+        """The reduction that the paper gives."""
+        return REDUCTIONS.get(self.experiment, (None, ""))[0] if self.rival == "sequential" else None
+
+
+def compared(store: Store) -> list[Compared]:
+    """Every rival in every group, over the trials that both completed."""
+    found = [
+        _compared(experiment, name, rival, choose(store.of(experiment, method=OURS)), choose(theirs))
+        for experiment, name, choose in GROUPS
+        for rival in store.methods(experiment)
+        if rival != OURS and (theirs := store.of(experiment, method=rival))
+    ]
+    return [each for each in found if each.share.n]
+
+
+def _compared(experiment: str, group: str, rival: str, ours: list[Result], theirs: list[Result]) -> Compared:
+    own, other = data.times(ours), data.times(theirs)
+    share, saved = turned(statistics.paired_ratio(own, other)), turned(statistics.paired_difference(own, other))
+    ours, theirs = ([each for each in these if data.key(each) in own.keys() & other.keys()] for these in (ours, theirs))
+    return Compared(experiment, group, rival, share, saved, data.contacts(theirs), data.contacts(ours))
 
 
 def turned(estimate: Estimate) -> Estimate:
@@ -38,73 +74,83 @@ def turned(estimate: Estimate) -> Estimate:
 
 
 def draw(store: Store) -> Part:
-    """A dot with its interval for each rival and experiment; diamonds where the paper gives a number."""
-    found = [
-        (experiment, rival, *reduction(store, experiment, rival))
-        for experiment in EXPERIMENTS
-        for rival in store.methods(experiment)
-        if rival != OURS
-    ]
-    found = [each for each in found if each[2].n]
+    """A mark with its interval for each rival and group, open where there were contacts; diamonds: published."""
+    found = compared(store)
     if not found:
-        return Missing(name=NAME, title=TITLE, reason="no rival completed a trial that motm completed", command=COMMAND)
-    rivals = list(dict.fromkeys(rival for _, rival, *_ in found))
+        return Missing(name=NAME, title=TITLE, reason="no rival completed a trial that motm completed")
+    rivals = list(dict.fromkeys(each.rival for each in found))
+    groups = [name for name in MARKS if any(each.group == name for each in found)]
+    step = min(BETWEEN, SPREAD / len(groups))
+    last = {each.experiment: each for each in found if each.published is not None}  # has the published mark, once
     with styled():
-        fig = figure(ONE_COLUMN, 24.0 + 7.0 * len(rivals))
+        fig = figure(ONE_COLUMN, 30.0 + (4.0 + 1.6 * len(groups)) * len(rivals))
         axes = fig.add_subplot()
-        for experiment, rival, share, _ in found:
-            marker, shift = MARKS[experiment]
-            at = rivals.index(rival) + shift
-            style = look(rival)
+        for each in found:
+            at = rivals.index(each.rival) + step * (groups.index(each.group) - 0.5 * (len(groups) - 1))
+            share, colour = each.share, look(each.rival).colour if each.clean else "white"
             if math.isfinite(share.low):
                 axes.plot([100 * share.low, 100 * share.high], [at, at], "-", color=BLACK, lw=1.0)
-            axes.plot(100 * share.value, at, marker, mfc=style.colour, mec=BLACK, mew=0.6, ms=5)
-            if rival == "sequential" and experiment in REDUCTIONS:
-                axes.plot(100 * REDUCTIONS[experiment][0], at, "D", mfc="white", mec=RED, mew=1.4, ms=5.5)
+            axes.plot(100 * share.value, at, MARKS[each.group], mfc=colour, mec=BLACK, mew=0.6, ms=5, zorder=3)
+            if each.published is not None and each is last[each.experiment]:
+                axes.plot(100 * each.published, at, "D", mfc="white", mec=RED, mew=1.4, ms=4.5)
         axes.axvline(0.0, color=BLACK, lw=0.6)
         axes.set_yticks(range(len(rivals)), [data.title(rival) for rival in rivals])
         axes.set_ylim(len(rivals) - 0.5, -0.5)
         axes.set_xlabel("reduction of the task time [%]")
         axes.grid(axis="x")
-        for experiment, (marker, _) in MARKS.items():
-            if any(each[0] == experiment for each in found):
-                axes.plot([], [], marker, color="white", mec=BLACK, label=EXPERIMENTS[experiment])
-        axes.plot([], [], "D", mfc="white", mec=RED, mew=1.4, ms=5.5, label="published, other rivals' times")
-        fig.legend(loc="outside lower center", ncols=2)
+        for name in groups:
+            axes.plot([], [], MARKS[name], mfc=GREY, mec=BLACK, mew=0.6, ms=5, ls="", label=f"Experiment {name}")
+        if not all(each.clean for each in found):
+            label = "open: with contacts, compares with nothing"
+            axes.plot([], [], "o", mfc="white", mec=BLACK, mew=0.6, ms=5, ls="", label=label)
+        axes.plot([], [], "D", mfc="white", mec=RED, mew=1.4, ms=4.5, ls="", label="published, other rivals' times")
+        fig.legend(loc="outside lower center", ncols=1)
     return Drawn(
         name=NAME,
         title=TITLE,
         caption=(
             "Mean over trials of 1 - ours/theirs, same arrangement and seed, both completed, with Student's 95 % "
-            "interval. The published 43 % (Experiment 1) and 46 % (1a) compare the paper's times with the times that "
+            f"interval. {COMPLETED} Open marks: one of the two caused contacts in these trials. {TOUCHED} The "
+            "published 43 % (Experiment 1) and 46 % (1a) compare the paper's times with the times that "
             "Reister et al. published for another robot, plus 40 s for grasping; ours compare two methods on the same "
             "robot. The published 48 % are of one arrangement on real robots."
         ),
-        command=COMMAND,
-        n=f"{sum(each[2].n for each in found)} pairs of trials; of each rival in its row",
-        rows=[_row(*each) for each in found],
+        n=f"{sum(each.share.n for each in found)} pairs of trials; of each rival in its row",
+        rows=[_row(each) for each in found],
         facts={"published": {name: share for name, (share, _) in REDUCTIONS.items()}},
         header=HEADER,
-        cells=[_cells(*each) for each in found],
+        cells=[_cells(each) for each in found],
         figure=fig,
-        notes=why(store),
+        notes=[*touched(found), *why(store)],
     )
 
 
-def _row(experiment: str, rival: str, share: Estimate, saved: Estimate) -> dict:
-    published = REDUCTIONS.get(experiment, (None, ""))[0] if rival == "sequential" else None
+def _row(each: Compared) -> dict:
+    share, saved = each.share, each.saved
     return {
-        "experiment": experiment, "rival": rival, "reduction": share.value, "low": share.low, "high": share.high,
+        "experiment": each.group, "rival": each.rival, "reduction": share.value, "low": share.low, "high": share.high,
         "saved_s": saved.value, "saved_low_s": saved.low, "saved_high_s": saved.high, "pairs": share.n,
-        "published_reduction": published,
+        "contacts": each.contacts, "own_contacts": each.own, "comparable": each.clean,
+        "published_reduction": each.published,
     }  # fmt: skip
 
 
-def _cells(experiment: str, rival: str, share: Estimate, saved: Estimate) -> tuple[str, ...]:
-    published = (
-        f"{100 * REDUCTIONS[experiment][0]:.0f} %" if rival == "sequential" and experiment in REDUCTIONS else "-"
-    )
-    return EXPERIMENTS[experiment], data.title(rival), data.percent(share), saved.text(1), str(share.n), published
+def _cells(each: Compared) -> tuple[str, ...]:
+    return (
+        each.group, data.title(each.rival), data.percent(each.share) + ("" if each.clean else ", with contacts"),
+        each.saved.text(1), str(each.share.n), f"{each.contacts}, {each.own}",
+        "-" if each.published is None else f"{100 * each.published:.0f} %",
+    )  # fmt: skip
+
+
+def touched(found: list[Compared]) -> list[str]:
+    """One sentence on the rivals whose times compare with nothing."""
+    hits = [
+        f"{data.title(each.rival)} in {each.group}: {each.contacts} by it, {each.own} by ours (pairs: {each.share.n})"
+        for each in found
+        if not each.clean
+    ]
+    return [f"{TOUCHED} So it is with {'; '.join(hits)}."] if hits else []
 
 
 def why(store: Store) -> list[str]:

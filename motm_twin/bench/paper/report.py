@@ -6,46 +6,68 @@ from pathlib import Path
 from motm_twin.bench.paper import cite, differences, goals, html
 from motm_twin.bench.paper.context import Context
 from motm_twin.bench.paper.html import Section
+from motm_twin.bench.paper.origin import COMMAND, MACHINE, PLAN, Origin, now
 from motm_twin.bench.paper.part import Drawn, Missing, Part, save, write_json
-from motm_twin.bench.paper.parts import PARTS, SECTIONS
-from motm_twin.bench.paper.plan import Plan
+from motm_twin.bench.paper.parts import PARTS, SECTIONS, made
+from motm_twin.record.made_with import SOURCE
 
 FIGURES, REPORT, RESULTS = "figures", "report.html", "results.json"
 PART = "part_of_"  # before the names of files that have not everything, so that the whole report stays
 TITLE = "Reactive base control for manipulation on the move: the experiments, run again"
 
 
-def write(context: Context, plan: Plan, command: str, names: Sequence[str], sources: Sequence[str]) -> Path:
-    """Draw the named parts, write everything into the folder of the context; the report's path."""
+def write(context: Context, origin: Origin, command: str, names: Sequence[str], notes: Sequence[str] = ()) -> Path:
+    """Draw the named parts, write everything into the folder of the context; the report's path.
+
+    ``origin``: of the trials; ``command``: that draws them now; ``notes``: on the trials, below the title.
+    """
     parts: dict[str, Part] = {}
     for source in PARTS:
         if source.name in names:
-            parts[source.name] = part = source.make(context)
+            parts[source.name] = part = made(source, context)
             if isinstance(part, Drawn):
                 save(part, context.out / FIGURES)
             else:
                 context.console.print(f"  {part.name}: not made, {part.reason}", markup=False)
-    record = cite.record(context.store, plan.name, command, sources, list(parts.values()))
+    record = cite.record(context.store, origin, command, list(parts.values()))
     prefix = "" if len(parts) == len(PARTS) else PART
     write_json(context.out / f"{prefix}{RESULTS}", record)
-    document = html.page(TITLE, _lead(record, plan), _sections(context, plan, parts, record), context.out / FIGURES)
+    document = html.page(
+        TITLE, _lead(record, stale(origin), notes), _sections(context, parts, record), context.out / FIGURES
+    )
     target = context.out / f"{prefix}{REPORT}"
     target.write_text(document, encoding="utf-8")
     return target
 
 
-def _lead(record: dict, plan: Plan) -> str:
-    failed = len(record["without_success"])
+def stale(origin: Origin) -> list[str]:
+    """A warning where the trials are not all of the source that draws them."""
+    if origin.current:
+        return []
+    return [
+        f"Warning: the trials were run by source {', '.join(origin.sources)}, this report was drawn by "
+        f"{now()[SOURCE]}. The numbers below tell of the former."
+    ]
+
+
+def _lead(record: dict, warnings: Sequence[str], notes: Sequence[str]) -> str:
+    failed, drawn = len(record["without_success"]), record["drawn"]
     said = [
         f"motm_twin {record['version']}, source {record['source']}; {record['trials']} trials, {failed} of them "
-        "without success; "
-        f"{record['machine']}; written {record['written']}.",
-        *plan.notes,
+        f"without success; plan: {record['plan']}; {record['machine']}.",
+        *notes,
     ]
-    return html.paragraphs(said) + f'<p class="about">Made by <code>{html.text(record["command"])}</code></p>'
+    return (
+        html.warnings(warnings)
+        + html.paragraphs(said)
+        + (
+            f'<p class="about">The trials were run by <code>{html.text(record["command"])}</code>; drawn '
+            f"{drawn['written']} by <code>{html.text(drawn['command'])}</code>, source {drawn['source']}.</p>"
+        )
+    )
 
 
-def _sections(context: Context, plan: Plan, parts: dict[str, Part], record: dict) -> list[Section]:
+def _sections(context: Context, parts: dict[str, Part], record: dict) -> list[Section]:
     sections = [Section("numbers", "The numbers to reach", body=_numbers(context))]
     for anchor, title in SECTIONS.items():
         these = [parts[source.name] for source in PARTS if source.section == anchor and source.name in parts]
@@ -53,18 +75,21 @@ def _sections(context: Context, plan: Plan, parts: dict[str, Part], record: dict
             sections.append(Section(anchor, title, these))
     sections.append(Section("differences", "What differs from the paper", body=differences.body()))
     sections.append(Section("failed", "Trials without success", body=_failed(record)))
-    sections.append(Section("made", "How this was made, and how to cite it", body=_made(record, plan, parts)))
+    sections.append(Section("made", "How this was made, and how to cite it", body=_made(record, parts)))
     return sections
 
 
 def _numbers(context: Context) -> str:
     rows = goals.table(context.store)
-    return html.paragraphs(
-        [
-            "motm is the paper's method, fast our own. A verdict needs 50 trials; with fewer it says 'so far'. "
-            "Command: motm-twin paper --full; a single trial: motm-twin run SCENE --variant random --seed N."
-        ]
-    ) + html.table(goals.HEADER, rows)
+    said = "motm is the paper's method, fast our own. A verdict needs 50 trials; with fewer it says 'so far'."
+    return (
+        html.paragraphs([said])
+        + html.table(goals.HEADER, rows)
+        + html.paragraphs(goals.missed(rows))
+        + '<p class="about">Fifty trials of each: <code>'
+        + html.text(context.command(plan="full"))
+        + "</code>; one of them: <code>motm-twin run SCENE --variant random --seed N --method METHOD</code>.</p>"
+    )
 
 
 def _failed(record: dict) -> str:
@@ -90,9 +115,10 @@ def _failed(record: dict) -> str:
     return html.paragraphs([note]) + html.table(("Experiment", "Scene", "Seed", "Method", "Changed", "Reason"), rows)
 
 
-def _made(record: dict, plan: Plan, parts: dict[str, Part]) -> str:
-    rows = [(name, str(value)) for name, value in record["made_with"].items()]
-    rows.append(("machine", record["machine"]))
+def _made(record: dict, parts: dict[str, Part]) -> str:
+    drawn = record["drawn"]
+    ran = {**record["made_with"], **{name: record[name] for name in (MACHINE, PLAN, COMMAND)}}
+    rows = [(name, str(value), str(drawn.get(name, "-"))) for name, value in ran.items()]
     experiments = [
         (name, str(each["trials"]), ", ".join(each["methods"]), ", ".join(each["scenes"]), _range(each["seeds"]))
         for name, each in record["experiments"].items()
@@ -105,16 +131,14 @@ def _made(record: dict, plan: Plan, parts: dict[str, Part]) -> str:
         "the numeric "
         "libraries give the same trials, bit for bit.",
     ]
-    if plan.absent:
-        said.append(f"Wanted, but not among the methods: {', '.join(plan.absent)}.")
-    if len(record["sources_of_trials"]) > 1:
-        said.append(
-            f"The trials come from more than one state of the source: {', '.join(record['sources_of_trials'])}."
-        )
     if missing:
         said.append(f"Not in this report: {', '.join(missing)}.")
     header = ("Experiment", "Trials", "Methods", "Scenes", "Seeds")
-    return html.paragraphs(said) + html.table(header, experiments) + html.table(("What", "Version"), rows)
+    return (
+        html.paragraphs(said)
+        + html.table(header, experiments)
+        + html.table(("What", "Ran the trials", "Drew this"), rows)
+    )
 
 
 def _range(seeds: list[int]) -> str:

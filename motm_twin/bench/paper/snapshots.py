@@ -10,16 +10,17 @@ from PIL import Image
 from motm_twin.bench.page_browser import browser
 from motm_twin.bench.page_measures import act
 from motm_twin.bench.page_serve import served, wait_for
+from motm_twin.bench.paper.data import command_of
 from motm_twin.bench.paper.episode import Episode, Moment
 from motm_twin.bench.paper.part import Drawn, Missing, Part
 from motm_twin.bench.paper.style import TWO_COLUMNS, figure, styled
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Pause, Reset, Step
 from motm_twin.bus.ranges import MAX_STEPS
+from motm_twin.record.made_with import SOURCE, made_with
 from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 NAME, TITLE = "snapshots", "Arm and base avoid a Temi: the page at four moments"
-COMMAND = "motm-twin paper --only snapshots"
 BEFORE_S = (3.0, 1.0, 0.0, -2.0)  # [s] the moments, before the one at which the arm is nearest
 SIZE = (1920, 1200)  # [px] of the page
 CUT = (800, 600)  # [px] of each picture, round where the robot is
@@ -48,12 +49,15 @@ def draw(episode: Episode) -> Part:
     """Four photographs beside each other; the reason where there can be none."""
     if not np.isfinite(min(_nearness(each) for each in episode.moments)):
         reason = f"in the example trial (seed {episode.spec.seed}) no Temi came near the gripper with an object in it"
-        return Missing(name=NAME, title=TITLE, reason=reason, command=COMMAND)
+        return Missing(name=NAME, title=TITLE, reason=reason, larger=True)
+    if episode.source != made_with()[SOURCE]:
+        reason = f"the trial is of another source ({episode.source}), which this page cannot serve"
+        return Missing(name=NAME, title=TITLE, reason=reason)
     chosen = moments(episode)
     try:
         pictures = _photographs(episode, chosen)
     except (RuntimeError, TimeoutError, OSError) as error:
-        return Missing(name=NAME, title=TITLE, reason=f"the page could not be photographed: {error}", command=COMMAND)
+        return Missing(name=NAME, title=TITLE, reason=f"the page could not be photographed: {error}")
     with styled():
         fig = figure(TWO_COLUMNS, 5.0 + TWO_COLUMNS * CUT[1] / CUT[0])
         axes = fig.subplots(2, 2).flat
@@ -69,7 +73,7 @@ def draw(episode: Episode) -> Part:
             "the local plan "
             "as fading robots; panel and notes are hidden. The twin was stepped to these moments; nothing is posed."
         ),
-        command=f"{COMMAND} (or motm-twin serve exp2 --seed {episode.spec.seed})",
+        command=command_of(episode.spec, "serve") + " --expansions-only",
         n="one trial",
         rows=[
             {

@@ -3,6 +3,7 @@
 import functools
 from typing import NamedTuple
 
+from motm_twin.methods.modifications import MOTM
 from motm_twin.model.known import KnownWorld, known_world
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
@@ -22,4 +23,4 @@ class Standing(NamedTuple):
 def standing(scene: str, variant: str) -> Standing:
     """The first period of a scene."""
     loaded = load_scene(scene, variant)
-    return Standing(loaded, known_world(loaded), Twin(loaded).advance().map)
+    return Standing(loaded, known_world(loaded), Twin(loaded, method=MOTM).advance().map)

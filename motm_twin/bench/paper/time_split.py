@@ -7,7 +7,6 @@ from motm_twin.bench.paper.part import Drawn, Missing, Part
 from motm_twin.bench.paper.style import BLACK, BLUE, GREEN, ORANGE, PALE, TWO_COLUMNS, figure, styled
 
 NAME, TITLE = "time_split", "Where the time goes"
-COMMAND = "motm-twin paper --only time_split"
 PHASES = {  # of bench/measures: its look
     "driving": (BLUE, "", "base driving"),
     "closing": (GREEN, "....", "fingers closing"),
@@ -35,9 +34,7 @@ def draw(store: Store) -> Part:
     }
     found = {experiment: methods for experiment, methods in found.items() if methods}
     if not found:
-        return Missing(
-            name=NAME, title=TITLE, reason="no trial of Experiment 1 or 1a has its time split", command=COMMAND
-        )
+        return Missing(name=NAME, title=TITLE, reason="no trial of Experiment 1 or 1a has its time split")
     names = list(dict.fromkeys(method for methods in found.values() for method in methods))
     with styled():
         fig = figure(TWO_COLUMNS, 26.0 + 5.0 * len(names))
@@ -70,7 +67,6 @@ def draw(store: Store) -> Part:
             "the rest, "
             "whatever the base does meanwhile."
         ),
-        command=COMMAND,
         n="; ".join(
             f"{EXPERIMENTS[experiment]}: "
             + ", ".join(f"{data.title(m)} {len(data.times(data.ten(store.of(experiment, method=m))))}" for m in methods)

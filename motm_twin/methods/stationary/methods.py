@@ -140,7 +140,9 @@ SEQUENTIAL_OVERLAP = Method(
     title="Sequential, arm early",
     summary="As sequential, but the arm reaches out while the base arrives; the fingers close when it stands.",
     source="own, after Reister, Grotz and Asfour",
-    known="Nothing: a stronger form of sequential.",
+    known=(
+        "The hand arrives as the base does, says the paper of Reister et al. (Sec. II); not how, nor in which times."
+    ),
     chosen="The arm starts by the rule of motm, with the time until the base stands. All else is as in sequential.",
     planner=_sequential_overlap,
     arm=standing_arm,

@@ -24,11 +24,11 @@ RADII = frozen(np.arange(0.30, 0.921, 0.02))  # [m] from the mount's axis
 AZIMUTHS = 36  # of the point about the mount, evenly from -180 deg
 YAWS = 18  # of the hand to the azimuth, over a quarter turn: a cube's faces repeat
 _QUARTER = 0.5 * math.pi
-_JOINT7_STEPS = 25
+_JOINT7_STEPS = 25  # over its range: 14 deg apart
 _OVER_BASE = 0.20  # [m] from the mount's axis within which the arm is over its own base: the front is so far away
 _OVER_SURFACE = 0.02  # [m] that elbow, forearm and wrist keep over what carries the object
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] of the arm's own column
-_EDGE = 1e-6  # [m]
+_EDGE = 1e-6  # [m] of rounding
 
 
 class ArmBalls(NamedTuple):
