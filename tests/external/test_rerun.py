@@ -97,6 +97,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert client.command(AddObstacle(name="guest", x=float(x) + 2.0, y=0.0)).ok
         assert client.command(SetParameter(name="bezier", value=False)).ok
         until(lambda: index(client) > PERIODS)
+        assert client.command(Pause()).ok  # else it may end between a period and what was seen in it
+        until(lambda: known(client.status()).state == "paused")
     return path
 
 
@@ -131,6 +133,8 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Begun:
                 with recording_to(files.at_first_period, session):
                     assert client.command(Play()).ok
                     until(lambda: index(client) > 20)
+                    assert client.command(Pause()).ok  # else they may end between a period and what was seen in it
+                    until(lambda: known(client.status()).state == "paused")
     return files
 
 
