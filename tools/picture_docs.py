@@ -66,7 +66,7 @@ def tune(person: Visitor) -> None:
     play_to(person, 12.0)
     person.tab("Tune")
     person.page.get_by_label("Try in what-if only", exact=True).click()
-    person.choose("Preset", "Unmodified STAA*")
+    person.choose("Preset", "STAA*")
     person.press("Compare")
     until(lambda: person.sees("faster") or person.sees("slower") or person.sees("as fast"), COMPARED, "no result")
 

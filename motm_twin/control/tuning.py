@@ -120,6 +120,12 @@ PARAMETERS: tuple[Parameter, ...] = (
     _number("planning.staa.grid_range", "Range of the penalty", 0.04, 0.40, 0.01,
             "Clearance below which the penalty grows from 0 to 1.",
             "own", group="Base control", unit="m"),
+    _number("planning.staa.prediction", "Expect what moves", 0.0, 2.0, 0.1,
+            "For so long the local search expects what moves to go on as it does; 0: it is an obstacle where it is.",
+            "STAA*", group="Base control", unit="s", paper=0.0),
+    _number("planning.staa.moving_weight", "Penalty beside what is expected", 0.0, 2.0, 0.1,
+            "Time that a node at such an obstacle is charged for, less with every metre, nothing from 1 m on.",
+            "STAA*", group="Base control", unit="s", paper=0.0),
     _choice("planning.staa.penalty", "What the penalty looks at", PENALTIES,
             "Clearance of the whole footprint, or the map's blurred grid at the corners of the hull.",
             "STAA*", group="Base control", paper="grid"),
@@ -208,9 +214,10 @@ _BY_NAME = {entry.name: entry for entry in PARAMETERS}
 PRESETS: dict[str, dict[str, ParameterValue]] = {
     "As shipped": {},
     "The paper's words": {"termination": "pass", "drive_on": False, "grid_weight": 1.0, "penalty": "grid"},
-    "Unmodified STAA*": {
+    "STAA*": {
         "termination": "reach_goal", "drive_on": False, "grid_weight": 1.0, "penalty": "grid",
         "goal_orientation": False, "rotation_cost": False, "bezier": False, "scale_penalty": False,
+        "prediction": 1.0, "moving_weight": 1.0,
     },
 }  # fmt: skip
 

@@ -1,17 +1,13 @@
 """`fast`: the paper's rule that keeps to its plans, and goes round what moves only when it is near."""
 
-from collections.abc import Callable
-
 import msgspec
 
-from motm_twin.methods.method import Method, PlannerParts
-from motm_twin.model.known import KnownWorld
+from motm_twin.methods.method import Method, PlannerParts, map_ahead
 from motm_twin.model.state import HasState
 from motm_twin.perception.movers import MoverParameters, standing
 from motm_twin.perception.still_map import StandingMap, StillMap
 from motm_twin.planning.commitment import CommittedController
 from motm_twin.planning.global_path import GraphCache
-from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget
 from motm_twin.planning.wide_placement import WidePlacement
@@ -20,20 +16,17 @@ from motm_twin.planning.wide_placement import WidePlacement
 class FastPlanner(BasePlanner):
     """The paper's rule in a map without what moves far away: it will be elsewhere when the robot comes there."""
 
-    def __init__(
-        self,
-        known: KnownWorld,
-        parameters: PlanningParameters,
-        *,
-        clock: Callable[[], float] | None = None,
-        graphs: GraphCache | None = None,
-    ) -> None:
-        graphs = graphs or GraphCache()
-        controller = CommittedController(known.robot, parameters, clock=clock, graphs=graphs)
+    def __init__(self, parts: PlannerParts) -> None:
+        """The planner of those parts."""
+        known, parameters, graphs = parts.known, parts.parameters, parts.graphs or GraphCache()
+        ahead = map_ahead(parts)
+        controller = CommittedController(known.robot, parameters, clock=parts.clock, graphs=graphs, still=ahead)
         self.movers = MoverParameters()
         self.still = StillMap(known, self.movers)
         placement = WidePlacement(known.robot, parameters, graphs, self.still)
-        super().__init__(known.robot, parameters, placement=placement, controller=controller, graphs=graphs)
+        super().__init__(
+            known.robot, parameters, placement=placement, controller=controller, graphs=graphs, still=ahead
+        )
         self.standing = StandingMap(known)
         self._asked: tuple[BaseProblem, BaseProblem] | None = None  # of this period: as it came, and as it is solved
 
@@ -59,7 +52,7 @@ class FastPlanner(BasePlanner):
 
 def fast_planner(parts: PlannerParts) -> BasePlanner:
     """The planner of `fast`."""
-    return FastPlanner(parts.known, parts.parameters, clock=parts.clock, graphs=parts.graphs)
+    return FastPlanner(parts)
 
 
 FAST = Method(

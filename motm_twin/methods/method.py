@@ -12,6 +12,7 @@ from motm_twin.control.parameters import ArmParameters
 from motm_twin.methods.rehearsal import Rehearse
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.known import KnownWorld
+from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
@@ -37,9 +38,16 @@ class ArmParts:
     rehearse: Rehearse | None = None  # as in `PlannerParts`: the same rehearsal for both
 
 
+def map_ahead(parts: PlannerParts) -> StillMap | None:
+    """The map without what moves, for a controller that is to expect that on its course; None: it is not."""
+    return StillMap(parts.known) if parts.parameters.staa.prediction > 0.0 else None
+
+
 def paper_planner(parts: PlannerParts) -> BasePlanner:
     """Next-target-aware placement and modified STAA* (Paper, Sec. III and IV)."""
-    return BasePlanner(parts.known.robot, parts.parameters, clock=parts.clock, graphs=parts.graphs)
+    return BasePlanner(
+        parts.known.robot, parts.parameters, clock=parts.clock, graphs=parts.graphs, still=map_ahead(parts)
+    )
 
 
 def paper_arm(parts: ArmParts) -> Manipulator:

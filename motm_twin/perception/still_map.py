@@ -10,7 +10,8 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import BaseMap, build_base_map, polygons_within, read_only
 from motm_twin.perception.clusters import calm, seen_outlines
-from motm_twin.perception.distance import seen_distance, squared_cells
+from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
+from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.movers import MoverParameters, standing
 from motm_twin.perception.world_map import WorldMap
 
@@ -65,10 +66,15 @@ class StandingMap(Stateful[StandingState]):
 class StillMap(StandingMap):
     """The map of a period without anything that moves."""
 
-    def __init__(self, known: KnownWorld, parameters: MoverParameters) -> None:
+    def __init__(self, known: KnownWorld, parameters: MoverParameters | None = None) -> None:
         super().__init__(known)
-        self._parameters = parameters
+        self._parameters = parameters or MoverParameters()
 
     def of(self, world: WorldMap) -> WorldMap:
         """The map without its movers; the same object when it has none."""
         return self.without(world, standing(world, world.movers, self._parameters))
+
+    def proximity(self, world: WorldMap) -> np.ndarray:
+        """STAA*'s grid of such a map, shape (rows, columns): `without` leaves the one that it was given."""
+        settings = MapSettings()
+        return proximity_cost(world.distance, settings.proximity_width, settings.proximity_blur)

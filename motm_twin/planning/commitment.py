@@ -22,6 +22,7 @@ from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.kernel import kernel
 from motm_twin.planning.pocket import NO_POCKET, in_pocket, settle_pocket
+from motm_twin.planning.prediction import at_half_steps, gap_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.search_memory import CellSights, Memory, Pocket, Settings, World
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
@@ -143,12 +144,13 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         job, limits = self._job(problem, target), self._limits
         states = np.empty((len(times), 5))
         states[0] = (*problem.pose, *problem.twist)
+        field, _, moving = self._ahead(problem)
         free, done = follow(
             states, np.diff(times), kept.accelerations[node:], self._left(target), problem.engaged,
             Bounds(limits.forward_speed, limits.reverse_speed, limits.yaw_rate, limits.linear_acceleration,
                    limits.yaw_acceleration, self._p.margin, self._p.margin_floor,
-                   self._p.brake_depth * self._p.node_duration),
-            self._graphs.field(problem.world), self._body, job,
+                   self._p.brake_depth * self._p.node_duration, 0.5 * self._p.node_duration),
+            field, moving, self._body, job,
         )  # fmt: skip
         if not done if kept.arrives else not free:
             return None
@@ -217,20 +219,23 @@ class Bounds(NamedTuple):
     margin: float
     margin_floor: float
     braking: float  # [s] from now on, in which the robot must be able to stop
+    half_node: float  # [s] between the discs of what moves
 
 
 @kernel
 def follow(
     states: Array, durations: Array, accelerations: Array, left: float, engaged: bool, bounds: Bounds, field: Field,
-    body: Body, job: Job,
+    moving: Array, body: Body, job: Job,
 ) -> tuple[bool, bool]:  # fmt: skip
     """Drive from states[0] as told and fill in the other states; whether that is free, and gets the job done.
 
     ``durations`` [s], shape (n,); ``accelerations``, shape (n, 2); ``states`` x, y, heading, v, w, shape (n + 1, 5).
-    ``left``: time [s] that the job still needs; ``engaged``: the target must stay in reach from now on.
+    ``moving``: discs where what moves is expected, of `prediction.expected`. ``left``: time [s] that the job still
+    needs; ``engaged``: the target must stay in reach from now on.
     """
     x, y, heading, v, w = states[0, 0], states[0, 1], states[0, 2], states[0, 3], states[0, 4]
     root = clearance(x, y, heading, 1.0, field, body)
+    root = min(root, gap_to(x, y, math.cos(heading), math.sin(heading), moving[0], body))
     allowed = bounds.margin if root >= bounds.margin else min(bounds.margin_floor, root - 0.001)
     hold = engaged and in_reach(x, y, heading, v, w, job)
     time = 0.0
@@ -249,6 +254,10 @@ def follow(
             v, w, time, rest = v_end, w_end, time + dt, rest - dt
             if clearance(x, y, heading, 0.25, field, body) < allowed:
                 return False, False
+            if moving.shape[1] > 0:
+                discs = moving[at_half_steps(math.ceil(time / bounds.half_node - TINY), moving)]
+                if gap_to(x, y, math.cos(heading), math.sin(heading), discs, body) < allowed:
+                    return False, False
             if time <= bounds.braking + TINY:
                 if stopping_clearance(x, y, heading, v, w, bounds.a_max, bounds.b_max, allowed, field, body) < allowed:
                     return False, False

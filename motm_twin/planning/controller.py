@@ -8,6 +8,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
+from motm_twin.perception.still_map import StillMap
 from motm_twin.planning import search_memory, staa, stuck
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
@@ -16,6 +17,7 @@ from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.pocket import NO_POCKET
+from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
@@ -48,7 +50,12 @@ class StaaController:
         *,
         clock: Callable[[], float] | None = None,
         graphs: GraphCache | None = None,
+        still: StillMap | None = None,
     ) -> None:
+        """``still`` gives the map without what moves: needed where that is to be expected on its course."""
+        if parameters.staa.prediction > 0.0 and still is None:
+            raise ValueError("to predict what moves, the controller needs the map without it: give `still`")
+        self._still = still
         self._profile = profile
         self._limits = profile.base
         self._p = parameters.staa
@@ -79,17 +86,17 @@ class StaaController:
             return self._idle(problem, field, placement.reason.replace("driving to", "waiting at"))
         next_table = self._next_table(graph, placement)
         settings = self._settings(problem, placement, goal, next_table is not None)
+        still, proximity, moving = self._ahead(problem)
         world = search_memory.World(
-            field,
-            field._replace(value=np.array(problem.world.proximity, dtype=np.float32))
-            if self._p.penalty == "grid"
-            else field,
+            still,
+            proximity,
             self._body,
             graph,
             goal.table,
             next_table if next_table is not None else goal.table,
             self._job(problem, target),
             NO_POCKET,
+            moving,
         )
         cells = self._cell_sights(graph, field)
         memory = self._room(budget.expansions, graph)
@@ -126,6 +133,17 @@ class StaaController:
             k=self._k(t_h),
             time_to_range=self._time_to_range(poses, world.job, graph, goal),
         )
+
+    def _ahead(self, problem: BaseProblem) -> tuple[Field, Field, Array]:
+        """What the search goes through: distances and STAA*'s grid of what stands, and discs of what moves."""
+        world, moving, grid = problem.world, NOBODY, self._p.penalty == "grid"
+        proximity = world.proximity
+        if self._p.prediction > 0.0 and self._still is not None and len(world.movers):
+            moving = expected(world.movers, self._p.node_duration, self._p.prediction)
+            world = self._still.of(world)
+            proximity = self._still.proximity(world) if grid else proximity
+        field = self._graphs.field(world)
+        return field, field._replace(value=np.array(proximity, dtype=np.float32)) if grid else field, moving
 
     def _bound(self) -> float:
         """What a plan must cost less than [s], to be of use. The paper knows none."""
@@ -249,6 +267,7 @@ class StaaController:
             region_y=float(problem.pose[1]),
             region_radius=p.local_radius + 1.0,
             bound=self._bound(),
+            moving_weight=p.moving_weight,
         )
 
     def _next_table(self, graph: Graph, placement: Placement) -> Table | None:

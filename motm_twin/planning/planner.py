@@ -7,6 +7,7 @@ from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import HasState
+from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
@@ -34,13 +35,20 @@ class BasePlanner:
         placement: PlacementStrategy | None = None,
         controller: BaseController | None = None,
         graphs: GraphCache | None = None,
+        still: StillMap | None = None,
     ) -> None:
-        """``graphs``: of another planner, to go on with the visibility graph that it has built."""
+        """``graphs``: of another planner, to go on with the visibility graph that it has built.
+
+        ``still``: the map without what moves, for a controller that expects that on its course.
+        """
         parameters = parameters or PlanningParameters()
         self.graphs = graphs or GraphCache()
         self.parameters = parameters
         self.placement = placement or NextTargetPlacement(profile, parameters, self.graphs)
-        self.controller = controller or StaaController(profile, parameters, clock=clock, graphs=self.graphs)
+        self.ahead = still  # only with a prediction
+        self.controller = controller or StaaController(
+            profile, parameters, clock=clock, graphs=self.graphs, still=still
+        )
 
     def plan(self, problem: BaseProblem, budget: SearchBudget) -> tuple[Placement, BasePlan]:
         """Where to stand, and how to accelerate now."""
@@ -77,11 +85,12 @@ class BasePlanner:
         return {name: part.snapshot() for name, part in self._stateful().items()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from a snapshot."""
+        """Continue from a snapshot; what parameters have added since it was made (`still`) begins anew."""
         for name, part in self._stateful().items():
-            part.restore(state[name])
+            if name in state or part is not self.ahead:
+                part.restore(state[name])
 
     def _stateful(self) -> dict[str, HasState]:
         """The strategies that remember something between periods."""
-        both = {"placement": self.placement, "controller": self.controller}
-        return {name: part for name, part in both.items() if isinstance(part, HasState)}
+        parts = {"placement": self.placement, "controller": self.controller, "ahead": self.ahead}
+        return {name: part for name, part in parts.items() if isinstance(part, HasState)}

@@ -60,6 +60,7 @@ class Settings(NamedTuple):
     region_y: float
     region_radius: float
     bound: float  # [s] a plan that costs as much is of no use; inf: any is
+    moving_weight: float
 
 
 class Pocket(NamedTuple):
@@ -81,6 +82,7 @@ class World(NamedTuple):
     next_table: Table  # to the next target
     job: Job
     pocket: Pocket
+    moving: Array  # discs where what moves is expected, every half node, (n, k, 3); `field` is without it then
 
 
 class CellSights(NamedTuple):

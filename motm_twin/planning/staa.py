@@ -3,7 +3,8 @@
 Differences from STAA* (each can be switched off): goal heading, Bezier heuristic, proximity penalty scaled by k, and
 the end of the search: when the path passes the goal, or when the job at the target is predicted to be done. The latter
 carries the time that the job still needs in every node; what follows the job counts with the weight of C_iN. Where a
-plan is known already, nothing dearer is looked at.
+plan is known already, nothing dearer is looked at. What moves may be expected on its course, as in STAA*, or be an
+obstacle where it is, as in the paper.
 All state is in `Memory`, so that a search can be interrupted after any number of expansions and continued.
 """
 
@@ -21,6 +22,7 @@ from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.heap import heap_pop, heap_push
 from motm_twin.planning.kernel import inlined, kernel, length_of
 from motm_twin.planning.pocket import pocket_cost
+from motm_twin.planning.prediction import at_half_steps, gap_to, way_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach, manipulable
 from motm_twin.planning.rtr import TWO_PI, turn
 from motm_twin.planning.search_memory import (
@@ -273,6 +275,12 @@ def _child(
         s.a_max, s.b_max, allowed, world.field, world.body,
     ):  # fmt: skip
         return
+    if world.moving.shape[1] > 0:
+        discs = world.moving[at_half_steps(2 * depth, world.moving)]
+        free = min(free, gap_to(pose[0], pose[1], row[FACING_C], row[FACING_S], discs, world.body))
+        between = world.moving[at_half_steps(2 * depth - 1, world.moving)]
+        if free < allowed or gap_to(mx, my, row[MID_C], row[MID_S], between, world.body) < allowed:
+            return
     left, reached, done = memory.cost[node, LEFT], False, False
     if s.by_job:
         if job.kind == MANIPULATE:
@@ -301,6 +309,9 @@ def _child(
     cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
     inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
     spent = memory.cost[node, G] + dt + k * s.grid_weight * cost + inside
+    if s.moving_weight > 0.0:
+        discs = world.moving[at_half_steps(2 * depth, world.moving)]
+        spent += s.moving_weight * max(0.0, 1.0 - way_to(pose[0], pose[1], discs))
     if spent + h >= s.bound:
         return
     memory.cost[n, G] = spent
@@ -323,6 +334,8 @@ def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory:
     count = memory.count
     start = memory.state[0]
     root = clearance(start[0], start[1], start[2], 1.0, world.field, world.body)
+    c, si = math.cos(start[2]), math.sin(start[2])
+    root = min(root, gap_to(start[0], start[1], c, si, world.moving[0], world.body))
     # A root inside the margin may leave it. Turning away swings a corner outwards, so that coming a little nearer must
     # be possible, down to the floor; a root below the floor may not make it worse.
     allowed = s.margin if root >= s.margin else min(s.margin_floor, root - 0.001)

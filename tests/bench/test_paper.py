@@ -114,6 +114,17 @@ def test_a_modification_without_a_shown_effect_is_said_to_have_none():
     assert any(METHODS["no_arm_avoidance"].title in note for note in part.notes)
 
 
+def test_modifications_are_compared_within_published_and_within_random_arrangements():
+    slower = trials("no_bezier", [90.0, 91.0, 95.0, 96.0, 97.0, 101.0])
+    ours = [result(variant="random", seed=seed, time_s=80.0 + seed) for seed in range(3)]
+    quicker = [result(method="no_bezier", variant="random", seed=seed, time_s=70.0 + seed) for seed in range(3)]
+    part = ablation.draw(Store({"exp1": [*OURS, *ours], "ablations": [*slower, *quicker]}))
+    assert isinstance(part, Drawn)
+    said = [(row["experiment"], row["pairs"], row["verdict"]) for row in part.rows]
+    assert said == [("1, published arrangements", 6, "saves time"), ("1, random", 3, "costs time here")]
+    assert part.rows[1]["slower_s"] == pytest.approx(-10.0)
+
+
 def swept(value, variant, time_s, parameter="next_weight", **changes):
     return result(time_s=time_s, variant=variant, parameters={parameter: value}, **changes)
 

@@ -120,5 +120,6 @@ def test_presets_are_the_variants_that_are_compared():
     assert tuned(PRESETS["The paper's words"]) == (PlanningParameters(staa=literal), ArmParameters())
     switches = ("goal_orientation", "rotation_cost", "bezier", "scale_penalty")
     plain = dataclasses.replace(literal, termination="reach_goal", **dict.fromkeys(switches, False))
-    assert tuned(PRESETS["Unmodified STAA*"]) == (PlanningParameters(staa=plain), ArmParameters())
+    plain = dataclasses.replace(plain, prediction=1.0, moving_weight=1.0)
+    assert tuned(PRESETS["STAA*"]) == (PlanningParameters(staa=plain), ArmParameters())
     assert tuned(PRESETS["As shipped"]) == tuned({})

@@ -1,6 +1,7 @@
 """What each modification of the paper is worth: task time without it, by trial, against the whole method."""
 
 import math
+from typing import NamedTuple
 
 from motm_twin.bench.experiments import statistics
 from motm_twin.bench.experiments.statistics import Estimate
@@ -8,37 +9,68 @@ from motm_twin.bench.paper import data
 from motm_twin.bench.paper.data import Result, Store
 from motm_twin.bench.paper.part import Drawn, Missing, Part
 from motm_twin.bench.paper.plan import LITERAL
+from motm_twin.bench.paper.results_table import group_of
 from motm_twin.bench.paper.style import BLACK, BLUE, ONE_COLUMN, figure, styled
 from motm_twin.methods.registry import METHODS
 
 NAME, TITLE = "ablations", "Each modification of the paper switched off alone"
 OURS = "motm"
-HEADER = ("Without", "Paper", "Slower by, mean [95 % CI] [s]", "Pairs", "Objects placed", "Contacts", "What it shows")
+HEADER = (
+    "Without",
+    "Paper",
+    "Experiment",
+    "Slower by, mean [95 % CI] [s]",
+    "Pairs",
+    "Objects placed",
+    "Contacts",
+    "What it shows",
+)
+
+
+class Without(NamedTuple):
+    """The trials of one group without a modification."""
+
+    method: str
+    group: str  # of the results table: published and random arrangements are never in one mean
+    results: list[Result]
+    slower: Estimate
+
+    @property
+    def title(self) -> str:
+        """What is left out."""
+        return data.title(self.method)
+
+
+def compared(store: Store) -> list[Without]:
+    """Every modification in every group of trials, and the paper as printed."""
+    ours = data.times(store.of("exp1", method=OURS))
+    ablated = [(name, store.of("ablations", method=name)) for name in store.methods("ablations") if name != OURS]
+    found = []
+    for method, results in [*ablated, (LITERAL, store.of("exp1", method=LITERAL))]:
+        for group in dict.fromkeys(map(group_of, results)):
+            own = [result for result in results if group_of(result) == group]
+            found.append(Without(method, group, own, statistics.paired_difference(data.times(own), ours)))
+    return found if ours else []
 
 
 def draw(store: Store) -> Part:
     """A dot with its interval for each modification, and what can be said of it."""
-    ours = data.times(store.of("exp1", method=OURS))
-    found = []
-    for method in [name for name in store.methods("ablations") if name != OURS]:
-        results = store.of("ablations", method=method)
-        found.append((method, results, statistics.paired_difference(data.times(results), ours)))
-    for method in [LITERAL] if store.of("exp1", method=LITERAL) else []:
-        results = store.of("exp1", method=method)
-        found.append((method, results, statistics.paired_difference(data.times(results), ours)))
-    if not found or not ours:
+    found = compared(store)
+    if not found:
         return Missing(name=NAME, title=TITLE, reason="no modification, or not motm itself, was run")
     with styled():
         fig = figure(ONE_COLUMN, 16.0 + 6.0 * len(found))
         axes = fig.add_subplot()
-        for row, (_, _, slower) in enumerate(found):
+        for row, (*_, slower) in enumerate(found):
             if slower.n and math.isfinite(slower.low):
                 axes.plot([slower.low, slower.high], [row, row], "-", color=BLACK, lw=1.2, solid_capstyle="butt")
             if slower.n:
                 clear = shown(slower)
                 axes.plot(slower.value, row, "o", mfc=BLUE if clear else "white", mec=BLACK, ms=5)
         axes.axvline(0.0, color=BLACK, lw=0.6)
-        axes.set_yticks(range(len(found)), [data.title(method) for method, *_ in found])
+        several = len({each.group for each in found}) > 1
+        named = [f"{each.title} ({each.group})" if several else each.title for each in found]
+        axes.set_yticks(range(len(found)), named)
         axes.set_ylim(len(found) - 0.5, -0.5)
         axes.set_xlabel("slower than the whole method by [s]")
         axes.grid(axis="x")
@@ -50,10 +82,10 @@ def draw(store: Store) -> Part:
             "modification "
             "saves time. Filled: the interval excludes zero. Open: no effect is shown by these trials."
         ),
-        n="; ".join(f"{data.title(method)}: {slower.n} pairs" for method, _, slower in found),
-        rows=[_row(*each) for each in found],
+        n="; ".join(f"{name}: {each.slower.n} pairs" for name, each in zip(named, found, strict=True)),
+        rows=[_row(each) for each in found],
         header=HEADER,
-        cells=[_cells(*each) for each in found],
+        cells=[_cells(each) for each in found],
         figure=fig,
         notes=_notes(found),
     )  # fmt: skip
@@ -77,25 +109,33 @@ def verdict(slower: Estimate, results: list[Result]) -> str:
     return harm + ("saves time" if slower.value > 0.0 else "costs time here")
 
 
-def _row(method: str, results: list[Result], slower: Estimate) -> dict:
+def _row(found: Without) -> dict:
+    method, group, results, slower = found
     placed, wanted = data.placed(results)
     return {
-        "method": method, "slower_s": slower.value, "low_s": slower.low, "high_s": slower.high, "pairs": slower.n,
+        "method": method, "experiment": group,
+        "slower_s": slower.value, "low_s": slower.low, "high_s": slower.high, "pairs": slower.n,
         "placed": placed, "wanted": wanted, "contacts": data.contacts(results), "verdict": verdict(slower, results),
     }  # fmt: skip
 
 
-def _cells(method: str, results: list[Result], slower: Estimate) -> tuple[str, ...]:
+def _cells(found: Without) -> tuple[str, ...]:
+    method, group, results, slower = found
     placed, wanted = data.placed(results)
     source = METHODS[method].source if method in METHODS else ""
     return (
-        data.title(method), source, slower.text(1), str(slower.n), f"{placed}/{wanted}", str(data.contacts(results)),
+        found.title, source, group, slower.text(1), str(slower.n), f"{placed}/{wanted}", str(data.contacts(results)),
         verdict(slower, results),
     )  # fmt: skip
 
 
-def _notes(found: list) -> list[str]:
-    silent = [data.title(method) for method, results, slower in found if slower.n >= 2 and not shown(slower)]
+def _notes(found: list[Without]) -> list[str]:
+    several = len({each.group for each in found}) > 1
+    silent = [
+        f"{each.title} in {each.group}" if several else each.title
+        for each in found
+        if each.slower.n >= 2 and not shown(each.slower)
+    ]
     if not silent:
         return []
     return [

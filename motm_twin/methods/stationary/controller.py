@@ -11,6 +11,7 @@ from motm_twin.methods.stationary.parameters import StationaryParameters
 from motm_twin.methods.stationary.reach_of import TargetReach
 from motm_twin.model.geometry import Array, drive, frozen
 from motm_twin.model.state import Stateful
+from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import field_of
 from motm_twin.planning.controller import StaaController
@@ -41,11 +42,14 @@ class ParkingController(StaaController, Stateful[ParkingState]):
     """STAA* to the chosen pose, then the shortest stop there is, as soon as that ends near enough to it."""
 
     def __init__(
-        self, parts: PlannerParts, graphs: GraphCache, *, overlap: bool, parameters: StationaryParameters | None = None
-    ) -> None:
+        self, parts: PlannerParts, graphs: GraphCache, *, overlap: bool, parameters: StationaryParameters | None = None,
+        still: StillMap | None = None,
+    ) -> None:  # fmt: skip
         """``overlap``: the arm is told how soon the base will stand, and moves already while it arrives."""
         self.stationary = parameters or StationaryParameters()
-        super().__init__(parts.known.robot, stopping_base(parts.parameters), clock=parts.clock, graphs=graphs)
+        super().__init__(
+            parts.known.robot, stopping_base(parts.parameters), clock=parts.clock, graphs=graphs, still=still
+        )
         self._usual = self._p
         self._exact = dataclasses.replace(
             self._p,

@@ -1,6 +1,6 @@
 """The stop-then-manipulate methods of Reister et al. on this robot, and a stronger form of the best of them."""
 
-from motm_twin.methods.method import ArmParts, Method, PlannerParts
+from motm_twin.methods.method import ArmParts, Method, PlannerParts, map_ahead
 from motm_twin.methods.stationary.controller import ParkingController
 from motm_twin.methods.stationary.fixed_set import FixedSetPlacement
 from motm_twin.methods.stationary.parameters import StationaryParameters
@@ -40,7 +40,8 @@ def _standing(
     parts: PlannerParts, placement: StationaryPlacement, graphs: GraphCache, *, overlap: bool = False,
     parameters: StationaryParameters | None = None,
 ) -> BasePlanner:  # fmt: skip
-    controller = ParkingController(parts, graphs, overlap=overlap, parameters=parameters)
+    still = map_ahead(parts)
+    controller = ParkingController(parts, graphs, overlap=overlap, parameters=parameters, still=still)
     return BasePlanner(
         parts.known.robot,
         parts.parameters,
@@ -48,6 +49,7 @@ def _standing(
         placement=placement,
         controller=controller,
         graphs=graphs,
+        still=still,
     )
 
 
