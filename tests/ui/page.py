@@ -15,7 +15,7 @@ from PIL import Image
 from motm_twin.bench.page_serve import served
 from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
-VIEW = {"width": 1024, "height": 700}  # small, because software draws it
+VIEW = {"width": 800, "height": 560}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--no-sandbox"]
 LIGHTLY = Path(__file__).with_name("lightly.js")
 CAMERA = Path(__file__).with_name("camera.js")
@@ -139,6 +139,7 @@ class Visitor:
             now = self.picture()
             same = same + 1 if changed(last, now) < 1e-4 else 0
             last = now
+        assert same >= quiet, "the picture goes on changing: pause the twin first"
         return last
 
     def _canvas(self):
