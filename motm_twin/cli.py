@@ -32,6 +32,7 @@ def run(
     seed: int | None = None,
     json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
     save: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
+    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     method: str = DEFAULT_METHOD,
 ) -> int:
     """Run a scene headless, as fast as the processor allows.
@@ -44,19 +45,13 @@ def run(
         seed: Seed of noise and random arrangements.
         json: Write the report to a file, or to standard output with '-'.
         save: Write the session to a file, for `rerun` and `what-if`.
+        plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
         method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
     """
     from motm_twin.methods.registry import find_method
+    from motm_twin.record.cli_run import run_headless
 
-    chosen = find_method(method)
-    if save is not None:
-        from motm_twin.record.cli_run import run_and_save
-
-        result = run_and_save(scene, variant, seed, save, chosen)
-    else:
-        from motm_twin.trial import run_trial
-
-        result = run_trial(scene, variant, seed, chosen)
+    result = run_headless(scene, variant, seed, find_method(method), save=save, plot=plot)
     if json is not None:
         _write(result, json)
     if json != "-":
@@ -290,6 +285,16 @@ def _print(result: dict) -> None:
         f"picked {result['picks_done']}/{result['picks_total']}, "
         f"placed {result['places_done']}/{result['places_total']}, "
         f"contacts {result['contacts_caused_by_robot']} caused of {len(result['contacts'])}"
+    )
+    measures = result["measures"]
+    parts = ", ".join(f"{name.replace('_', ' ')} {seconds:.1f}" for name, seconds in measures["parts_s"].items())
+    console.print(f"seconds by part: {parts}")
+    reference = sum(leg["reference_m"] or 0.0 for leg in measures["legs"])
+    felt = measures["arm_base_acceleration_mps2"]["p99"]
+    console.print(
+        f"path {result['path_length_m']:.1f} m (reference tour {reference:.1f} m; leg by leg in --json and --plot)"
+        + ("" if felt is None else f"; the arm's foot feels {felt:.2f} m/s^2 at p99, ")
+        + ("" if felt is None else f"{measures['yaw_sign_changes_per_m']:.2f} changes of turning per metre")
     )
     tick = result["tick_ms"]
     console.print(

@@ -10,7 +10,7 @@ import numpy as np
 
 from motm_twin.bench.measures import Measures
 from motm_twin.bench.measures.encounters import base_gap, body_of
-from motm_twin.bench.reference_tour import reference_tour_s
+from motm_twin.bench.reference_tour import reference_tour
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
 from motm_twin.finish import Finish
@@ -100,7 +100,11 @@ def run_scene(
         if finish.over or tick.time >= scene.time_limit:
             break
     seconds = time.perf_counter() - began
-    return {**report(twin, tick, tally, seconds), "measures": measures.report()}
+    tour, _ = reference_tour(scene)
+    measured = measures.report()
+    for leg in measured["legs"]:
+        leg["reference_m"] = _finite(tour[leg["index"]]) if leg["index"] < len(tour) else 0.0
+    return {**report(twin, tick, tally, seconds, float(tour.sum())), "measures": measured}
 
 
 def _wait_for(robot: ExternalPlant) -> None:
@@ -112,8 +116,8 @@ def _wait_for(robot: ExternalPlant) -> None:
         time.sleep(0.05)
 
 
-def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, Any]:
-    """The trial in numbers, from its last Tick and what was added up."""
+def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) -> dict[str, Any]:
+    """The trial in numbers, from its last Tick and what was added up; ``tour`` [m]: length of the reference tour."""
     scene, truth, sequence = twin.scene, tick.truth, twin.loop.sequence
     assert truth is not None
     places_total = _count(tick, "place")
@@ -130,7 +134,7 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float) -> dict[str, An
         "seed": scene.seed,
         "success": bool(completed and not caused),
         "time_s": round(tick.time, 3),
-        "reference_tour_s": round(reference_tour_s(scene), 2),
+        "reference_tour_s": round(tour / scene.robot.base.forward_speed, 2),
         "picks_done": truth.picks,
         "picks_attempted": attempts,
         "picks_total": _count(tick, "pick"),

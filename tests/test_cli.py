@@ -110,10 +110,25 @@ def test_a_rerun_tells_the_time_of_the_run_and_calls_the_length_of_the_recording
 
 def test_a_run_that_is_piped_prints_whole_lines_however_long_they_are(tmp_path):
     result = call("run", str(short_scene(tmp_path)), "--variant", "trial1")
-    first, second, third = result.stdout.splitlines()
+    first, second, parts, path, last = result.stdout.splitlines()
     assert "time limit 3 s reached" in first
     assert re.fullmatch(r"time 3\.00 s .* contacts 0 caused of 0", second)
-    assert re.fullmatch(r"period p50 .*; state [0-9a-f]{12}", third)
+    found = re.fullmatch(r"seconds by part: at limit ([\d.]+), .*, standing [\d.]+", parts)
+    assert found and sum(map(float, re.findall(r"[\d.]+", parts))) == pytest.approx(3.0, abs=0.3)
+    assert re.fullmatch(r"path [\d.]+ m \(reference tour [\d.]+ m; .*\); the arm's foot .* per metre", path)
+    assert re.fullmatch(r"period p50 .*; state [0-9a-f]{12}", last)
+
+
+def test_a_run_draws_its_speed_along_the_path(tmp_path):
+    file, report = tmp_path / "run.svg", tmp_path / "run.json"
+    given = ("run", str(short_scene(tmp_path)), "--variant", "trial1", "--plot", str(file), "--json", str(report))
+    assert call(*given).returncode == 1  # the time limit
+    text = file.read_text(encoding="utf-8")
+    for words in ("distance driven [m]", "speed [m/s]", "reference tour, at the limit", "slower, turning"):
+        assert words in text
+    (leg,) = json.loads(report.read_text())["measures"]["legs"]
+    assert leg["reference_m"] > leg["path_m"] > 0.0  # the leg is not over
+    assert sum(leg["parts_s"].values()) == pytest.approx(leg["time_s"])
 
 
 @pytest.mark.parametrize(
@@ -135,6 +150,8 @@ def test_a_run_that_is_piped_prints_whole_lines_however_long_they_are(tmp_path):
         (("what-if", str(RECORDED), "--set", "nosuch=0"), "docs/zenoh.md, Parameters"),
         (("what-if", str(RECORDED), "--set", "bezier=off", "--from", "1000"), "1000"),
         (("run", "exp1", "--save", "no/such/folder/run.json"), "folder"),
+        (("run", "exp1", "--plot", "no/such/folder/run.png"), "folder"),
+        (("run", "exp1", "--plot", "run.txt"), ".svg"),
     ],
 )
 def test_bad_input_exits_with_two_and_says_what_is_wrong(arguments, words):

@@ -44,7 +44,7 @@ def _spots(
 ) -> list[tuple[float, float]]:
     """So many cells of a grid over the map that are clear of the task and of the border; raises when there are fewer.
 
-    The nearest first when they are few, so that ten obstacles are ten that the robot meets.
+    They are spread over the map, as on the floor of an office: few of many are near the robot, and none of few.
     """
     step = SIZES[1] * math.sqrt(2.0) + APART
     xs = np.arange(bounds[0] + step, bounds[2] - step, step)

@@ -44,14 +44,17 @@ def reference_tour_s(
     world: Scene | KnownWorld, reach: float = REACH, margin: float = MARGIN, *, exact: bool = False
 ) -> float:
     """Time [s] of the reference tour at the forward speed limit; inf when a place cannot be reached at all."""
-    length, _ = reference_tour(world, reach, margin, exact=exact)
-    return length / world.robot.base.forward_speed
+    legs, _ = reference_tour(world, reach, margin, exact=exact)
+    return float(legs.sum()) / world.robot.base.forward_speed
 
 
 def reference_tour(
     world: Scene | KnownWorld, reach: float = REACH, margin: float = MARGIN, *, exact: bool = False
-) -> tuple[float, Array]:
-    """Length [m] of the reference tour and the points that it touches, start included, shape (n + 1, 2)."""
+) -> tuple[Array, Array]:
+    """Length [m] of each leg of the reference tour, shape (n,), and the points that it touches, shape (n + 1, 2).
+
+    The first point is the start; a place that cannot be reached at all makes the legs from there on infinitely long.
+    """
     grown, inner = _grown(world.solids, margin), _grown(world.solids, margin - INSET)
     stops = stops_of(world, reach)
     walls, corners = _edges(inner), np.ascontiguousarray(_edges(grown)[:, :2])
@@ -60,13 +63,13 @@ def reference_tour(
     layers = [start]
     for stop in stops:
         layers.append(_entries(stop, layers[-1], grown, exact))
-    length, touched = _best(layers, corners, between, walls)
+    legs, touched = _best(layers, corners, between, walls)
     spread = 2.0 * math.pi / EXACT_POINTS
-    for _ in range(ROUNDS if exact and math.isfinite(length) else 0):
+    for _ in range(ROUNDS if exact and np.isfinite(legs).all() else 0):
         layers = [start] + [_nearby(stop, at, spread, grown) for stop, at in zip(stops, touched[1:], strict=True)]
-        length, touched = _best(layers, corners, between, walls)
+        legs, touched = _best(layers, corners, between, walls)
         spread /= (FINE_POINTS - 1) / 2.0
-    return length, touched
+    return legs, touched
 
 
 def stops_of(world: Scene | KnownWorld, reach: float) -> list[Stop]:
@@ -144,22 +147,27 @@ def _nearby(stop: Stop, point: Array, spread: float, grown: BaseGeometry) -> Arr
     return np.concatenate([circle[free], point[None]])
 
 
-def _best(layers: list[Array], corners: Array, between: Array, walls: Array) -> tuple[float, Array]:
-    """Shortest tour through one point of every layer: its length [m] and those points, shape (n, 2)."""
+def _best(layers: list[Array], corners: Array, between: Array, walls: Array) -> tuple[Array, Array]:
+    """Shortest tour through one point of every layer: lengths of its legs [m] (n,) and those points (n + 1, 2)."""
     cost = np.zeros(1)
-    chosen_from = []
+    costs, chosen_from = [cost], []
     to_corners = _lengths(layers[0], corners, walls)
     for before, after in pairwise(layers):
         from_corners = _lengths(after, corners, walls)
         cost, source = _step(cost, to_corners, between, from_corners, _lengths(before, after, walls))
+        costs.append(cost)
         chosen_from.append(source)
         to_corners = from_corners
     index = int(np.argmin(cost))
-    length, touched = float(cost[index]), [layers[-1][index]]
-    for layer, source in zip(layers[-2::-1], chosen_from[::-1], strict=True):
+    touched, spent = [layers[-1][index]], [cost[index]]
+    for layer, before, source in zip(layers[-2::-1], costs[-2::-1], chosen_from[::-1], strict=True):
         index = source[index]
         touched.append(layer[index])
-    return length, np.array(touched[::-1])
+        spent.append(before[index])
+    spent = np.array(spent[::-1])
+    reached = np.isfinite(spent)
+    legs = np.where(reached[1:], spent[1:] - np.where(reached, spent, 0.0)[:-1], np.inf)
+    return legs, np.array(touched[::-1])
 
 
 @njit(cache=True)

@@ -30,6 +30,7 @@ class PlacementParameters:
     room: float = 0.5  # [m] own: left to what may be moving where the base waits; both wait for each other without it
     drive_headings: int = 16  # own: arrival headings tried for a drive target that leaves its heading free
     next_goals: int = 6  # own: best poses of the next target that the local search knows
+    next_poses: int = 72  # own: those to which the way on is counted: all of a ring, and a share of what is more
 
     def __post_init__(self) -> None:
         if not 0.0 < self.radius_min <= self.radius_max:

@@ -267,8 +267,9 @@ class NextTargetPlacement(Stateful[PlacementState]):
                 poses = candidates.pose[viable]
                 if target.kind == "drive" and target.heading is None:
                     poses = np.array([[*poses[0, :2], math.nan]])
-                if len(poses) > 2 * self._parameters.placement.positions:
-                    poses = poses[:: 1 + len(poses) // (2 * self._parameters.placement.positions)]
+                most = self._parameters.placement.next_poses
+                if len(poses) > most:
+                    poses = poses[:: 1 + len(poses) // most]
                 return poses[np.lexsort((poses[:, 1], poses[:, 0]))]
         return np.array([[target.position[0], target.position[1], math.nan]])
 

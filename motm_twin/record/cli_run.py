@@ -1,32 +1,52 @@
-"""`motm-twin run --save`: a headless run that leaves a session behind."""
+"""`motm-twin run`: a headless run, which may leave a session and a figure behind."""
+
+from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.methods.fast import FAST
 from motm_twin.methods.method import Method
+from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.replay import Tracker
 from motm_twin.record.session import Session, SessionError, save_session
 from motm_twin.trial import run_scene
 
+if TYPE_CHECKING:
+    from motm_twin.bench.speed_plot import SpeedFigure
 
-def run_and_save(scene: str, variant: str | None, seed: int | None, file: str, method: Method = FAST) -> dict[str, Any]:
-    """Run a scene to its end, save the session; the report of the run. Raises SceneError and SessionError."""
+
+def run_headless(
+    scene: str, variant: str | None, seed: int | None, method: Method = FAST, *, save: str | None = None,
+    plot: Path | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Run a scene to its end; the report of the run. Raises SceneError and SessionError, before it runs.
+
+    ``save``: file of the session; ``plot``: file of the figure of `bench.speed_plot`.
+    """
     loaded = load_scene(scene, variant, seed)
-    folder = Path(file).parent
-    if not folder.is_dir() or Path(file).is_dir():
-        raise SessionError("cannot be written: give a file in a folder that exists", file=file)
+    for file in [each for each in (save, plot) if each is not None]:
+        if not Path(file).parent.is_dir() or Path(file).is_dir():
+            raise SessionError("cannot be written: give a file in a folder that exists", file=str(file))
+    figure = None if plot is None else _figure(loaded, plot)
     tracker, periods = Tracker(), 0
 
     def on_tick(tick: Tick) -> None:
         nonlocal periods
         periods = tick.index + 1
-        tracker.add(tick)
+        if save is not None:
+            tracker.add(tick)
+        if figure is not None:
+            figure.add(tick)
 
     report = run_scene(loaded, on_tick=on_tick, method=method)
+    if figure is not None:
+        figure.draw(report)
+    if save is None:
+        return report
     title = f"{loaded.title}, headless"
     saved = Session(
         title=title,
@@ -37,5 +57,14 @@ def run_and_save(scene: str, variant: str | None, seed: int | None, file: str, m
         state_hash=report["state_hash"],
         track=tracker.track,
     )
-    save_session(saved, file)
+    save_session(saved, save)
     return report
+
+
+def _figure(scene: Scene, file: Path) -> SpeedFigure:
+    """Collects what the figure shows; raises SessionError for a kind of file that it can not be."""
+    from motm_twin.bench.speed_plot import FORMATS, SpeedFigure  # matplotlib: only where a figure is wanted
+
+    if file.suffix.lower() not in FORMATS:
+        raise SessionError(f"no figure: give a file that ends in {', '.join(FORMATS)}", file=str(file))
+    return SpeedFigure(scene, file)

@@ -7,6 +7,7 @@ import pytest
 
 from motm_twin.bench import task
 from motm_twin.bench.experiments.run import Results
+from motm_twin.bench.measures.time_split import PARTS
 
 
 def _result(scene, seed, seconds, *, method="fast", variant="trial1", success=True, contacts=()):
@@ -51,6 +52,25 @@ def test_every_number_is_read_from_the_trials():
     assert found["quick"] == pytest.approx(1.6)
     assert found["generated"] == found["further"] == found["paper"] == 100.0
     assert found["contacts"] == 0.0
+
+
+def test_where_the_time_goes_is_a_mean_of_the_completed_trials():
+    def measured(at_limit, felt, *, success=True):
+        parts = dict.fromkeys(PARTS, 0.0) | {"at_limit": at_limit, "turning": 2.0}
+        measures = {
+            "parts_s": parts, "legs": [{"reference_m": 20.0}, {"reference_m": None}],
+            "arm_base_acceleration_mps2": {"p99": felt, "max": 2.0 * felt}, "yaw_sign_changes_per_m": 1.5,
+        }  # fmt: skip
+        return _result("exp1", 0, 80.0, success=success) | {"measures": measures, "path_length_m": 30.0}
+
+    trials = [measured(40.0, 0.5), measured(50.0, 0.7), measured(1.0, 9.0, success=False)]
+    found = task.parts(Results(Path(), {"exp1": trials, "exp1a": [_result("exp1a", 0, 90.0)]}), "fast")
+    (row,) = found.values()  # of the other there are no measures
+    assert (row["at_limit"], row["turning"], row["evading"]) == (45.0, 2.0, 0.0)
+    assert (row["path_m"], row["reference_m"], row["turns_per_m"]) == (30.0, 20.0, 1.5)
+    assert row["felt_p99"] == pytest.approx(0.6)
+    assert row["felt_max"] == pytest.approx(1.4)
+    assert task.parts_table({"fast": found}).row_count == 1
 
 
 def test_a_trial_without_success_is_no_time_and_is_counted():

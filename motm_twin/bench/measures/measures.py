@@ -6,7 +6,7 @@ from motm_twin.bench.measures.encounters import Encounters
 from motm_twin.bench.measures.gripper import GripperObstacles
 from motm_twin.bench.measures.interval import Interval, Sampler
 from motm_twin.bench.measures.smoothness import Smoothness
-from motm_twin.bench.measures.time_split import TimeSplit
+from motm_twin.bench.measures.time_split import PARTS, TimeSplit
 from motm_twin.control.parameters import AvoidanceParameters
 from motm_twin.control.tick import Tick
 from motm_twin.model.scene import Scene
@@ -22,7 +22,8 @@ class Measures:
         self._encounters = Encounters(scene.robot.footprint)
         self._gripper = GripperObstacles(scene, avoidance)
         self._smoothness = Smoothness()
-        self._legs: dict[int, list[float]] = {}  # task: time [s], path [m]
+        self._legs: dict[int, dict[str, float]] = {}  # task: seconds of each part
+        self._paths: dict[int, float] = {}  # task: [m]
         self._last: Tick | None = None
 
     def add(self, tick: Tick) -> None:
@@ -31,18 +32,25 @@ class Measures:
         interval = self._sampler.interval(tick)
         if interval is not None:
             self._encounters.add(interval)
-            self._split.add(interval, evading=self._encounters.evading)
+            part = self._split.add(interval, evading=self._encounters.evading)
             self._gripper.add(interval)
             self._smoothness.add(interval)
-            self._leg(interval)
+            self._leg(interval, part)
 
     def report(self) -> dict[str, Any]:
         """Everything measured; times [s] of both splits and of the legs add up to the time of the last Tick."""
         tasks = self._last.tasks if self._last is not None else ()
         names = [(task.kind, task.target) for task in tasks] + [("done", "")]
         legs = [
-            {"task": names[index][0], "target": names[index][1], "time_s": round(time, 4), "path_m": round(path, 4)}
-            for index, (time, path) in sorted(self._legs.items())
+            {
+                "index": index,
+                "task": names[index][0],
+                "target": names[index][1],
+                "time_s": round(sum(parts.values()), 4),
+                "path_m": round(self._paths[index], 4),
+                "parts_s": {part: round(seconds, 4) for part, seconds in parts.items() if seconds},
+            }
+            for index, parts in sorted(self._legs.items())
         ]
         return {
             **self._split.report(),
@@ -53,7 +61,8 @@ class Measures:
             "legs": legs,
         }
 
-    def _leg(self, interval: Interval) -> None:
-        leg = self._legs.setdefault(interval.tick.task_index, [0.0, 0.0])
-        leg[0] += interval.dt
-        leg[1] += interval.path
+    def _leg(self, interval: Interval, part: str) -> None:
+        index = interval.tick.task_index
+        leg = self._legs.setdefault(index, dict.fromkeys(PARTS, 0.0))
+        leg[part] += interval.dt
+        self._paths[index] = self._paths.get(index, 0.0) + interval.path

@@ -53,17 +53,19 @@ class TimeSplit:
         self._moving = self._whole = 0.0
         self._closing: list[tuple[float, float]] = []  # speed [m/s], for how long [s]
 
-    def add(self, interval: Interval, *, evading: bool) -> None:
-        """Take an interval into account."""
+    def add(self, interval: Interval, *, evading: bool) -> str:
+        """Take an interval into account; the one of `PARTS` that it belongs to."""
         dt, share = interval.dt, closing_share(interval)
         self._whole += dt
         self._moving += dt * interval.moving
         self._phases["closing"] += share * dt
         rest = "driving" if interval.moving else "waiting_for_arm" if waits_for_arm(interval) else "stationary"
         self._phases[rest] += (1.0 - share) * dt
-        self._parts[part_of(interval, self._v_f, evading=evading)] += dt
+        part = part_of(interval, self._v_f, evading=evading)
+        self._parts[part] += dt
         if share:
             self._closing.append((abs(interval.twist[0]), share * dt))
+        return part
 
     def report(self) -> dict[str, Any]:
         """Both splits [s], base speed while closing [m/s], share of the time with the base moving."""
