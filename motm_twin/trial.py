@@ -103,7 +103,7 @@ def run_scene(
     tour, _ = reference_tour(scene)
     measured = measures.report()
     for leg in measured["legs"]:
-        leg["reference_m"] = _finite(tour[leg["index"]]) if leg["index"] < len(tour) else 0.0
+        leg["reference_m"] = _finite(float(tour[leg["index"]])) if leg["index"] < len(tour) else 0.0
     return {**report(twin, tick, tally, seconds, float(tour.sum())), "measures": measured}
 
 

@@ -81,7 +81,8 @@ def _curve(
 
 def _run(trial: str, budget: SearchBudget) -> dict[str, Any]:
     """One trial with a limit; its time [s] and whether it was completed."""
-    twin = Twin(load_scene(*trial.split()), method=FAST, budget=budget, clock=time.thread_time)
+    scene, variant = trial.split()
+    twin = Twin(load_scene(scene, variant), method=FAST, budget=budget, clock=time.thread_time)
     while True:
         tick = twin.advance()
         if tick.done or tick.time >= twin.scene.time_limit:

@@ -2,14 +2,13 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.perception.still_map import StillMap
-from motm_twin.planning import search_memory, staa, stuck
+from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
@@ -20,24 +19,12 @@ from motm_twin.planning.pocket import NO_POCKET
 from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
+from motm_twin.planning.search_settings import LocalGoal, search_settings
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
 from motm_twin.planning.visibility import Graph
 
 CLOCK_CHUNK = 32  # expansions between two looks at the clock
 STILL_V = 1e-3  # [m/s]
-
-
-class LocalGoal(NamedTuple):
-    """Where the local search is to go."""
-
-    pose: Array  # (3,), heading nan: free
-    remaining: float  # [s] from there to the goal
-    table: Table  # costs to it, with `after` [s] added
-    after: float  # [s] counted after the goal: the weighted way to the next target
-    global_path: Array
-    heading: float  # [rad] at the end of the global path, nan: free
-    path_found: bool
-    is_goal: bool
 
 
 class StaaController:
@@ -85,7 +72,10 @@ class StaaController:
         if placement.mode == "closest" and self._at(problem.pose, placement):
             return self._idle(problem, field, placement.reason.replace("driving to", "waiting at"))
         next_table = self._next_table(graph, placement)
-        settings = self._settings(problem, placement, goal, next_table is not None)
+        settings = search_settings(
+            self._p, self._limits, problem, placement, goal, has_next=next_table is not None, bound=self._bound(),
+            next_weight=self._next_weight,
+        )  # fmt: skip
         still, proximity, moving = self._ahead(problem)
         world = search_memory.World(
             still,
@@ -215,60 +205,6 @@ class StaaController:
         pose = np.array([place[0], place[1], heading if self._p.goal_orientation else math.nan])
         local = self._graphs.table(graph, pose, self._rates, np.array([after + remaining]))
         return LocalGoal(pose, remaining, local, after, path, float(goal[2]), True, False)
-
-    def _settings(
-        self, problem: BaseProblem, placement: Placement, goal: LocalGoal, has_next: bool
-    ) -> search_memory.Settings:
-        p, limits = self._p, self._limits
-        by_job = p.termination == "task" and not stuck.here(problem.pose, problem.stuck_at)
-        goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST
-        if placement.mode == "closest" and goal.is_goal:
-            goal_test = staa.END_TEST
-        elif by_job and goal.is_goal:
-            goal_test = staa.NO_GOAL_TEST
-        return search_memory.Settings(
-            v_f=limits.forward_speed,
-            v_r=limits.reverse_speed,
-            w_max=limits.yaw_rate,
-            a_max=limits.linear_acceleration,
-            b_max=limits.yaw_acceleration,
-            node_duration=p.node_duration,
-            notches=p.notches,
-            cell=p.cell,
-            heading_bins=p.heading_bins,
-            speed_bins=p.speed_bins,
-            yaw_rate_bins=p.yaw_rate_bins,
-            epsilon=p.epsilon,
-            margin=p.margin,
-            margin_floor=p.margin_floor,
-            margin_cost=p.margin_cost,
-            brake_depth=p.brake_depth,
-            grid_weight=p.grid_weight,
-            grid_range=p.grid_range,
-            grid_map=p.penalty == "grid",
-            k_min=p.k_min,
-            k_time=p.k_time,
-            scale_penalty=p.scale_penalty,
-            bezier=p.bezier,
-            bezier_offset=p.bezier_offset,
-            goal_test=goal_test,
-            pass_distance=p.pass_distance,
-            pass_heading=p.pass_heading,
-            goal_x=float(goal.pose[0]),
-            goal_y=float(goal.pose[1]),
-            goal_heading=float(goal.pose[2]),
-            after_goal=goal.after,
-            by_job=by_job,
-            drive_on=p.drive_on,
-            next_weight=self._next_weight,
-            has_next=has_next,
-            keep_reach=problem.engaged,
-            region_x=float(problem.pose[0]),
-            region_y=float(problem.pose[1]),
-            region_radius=p.local_radius + 1.0,
-            bound=self._bound(),
-            moving_weight=p.moving_weight,
-        )
 
     def _next_table(self, graph: Graph, placement: Placement) -> Table | None:
         poses = placement.next_goals
