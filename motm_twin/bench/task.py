@@ -50,7 +50,7 @@ WANTED = (
     _completed_share("further", "further scenes", 100.0),
     _completed_share("generated", "generated scenes", 99.0),
     _completed_share("paper", "the paper's experiments", 100.0),
-    Wanted(key="contacts", name="contacts (among Temis: driven into)", unit="", least=0.0, best=0.0, decimals=0),
+    Wanted(key="contacts", name="contacts (exp2: driven into)", unit="", least=0.0, best=0.0, decimals=0),
 )  # fmt: skip
 
 
@@ -73,7 +73,7 @@ def experiments(share: float) -> dict[str, Experiment]:
 def bench_task(out: Path, share: float, workers: int, console: Console) -> bool:
     """Run, print, write ``out/task.json``; True when `fast` reaches everything that is wanted at least.
 
-    About 900 trials with a share of 1: two hours of one core.
+    About 900 trials with a share of 1: reckoned at two hours of one core.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     chosen = experiments(share)
@@ -191,7 +191,7 @@ def _over_exp1(results: Iterable[Result]) -> float:
 
 
 def _hits(result: Result) -> int:
-    """Contacts that count: all where nothing else drives, and among Temis those that the robot drove into."""
+    """Contacts that count: in Experiment 2 those that the robot drove into, elsewhere every one."""
     return drove_into([result]) if result["scene"] == "exp2" else len(result["contacts"])
 
 
