@@ -24,26 +24,28 @@ class BaseMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     distance: NDArray[np.float32]  # [m] cell centre to the nearest mapped footprint, exact, 0 inside
     visible_distance: NDArray[np.float32]  # [m] the same, to what the lidar can see of the furniture
     polygons: tuple[Array, ...]  # outlines, counter-clockwise, each shape (n, 2)
+    extents: Array  # [m] of each polygon x_min, y_min, x_max, y_max, shape (polygons, 4)
+
+    def polygons_within(self, low: Array, high: Array) -> tuple[Array, ...]:
+        """Those that are in part between the corners (2,) of a rectangle [m]."""
+        within = (self.extents[:, 2:] >= low).all(axis=1) & (self.extents[:, :2] <= high).all(axis=1)
+        return tuple(self.polygons[k] for k in np.flatnonzero(within))
 
 
 def build_base_map(known: KnownWorld, resolution: float) -> BaseMap:
     """The pre-made map of the known world; resolution in [m]."""
     grid = grid_over(known.bounds, resolution)
     solids = tuple(solid for solid in known.solids if solid.z_min < OVERHEAD)
+    polygons = merged_outlines(solids)
+    corners = [(*polygon.min(axis=0), *polygon.max(axis=0)) for polygon in polygons]
     at_lidar = tuple(solid for solid in solids if solid.z_min <= known.robot.lidar.z <= solid.z_max)
     return BaseMap(
         grid=grid,
         occupied=read_only(_covered_cells(solids, grid)),
         distance=read_only(_distance(solids, grid)),
         visible_distance=read_only(_distance(at_lidar, grid)),
-        polygons=tuple(read_only(corners) for corners in merged_outlines(solids)),
-    )
-
-
-def polygons_within(polygons: tuple[Array, ...], low: Array, high: Array) -> tuple[Array, ...]:
-    """Those that are in part between the corners (2,) of a rectangle [m]."""
-    return tuple(
-        corners for corners in polygons if (corners.max(axis=0) >= low).all() and (corners.min(axis=0) <= high).all()
+        polygons=tuple(read_only(polygon) for polygon in polygons),
+        extents=read_only(np.array(corners).reshape(-1, 4)),
     )
 
 

@@ -10,7 +10,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.state import Stateful
-from motm_twin.perception.base_map import BaseMap, build_base_map, polygons_within, read_only
+from motm_twin.perception.base_map import BaseMap, build_base_map, read_only
 from motm_twin.perception.clusters import calm, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.occupancy import (
@@ -136,7 +136,7 @@ class Mapper(Stateful[MapperState]):
         low = np.array(grid.origin) + grid.resolution * np.array([columns.start, rows.start])
         high = np.array(grid.origin) + grid.resolution * np.array([columns.stop, rows.stop])
         self._corner = read_only(low)
-        self._polygons = polygons_within(self.base.polygons, low, high)
+        self._polygons = self.base.polygons_within(low, high)
 
     def _take(self, scan: Scan, now: float) -> None:
         """Check a scan and put it into the evidence."""

@@ -8,7 +8,7 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.state import Stateful
-from motm_twin.perception.base_map import BaseMap, build_base_map, polygons_within, read_only
+from motm_twin.perception.base_map import BaseMap, build_base_map, read_only
 from motm_twin.perception.clusters import calm, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.mapper import MapSettings
@@ -52,7 +52,7 @@ class StandingMap(Stateful[StandingState]):
             world,
             occupied=read_only(occupied),
             distance=read_only(np.minimum(base.distance[window], seen)),
-            polygons=polygons_within(base.polygons, world.origin, world.origin + extent) + self._state.outlines,
+            polygons=base.polygons_within(world.origin, world.origin + extent) + self._state.outlines,
             seen_points=read_only(points.copy()),
             seen_static=read_only(world.seen_static[standing].copy()),
         )

@@ -218,12 +218,14 @@ class StaaController:
 
     def _cell_sights(self, graph: Graph, field: Field) -> search_memory.CellSights:
         grid = (field.x, field.y, field.inverse_cell, *field.value.shape)
-        if self._cells is None or self._cells[1] != grid:
-            self._cells = (graph, grid, search_memory.make_cell_sights(field))
-        elif self._cells[0] is not graph:
-            self._cells = (graph, grid, self._cells[2])
-            search_memory.forget_sights(self._cells[2])
-        return self._cells[2]
+        graph_of, grid_of, cells = self._cells or (None, None, None)
+        if cells is None or len(cells.age) < field.value.size:
+            cells = search_memory.make_cell_sights(field.value.size)
+        elif graph_of is graph and grid_of == grid:
+            return cells
+        search_memory.empty_sights(cells, field)
+        self._cells = (graph, grid, cells)
+        return cells
 
     def _room(self, expansions: int, graph: Graph) -> search_memory.Memory:
         needed = expansions * self._p.notches**2 + 2

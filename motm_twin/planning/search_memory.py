@@ -93,7 +93,7 @@ class CellSights(NamedTuple):
     age: IntArray  # (cells,) `newest` when it was found; older ones are not known
     point: Array  # (cells, 3) point outside the grown polygons, and how far it is
     pool: IntArray
-    shape: IntArray  # rows, columns
+    shape: IntArray  # rows, columns of the map; there may be room for more
     used: IntArray  # (1,)
     newest: IntArray  # (1,)
 
@@ -144,18 +144,17 @@ def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
     )
 
 
-def make_cell_sights(field: Field) -> CellSights:
-    """An empty store for the cells of a map."""
-    rows, columns = field.value.shape
-    n = rows * columns
+def make_cell_sights(cells: int) -> CellSights:
+    """An empty store with room for a map of that many cells."""
     return CellSights(
-        np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros((n, 3)),
-        np.zeros(16 * n, np.int32), np.array([rows, columns], np.int32), np.zeros(1, np.int32), np.ones(1, np.int32),
+        np.zeros(cells, np.int32), np.zeros(cells, np.int32), np.zeros(cells, np.int32), np.zeros((cells, 3)),
+        np.zeros(16 * cells, np.int32), np.zeros(2, np.int32), np.zeros(1, np.int32), np.zeros(1, np.int32),
     )  # fmt: skip
 
 
-def forget_sights(cells: CellSights) -> None:
-    """Make the store empty, for another graph: without touching every cell of a large map."""
+def empty_sights(cells: CellSights, field: Field) -> None:
+    """Make the store empty, for another graph or part of a map: without touching every cell of it."""
+    cells.shape[:] = field.value.shape
     cells.used[0] = 0
     cells.newest[0] += 1
 

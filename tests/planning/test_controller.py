@@ -110,6 +110,21 @@ def test_without_a_clock_time_is_not_looked_at_and_the_answer_is_always_the_same
     assert one.expansions == two.expansions
 
 
+def test_what_was_looked_up_on_one_part_of_a_map_is_not_taken_for_another() -> None:
+    # Moved on and of several sizes: what the number of a cell stands for differs, and so does what is seen from it.
+    bounds = [(-2.5, -3.6, 7.4, 4.4), (-3.0, -3.6, 6.9, 4.4), (-2.5, -4.1, 7.4, 3.9), (-2.0, -3.6, 7.4, 4.4)]
+    pose = np.array([3.4, 0.8, 3.0])  # the goal is on the other side of the table
+    straight = PlanningParameters(staa=StaaParameters(bezier=False))  # every node's cost is looked up
+    kept = BasePlanner(RobotProfile(), straight)
+    for each in (*bounds, *bounds):
+        problem = ask(world_of(polygons(boxes=True), each), pose, np.array([0.3, 0.0]), drive_to(3.6, 2.75))
+        kept.placement.restore(BasePlanner(RobotProfile(), straight).placement.snapshot())
+        _, plan = kept.plan(problem, BUDGET)
+        _, fresh = BasePlanner(RobotProfile(), straight).plan(problem, BUDGET)
+        assert np.array_equal(plan.local_poses, fresh.local_poses)
+        assert np.array_equal(plan.local_to_go, fresh.local_to_go)
+
+
 def test_from_standstill_the_robot_starts() -> None:
     """Bug of the prototype: a closed list without speed froze a standing robot for ever."""
     _, plan = BasePlanner(RobotProfile()).plan(ask(world_of(polygons()), HERE, np.zeros(2), pick(3.1, 1.47)), BUDGET)
