@@ -72,6 +72,7 @@ class StaaParameters:
     drive_on: bool = True  # own: a node from which the job gets done is judged by its way to the next target
     prediction: float = 0.0  # [s] STAA*: 1 s, for which what moves is expected to go on; the paper expects nothing
     moving_weight: float = 0.0  # [s] STAA*: 1 s per node at what moves, less with every metre; 0 from 1 m on
+    steadiness: float = 0.0  # own: share of the time [s] of full yaw acceleration that is paid for it; STAA* pays none
 
     def __post_init__(self) -> None:
         if self.termination not in TERMINATIONS:
@@ -82,8 +83,8 @@ class StaaParameters:
             raise ValueError(f"notches {self.notches}: need an odd number of at least 3, so that 0 is one of them")
         if self.node_duration <= 0.0 or self.cell <= 0.0 or self.growth <= 0.0 or self.local_radius <= 0.0:
             raise ValueError("node_duration, cell, growth and local_radius must be positive")
-        if self.prediction < 0.0 or self.moving_weight < 0.0:
-            raise ValueError("prediction and moving_weight must not be negative")
+        if min(self.prediction, self.moving_weight, self.steadiness) < 0.0:
+            raise ValueError("prediction, moving_weight and steadiness must not be negative")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

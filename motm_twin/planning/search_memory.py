@@ -61,6 +61,7 @@ class Settings(NamedTuple):
     region_radius: float
     bound: float  # [s] a plan that costs as much is of no use; inf: any is
     moving_weight: float
+    steadiness: float
 
 
 class Pocket(NamedTuple):

@@ -77,4 +77,5 @@ def search_settings(
         region_radius=p.local_radius + 1.0,
         bound=bound,
         moving_weight=p.moving_weight,
+        steadiness=p.steadiness,
     )

@@ -177,6 +177,8 @@ def _swings(node: int, left: float, by_reach: bool, s: Settings, memory: Memory)
     for j in range(-half_notches, half_notches + 1):
         b = s.b_max * j / half_notches
         w_end = min(s.w_max, max(-s.w_max, w_0 + b * dt))
+        if j == 0 and s.steadiness > 0.0 and abs(w_0) < 0.5 * s.b_max * dt / half_notches:
+            w_end = 0.0  # whoever pays for turning can go straight on, too
         if w_end == w_before:
             continue
         w_before = w_end
@@ -309,6 +311,7 @@ def _child(
     cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
     inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
     spent = memory.cost[node, G] + dt + k * s.grid_weight * cost + inside
+    spent += s.steadiness * abs(w_end - w_0) / s.b_max
     if s.moving_weight > 0.0:
         discs = world.moving[at_half_steps(2 * depth, world.moving)]
         spent += s.moving_weight * max(0.0, 1.0 - way_to(pose[0], pose[1], discs))

@@ -36,7 +36,7 @@ def test_the_job_is_done_without_a_contact(trial):
 def test_a_search_that_finds_nothing_cheaper_still_tells_of_the_way():
     """Of many nothing but the root is looked at. A period that brakes to keep the object in reach is another thing."""
     twin = Twin(load_scene("exp1", "trial1", 0), method=find_method("fast"))
-    plans = [twin.advance().plan for _ in range(150)]
+    plans = [twin.advance().plan for _ in range(300)]
     short = [plan for plan in plans if plan.expansions == 1 and plan.status != "braking"]
     assert sum(plan.status == "braking" for plan in plans) <= 1
     assert len(short) > 10

@@ -125,6 +125,27 @@ def test_what_was_looked_up_on_one_part_of_a_map_is_not_taken_for_another() -> N
         assert np.array_equal(plan.local_to_go, fresh.local_to_go)
 
 
+def test_whoever_pays_for_turning_turns_less_and_can_go_straight() -> None:
+    # With 5 accelerations of turning a node changes the yaw rate by whole 15 deg/s: from 6 deg/s it is never 0.
+    plain, steady = (
+        PlanningParameters(staa=StaaParameters(notches=5, steadiness=steadiness)) for steadiness in (0.0, 0.02)
+    )
+    problem = ask(world_of(()), HERE, np.array([0.5, math.radians(6.0)]), drive_to(3.0, 0.05, 0.0))
+    before, after = (
+        np.degrees(BasePlanner(RobotProfile(), chosen).plan(problem, BUDGET)[1].local_poses[:, 4])
+        for chosen in (plain, steady)
+    )
+    assert len(before) > 5
+    assert not (np.abs(before) < 1e-9).any()
+    assert (np.abs(after) < 1e-9).any()
+    assert np.abs(np.diff(after)).sum() < np.abs(np.diff(before)).sum()
+
+
+def test_steadiness_is_not_negative() -> None:
+    with pytest.raises(ValueError, match="steadiness must not be negative"):
+        StaaParameters(steadiness=-0.1)
+
+
 def test_from_standstill_the_robot_starts() -> None:
     """Bug of the prototype: a closed list without speed froze a standing robot for ever."""
     _, plan = BasePlanner(RobotProfile()).plan(ask(world_of(polygons()), HERE, np.zeros(2), pick(3.1, 1.47)), BUDGET)
