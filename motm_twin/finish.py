@@ -2,7 +2,7 @@
 
 from motm_twin.control.tick import Tick
 
-SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest
+SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to land and the robot to come to rest
 
 
 class Finish:

@@ -46,10 +46,10 @@ from motm_twin.bus.said import said
 from motm_twin.bus.session_desk import SessionDesk
 from motm_twin.bus.source import SceneSource
 from motm_twin.bus.wheel import Wheel
+from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.record.session import LoggedEdit
 
-SETTLE_PERIODS = 40  # after the last task, so that the last cube lands and the robot comes to rest
 IDLE_WAIT = 0.1  # [s] between looks at the clock while time stands
 STANDING_INTERVAL = 0.05  # [s] at least between two pictures of a standing twin
 REQUESTS_PER_TURN = 32  # however many wait, time goes on

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.control.tick import Tick
+from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.gym.arm_action import ArmAction
 from motm_twin.gym.base_action import BaseAction
 from motm_twin.gym.library import gymnasium, spaces
@@ -23,7 +24,6 @@ from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
 
-SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to come to rest, as `motm-twin run` grants
 MOST_SEED = 2**31  # scene seeds are drawn below this when a reset names none
 Action = NDArray[np.float32]
 

@@ -47,7 +47,8 @@ from motm_twin.bus.commands import (
     UndoBranch,
 )
 from motm_twin.bus.live import MAX_ADDED
-from motm_twin.bus.loop import SETTLE_PERIODS, STANDING_INTERVAL
+from motm_twin.bus.loop import STANDING_INTERVAL
+from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.model.scene import DriveTo
 
 
