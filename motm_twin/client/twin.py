@@ -85,13 +85,13 @@ class Twin(Commanding[Answer]):
         Everything else holds from the period after ``index`` of the answer. ``timeout`` [s] is for the answer; a run
         that waits for an external robot has begun as well, without a first period.
         """
-        before = self.client.status()
+        before, shown = self.client.status(), self.client.tick()
         answer = self.client.command(command, timeout, name=self._name)
         if not answer.ok:
             raise Refused(answer.reason)
         if begins_run(command, before):
             run = -1 if before is None else before.run
-            self._wait_run(run, LOADING)
+            self._wait_run(run, None if shown is None else shown.run, LOADING)
         elif isinstance(command, Step):
             self.wait_until(lambda tick: tick.index >= answer.index + command.count, timeout=STEPPING)
         return answer
@@ -186,7 +186,8 @@ class Twin(Commanding[Answer]):
             if not self.client.closed and (message := read()) is not None:
                 yield message
 
-    def _wait_run(self, run: int, timeout: float) -> None:
+    def _wait_run(self, run: int, shown: int | None, timeout: float) -> None:
+        """Wait for a run after ``run`` other than ``shown``: a status that comes late names the run before that."""
         settled: list[float] = []  # [s] when the run of an external robot was seen to have begun
 
         def began() -> bool:
@@ -197,7 +198,7 @@ class Twin(Commanding[Answer]):
                     return True
             if status is not None and status.state == "error" and status.run >= run:
                 raise Refused(status.text)
-            return tick is not None and tick.run > run
+            return tick is not None and tick.run > run and tick.run != shown
 
         if not self._within(timeout, began):
             raise TimeoutError(f"the run did not begin within {timeout:g} s")
