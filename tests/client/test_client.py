@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 
+import msgspec
 import pytest
 from fake_twin import FakeLibrary, FakeTwin
 from waiting import until
@@ -52,6 +53,15 @@ def test_steps_and_loads_are_there_when_the_call_is_back(twin):
     assert (twin.latest_tick().run, twin.latest_tick().index, twin.status().seed) == (run + 1, 0, 5)
     twin.reset()
     assert twin.latest_tick().run == run + 2
+
+
+def test_a_run_whose_status_comes_late_is_not_taken_for_the_next(twin, monkeypatch):
+    run = twin.latest_tick().run
+    late = msgspec.structs.replace(twin.status(), run=run - 1)
+    told = itertools.chain([late], iter(twin.client.status, None))
+    monkeypatch.setattr(twin.client, "status", lambda: next(told))
+    twin.reset()
+    assert twin.latest_tick().run == run + 1
 
 
 def test_a_load_names_the_method(twin):
