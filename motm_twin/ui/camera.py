@@ -29,6 +29,7 @@ ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by ha
 PANEL = 334  # [px] that the docked panel takes from the picture; a page tells its size before it is docked
 NARROW = 700  # [px] of a page on which the panel lies over the picture
 _MEMORY = 90  # sent poses that echoes are compared with
+_MADE = np.array([-5.0, 0.0, 0.0])  # [m] where a page's camera is before Viser puts it anywhere: three.js's (0, 0, 5)
 
 
 @dataclass
@@ -37,6 +38,7 @@ class _Eye:
 
     mode: str = "Overview"
     sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
+    arrived: bool = False  # where it was sent last; before, no hand has moved it
     target: View | None = None  # of a fixed view
     aspect: float = 0.0  # that the target is for
     seen: float = 0.0  # aspect of the picture at the last update
@@ -57,6 +59,7 @@ class Cameras:
         self._eyes: dict[int, _Eye] = {}
         self._scene: Scene | None = None
         self._base, self._hand = np.zeros(3), np.eye(4)
+        self._beginnings = (_MADE, np.array(server.initial_camera.position))  # a slow page tells them late
         server.initial_camera.fov = FIELD_OF_VIEW
         server.on_client_connect(self._enter)
         server.on_client_disconnect(self._leave)
@@ -77,7 +80,7 @@ class Cameras:
             if eye is None or preset not in PRESETS:
                 return
             eye.mode, eye.target, eye.offset, eye.heading = preset, None, None, None
-            eye.hand_at = -math.inf
+            eye.hand_at, eye.arrived = -math.inf, True
             _ease(eye, client)
 
     def mode(self, client: viser.ClientHandle) -> str:
@@ -165,8 +168,11 @@ class Cameras:
             if eye is None or eye.mode == "Free" or not eye.sent:
                 return
             sent = np.array(eye.sent)
-            if np.linalg.norm(sent - position, axis=1).min() < ECHO or _on_the_way(sent, position):
-                if eye.mode not in RIDES and eye.ease_from is None and np.linalg.norm(sent[-1] - position) >= ECHO:
+            there = bool(np.linalg.norm(sent[-1] - position) < ECHO)
+            own = np.vstack([sent, self._beginnings])
+            if not eye.arrived or np.linalg.norm(own - position, axis=1).min() < ECHO or _on_the_way(sent, position):
+                eye.arrived |= there
+                if not there and eye.mode not in RIDES and eye.ease_from is None:
                     eye.target = None  # a page that begins puts its camera back after what it was sent: send it again
                 return
             eye.ease_from = None

@@ -11,6 +11,7 @@ from motm_twin.ui.camera import Cameras
 from motm_twin.ui.framing import overview
 
 SCENE = load_scene("exp1", "trial1")
+LIBRARY = np.array([3.0, 3.0, 3.0])  # where a page of Viser puts its camera until it hears where
 
 
 class Page:
@@ -48,7 +49,7 @@ def entered():
 def enter(position):
     page, handlers = Page(position), []
     server = SimpleNamespace(
-        initial_camera=SimpleNamespace(),
+        initial_camera=SimpleNamespace(position=LIBRARY),
         on_client_connect=handlers.append,
         on_client_disconnect=handlers.append,
         get_clients=lambda: {page.client_id: page},
@@ -75,7 +76,7 @@ def test_a_page_that_tells_its_first_camera_late_has_not_moved_it(entered) -> No
 
 
 def test_a_page_that_tells_where_it_was_before_it_began_has_not_moved_its_camera() -> None:
-    page, cameras = enter(np.array([3.0, 3.0, 3.0]))
+    page, cameras = enter(LIBRARY)
     pictures(cameras)
     page.tells(overview(SCENE)[0])
     assert cameras.mode(page) == "Overview"
@@ -96,9 +97,32 @@ def test_a_page_that_put_its_camera_back_when_it_began_is_sent_there_again(enter
     assert np.allclose(page.camera.position, first), "nothing is sent to a page that is there"
 
 
+@pytest.mark.parametrize("arrived", [False, True])
+@pytest.mark.parametrize("place", [LIBRARY, np.array([-5.0, 0.0, 0.0])])
+def test_a_slow_page_that_tells_late_where_it_began_is_sent_to_its_view_again(arrived, place) -> None:
+    page, cameras = enter(np.array([-5.0, 0.0, 0.0]))
+    pictures(cameras)
+    there = page.camera.position.copy()
+    if arrived:
+        page.tells(there)
+    page.camera.position = place.copy()
+    page.tells(place)
+    pictures(cameras)
+    assert cameras.mode(page) == "Overview"
+    assert np.allclose(page.camera.position, there)
+
+
+def test_a_page_that_is_not_there_yet_was_moved_by_no_hand(entered) -> None:
+    page, cameras = entered
+    pictures(cameras)
+    page.tells(page.camera.position + np.array([0.0, 0.3, 0.2]))
+    assert cameras.mode(page) == "Overview"
+
+
 def test_a_hand_makes_the_camera_free(entered) -> None:
     page, cameras = entered
     pictures(cameras)
+    page.tells(page.camera.position)
     page.tells(page.camera.position + np.array([0.0, 0.3, 0.2]))
     assert cameras.mode(page) == "Free"
 
