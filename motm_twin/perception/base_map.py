@@ -1,5 +1,7 @@
 """The pre-made map: furniture the robot knows before it starts. Rays never clear it: they pass under table tops."""
 
+from weakref import WeakValueDictionary
+
 import msgspec
 import numpy as np
 import shapely
@@ -16,7 +18,7 @@ FAR = 3.0  # [m] further than this nothing asks how far it is: a base may be pla
 OVERHEAD = 1.6  # [m] furniture that begins above this is no obstacle: neither base nor raised arm reaches it
 
 
-class BaseMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class BaseMap(msgspec.Struct, frozen=True, kw_only=True, eq=False, weakref=True):
     """Mapped furniture on the grid; arrays are read-only."""
 
     grid: Grid
@@ -32,8 +34,19 @@ class BaseMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return tuple(self.polygons[k] for k in np.flatnonzero(within))
 
 
-def build_base_map(known: KnownWorld, resolution: float) -> BaseMap:
-    """The pre-made map of the known world; resolution in [m]."""
+_in_use: WeakValueDictionary[bytes, BaseMap] = WeakValueDictionary()  # by what they are made of
+
+
+def base_map(known: KnownWorld, resolution: float) -> BaseMap:
+    """The pre-made map of the known world; resolution in [m]. It takes 20 ms and more: who asks again shares it."""
+    made_of = msgspec.msgpack.encode((known.solids, known.bounds, known.robot.lidar.z, resolution))
+    found = _in_use.get(made_of)
+    if found is None:
+        found = _in_use[made_of] = _build(known, resolution)
+    return found
+
+
+def _build(known: KnownWorld, resolution: float) -> BaseMap:
     grid = grid_over(known.bounds, resolution)
     solids = tuple(solid for solid in known.solids if solid.z_min < OVERHEAD)
     polygons = merged_outlines(solids)

@@ -10,7 +10,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.state import Stateful
-from motm_twin.perception.base_map import BaseMap, build_base_map, read_only
+from motm_twin.perception.base_map import BaseMap, base_map, read_only
 from motm_twin.perception.clusters import calm, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.occupancy import (
@@ -59,7 +59,7 @@ class Mapper(Stateful[MapperState]):
     def __init__(self, known: KnownWorld, settings: MapSettings | None = None) -> None:
         self._known = known
         self._settings = settings or MapSettings()
-        self.base: BaseMap = build_base_map(known, self._settings.resolution)
+        self.base: BaseMap = base_map(known, self._settings.resolution)
         grid = self.base.grid
         self._origin = read_only(np.array(grid.origin))
         self._frame = np.array([*grid.origin, grid.resolution])

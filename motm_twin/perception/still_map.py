@@ -8,7 +8,7 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.state import Stateful
-from motm_twin.perception.base_map import BaseMap, build_base_map, read_only
+from motm_twin.perception.base_map import BaseMap, base_map, read_only
 from motm_twin.perception.clusters import calm, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.mapper import MapSettings
@@ -59,7 +59,7 @@ class StandingMap(Stateful[StandingState]):
 
     def _base_map(self, resolution: float) -> BaseMap:
         if self._base is None:
-            self._base = build_base_map(self._known, resolution)
+            self._base = base_map(self._known, resolution)
         return self._base
 
 

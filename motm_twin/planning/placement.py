@@ -202,9 +202,11 @@ class NextTargetPlacement(Stateful[PlacementState]):
         """Rooms [m] to be left where the base waits, the wanted one first."""
         return (self._parameters.placement.room, 0.0) if len(may_move(here.world)) else (0.0,)
 
-    def _closest(self, target: Target, here: Here, room: float):
+    def _closest(self, target: Target, here: Here, room: float, within: float = CLOSEST_MAX):
         p = self._parameters.placement
         for radius in np.arange(0.0, CLOSEST_MAX, CLOSEST_STEP):
+            if radius > within:
+                return
             pose, place, place_of = spokes(target.position, radius, p.positions, 4)
             keep = clearances(pose, p.clearance, here.field, here.body) >= p.clearance
             if room > 0.0:

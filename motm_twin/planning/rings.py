@@ -40,10 +40,16 @@ def _unit_ring(positions: int) -> tuple[Array, Array, NDArray[np.int32]]:
 
 def spokes(centre: Array, radius: float, positions: int, headings: int) -> tuple[Array, Array, Array]:
     """All headings at every position of a circle: poses (n h, 3), places (n, 2), place of each pose."""
+    unit, heading, place_of = _unit_spokes(positions, headings)
+    place = np.asarray(centre)[:2] + radius * unit
+    return np.column_stack((place[place_of], heading)), place, place_of.copy()
+
+
+@functools.cache
+def _unit_spokes(positions: int, headings: int) -> tuple[Array, Array, NDArray[np.int32]]:
+    """Places (n, 2) on a circle of 1 m, headings (n h,) at each, and the place of each heading."""
     angle = np.arange(positions) * (2.0 * math.pi / positions)
-    place = np.asarray(centre)[:2] + radius * np.column_stack((np.cos(angle), np.sin(angle)))
     place_of = np.repeat(np.arange(positions, dtype=np.int32), headings)
     away = np.tile(np.arange(headings) * (2.0 * math.pi / headings), positions)
     heading = np.repeat(angle, headings) + math.pi + away
-    heading = np.arctan2(np.sin(heading), np.cos(heading))
-    return np.column_stack((place[place_of], heading)), place, place_of
+    return np.column_stack((np.cos(angle), np.sin(angle))), np.arctan2(np.sin(heading), np.cos(heading)), place_of

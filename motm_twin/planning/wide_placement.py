@@ -89,7 +89,7 @@ class WidePlacement(NextTargetPlacement):
         wanted = self._every_ring(target, there)
         pose = wanted.pose[wanted.viable()]
         for room in self._rooms(here):
-            places = [free for free in self._closest(target, here, room) if free.radius <= BESIDE]
+            places = list(self._closest(target, here, room, BESIDE))
             if places:
                 break
         if not len(pose) or not places:

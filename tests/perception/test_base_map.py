@@ -1,11 +1,14 @@
 """The pre-made map against exact geometry."""
 
+import copy
+
+import msgspec
 import numpy as np
 import pytest
 import shapely
 
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
-from motm_twin.perception.base_map import build_base_map
+from motm_twin.perception.base_map import base_map
 from motm_twin.perception.footprints import distance_to_shape, merged_outlines, outline
 
 from .small_world import table
@@ -50,7 +53,7 @@ def test_walls_round_a_room_stay_separate_so_that_the_room_is_not_filled():
 
 
 def test_occupied_cells_are_those_that_a_footprint_meets(known):
-    base = build_base_map(known, 0.05)
+    base = base_map(known, 0.05)
     solids = [s for s in known.solids if s.name != "lamp"]
     union = shapely.union_all([shapely.Polygon(outline(s.shape)) for s in solids])
     x, y = base.grid.centres()[..., 0], base.grid.centres()[..., 1]
@@ -58,15 +61,25 @@ def test_occupied_cells_are_those_that_a_footprint_meets(known):
     np.testing.assert_array_equal(base.occupied.astype(bool), expected)
 
 
+def test_the_same_furniture_has_one_map_while_it_is_used_and_other_furniture_another(known):
+    base = base_map(known, 0.05)
+    same = copy.deepcopy(known)
+    assert base_map(same, 0.05) is base
+    coarse = base_map(known, 0.1)
+    assert coarse.occupied.size < base.occupied.size
+    fewer = msgspec.structs.replace(known, solids=known.solids[1:])
+    assert base_map(fewer, 0.05).occupied.sum() < base.occupied.sum()
+
+
 def test_what_hangs_overhead_is_not_an_obstacle(known):
-    base = build_base_map(known, 0.05)
+    base = base_map(known, 0.05)
     row, column = base.grid.cell_of(np.array([1.0, 2.5]))
     assert base.occupied[row, column] == 0
     assert base.distance[row, column] > 0.5
 
 
 def test_distance_is_exact_at_cell_centres(known):
-    base = build_base_map(known, 0.05)
+    base = base_map(known, 0.05)
     union = shapely.union_all([shapely.box(2.0, 1.1, 4.0, 1.9), shapely.box(-1.0, -2.2, 1.0, -1.8)])
     expected = shapely.distance(union, shapely.points(base.grid.centres()))
     np.testing.assert_allclose(base.distance, expected, atol=1e-6)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import Footprint, RobotProfile
-from motm_twin.perception.base_map import build_base_map
+from motm_twin.perception.base_map import base_map
 from motm_twin.perception.clusters import seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.still_map import StillMap
@@ -29,7 +29,7 @@ FLOOR = KnownWorld(
     robot=RobotProfile(), start=(0.0, 0.0, 0.0), solids=(), objects=(), object_sd=0.0, bins=(), tasks=(),
     bounds=(-2.0, -3.0, 6.0, 3.0),
 )  # fmt: skip
-BASE = build_base_map(FLOOR, 0.05)
+BASE = base_map(FLOOR, 0.05)
 BUDGET = SearchBudget(expansions=300)
 RADIUS = 0.25
 coordinate = st.floats(-1.5, 1.5)
