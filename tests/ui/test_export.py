@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 from fake_twin import FakeTwin, fake_scene
-from page import chromium
+from page import LIGHTLY, chromium
 from PIL import Image
 
 from motm_twin.bus.encode import grid_bytes, grid_info, tick_message
@@ -54,6 +54,7 @@ def test_the_page_plays_from_a_file_without_a_server(history, tmp_path):
     assert told[-1] == 1.0
     with chromium() as browser:
         page = browser.new_page(viewport={"width": 640, "height": 400})
+        page.add_init_script(path=LIGHTLY)
         errors, requests = [], []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("request", lambda request: requests.append(request.url))
