@@ -1,6 +1,5 @@
 """The command line: `motm-twin serve | run | record | replay | rerun | what-if | scene | bench | ...`."""
 
-import json as json_module
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -50,10 +49,12 @@ def run(
     """
     from motm_twin.methods.registry import find_method
     from motm_twin.record.cli_run import run_headless
+    from motm_twin.record.outputs import refuse_unwritable, write_json
 
+    refuse_unwritable(json)
     result = run_headless(scene, variant, seed, find_method(method), save=save, plot=plot)
     if json is not None:
-        _write(result, json)
+        write_json(result, json)
     if json != "-":
         _print(result)
     return 0 if result["success"] else 1
@@ -266,14 +267,6 @@ def main() -> None:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)
         code = BAD_INPUT
     sys.exit(code)
-
-
-def _write(result: dict, target: str) -> None:
-    text = json_module.dumps(result, indent=2)
-    if target == "-":
-        print(text)
-    else:
-        Path(target).write_text(text + "\n", encoding="utf-8")
 
 
 def _print(result: dict) -> None:

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 import motm_twin
+from motm_twin.cli import main
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.record.session import load_session, save_session
 
@@ -150,15 +151,39 @@ def test_a_run_draws_its_speed_along_the_path(tmp_path):
         (("what-if", str(RECORDED), "--set", "nosuch=0"), "docs/zenoh.md, Parameters"),
         (("what-if", str(RECORDED), "--set", "bezier=off", "--from", "1000"), "1000"),
         (("run", "exp1", "--save", "no/such/folder/run.json"), "folder"),
+        (("run", "exp1", "--json", "no/such/folder/run.json"), "folder"),
         (("run", "exp1", "--plot", "no/such/folder/run.png"), "folder"),
         (("run", "exp1", "--plot", "run.txt"), ".svg"),
     ],
 )
-def test_bad_input_exits_with_two_and_says_what_is_wrong(arguments, words):
-    result = call(*arguments)
+def test_bad_input_exits_with_two_and_says_what_is_wrong(arguments, words, monkeypatch, capfd):
+    monkeypatch.setattr(sys, "argv", ["motm-twin", *arguments])
+    with pytest.raises(SystemExit) as end:
+        main()
+    out, err = capfd.readouterr()
+    assert end.value.code == 2, out
+    assert words in err + out
+
+
+def test_bad_input_is_the_exit_code_of_the_process_and_no_traceback():
+    result = call("run", "no/such/file.yaml")
     assert result.returncode == 2, result.stdout
-    assert words in result.stderr + result.stdout
+    assert "no/such/file.yaml" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(monkeypatch, capfd, tmp_path):
+    report = str(tmp_path / "no" / "folder" / "out.json")
+    computed = []
+    for module in ("cli_run.run_scene", "cli_rerun.rerun", "cli_what_if.compare"):
+        monkeypatch.setattr(f"motm_twin.record.{module}", lambda *given, **named: computed.append(given))
+    for arguments in (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off")):
+        monkeypatch.setattr(sys, "argv", ["motm-twin", *arguments, "--json", report])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert end.value.code == 2
+        assert "give a file in a folder that exists" in capfd.readouterr().err
+    assert computed == []
 
 
 def test_shipped_scenes_are_listed_from_any_directory(tmp_path):

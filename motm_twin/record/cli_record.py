@@ -162,7 +162,7 @@ def info(file: _File, /, json: _Json = None) -> int:
         json: Write the report to a file, or to standard output with '-'.
     """
     from motm_twin.record import info as recorded
-    from motm_twin.record.cli_rerun import write_json
+    from motm_twin.record.outputs import write_json
 
     found = recorded.info(file)
     if json is not None:

@@ -1,15 +1,13 @@
 """`motm-twin rerun`: compute a saved session or a recording again and compare, bit for bit."""
 
-import json
 import sys
-from pathlib import Path
-from typing import Any
 
 import msgspec
 from rich.console import Console
 
 from motm_twin.methods.method import Method
 from motm_twin.methods.registry import find_method
+from motm_twin.record.outputs import refuse_unwritable, write_json
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, rerun, updated
 from motm_twin.record.rerun_file import RunReport, rerun_run
@@ -25,6 +23,7 @@ def rerun_file(file: str, *, update: bool = False, report: str | None = None, me
     ``method``: FILE.py:NAME of a user's, for what was made with it. Raises SessionError for a file that cannot be used,
     such as a recording of which no run can be computed, MethodError for such a method.
     """
+    refuse_unwritable(report)
     own = None if method is None else find_method(method)
     if file.endswith(".mcap"):
         if update:
@@ -104,18 +103,6 @@ def _print_run(console: Console, run: RunReport) -> None:
         console.print(f"  {line}", markup=False)
     for line in run.differences:
         console.print(f"  also different: {line}", markup=False)
-
-
-def write_json(report: dict[str, Any], target: str) -> None:
-    """Write a report to a file, or to standard output with '-'. Raises SessionError when it cannot be written."""
-    text = json.dumps(report, indent=2)
-    if target == "-":
-        print(text)
-        return
-    try:
-        Path(target).write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise SessionError(f"cannot be written: {error.strerror or error}", file=target) from error
 
 
 def explain(again: Rerun) -> str:

@@ -11,6 +11,7 @@ from motm_twin.methods.fast import FAST
 from motm_twin.methods.method import Method
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.record.outputs import refuse_unwritable
 from motm_twin.record.replay import Tracker
 from motm_twin.record.session import Session, SessionError, save_session
 from motm_twin.trial import run_scene
@@ -28,9 +29,7 @@ def run_headless(
     ``save``: file of the session; ``plot``: file of the figure of `bench.speed_plot`.
     """
     loaded = load_scene(scene, variant, seed)
-    for file in [each for each in (save, plot) if each is not None]:
-        if not Path(file).parent.is_dir() or Path(file).is_dir():
-            raise SessionError("cannot be written: give a file in a folder that exists", file=str(file))
+    refuse_unwritable(save, plot)
     figure = None if plot is None else _figure(loaded, plot)
     tracker, periods = Tracker(), 0
 

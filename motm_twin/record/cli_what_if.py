@@ -10,7 +10,7 @@ from rich.table import Table
 
 from motm_twin.console import table_console
 from motm_twin.record.changes import PERIODS_PER_SECOND, parse_changes, start_period
-from motm_twin.record.cli_rerun import write_json
+from motm_twin.record.outputs import refuse_unwritable, write_json
 from motm_twin.record.session import SessionError, load_session
 from motm_twin.record.what_if import FAILED, OK, Line, RunBroke, compare, stream
 from motm_twin.record.what_if_progress import BothRuns
@@ -34,6 +34,7 @@ def what_if(
     """
     if lines:
         return stream(file, changes, seconds, method)
+    refuse_unwritable(report)
     session = load_session(file)
     values, start = parse_changes(changes), start_period(session, seconds)
     try:

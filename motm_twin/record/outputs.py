@@ -1,0 +1,30 @@
+"""Files that a command writes at its end: one that cannot be written is refused before the command runs, not after."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from motm_twin.record.session import SessionError
+
+STANDARD_OUTPUT = "-"
+
+
+def refuse_unwritable(*files: str | Path | None) -> None:
+    """Raise SessionError for a file in no folder, or that is one; nothing is wrong with None and standard output."""
+    for file in files:
+        if file is None or file == STANDARD_OUTPUT:
+            continue
+        if not Path(file).parent.is_dir() or Path(file).is_dir():
+            raise SessionError("cannot be written: give a file in a folder that exists", file=str(file))
+
+
+def write_json(report: dict[str, Any], target: str) -> None:
+    """Write a report to a file, or to standard output with '-'. Raises SessionError when it cannot be written."""
+    text = json.dumps(report, indent=2)
+    if target == STANDARD_OUTPUT:
+        print(text)
+        return
+    try:
+        Path(target).write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise SessionError(f"cannot be written: {error.strerror or error}", file=target) from error
