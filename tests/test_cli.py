@@ -14,6 +14,7 @@ from motm_twin.cli import main
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.record.session import load_session, save_session
 
+SECOND = Path(__file__).parent / "bench" / "half_a_metre.yaml"  # a trial of a second
 RECORDED = Path(__file__).parent / "recorded" / "temi_dragged_before_the_robot.json"
 
 
@@ -29,7 +30,7 @@ def call(*arguments, cwd=None):
 
 
 def test_run_prints_json_and_nothing_else_and_exits_with_success(tmp_path):
-    result = call("run", "exp1", "--variant", "trial8", "--json", "-", cwd=tmp_path)
+    result = call("run", str(SECOND), "--json", "-", cwd=tmp_path)
     report = json.loads(result.stdout)
     assert result.returncode == 0, report["reason"]
     wanted = {

@@ -129,7 +129,7 @@ def layers(visitor):
     for name in LAYERS:
         visitor.page.get_by_label(name, exact=True).click()
         until(lambda before=before: changed(before, visitor.picture()) > SIGHT, 30.0, f"layer {name} changes nothing")
-        before = visitor.settled()
+        before = visitor.settled(quiet=1)
 
 
 def rerun_is_equal(path, periods):
