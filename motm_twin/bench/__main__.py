@@ -22,6 +22,7 @@ from motm_twin.bench.experiments.catalogue import EXPERIMENTS
 from motm_twin.bench.groups import GROUPS
 from motm_twin.bench.table import bench
 from motm_twin.console import table_console
+from motm_twin.record.outputs import folder_problem
 
 KNOWN = (
     *GROUPS, page.NAME, bus.NAME, soak.NAME, scale.NAME, efficiency.NAME, growth.NAME, anytime.NAME, solvers.NAME,
@@ -67,7 +68,8 @@ def _problem(options: argparse.Namespace) -> str:
         return "need a worker"
     if not 0.0 < options.share <= 1.0:
         return f"--share {options.share:g}: allowed is more than 0 and at most 1"
-    return ""
+    problem = folder_problem(options.out)
+    return f"--out {options.out}: {problem}" if problem else ""
 
 
 def _bench_groups(groups: list[str], options: argparse.Namespace, console: Console) -> int:

@@ -1,6 +1,7 @@
 """Files that a command writes at its end: one that cannot be written is refused before the command runs, not after."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,14 @@ def refuse_unwritable(*files: str | Path | None) -> None:
             continue
         if not Path(file).parent.is_dir() or Path(file).is_dir():
             raise SessionError("cannot be written: give a file in a folder that exists", file=str(file))
+
+
+def folder_problem(folder: Path) -> str:
+    """Why nothing could be written into a folder, which need not exist yet; "" when it could."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        return f"{there} is a file: give a folder"
+    return "" if os.access(there, os.W_OK | os.X_OK) else f"{there} cannot be written to: give another folder"
 
 
 def write_json(report: dict[str, Any], target: str) -> None:

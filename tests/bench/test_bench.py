@@ -97,3 +97,14 @@ def test_a_trial_that_breaks_is_a_failed_row_and_time_over_is_said():
     assert not first["success"]
     assert "not run" in first["reason"]
     Console(quiet=True).print(table.trial_table([first]))
+
+
+def test_a_folder_that_cannot_be_is_refused_before_anything_is_measured(tmp_path, capsys):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    for groups in (["exp1"], ["growth"], ["exp1", "--methods", "fast", "--trials", "1"]):
+        with pytest.raises(SystemExit) as end:
+            command.main([*groups, "--out", str(file / "results")])
+        assert end.value.code == 2
+        assert f"{file} is a file: give a folder" in capsys.readouterr().err
+    assert file.read_text() == "mine"

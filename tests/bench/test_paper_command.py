@@ -161,6 +161,12 @@ def test_what_cannot_be_done_is_refused_with_a_sentence(options, why, tmp_path, 
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_that_cannot_be_is_refused(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert paper(out=tmp_path / "file") == 2
+    assert "is a file: give a folder" in capsys.readouterr().err
+
+
 def test_the_default_plan_is_announced_to_take_less_than_an_hour_on_two_cores(tmp_path, monkeypatch, capsys):
     def stopped(*_, **__):
         raise KeyboardInterrupt

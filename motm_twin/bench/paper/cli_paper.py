@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 
 from motm_twin.model.names import hint
+from motm_twin.record.outputs import folder_problem
 
 BAD_INPUT, INTERRUPTED = 2, 130
 WARN_HOURS = 3.0  # beyond this nobody starts by accident
@@ -61,6 +62,8 @@ def paper(
         return _refused("--quick and --full exclude each other")
     if workers < 1:
         return _refused(f"--workers {workers}: at least 1")
+    if problem := folder_problem(out):
+        return _refused(f"--out {out}: {problem}")
     plan = PLANS["quick" if quick else "full" if full else "default"]()
     call = Call(plan.name, out, workers, backend, address, retry_failed=retry_failed, draw=draw, only=only)
     try:
