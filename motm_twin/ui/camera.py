@@ -38,6 +38,7 @@ class _Eye:
 
     mode: str = "Overview"
     sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
+    look_at: Array | None = None  # [m] what it was sent last
     arrived: bool = False  # where it was sent last; before, no hand has moved it
     target: View | None = None  # of a fixed view
     aspect: float = 0.0  # that the target is for
@@ -71,6 +72,7 @@ class Cameras:
             for eye in self._eyes.values():
                 eye.target = None
                 eye.sent.append(position)  # a page that is only just coming may begin there
+                eye.look_at = look_at
         self._server.initial_camera.position, self._server.initial_camera.look_at = position, look_at
 
     def choose(self, client: viser.ClientHandle, preset: str) -> None:
@@ -100,6 +102,7 @@ class Cameras:
                 if number in clients and (view := self._view(eye, clients[number], now, dt)) is not None:
                     wanted[number] = view
                     eye.sent.append(view[0])
+                    eye.look_at = view[1]
         for number, (position, look_at) in wanted.items():
             client = clients[number]
             with client.atomic():
@@ -168,12 +171,16 @@ class Cameras:
             if eye is None or eye.mode == "Free" or not eye.sent:
                 return
             sent = np.array(eye.sent)
-            there = bool(np.linalg.norm(sent[-1] - position) < ECHO)
+            there = bool(np.linalg.norm(sent[-1] - position) < ECHO) and (
+                eye.look_at is None or bool(np.linalg.norm(eye.look_at - camera.look_at) < ECHO)
+            )
             own = np.vstack([sent, self._beginnings])
             if not eye.arrived or np.linalg.norm(own - position, axis=1).min() < ECHO or _on_the_way(sent, position):
                 eye.arrived |= there
                 if not there and eye.mode not in RIDES and eye.ease_from is None:
-                    eye.target = None  # a page that begins puts its camera back after what it was sent: send it again
+                    # A page that begins puts its camera back after what it was sent; and Viser does not send what it
+                    # has just been told, though it has sent something else since: send both again.
+                    eye.target = None
                 return
             eye.ease_from = None
             if eye.mode in RIDES:
@@ -187,7 +194,8 @@ class Cameras:
         eye.sent.append(np.array(client.camera.position))  # the page tells it again when its size changes
         with self._lock:
             if self._scene is not None:  # it may have told where it was before it began where it should
-                eye.sent.append(overview(self._scene)[0])
+                position, eye.look_at = overview(self._scene)
+                eye.sent.append(position)
             self._eyes[number] = eye
 
         async def moved(camera: viser.CameraHandle) -> None:

@@ -21,6 +21,7 @@ LIGHTLY = Path(__file__).with_name("lightly.js")
 CAMERA = Path(__file__).with_name("camera.js")
 WORLD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # axes of the page's scene, in the world's
 NEAR = 0.02  # [m] from where it should be, the camera is there
+STRAIGHT = 0.01  # [rad] from where it should look, the camera looks there
 STILL = 1.0  # [px] that a point of the world may move on the screen while the camera is at rest
 BETWEEN = 1000  # [ms] between two looks at whether the picture has changed: two gaps of lightly.js
 AT_REST = 600  # [ms] after which a camera that moves was drawn elsewhere: more than the gap of lightly.js
@@ -235,7 +236,10 @@ class Visitor:
             return False
         view = camera[0]
         eye = WORLD.T @ (-view[:3, :3].T @ view[:3, 3])
-        return math.dist(eye, overview(scene, box["width"] / box["height"])[0]) < NEAR
+        place, look_at = overview(scene, box["width"] / box["height"])
+        ahead = WORLD.T @ -view[2, :3]
+        off = np.linalg.norm(np.cross(ahead, (look_at - place) / np.linalg.norm(look_at - place)))
+        return math.dist(eye, place) < NEAR and bool(off < STRAIGHT)
 
     def _camera(self):
         """View and projection of the visitor's own camera in the last picture, each (4, 4); None before the first."""

@@ -23,9 +23,10 @@ class Page:
             position=np.array(position), look_at=np.zeros(3), image_width=1024, image_height=700, on_update=self._keep
         )
 
-    def tells(self, position):
-        """Where its camera is, or was."""
-        asyncio.run(self._moved(SimpleNamespace(position=np.array(position))))
+    def tells(self, position, look_at=None):
+        """Where its camera is, or was; it looks where it was told to, unless it is said."""
+        seen = self.camera.look_at if look_at is None else look_at
+        asyncio.run(self._moved(SimpleNamespace(position=np.array(position), look_at=np.array(seen))))
 
     def _keep(self, moved):
         self._moved = moved
@@ -110,6 +111,18 @@ def test_a_slow_page_that_tells_late_where_it_began_is_sent_to_its_view_again(ar
     pictures(cameras)
     assert cameras.mode(page) == "Overview"
     assert np.allclose(page.camera.position, there)
+
+
+def test_a_page_that_is_there_but_looks_elsewhere_is_told_again_where_to_look(entered) -> None:
+    page, cameras = entered
+    pictures(cameras)
+    place, look_at = page.camera.position.copy(), page.camera.look_at.copy()
+    page.tells(place)
+    page.camera.look_at = look_at + np.array([0.4, 0.0, 0.0])
+    page.tells(place, page.camera.look_at)
+    pictures(cameras)
+    assert np.allclose(page.camera.look_at, look_at)
+    assert cameras.mode(page) == "Overview"
 
 
 def test_a_page_that_is_not_there_yet_was_moved_by_no_hand(entered) -> None:
