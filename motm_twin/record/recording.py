@@ -141,15 +141,20 @@ def observations_of(path: str | Path, run: Run) -> Iterator[ObservationsMessage]
     """What the robot of a run reported, each period once, rising.
 
     They name their run by its number only, which a server that was started again gives once more: they are of the run
-    of the tick before them.
+    of the tick before them. The first may come before any: a recorder that begins just then is sent it, and asks for
+    the tick that it missed.
     """
     decode, tick = msgspec.json.Decoder(ObservationsMessage).decode, msgspec.json.Decoder(TickPart).decode
     last, now = -1, None
+    early: list[bytes] = []  # before any tick
     for entry in read(path):
+        found: list[bytes] = []
         if entry.topic == ch.TICK.topic:
             now = tick(entry.data).key
-        elif entry.topic == ch.OBSERVATIONS.topic and now == run.key:
-            message = decode(entry.data)
+            found, early = early, []
+        elif entry.topic == ch.OBSERVATIONS.topic:
+            (early if now is None else found).append(entry.data)
+        for message in map(decode, found if now == run.key else ()):
             if message.run == run.key[1] and message.index > last:
                 last = message.index
                 yield message

@@ -229,6 +229,21 @@ def test_a_recording_begun_while_time_stands_at_the_first_period_has_the_whole_r
     assert report.compared == len(run.indices) > 20
 
 
+def test_what_was_seen_in_the_first_period_may_come_before_that_period(begun: Begun, tmp_path: Path) -> None:
+    """A recorder that begins between the two is sent the one, and is answered with the other afterwards."""
+    entries = list(read(begun.at_first_period))
+    first = next(entry for entry in entries if entry.topic == ch.OBSERVATIONS.topic)
+    assert json.loads(first.data)["index"] == 0
+    path = tmp_path / "early.mcap"
+    file = McapFile(path)
+    for entry in (first, *(entry for entry in entries if entry is not first)):
+        file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, entry.data)
+    file.close()
+    recording = load_recording(path)
+    report = rerun_run(recording, recording.runs[0])
+    assert (report.ok, report.text, report.compared) == (True, "", len(recording.runs[0].indices))
+
+
 def test_a_run_is_computed_up_to_the_first_period_of_which_the_robot_is_not_known(
     recorded: Path, tmp_path: Path
 ) -> None:
