@@ -19,7 +19,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from motm_twin.bus.session import LOOPBACK, require_free_port
-from motm_twin.ui.page_keys import with_keys
+from motm_twin.ui.page_scripts import with_scripts
 from motm_twin.ui.threads import write_through_the_loop
 
 COOKIE = "motm_token"
@@ -83,7 +83,7 @@ def open_page(host: str, port: int, token: str | None = None) -> viser.ViserServ
 
     def serve(handler: Any, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def process(connection: Any, request: Request) -> Response | None:
-            return guard.check(request) or with_keys(process_request(connection, request))
+            return guard.check(request) or with_scripts(process_request(connection, request))
 
         wrapped.append(1)
         return original(handler, *args, process_request=process, **options)

@@ -1,4 +1,4 @@
-"""A small script in the page: keys work wherever the focus is, except where somebody types, and a tap is a click.
+"""A script in the page: keys work wherever the focus is, except where somebody types, and a tap is a click.
 
 Viser listens for keys at the top of the document, but its tabs and handles keep Space and Enter to themselves, its
 checkboxes and closed lists count as fields, and Space also presses the button that was clicked last. The script takes
@@ -9,12 +9,6 @@ under it only H does what it always does.
 A finger belongs to the canvas from its first touch on (browsers capture it), which Viser takes for a gesture that is
 under way: no tap would be a click. So the script lets go of it.
 """
-
-import functools
-import gzip
-
-from websockets.datastructures import Headers
-from websockets.http11 import Response
 
 SCRIPT = """<script>
 (() => {
@@ -56,25 +50,3 @@ SCRIPT = """<script>
   }, true);
 })();
 </script>"""
-
-
-def with_keys(response: Response | None) -> Response | None:
-    """The answer to a request for the page with the script in it; any other answer as it is."""
-    if response is None or not response.headers.get("Content-Type", "").startswith("text/html"):
-        return response
-    zipped = response.headers.get("Content-Encoding") == "gzip"
-    body = _inserted(bytes(response.body or b""), zipped)
-    headers = Headers((name, value) for name, value in response.headers.raw_items() if name != "Content-Length")
-    headers["Content-Length"] = str(len(body))
-    return Response(response.status_code, response.reason_phrase, headers, body)
-
-
-@functools.lru_cache(maxsize=2)
-def _inserted(body: bytes, zipped: bool) -> bytes:
-    """The page with the script at the start of its head. Raises ValueError for a page without one."""
-    page = gzip.decompress(body) if zipped else body
-    before, head, after = page.partition(b"<head>")
-    if not head:
-        raise ValueError("Viser's page has no <head> for the script of the keys: this Viser is not the pinned one")
-    page = before + head + SCRIPT.encode() + after
-    return gzip.compress(page, mtime=0) if zipped else page

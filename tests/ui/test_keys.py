@@ -7,11 +7,11 @@ import pytest
 from page import serving, until, visiting
 
 from motm_twin.ui.guard import open_page
-from motm_twin.ui.page_keys import SCRIPT
+from motm_twin.ui.page_scripts import SCRIPTS
 
 
 @pytest.mark.parametrize("accepted", ["identity", "gzip"])
-def test_the_page_carries_the_script_whole_and_once(accepted):
+def test_the_page_carries_our_scripts_whole_and_once(accepted):
     server = open_page("127.0.0.1", 0)
     try:
         for _ in range(2):
@@ -23,7 +23,8 @@ def test_the_page_carries_the_script_whole_and_once(accepted):
             assert answer.getheader("Content-Encoding") == accepted
             assert int(answer.getheader("Content-Length")) == len(body)
             page = gzip.decompress(body) if accepted == "gzip" else body
-            assert page.count(SCRIPT.encode()) == 1 and page.rstrip().endswith(b"</html>")
+            assert [page.count(script.encode()) for script in SCRIPTS] == [1] * len(SCRIPTS)
+            assert page.rstrip().endswith(b"</html>")
     finally:
         server.stop()
 
