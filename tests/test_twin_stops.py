@@ -183,6 +183,14 @@ def test_a_drive_to_a_point_inside_furniture_ends_with_a_sentence():
     advance_until(twin, lambda tick: tick.truth.picks == 1)
 
 
+def test_a_drive_to_the_very_edge_of_the_map_says_that_it_is_the_edge():
+    twin = Twin(SCENE)
+    twin.post(InsertTask(tasks=(DriveTo(point=(1.5, -3.0)),), index=0))
+    says_so = r"\(1.50, -3.00\) is too close to the edge of the map: driving to the closest free place"
+    tick = twin.advance()
+    assert re.search(says_so, tick.placement.reason), tick.placement.reason
+
+
 def test_an_arm_that_something_dropped_on_the_robot_has_bent_backwards_starts_over():
     """Joint 1 stood at its limit with the hand behind the arm: it was at the stow pose, and went nowhere from there."""
     twin = Twin(SHORT)

@@ -25,7 +25,7 @@ from motm_twin.planning.global_path import (
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import Here, leaves_room, may_move, rejections
+from motm_twin.planning.rejections import OUTSIDE, REASONS, Here, leaves_room, may_move, rejections
 from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
 from motm_twin.planning.visibility import Graph
@@ -306,7 +306,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             return f"no free candidate within {p.radius_max:.2f} m of {target.name}: closest pose in reach, {cost}"
         away = math.hypot(*(candidates.pose[chosen, :2] - target.position[:2]))
         if target.kind == "drive":
-            what = outside or f"{target.name} is not free"
+            what = outside or f"{target.name} is {_not_free(candidates)}"
             return f"{what}: driving to the closest free place, {away:.2f} m from it"
         what = outside or f"no free candidate within {p.radius_max:.2f} m of {target.name}"
         return f"{what}: driving to the closest free place, {away:.2f} m from it"
@@ -353,6 +353,12 @@ def _outside(target: Target, here: Here) -> str:
         return ""
     where = "" if target.kind == "drive" else f" at ({x:.2f}, {y:.2f})"  # the name of a drive is its point
     return f"{target.name}{where} is outside the map, x {x_min:.2f} to {x_max:.2f} m, y {y_min:.2f} to {y_max:.2f} m"
+
+
+def _not_free(candidates: Candidates) -> str:
+    """Why the base cannot stand at a point of the map with any heading."""
+    reasons = {why for why in candidates.rejected if why}
+    return "too close to the edge of the map" if reasons == {REASONS[OUTSIDE]} else "not free"
 
 
 def _nothing_to_do(pose: Array) -> Placement:

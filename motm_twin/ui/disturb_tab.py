@@ -200,9 +200,13 @@ class DisturbTab:
             self._hub.view.sending = "" if self._hub.view.sending == thing.name else thing.name
             self._hub.view.placing = ""
 
-    def _announce(self) -> None:
-        if self._thing() is not None:
-            self._send(Announce(name=self._hub.view.selected))
+    async def _announce(self) -> None:
+        """Tell the robot where the selected piece stands, and that it knows."""
+        thing = self._thing()
+        if thing is None:
+            return
+        if (await asyncio.to_thread(self._hub.command, self._visitor, Announce(name=thing.name))).ok:
+            self._hub.tell(self._visitor, f"the robot's map has {thing.name} where it stands now", "Told", "green")
 
     def _with_cube(self, what: str) -> None:
         shown, thing = self._live(), self._thing()

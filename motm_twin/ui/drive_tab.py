@@ -19,6 +19,9 @@ from motm_twin.ui.words import method_title
 _SMALL = "font-size:12px;line-height:1.4;color:#6b7280"
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
 
+_PLAY = "Play", viser.Icon.PLAYER_PLAY
+_PRESSED = {"playing": ("Pause", viser.Icon.PLAYER_PAUSE), "done": ("Restart", viser.Icon.REFRESH)}  # by state
+
 
 class DriveTab:
     """Widgets that drive the twin."""
@@ -26,7 +29,7 @@ class DriveTab:
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor, stage: Stage) -> None:
         self._hub, self._visitor = hub, visitor
         self._changing = Changing()
-        self._playing = False
+        self._state = ""
         self._choices: list[SceneChoice] = []
         self._loaded: tuple = ()
         self._methods: list[MethodChoice] = []
@@ -38,7 +41,7 @@ class DriveTab:
         )  # scene, variant, seed and method as this program or a press of Load left them
         self._shown_speed = "1x"
         self._play = self._changing(gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="space"))
-        self._play.on_click(hub.driving(lambda *_: self.toggle()))
+        self._play.on_click(hub.driving(lambda *_: self._press()))
         act = hub.driving(lambda event, _: self._send(Step() if event.target.value == "Step" else Reset()))
         self._changing(buttons(gui, ("Step", "Reset"), act, hint="N: one period of 50 ms; R: from the start"))
         self._speed: viser.GuiDropdownHandle[str] = self._changing(
@@ -72,11 +75,9 @@ class DriveTab:
 
     def update(self, shown: Shown) -> None:
         """Show this."""
-        playing = shown.state == "playing"
-        if playing != self._playing:
-            self._playing = playing
-            self._play.label = "Pause" if playing else "Play"
-            self._play.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY
+        if shown.state != self._state:
+            self._state = shown.state
+            self._play.label, self._play.icon = _PRESSED.get(shown.state, _PLAY)
         if shown.status is not None:
             self._show_status(shown.status)
         if shown.tick is not None:
@@ -87,10 +88,19 @@ class DriveTab:
         self._tasks.update(shown)
 
     def toggle(self) -> None:
-        """Play or pause, as the twin is now: the panel may be a moment behind."""
+        """Play or pause; a run that has ended is not thrown away by a key that was meant to pause it."""
+        if self._now() == "done":
+            self._hub.tell(self._visitor, "the run has ended: press Restart, or give the robot another task")
+        else:
+            self._press()
+
+    def _press(self) -> None:
+        self._send(Pause() if self._now() == "playing" else Play())
+
+    def _now(self) -> str:
+        """State of the twin: the panel may be a moment behind."""
         status = self._hub.client.status()
-        playing = self._playing if status is None else status.state == "playing"
-        self._send(Pause() if playing else Play())
+        return self._state if status is None else status.state
 
     def faster(self, steps: int) -> None:
         """Wish for a higher or lower speed."""

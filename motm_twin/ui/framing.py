@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.model.scene import Scene
+from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_shapes import outline
 
 FIELD_OF_VIEW = math.radians(40.0)  # vertical
@@ -30,15 +30,21 @@ def from_above(scene: Scene, aspect: float = ASPECT) -> View:
 
 
 def extent(scene: Scene) -> Array:
-    """Points [m] that must be in the picture, shape (n, 3): furniture, start, bins and the ways of agents."""
+    """Points [m] that must be in the picture, shape (n, 3): furniture, start, ends of drives, ways of agents."""
     points: list[tuple[float, float, float]] = []
     for solid in scene.solids:
         if solid.style == "wall":
             continue
         x, y, u, v = outline(solid.shape).bounds
         points += [(a, b, z) for a in (x, u) for b in (y, v) for z in (0.0, solid.z_max)]
-    x, y, _ = scene.start
-    points += [(x + dx, y + dy, z) for dx in (-_ROBOT, _ROBOT) for dy in (-_ROBOT, _ROBOT) for z in (0.0, _TALL)]
+    sent = [task.point for task in scene.tasks if isinstance(task, DriveTo)]
+    points += [
+        (x + dx, y + dy, z)
+        for x, y in (scene.start[:2], *sent)
+        for dx in (-_ROBOT, _ROBOT)
+        for dy in (-_ROBOT, _ROBOT)
+        for z in (0.0, _TALL)
+    ]
     for agent in scene.agents:
         points += [(*place, z) for place in (agent.start[:2], *agent.waypoints) for z in (0.0, _TALL)]
     return np.array(points)

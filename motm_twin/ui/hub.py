@@ -43,6 +43,7 @@ NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
 PATIENT = (HandOver, Inspect, Load, Pause, Play, Reset, Seed, Speed, TakeWheel)  # hold for whatever is being loaded
 LOOK = 0.1  # [s] between looks at what the server is doing
+ASKED = (Load, Pause, Play, Reset, Seed, Speed)  # of them what a person has pressed, and is told about
 PROMPT, PATIENCE = 5.0, 20.0  # [s] until the twin must have answered, for what is meant now, and for the `PATIENT`
 KEEP_WHEEL = 3.0  # [s] what a driver does on the page alone keeps the wheel as well, told this often
 
@@ -230,10 +231,10 @@ class Hub:
                 visitor.sent = time.monotonic()
                 answer = self.client.command(command, timeout, sender=visitor.sender, name=visitor.name)
         if not answer.ok:
-            self.tell(visitor, self._loading() or answer.reason)
+            self.tell(visitor, self.loading() or answer.reason)
         return answer
 
-    def _loading(self) -> str:
+    def loading(self) -> str:
         """What the server is loading, and what to do about it; "" when it is not."""
         status = self.client.status()
         if status is None or status.state != "loading" or not self.client.alive:
@@ -242,9 +243,9 @@ class Hub:
 
     def _let_it_load(self, visitor: Visitor | None, command: Command) -> None:
         """Wait until the server can answer."""
-        if self._loading() and isinstance(command, Load | Reset | Seed):
+        if self.loading() and isinstance(command, ASKED):
             self.tell(visitor, "the twin is still loading: this comes next")
-        while self._loading() and not self._stop.wait(LOOK):
+        while self.loading() and not self._stop.wait(LOOK):
             pass
 
     def live(self, visitor: Visitor) -> bool:

@@ -98,3 +98,8 @@ def seconds(value: float | None) -> str:
 def metres(value: float | None) -> str:
     """A length; "none near" when there is none."""
     return "none near" if value is None else f"{value:.2f} m"
+
+
+def signed(value: float, decimals: int) -> str:
+    """A number with its sign; what is rounded to nothing has that of nothing, not a minus."""
+    return f"{round(value, decimals) + 0.0:+.{decimals}f}"

@@ -90,7 +90,9 @@ class Pointing:
                 view.placing = ""
         elif view.selected:
             view.selected = view.placing = ""
-        elif tick is not None:
+        elif tick is None:
+            self._hub.tell(visitor, self._hub.loading() or "nothing runs yet: load a scene first")
+        else:
             index = min(tick.task_index, len(tick.tasks))
             if await self._order(visitor, InsertTask(tasks=(DriveTo(point=(x, y)),), index=index)) and tick.preview:
                 self._hub.tell(visitor, f"drive to ({x:.2f}, {y:.2f}) is added when time goes on", "Task", "green")

@@ -45,7 +45,7 @@ def jobs(tasks: Sequence[TaskMessage]) -> list[Job]:
     while index < len(tasks):
         count = _length(tasks, index)
         group = tasks[index : index + count]
-        text = " → ".join(task_name(task) for task in group)
+        text = " → ".join(task_name(task) + _left_out(task, group) for task in group)
         attempts = max(task.attempts for task in group)
         going = (i for i, task in enumerate(group, index) if task.status not in ("done", "failed"))
         found.append(Job(text, _status(group), index, count, attempts, next(going, index)))
@@ -76,12 +76,21 @@ def _length(tasks: Sequence[TaskMessage], index: int) -> int:
 
 
 def _status(group: Sequence[TaskMessage]) -> str:
-    states = [task.status for task in group]
+    """Of a delivery it is that of pick and place, whatever became of a drive between them."""
+    states = [task.status for task in group if not _between(task, group)]
     if "failed" in states:
         return "failed"
     if all(state == "done" for state in states):
         return "done"
     return "active" if any(state in ("active", "done") for state in states) else "waiting"
+
+
+def _between(task: TaskMessage, group: Sequence[TaskMessage]) -> bool:
+    return len(group) > 1 and task.kind.startswith("drive")
+
+
+def _left_out(task: TaskMessage, group: Sequence[TaskMessage]) -> str:
+    return " (given up)" if task.status == "failed" and _between(task, group) else ""
 
 
 def task_name(task: TaskMessage) -> str:

@@ -26,6 +26,7 @@ from motm_twin.ui.markup import (
     pairs,
     seconds,
     sentence,
+    signed,
     text,
 )
 
@@ -67,7 +68,7 @@ def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessag
     ]
     if tick.done and words.stands(tick):
         return card(*rows, _driven_by(status))
-    motion = f"base {speed:+.2f} m/s, {math.degrees(turn):+.0f}&deg;/s"
+    motion = f"base {signed(speed, 2)} m/s, {signed(math.degrees(turn), 0)}&deg;/s"
     reach, task = tick.plan.time_to_range, words.active_task(tick)
     planned = task is not None and not (tick.preview and task.status == "waiting")  # for the task in hand
     if reach is not None and planned and not tick.done:

@@ -97,7 +97,7 @@ class Visitor:
         if not fine:
             page.add_init_script(path=LIGHTLY)
         page.goto(twin.url if fine else f"{twin.url}?fixedDpr=1")
-        visitor.button("Play", "Pause").wait_for(timeout=SHOWN * 1000)
+        visitor.button("Play", "Pause", "Restart").wait_for(timeout=SHOWN * 1000)
         visitor.close_notes()
         until(visitor.overlooks, SHOWN, "its camera does not find the overview")
         return visitor

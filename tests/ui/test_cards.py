@@ -19,7 +19,6 @@ from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene_file import load_scene
 from motm_twin.ui import words
 from motm_twin.ui.candidate_card import candidate_card, legend
-from motm_twin.ui.cards import PHASES
 from motm_twin.ui.plots import Curve, number, path_of, plots_html
 from motm_twin.ui.samples import Part, Sample, sample
 from motm_twin.ui.score_card import score_card
@@ -30,6 +29,7 @@ from motm_twin.ui.why_cards import READY_MANIPULABILITY, arm_card, bands, events
 EVIL = "<img src=x onerror=alert(1)>"
 replace = msgspec.structs.replace
 DRIVING = [0.4, 0.1]
+PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "retry")
 
 
 @pytest.fixture
@@ -50,6 +50,12 @@ def in_hand(tick, kind):
     held = kind == "place"
     belief = BeliefMessage(name="cube1", position=[0, 0, 0], yaw=0.0, position_sd=0.0, seen=True, held=held)
     return replace(tick, task_index=number, beliefs=[belief])
+
+
+def test_a_base_that_stands_moves_neither_forwards_nor_backwards(tick):
+    standing = replace(tick, robot=replace(tick.robot, twist=[-0.001, -0.004]))
+    assert "base +0.00 m/s, +0&deg;/s" in now_card(standing)
+    assert "base +0.40 m/s, +6&deg;/s" in now_card(tick)
 
 
 @pytest.mark.parametrize("kind", ["pick", "place"])

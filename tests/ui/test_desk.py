@@ -9,7 +9,7 @@ import viser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, Load, MoveTask, Pause, TakeWheel
+from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, Load, MoveTask, Pause, Play, TakeWheel
 from motm_twin.bus.messages import StatusMessage, TaskMessage
 from motm_twin.ui.cards import status_card
 from motm_twin.ui.disturb import Thing
@@ -179,9 +179,10 @@ class TestWheel:
         client.state, client.answer = "loading", Answer(ok=False, reason="the twin server does not answer")
         assert not hub.command(visitor, MoveTask(index=1, to=0)).ok
         assert visitor.client.notes == ["still loading exp2: try again when it runs"]
-        hub.send(visitor, Load(scene="exp1"))
+        hub.send(visitor, Play())
         wait_for(lambda: "comes next" in visitor.client.notes[-1])
-        assert not any(isinstance(command, Load) for command, *_ in client.told)
+        hub.send(visitor, Load(scene="exp1"))
+        assert not any(isinstance(command, Load | Play) for command, *_ in client.told)
         client.answer = Answer(ok=True)
         client.state = "playing"
         wait_for(lambda: client.told[-1][0] == Load(scene="exp1"))
@@ -234,6 +235,15 @@ class TestTasks:
         ]  # fmt: skip
         assert label(listed[1]) == "▶ b → y (2.)"
         assert listed[3].text == "c → drive to (0.00, 0.00) → x"
+
+    def test_a_drive_that_is_given_up_between_pick_and_place_leaves_the_delivery_as_it_is(self):
+        pick, drive = task("pick", "a", "done", 1), task("drive_to", "(1.00, 2.00)", "failed")
+        (under_way,) = jobs((pick, drive, task("place", "x", "active")))
+        assert under_way.status == "active" and under_way.text == "a → drive to (1.00, 2.00) (given up) → x"
+        assert under_way.now == 2
+        assert jobs((pick, drive, task("place", "x", "done", 1)))[0].status == "done"
+        assert jobs((pick, task("place", "x", "failed", 1)))[0].status == "failed"
+        assert jobs((drive,))[0].status == "failed"
 
     def test_up_and_down_move_past_the_whole_neighbour(self):
         listed = jobs(self.LIST)

@@ -20,6 +20,7 @@ from motm_twin.bus.commands import (
     MoveObject,
     MoveTask,
     Pause,
+    Play,
     PushRobot,
     RemoveBody,
     RemoveTask,
@@ -228,6 +229,21 @@ def test_play_speed_and_scene(person):
     assert person.sent == [Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
 
 
+def test_a_run_that_has_ended_begins_anew_by_its_button_and_by_no_key_that_was_meant_to_pause_it(person):
+    drive = person.desk._tabs[0]
+    drive.toggle()
+    assert person.sent == [Pause()]
+    person.shows("done")
+    person.sent.clear()
+    drive.toggle()
+    assert person.sent == [] and "Restart" in person.page.notes[-1]
+    person.presses("Restart")
+    assert person.sent == [Play()]
+    person.shows("paused")
+    drive.toggle()
+    assert person.last == Play() and person.widget("Play")
+
+
 def test_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
     person.chooses("Scene", "exp1")
     person.shows(variant="still")  # loaded before, heard of late
@@ -275,7 +291,10 @@ def test_furniture_is_announced_and_cubes_are_put_elsewhere(person):
     person.chooses("Selected", piece)
     person.shows()
     person.presses("Tell the robot")
-    assert person.last == Announce(name=piece)
+    assert person.client.heard == [Announce(name=piece)] and piece in person.page.notes[-1]
+    person.client.answers = Answer(ok=False, reason="no")
+    person.presses("Tell the robot")
+    assert person.page.notes[-1] == "no"
     cube = person.scene.objects[0].name
     person.chooses("Selected", cube)
     person.shows()

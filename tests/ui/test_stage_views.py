@@ -11,7 +11,8 @@ from fake_twin import FakeTwin, fake_scene
 from motm_twin.bus.client import Grid
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import GRID_VERSION, BodyMessage, GridInfo, TickMessage
-from motm_twin.model.scene import Box, Cylinder, Prism, Solid
+from motm_twin.model.scene import Box, Cylinder, DriveTo, Prism, Solid
+from motm_twin.model.scene_file import load_scene
 from motm_twin.ui import colours
 from motm_twin.ui.aim import Ray, Surroundings
 from motm_twin.ui.backdrop import floor_glb, ground_glb, sky_glb
@@ -153,6 +154,12 @@ def test_everything_is_in_the_picture_and_fills_it(view, aspect):
     high = np.abs(seen @ np.cross(right, forward) / depth / half).max()
     assert depth.min() > 0.0
     assert max(across, high) == pytest.approx(0.93, abs=0.01)
+
+
+def test_the_picture_of_a_scene_holds_where_its_robot_is_sent():
+    scene = load_scene("line")
+    (end,) = (task.point for task in scene.tasks if isinstance(task, DriveTo))
+    assert end[0] + 0.4 < extent(scene)[:, 0].max()
 
 
 def test_a_new_obstacle_comes_to_free_floor_away_from_others():

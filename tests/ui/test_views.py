@@ -8,6 +8,7 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import TickMessage
 from motm_twin.ui import cards
 from motm_twin.ui.candidate_card import candidate_card
+from motm_twin.ui.why_cards import task_card
 
 EVIL = "<img src=x onerror=alert(1)>"
 
@@ -23,7 +24,7 @@ def test_names_from_outside_are_escaped_on_every_card(tick):
     tasks = [msgspec.structs.replace(task, target=EVIL) for task in tick.tasks]
     placement = msgspec.structs.replace(tick.placement, rejected=[EVIL] * 72)
     bad = msgspec.structs.replace(tick, tasks=tasks, stop_reason=EVIL, placement=placement)
-    texts = [cards.progress_card(bad), candidate_card(placement, 0), cards.status_card("error", None, EVIL)]
+    texts = [task_card(bad), candidate_card(placement, 0), cards.status_card("error", None, EVIL)]
     for text in texts:
         assert "<img" not in text
         assert "&lt;img" in text
@@ -37,11 +38,3 @@ def test_a_candidate_tells_its_costs_or_why_it_is_out(tick):
     out = next(index for index, reason in enumerate(placement.rejected) if reason)
     assert "rejected: collision with object table" in candidate_card(placement, out)
     assert "global path" in candidate_card(placement, None)
-
-
-def test_a_pick_and_its_place_share_a_row(tick):
-    rows = cards.pairs(tick.tasks)
-    assert len(rows) == 4
-    assert all(first.kind == "pick" and second.kind == "place" for first, second in rows)
-    alone = [tick.tasks[1], *tick.tasks[:2]]
-    assert [second is None for _, second in cards.pairs(alone)] == [True, False]
