@@ -1,12 +1,9 @@
 """A whole panel without a browser: its widgets are made, follow what is shown, and send what they should."""
 
-import asyncio
-import time
-from types import SimpleNamespace
-
 import msgspec
 import pytest
 import viser
+from person import Person, grey_, label
 
 from motm_twin.bus.commands import (
     AddObstacle,
@@ -30,145 +27,15 @@ from motm_twin.bus.commands import (
     UndoBranch,
 )
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.messages import SceneChoice, StatusMessage
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.methods.fast import FAST
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
-from motm_twin.ui.desk import Desk
-from motm_twin.ui.history import History
-from motm_twin.ui.hub import Hub, Shown
+from motm_twin.ui.hub import Shown
 from motm_twin.ui.why_cards import headline
 from motm_twin.ui.widgets import Html
-
-ENCODE = msgspec.json.Encoder().encode
-
-
-class Client:
-    """Stands where a TwinClient does: keeps what it is told and answers as the server would."""
-
-    sender, alive, endpoint = "page", True, "tcp/none"
-
-    def __init__(self):
-        self.now, self.heard, self.answers = None, [], Answer(ok=True)
-
-    def status(self):
-        return self.now
-
-    def grid(self):
-        return None
-
-    def session(self):
-        return b"{}"
-
-    def command(self, command, timeout=0.0, *, sender="", name=""):
-        self.heard.append(command)
-        return self.answers
-
-
-class Page:
-    """Stands where a connected browser page does; its widgets are those of a server without visitors."""
-
-    def __init__(self, gui):
-        self.client_id, self.gui, self.notes, self.files = 0, gui, [], []
-        self.camera = SimpleNamespace(
-            position=(-1.0, -4.0, 6.0), look_at=(3.0, 1.0, 0.0), fov=0.8, image_width=900, image_height=800
-        )
-
-    def add_notification(self, title, text, **_):
-        self.notes.append(text)
-        return SimpleNamespace(remove=lambda: None)
-
-    def send_file_download(self, name, content, **_):
-        self.files.append((name, content))
-
-
-class Person:
-    """A desk, and somebody who uses it."""
-
-    def __init__(self, server, scene, ticks):
-        self.scene, self.ticks = scene, ticks
-        self.client = Client()
-        self.hub = Hub(server, self.client)
-        self.hub.history = History()
-        for tick in ticks:
-            self.hub.history.add(ENCODE(tick))
-        self.page = Page(server.gui)
-        self.visitor = self.hub.enter(self.page)
-        self.sent = []
-        self.hub.send = self._send
-        self.cameras = []
-        stage = SimpleNamespace(cameras=SimpleNamespace(choose=lambda client, preset: self.cameras.append(preset)))
-        self.desk = Desk(self.hub, self.visitor, stage)
-        self.widgets = server.gui._gui_input_handle_from_uuid
-        self.status = StatusMessage(
-            version="motm.status/1", twin="frankie", run=1, server_time=0.0, state="playing", text="", scene="exp2",
-            variant="random", seed=0, time=1.0, speed=1.0, actual_speed=1.0, capped=False,
-            scenes=[SceneChoice(name="exp2", title="", variants=["random", "still"]),
-                    SceneChoice(name="exp1", title="", variants=["trial1"])],
-            driver=self.visitor.sender, driver_name="Ann",
-        )  # fmt: skip
-
-    def _send(self, visitor, command):
-        visitor.sent = time.monotonic()
-        self.sent.append(command)
-
-    def shows(self, state="playing", tick=None, **changes):
-        """Let the desk show this."""
-        self.status = msgspec.structs.replace(self.status, state=state, **changes)
-        self.client.now = self.status
-        newest = self.ticks[-1] if tick is None else tick
-        at = self.hub.view.at
-        shown = newest if at is None else self.hub.history.at(at)
-        self.desk.update(
-            Shown(state=state, status=self.status, scene=self.scene, tick=shown, newest=newest, live=at is None,
-                  view=self.hub.view)
-        )  # fmt: skip
-
-    def widget(self, text):
-        """The widget with this label, or the row of buttons with one of this name."""
-        found = [
-            widget
-            for widget in self.widgets.values()
-            if label(widget) == text or (isinstance(widget, viser.GuiButtonGroupHandle) and text in widget.options)
-        ]
-        assert found, f"no widget {text!r}"
-        return found[0]
-
-    def presses(self, text, number=0):
-        """Press a button, or one in a row."""
-        rows = [w for w in self.widgets.values() if isinstance(w, viser.GuiButtonGroupHandle) and text in w.options]
-        if rows:
-            rows[number]._impl.value = text
-        self._does(rows[number] if rows else self.widget(text))
-
-    def chooses(self, label, value):
-        """Set a slider, list or box."""
-        widget = self.widget(label)
-        widget._impl.value = value
-        self._does(widget)
-
-    def _does(self, widget):
-        self.sent.clear()
-        assert not grey_(widget), f"{widget.label!r} is grey"
-        for callback in widget._impl.update_cb:
-            asyncio.run(callback(SimpleNamespace(client_id=0, target=widget)))
-
-    @property
-    def last(self):
-        return self.sent[-1]
-
-
-def label(widget):
-    """What stands beside a widget, or on a button."""
-    return getattr(widget._impl.props, "label", "")
-
-
-def grey_(widget):
-    """Whether a widget cannot be used now."""
-    return getattr(widget._impl.props, "disabled", False)
 
 
 @pytest.fixture(scope="module")
