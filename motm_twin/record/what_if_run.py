@@ -17,6 +17,7 @@ from motm_twin.record.replay import begin
 from motm_twin.record.session import Session, SessionError
 from motm_twin.twin import Twin
 
+MOVERS = ("temi", "person")  # kinds of bodies that drive or walk by themselves
 AS_IT_WAS, CHANGED = "as it was", "changed"
 SAMPLE_PERIODS = 2  # 10 Hz of simulated time
 PATIENCE = 30.0  # [s] without progress in the tasks, after the last recorded period
@@ -30,6 +31,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
     pose: tuple[float, ...]  # true base pose x, y, heading, world
     q: tuple[float, ...]  # arm joints [rad], 7
     gripper: float  # [m] between the finger pads
+    movers: tuple[tuple[float, float, float, float], ...] = ()  # Temis and persons: x, y, radius, height [m]
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -174,4 +176,9 @@ def _sample(name: str, tick: Tick) -> Sample:
         pose=tuple(np.round(tick.truth.pose, 4).tolist()),
         q=tuple(np.round(tick.observation.q, 4).tolist()),
         gripper=round(float(tick.observation.gripper_width), 4),
+        movers=tuple(
+            (round(body.position[0], 3), round(body.position[1], 3), 0.5 * body.size[0], body.size[2])
+            for body in (*tick.truth.agents, *tick.truth.obstacles)
+            if body.kind in MOVERS
+        ),
     )

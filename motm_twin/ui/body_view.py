@@ -49,7 +49,7 @@ class BodyView:
         self._trails = server.scene.add_line_segments(
             f"{ROOT}/trails", np.zeros((1, 2, 3), dtype=np.float32), colours.TRAIL, thickness=0.02, visible=False
         )
-        self.trails_on = True
+        self.trails_on = self.movers_on = True
 
     def show(self, scene: Scene) -> None:
         """Forget the bodies of the last scene."""
@@ -110,6 +110,10 @@ class BodyView:
             if body.kind in MESHES:
                 self._lengthen(drawn, position, time - drawn.time)
         drawn.time = time
+        if body.kind in MESHES and drawn.handle.visible != self.movers_on:
+            drawn.handle.visible = self.movers_on
+            if drawn.shadow is not None:
+                drawn.shadow.visible = self.movers_on
         self._mark_frozen(name, drawn, body)
         return name
 

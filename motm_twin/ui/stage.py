@@ -76,9 +76,11 @@ class Stage:
         if layers[STAA_LAYER] != view.staa_path:
             view.staa_path = layers[STAA_LAYER]
             self._hub.inspect()
-        self._robot.ghosts_on, self._bodies.trails_on = layers["Ghosts"], layers["Trails"]
-        self._plan.candidates_on, self._plan.paths_on = layers["Candidates"], layers["Paths"]
-        self._plan.staa_on, self._plan.picked = view.staa_path, view.picked
+        live = self._hub.what_if.watched is None  # else two other runs are watched, and who is about in them
+        self._bodies.movers_on = live
+        self._robot.ghosts_on, self._bodies.trails_on = live and layers["Ghosts"], live and layers["Trails"]
+        self._plan.candidates_on, self._plan.paths_on = live and layers["Candidates"], live and layers["Paths"]
+        self._plan.staa_on, self._plan.picked = live and view.staa_path, view.picked
         self._map.on = layers["Occupancy grid"]
         with self._server.atomic():
             self._robot.update_ghosts(tick)

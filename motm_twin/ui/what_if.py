@@ -33,13 +33,17 @@ Values = Mapping[str, ParameterValue]
 OwnMethod = tuple[str, str]  # name of a method that is not shipped, and its FILE.py:NAME from the command line
 
 
+Mover = tuple[float, float, float, float]  # a Temi or a person: x, y, radius, height [m]
+
+
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """Where the robot of one run is."""
+    """Where the robot of one run is, and who else is about there."""
 
     time: float  # [s] simulated
     pose: tuple[float, float, float]
     q: tuple[float, ...]  # 7 arm joints [rad]
     gripper: float  # [m]
+    movers: tuple[Mover, ...] = ()
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,6 +85,7 @@ class Other:
     pose: tuple[float, float, float]
     q: tuple[float, ...]
     gripper: float
+    movers: tuple[Mover, ...] = ()  # who is about in that run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +164,15 @@ def _between(label: str, a: Sample, b: Sample, time: float) -> Other:
         (_mix(a.pose[0], b.pose[0], part), _mix(a.pose[1], b.pose[1], part), a.pose[2] + part * turn),
         tuple(_mix(x, y, part) for x, y in zip(a.q, b.q, strict=True)),
         _mix(a.gripper, b.gripper, part),
+        _moved(a.movers, b.movers, part),
     )
+
+
+def _moved(before: tuple[Mover, ...], after: tuple[Mover, ...], part: float) -> tuple[Mover, ...]:
+    """Those of the first sample, on the way to where they are in the second, unless somebody came or went."""
+    if len(before) != len(after):
+        return before
+    return tuple((_mix(a[0], b[0], part), _mix(a[1], b[1], part), *a[2:]) for a, b in zip(before, after, strict=True))
 
 
 def _mix(a: float, b: float, part: float) -> float:
@@ -190,7 +203,8 @@ class WhatIf:
     def others(self, time: float, run: int = -1) -> list[Other]:
         """The robots to be shown beside the twin's at a time [s] of its run of this number, at most two.
 
-        Both are shown at the same time, also while one run is further than the other, or somebody watches them alone.
+        Both are shown at the same time, also while one run is further than the other, or somebody watches them alone;
+        only then with who else is about in them.
         """
         with self._lock:
             if self._state.phase in ("idle", "failed"):
@@ -201,7 +215,8 @@ class WhatIf:
             late = watched is None and self._state.busy and time - known > BEHIND
             earlier = EARLIER if run > self._state.run >= 0 else ""
             words = earlier + (f" at {known:.0f} s" if late else "")
-            return [replace(other, label=other.label + words) for other in found]
+            found = [replace(other, label=other.label + words) for other in found]
+            return found if watched is not None else [replace(other, movers=()) for other in found]
 
     def watch(self) -> None:
         """Show both runs alone, from where they part to their ends, faster than they were."""

@@ -65,6 +65,13 @@ def test_the_run_as_it_was_goes_on_to_the_end_of_its_tasks(session):
     assert len(samples[0].q) == 7
 
 
+def test_who_moves_about_in_a_run_is_told_with_its_robot(session):
+    samples, _ = ends(session, {})
+    assert not samples[0].movers  # the guest comes later
+    (guest,) = samples[-1].movers
+    assert guest == (2.0, 1.0, 0.25, 1.0)
+
+
 def test_a_run_that_was_recorded_to_its_end_ends_at_its_recorded_time(clocked):
     twin = clocked(drive_scene())
     ticks = [twin.advance()]

@@ -19,8 +19,8 @@ from motm_twin.ui.what_if_panel import begun_since, result
 HOSTILE = "<script>alert(1)</script>"
 
 
-def sample(run, time, x=0.0, heading=0.0):
-    line = {"run": run, "time": time, "pose": (x, 0.0, heading), "q": (0.0,) * 7, "gripper": 0.08}
+def sample(run, time, x=0.0, heading=0.0, movers=()):
+    line = {"run": run, "time": time, "pose": (x, 0.0, heading), "q": (0.0,) * 7, "gripper": 0.08, "movers": movers}
     return msgspec.json.encode(line)
 
 
@@ -188,6 +188,23 @@ class TestProcess:
         assert what_if.watched == 9.0
         now[0] += 60.0
         assert what_if.watched is None
+
+    def test_who_else_is_about_in_either_run_is_shown_only_where_they_are_watched_alone(self):
+        now = [10.0]
+        what_if = WhatIf(bytes, lambda: now[0])
+        temi = (0.25, 1.0)
+        for run in RUNS:
+            for at in range(2):
+                what_if._runs.add(sample(run, float(at), movers=[(at, 2.0, *temi)]))
+            what_if._runs.add(sample(run, 2.0))  # it has gone
+        what_if._state = State(phase="done")
+        assert not any(other.movers for other in what_if.others(0.5))
+        what_if.watch()
+        assert [other.movers for other in what_if.others(99.0)] == [((0.0, 2.0, *temi),)] * 2
+        now[0] += 1.0 / 6.0
+        assert what_if.others(99.0)[1].movers == (pytest.approx((0.5, 2.0, *temi)),)
+        now[0] += 1.0
+        assert what_if.others(99.0)[1].movers == ()
 
 
 def until(condition, timeout=120.0):
