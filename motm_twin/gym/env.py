@@ -1,6 +1,7 @@
 """The twin as a Gymnasium environment: one step is one control period of 50 ms, of the same loop that `run` runs."""
 
 from collections.abc import Callable
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from motm_twin.model.plant import Truth
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.scene_load import load_document
 from motm_twin.twin import Twin
 
 MOST_SEED = 2**31  # scene seeds are drawn below this when a reset names none
@@ -37,7 +39,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         self,
         scene: str = "exp1",
         *,
-        variant: str | None = "random",
+        variant: str | None | EllipsisType = ...,
         actions: str = "base",
         arm: str = "motm",
         guard: bool = False,
@@ -50,9 +52,10 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
     ) -> None:
         """Nothing runs before `reset`.
 
-        ``scene``: a shipped scene or a file; ``variant``: one of it, None for its default. ``actions``: "base" or
-        "whole_body"; ``arm``: the method whose arm reaches in the mode "base". ``guard``: the
-        base is slowed before whatever the map shows, as when a person drives it. ``beams``: lidar sectors observed.
+        ``scene``: a shipped scene or a file; ``variant``: one of it, None for its default; left out, "random" where
+        the scene has it, else its default. ``actions``: "base" or "whole_body"; ``arm``: the method whose arm reaches in
+        the mode "base". ``guard``: the base is slowed before whatever the map shows, as when a person drives it.
+        ``beams``: lidar sectors observed.
         ``time_limit`` [s], None: the scene's. ``stop_on_contact``: a contact that the robot caused ends the episode.
         ``on_tick``: reads every Tick, as with `motm_twin.trial.run_scene`. Raises ValueError.
         """
@@ -62,11 +65,12 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
             raise ValueError(f"time limit {time_limit} s: it has to be positive, or None for the scene's own")
         self.render_mode = render_mode
         self.weights = weights or RewardWeights()
-        self._name, self._variant, self._time_limit = scene, variant, time_limit
+        self._name, self._time_limit = scene, time_limit
+        self._variant = _arrangement(scene) if variant is ... else variant
         self._stop_on_contact, self._on_tick = stop_on_contact, on_tick
         self._method = agent_method(actions, find_method(arm), guard=guard)
         self.whole_body = actions == "whole_body"
-        robot = load_scene(scene, variant).robot
+        robot = load_scene(scene, self._variant).robot
         self._base: BaseLimits = robot.base
         self._reader = ObservationReader(robot, beams)
         self.observation_space = self._reader.space
@@ -133,8 +137,8 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
 
     def snapshot(self) -> dict[str, Any]:
         """A copy of the whole state, random numbers of the world included: `restore` goes on from there."""
-        agent = {"score": self._score, "settle": self._settle, "view": self.view}
-        return {"twin": self.twin.snapshot(), "scene": self.twin.scene, **agent}
+        twin = {"twin": self.twin.snapshot(), "scene": self.twin.scene}  # first: it raises before a reset
+        return {**twin, "score": self._score, "settle": self._settle, "view": self._view}
 
     def restore(self, state: dict[str, Any]) -> Observed:
         """Go on from a snapshot of the same episode; its observation. ValueError for one of another scene or seed."""
@@ -202,3 +206,8 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
 
 def _places(tick: Tick) -> int:
     return sum(task.kind == "place" for task in tick.tasks)
+
+
+def _arrangement(scene: str) -> str | None:
+    """The variant of a scene that is run when none is named: random arrangements where it has them."""
+    return "random" if "random" in load_document(scene).variants() else None

@@ -13,7 +13,7 @@ from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tuning import tuned
 from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.gym.env import MotmEnv
-from motm_twin.gym.method import check_divided
+from motm_twin.gym.method import check_fits
 from motm_twin.gym.view import AgentView
 from motm_twin.methods.method import ArmParts, PlannerParts
 from motm_twin.methods.registry import find_method
@@ -29,8 +29,7 @@ class Expert:
     def __init__(self, env: MotmEnv, method: str = "motm") -> None:
         """``env``: `unwrapped`, after its `reset`. ValueError for a method that cannot act in it."""
         chosen = find_method(method)
-        if not env.whole_body:
-            check_divided(chosen)
+        check_fits(chosen, whole_body=env.whole_body)
         planning, arm = tuned(dict(chosen.parameters), PlanningParameters(), ArmParameters())
         self._env, self._known = env, env.twin.loop.known
         self._planner = chosen.planner(PlannerParts(known=self._known, parameters=planning))

@@ -8,7 +8,6 @@ from motm_twin.methods.method import ArmParts, Method, PlannerParts
 from motm_twin.planning.planner import BasePlanner
 
 MODES = ("base", "whole_body")
-UNDIVIDED = ("holistic", "open_loop")  # their base and arm are decided together: neither goes with another's
 
 
 def agent_planner(parts: PlannerParts, *, guard: bool) -> BasePlanner:
@@ -29,7 +28,7 @@ def agent_method(mode: str, arm: Method, *, guard: bool = False) -> Method:
         raise ValueError(f"action mode {mode!r}: use {' or '.join(map(repr, MODES))}")
     whole = mode == "whole_body"
     if not whole:
-        check_divided(arm)
+        check_fits(arm, whole_body=False)
     return Method(
         name=f"gym_{mode}",
         title="an agent, whole body" if whole else f"an agent drives, the arm of {arm.name}",
@@ -41,7 +40,9 @@ def agent_method(mode: str, arm: Method, *, guard: bool = False) -> Method:
     )
 
 
-def check_divided(method: Method) -> None:
-    """Raise ValueError for a method whose arm does not go with a base that is driven by somebody else."""
-    if method.name in UNDIVIDED:
-        raise ValueError(f"{method.name} decides about base and arm together: only actions='whole_body' takes both")
+def check_fits(method: Method, *, whole_body: bool) -> None:
+    """Raise ValueError for a method that an action mode cannot use; ``whole_body``: which of the two it is."""
+    if method.name == "open_loop":
+        raise ValueError("open_loop rehearses the whole task beforehand: no action mode can use it")
+    if method.name == "holistic" and not whole_body:
+        raise ValueError("holistic decides about base and arm together: only actions='whole_body' takes both")

@@ -119,8 +119,10 @@ def _check_new(furnishings: Furnishings, state: PlantState, edit: AddObstacle) -
     scene, layout = furnishings.scene, state.layout
     groups = (scene.solids, scene.objects, scene.bins, scene.agents, layout.obstacles)
     taken = {item.name for group in groups for item in group} | {item.agent.name for item in state.agents}
-    if not edit.name or edit.name in taken | {*furnishings.pieces, "base", "floor"}:
-        raise EditError(f"name {_quoted(edit.name)} is taken or empty: choose another")
+    if not edit.name:
+        raise EditError("the name is empty: choose one")
+    if edit.name in taken | {*furnishings.pieces, "base", "floor"}:
+        raise EditError(f"name {_quoted(edit.name)} is taken: choose another")
     if len(edit.name) > LONGEST_NAME:
         raise EditError(f"name {_quoted(edit.name)} is too long: at most {LONGEST_NAME} characters")
     if edit.shape not in SHAPES:

@@ -172,8 +172,9 @@ def test_truncated_at_the_time_limit_and_ended_by_a_contact_where_that_is_asked_
 
 def test_what_is_no_action_is_refused_and_what_is_too_much_is_clipped():
     env = MotmEnv(variant="trial1")
-    with pytest.raises(RuntimeError, match="reset"):
-        env.step(zeros(env))
+    for asked in (lambda: env.step(zeros(env)), env.snapshot, lambda: env.restore({"scene": None})):
+        with pytest.raises(RuntimeError, match="reset the environment first"):
+            asked()
     env.reset(seed=0)
     with pytest.raises(ValueError, match="2 finite numbers"):
         env.step(np.zeros(10))
@@ -190,6 +191,8 @@ def test_what_is_no_action_is_refused_and_what_is_too_much_is_clipped():
         ({"actions": "arm"}, "'base' or 'whole_body'"),
         ({"arm": "mottm"}, "motm"),
         ({"arm": "holistic"}, "base and arm together"),
+        ({"arm": "open_loop"}, "no action mode"),
+        ({"variant": "nosuch"}, "no variant 'nosuch'"),
         ({"render_mode": "human"}, "rgb_array"),
         ({"beams": 0}, "at least one"),
         ({"time_limit": -1.0}, "positive"),
@@ -206,6 +209,23 @@ def test_an_expert_that_does_not_fit_is_refused():
     env.reset(seed=0)
     with pytest.raises(ValueError, match="base and arm together"):
         Expert(env, "holistic")
+
+
+@pytest.mark.parametrize("actions", ["base", "whole_body"])
+def test_a_rehearsed_method_is_an_expert_in_no_mode(actions):
+    env = MotmEnv(variant="trial1", actions=actions)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="no action mode can use it"):
+        Expert(env, "open_loop")
+
+
+def test_a_scene_of_one_s_own_needs_no_variant_of_the_environment_s():
+    own = ROOT / "tests" / "bench" / "half_a_metre.yaml"
+    made = gymnasium.make("motm/Exp1Base-v0", scene=str(own))
+    assert made.reset(seed=3)[1]["variant"] == ""
+    with pytest.raises(ValueError, match="no variant 'random'"):
+        MotmEnv(str(own), variant="random")
+    assert MotmEnv("exp1", variant=None).reset(seed=0)[1]["variant"] == "trial1"
 
 
 def test_a_wrong_option_is_named():

@@ -149,8 +149,10 @@ def test_the_referee_sees_a_person_and_how_fast_it_comes():
 def test_added_agents_are_removed_without_a_trace_and_their_name_is_free_again():
     plant = SimulatedPlant(scene())
     plant.apply(AddObstacle(name="guest", shape="person", x=2.0, y=0.0))
-    with pytest.raises(ValueError, match="taken"):
+    with pytest.raises(ValueError, match=r"^name 'guest' is taken: choose another$"):
         plant.apply(AddObstacle(name="guest", x=3.0, y=0.0))
+    with pytest.raises(ValueError, match=r"^the name is empty: choose one$"):
+        plant.apply(AddObstacle(name="", x=3.0, y=0.0))
     plant.apply(RemoveBody(name="guest"))
     plant.step(0.05)
     assert np.isinf(plant.observe().scan.ranges).all()
