@@ -7,6 +7,7 @@ import argparse
 import math
 
 from motm_twin.client import connect
+from motm_twin.one_sentence import one_sentence
 
 NAME = "chaser"
 SPEED = 0.4  # [m/s]
@@ -15,6 +16,7 @@ START = 3.0  # [m] behind the robot
 EVERY = 0.1  # [s]
 
 
+@one_sentence()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--endpoint")

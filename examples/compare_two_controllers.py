@@ -16,6 +16,7 @@ from motm_twin.bench.experiments.spec import Experiment, TrialSpec
 from motm_twin.bench.experiments.statistics import paired_difference, proportion
 from motm_twin.model.scene_file import listing
 from motm_twin.model.scene_load import load_document
+from motm_twin.one_sentence import one_sentence
 
 
 def arrangement_of(scene):
@@ -23,6 +24,7 @@ def arrangement_of(scene):
     return "random" if "random" in listing(load_document(scene)).variants else None
 
 
+@one_sentence()
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("methods", nargs="*", default=["motm", "staa"], help="two names, or FILE.py:NAME of your own")

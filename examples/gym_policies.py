@@ -11,8 +11,10 @@ import time
 
 import numpy as np
 
+from motm_twin.one_sentence import one_sentence
+
 try:
-    from motm_twin.gym import Expert
+    from motm_twin.gym import ENVIRONMENTS, Expert
 except ImportError as missing:  # it says what to install
     print(missing, file=sys.stderr)
     sys.exit(2)
@@ -46,10 +48,11 @@ class Towards:
         return np.clip([speed, 1.5 * bearing], -1.0, 1.0).astype(np.float32)
 
 
+@one_sentence()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("policy", nargs="?", default="towards", choices=("random", "towards", "expert"))
-    parser.add_argument("--env", default="motm/Exp1Base-v0")
+    parser.add_argument("--env", default="motm/Exp1Base-v0", choices=ENVIRONMENTS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=int, default=6000)
     parser.add_argument("--save", metavar="PNG", help="write the last picture")

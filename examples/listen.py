@@ -1,6 +1,7 @@
 """Print the ticks of every twin behind an endpoint. Needs only Zenoh: pip install eclipse-zenoh."""
 
 import sys
+from contextlib import suppress
 
 import zenoh
 
@@ -8,7 +9,7 @@ config = zenoh.Config()
 config.insert_json5("connect/endpoints", f'["{sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"}"]')
 config.insert_json5("listen/endpoints", "[]")
 config.insert_json5("scouting/multicast/enabled", "false")
-with zenoh.open(config) as session:
+with suppress(KeyboardInterrupt), zenoh.open(config) as session:
     ticks = session.declare_subscriber("motm/*/tick", zenoh.handlers.RingChannel(1))
     for sample in ticks:
         print(sample.key_expr, sample.payload.to_string()[:200], flush=True)

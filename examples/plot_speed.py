@@ -8,11 +8,13 @@ import argparse
 from contextlib import suppress
 
 from motm_twin.client import connect
+from motm_twin.one_sentence import one_sentence
 
 WIDTH = 50  # characters
 FULL = 0.5  # [m/s]
 
 
+@one_sentence()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--endpoint")
@@ -21,7 +23,7 @@ def main():
     parser.add_argument("--save", metavar="PNG", help="write a picture at the end")
     options = parser.parse_args()
     times, speeds = [], []
-    with connect(options.endpoint, options.twin) as twin:
+    with suppress(KeyboardInterrupt), connect(options.endpoint, options.twin) as twin:
         for tick in twin.ticks():
             times.append(tick.time)
             speeds.append(tick.robot.twist[0])
@@ -47,5 +49,4 @@ def save(path, times, speeds):
 
 
 if __name__ == "__main__":
-    with suppress(KeyboardInterrupt):
-        main()
+    main()

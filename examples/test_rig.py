@@ -7,8 +7,10 @@ import argparse
 import sys
 
 from motm_twin.client import connect
+from motm_twin.one_sentence import one_sentence
 
 
+@one_sentence()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene")
@@ -24,7 +26,12 @@ def main():
         events = twin.events()
         twin.speed(8.0)
         twin.play()
-        tick = twin.wait_until(lambda tick: tick.done or tick.score.places == options.places, timeout=options.timeout)
+
+        def over(tick):
+            """The last cube may still fall when the last task is done: the run is over when it has landed."""
+            return twin.status().state == "done" or tick.score.places == options.places
+
+        tick = twin.wait_until(over, timeout=options.timeout)
         twin.pause()
         twin.speed(1.0)
         told = []

@@ -7,15 +7,19 @@ A schema that does not fit what was published under its version is not written: 
 """
 
 import argparse
+import inspect
 import json
 import re
 import sys
+from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS
 from motm_twin.bus.ranges import ALLOWED
 from motm_twin.bus.schema_rule import breaking_changes
 from motm_twin.bus.schemas import MESSAGES, file_name, schema
+from motm_twin.client.commanding import Commanding
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.model.edits import ParameterValue
 
@@ -50,9 +54,11 @@ def wanted() -> dict[Path, str]:
 
 
 def table(name: str) -> str:
-    """Fields of a message, and of the structs in it, as Markdown; or the list of all "commands" or "parameters"."""
+    """Fields of a message, and of the structs in it, as Markdown; or the list of all "commands", "methods" or "parameters"."""
     if name == "commands":
         return commands_table()
+    if name == "methods":
+        return methods_table()
     if name == "parameters":
         return parameters_table()
     made = schema(name)
@@ -86,6 +92,25 @@ def _field(command: str, field: str, about: dict) -> str:
     notes = (ALLOWED.get((command, field), ""), about.get("description", "").replace(" | ", ", "))
     said = "; ".join(note for note in notes if note)
     return f"`{field}` {_type(about)}{default}{': ' + said if said else ''}"
+
+
+def methods_table() -> str:
+    """One row for each command: how it is called in Python."""
+    called = defaultdict(list)
+    for name, method in vars(Commanding).items():
+        if sent := re.search(r"self\.send\((\w+)\(", inspect.getsource(method) if inspect.isfunction(method) else ""):
+            called[sent[1]].append(f"`{name}{_arguments(method)}`")
+    lines = ["", "| command | in Python |", "|---|---|"]
+    for kind in (*SERVER_COMMANDS, *EDITS):
+        lines.append(f"| `{kind.__struct_config__.tag}` | {', '.join(called[kind.__name__])} |")
+    return "\n".join(lines) + "\n\n"
+
+
+def _arguments(method: Callable) -> str:
+    """The arguments of a method and what they are when they are left out, without their types."""
+    whole = inspect.signature(method)
+    plain = [each.replace(annotation=each.empty) for name, each in whole.parameters.items() if name != "self"]
+    return str(inspect.Signature(plain))
 
 
 def parameters_table() -> str:

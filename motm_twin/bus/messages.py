@@ -157,7 +157,7 @@ class ContactMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ScoreMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """The referee's count so far."""
+    """The referee's count so far: final once the tick has `ended`."""
 
     picks: int  # so far
     places: int  # so far
@@ -192,7 +192,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     events: list[EventMessage]  # of this period
     stage_ms: dict[str, float]  # [ms] of wall time, by stage of the period
     score: ScoreMessage | None  # the referee's; null without ground truth
-    done: bool  # all tasks have ended
+    done: bool  # all tasks have ended; the last cube may still fall, see `ended`
     success: bool  # all tasks are done
     furniture: list[BodyMessage] = []  # pieces that stand elsewhere than in the scene: reference point, turn as yaw
     removed: list[str] = []  # pieces and agents of the scene that are gone

@@ -147,7 +147,12 @@ class Twin(Commanding[Answer]):
         return iter(reader)
 
     def wait_until(self, condition: Callable[[TickMessage], bool], *, timeout: float) -> TickMessage:
-        """The first tick that is seen to fulfil a condition. Raises TimeoutError after ``timeout`` [s]."""
+        """The first tick that is seen to fulfil a condition. Raises TimeoutError after ``timeout`` [s].
+
+        For the final score wait for ``tick.ended is not None``: when a tick is ``done``, the last cube may still fall,
+        and it counts when it lies in its bin. Where one never gets there, ``ended`` stays None; the ``state`` of the
+        server becomes "done" in any case.
+        """
         deadline = time.monotonic() + timeout
         tick, count = None, -1
         while not self.client.closed:

@@ -39,7 +39,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         self,
         scene: str = "exp1",
         *,
-        variant: str | None | EllipsisType = ...,
+        variant: str | EllipsisType | None = ...,
         actions: str = "base",
         arm: str = "motm",
         guard: bool = False,
@@ -53,8 +53,8 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         """Nothing runs before `reset`.
 
         ``scene``: a shipped scene or a file; ``variant``: one of it, None for its default; left out, "random" where
-        the scene has it, else its default. ``actions``: "base" or "whole_body"; ``arm``: the method whose arm reaches in
-        the mode "base". ``guard``: the base is slowed before whatever the map shows, as when a person drives it.
+        the scene has it, else its default. ``actions``: "base" or "whole_body"; ``arm``: the method whose arm reaches
+        in the mode "base". ``guard``: the base is slowed before whatever the map shows, as when a person drives it.
         ``beams``: lidar sectors observed.
         ``time_limit`` [s], None: the scene's. ``stop_on_contact``: a contact that the robot caused ends the episode.
         ``on_tick``: reads every Tick, as with `motm_twin.trial.run_scene`. Raises ValueError.

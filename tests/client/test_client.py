@@ -1,23 +1,30 @@
 """The client of other programs: typed commands, newest state, events that are not lost, a clean end."""
 
 import asyncio
+import inspect
 import itertools
+import re
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import msgspec
 import pytest
 from fake_twin import FakeLibrary, FakeTwin
 from waiting import until
 
-from motm_twin.bus.commands import Load
+from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Load, command_name
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port
 from motm_twin.client import EventsLost, NoTwin, Refused, connect, connect_async, running_twins
+from motm_twin.client.commanding import Commanding
 from motm_twin.client.events import EventReader
 from motm_twin.methods.default import DEFAULT_METHOD
+
+TEXT = Path(__file__).resolve().parents[2] / "docs" / "zenoh.md"
+ANY = {str: "x", int: 1, float: 1.0}  # an argument of each type
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +76,28 @@ def test_a_load_names_the_method(twin):
     assert twin.status().method == "no_bezier"
     twin.load("fake")
     assert twin.status().method == DEFAULT_METHOD
+
+
+class Sent(Commanding):
+    """Gives back what each method sends."""
+
+    def send(self, command, timeout=2.0):
+        return command
+
+
+def test_the_text_lists_the_method_of_every_command_and_every_method():
+    table = TEXT.read_text(encoding="utf-8").split("<!-- fields of methods -->")[1].split("<!-- end -->")[0]
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", table, re.M))
+    assert set(rows) == {kind.__struct_config__.tag for kind in (*SERVER_COMMANDS, *EDITS)}
+    listed = set()
+    for command, calls in rows.items():
+        for name in re.findall(r"`(\w+)\(", calls):
+            method = getattr(Sent(), name)
+            needed = [each for each in inspect.signature(method).parameters.values() if each.default is each.empty]
+            given = [ANY[each.annotation] for each in needed if each.kind is not each.VAR_POSITIONAL]
+            assert command_name(method(*given)) == command
+            listed.add(name)
+    assert listed == {name for name in vars(Commanding) if not name.startswith("_")} - {"send"}
 
 
 def test_a_refusal_is_an_exception_with_the_reason_of_the_server(twin):

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from waiting import until
 from motm_twin.bus.commands import Load
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
+from motm_twin.client import connect
 from motm_twin.twin import Twin
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,6 +74,33 @@ def test_the_rig_runs_a_scene_at_full_speed_and_asserts(server):
     assert said.startswith("1 placed after")
     assert "picked" in said
     assert "placed" in said
+
+
+def test_a_twin_that_is_not_there_is_one_sentence():
+    command = [sys.executable, EXAMPLES / "plot_speed.py", "--endpoint", "nowhere"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == ["nobody answers at nowhere: is the server running there, and does it know you?"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("README.md", r"^    from motm_twin\.client import connect\n(?:    .*\n|\n)+"),
+        ("docs/zenoh.md", r"(?<=```python\n)from motm_twin\.client import connect\n[^`]+"),
+    ],
+)
+def test_what_a_text_shows_waits_for_the_last_cube(server, text, shown, capsys):
+    with connect(server.endpoint) as twin:
+        twin.load("exp1", "trial1")
+        twin.speed(8.0)
+        twin.hand_over()
+    program = textwrap.dedent(re.search(shown, (ROOT / text).read_text(encoding="utf-8"), re.M)[0])
+    here = {}
+    exec(program.replace("connect()", f"connect({server.endpoint!r})"), here)  # noqa: S102 - our own text
+    said = capsys.readouterr().out
+    assert "places=6" in (str(here["tick"].score) if "tick" in here else said)
 
 
 @pytest.mark.parametrize(("text", "example"), [("README.md", "listen.py"), ("docs/zenoh.md", "plain_zenoh.py")])

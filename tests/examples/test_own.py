@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import signal
 import statistics
 import subprocess
 import sys
@@ -139,11 +140,43 @@ def test_a_method_s_script_runs_one_trial_by_it_and_one_by_the_paper_s(example, 
     assert lines[2].endswith(f"motm-twin bench exp1 --methods motm {EXAMPLES / example}:{name}")
 
 
+@pytest.mark.parametrize(
+    ("example", "given", "said"),
+    [
+        ("one_trial.py", ["nosuch"], "there is no method 'nosuch'"),
+        ("first_run.py", ["nosuch"], "no scene is called 'nosuch'"),
+        ("compare_two_controllers.py", ["motm", "nosuch.py:MINE"], "nosuch.py: there is no such file"),
+    ],
+)
+def test_what_its_user_gave_wrong_is_one_sentence(example, given, said, tmp_path):
+    command = [sys.executable, EXAMPLES / example, *given]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(said)
+
+
+def test_an_example_that_is_stopped_says_so():
+    command = [sys.executable, "-u", EXAMPLES / "one_trial.py", "motm"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout.read(5) == "motm:"
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=60.0)[1]
+    assert (process.returncode, said) == (130, "stopped\n")
+
+
+def test_every_example_ends_with_one_sentence():
+    for example in EXAMPLES.glob("*.py"):
+        text = example.read_text(encoding="utf-8")
+        if "\ndef main(" in text and "motm_twin" in re.findall(r"^(?:from|import) (\w+)", text, re.M):
+            assert "\n@one_sentence()\ndef main(" in text, example.name
+
+
 def test_without_gymnasium_the_policies_say_what_to_install(tmp_path):
     """As if it was not there: a module of its name that cannot be imported comes first on the path."""
     (tmp_path / "gymnasium.py").write_text("raise ModuleNotFoundError(\"No module named 'gymnasium'\")\n")
     command = [sys.executable, EXAMPLES / "gym_policies.py", "towards"]
-    there = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    there = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, env=there)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
