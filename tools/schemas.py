@@ -54,7 +54,7 @@ def wanted() -> dict[Path, str]:
 
 
 def table(name: str) -> str:
-    """Fields of a message, and of the structs in it, as Markdown; or the list of all "commands", "methods" or "parameters"."""
+    """Fields of a message and the structs in it, as Markdown; or a list of "commands", "methods" or "parameters"."""
     if name == "commands":
         return commands_table()
     if name == "methods":

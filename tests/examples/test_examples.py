@@ -90,6 +90,7 @@ def test_a_twin_that_is_not_there_is_one_sentence():
         ("README.md", r"^    from motm_twin\.client import connect\n(?:    .*\n|\n)+"),
         ("docs/zenoh.md", r"(?<=```python\n)from motm_twin\.client import connect\n[^`]+"),
     ],
+    ids=["readme", "zenoh"],
 )
 def test_what_a_text_shows_waits_for_the_last_cube(server, text, shown, capsys):
     with connect(server.endpoint) as twin:
