@@ -8,7 +8,8 @@ import time
 
 import zenoh
 
-ENDPOINT = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
+DEFAULT = "tcp/127.0.0.1:7447"
+ENDPOINT = sys.argv[1] if len(sys.argv) > 1 else DEFAULT
 TWIN = f"motm/{sys.argv[2] if len(sys.argv) > 2 else 'frankie'}"
 SENDER = f"example-{secrets.token_hex(4)}"
 numbers = itertools.count(time.time_ns() // 1000)  # rising, also when the program starts again
@@ -17,9 +18,12 @@ numbers = itertools.count(time.time_ns() // 1000)  # rising, also when the progr
 def open_session():
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
     config.insert_json5("scouting/multicast/enabled", "false")
-    return zenoh.open(config)
+    try:
+        config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
+        return zenoh.open(config)
+    except zenoh.ZError:
+        sys.exit(f"nobody answers at {ENDPOINT}: start `motm-twin serve` first, or give its address as {DEFAULT}")
 
 
 def ask(session, key, payload=None):

@@ -18,6 +18,7 @@ import uuid
 
 import zenoh
 
+ENDPOINT = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
 VERSION, LIFE, STEP = "motm.plant/1", uuid.uuid4().hex, 0.01
 KEY = f"motm/{sys.argv[2] if len(sys.argv) > 2 else 'frankie'}/plant/"
 
@@ -40,7 +41,7 @@ def main() -> None:
     """Be a robot until Ctrl-C."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"]))
+    config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
     config.insert_json5("scouting/multicast/enabled", "false")
     born = time.monotonic()
     base = {"version": VERSION, "life": LIFE}
@@ -96,4 +97,7 @@ def drive(
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except zenoh.ZError:
+        sys.exit(f"nobody answers at {ENDPOINT}: start `motm-twin serve exp1 --plant zenoh` first, or give its address")

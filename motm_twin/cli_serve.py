@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from motm_twin.bus.children import Child, end_all
-from motm_twin.bus.config import VARIABLE
+from motm_twin.bus.config import VARIABLE, check_endpoint
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.process import setter
@@ -61,6 +61,8 @@ def serve(
         Keys(twin)
         if connect is not None and plant == "simulated":
             raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
+        if connect is not None:
+            check_endpoint(connect)
         check_token(host, token)
         folder = None if secure is None else Folder(Path(secure)).ready()
         if not headless:

@@ -15,6 +15,7 @@ from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.record.session import load_session, save_session
 
 SECOND = Path(__file__).parent / "bench" / "half_a_metre.yaml"  # a trial of a second
+TOKEN = "0123456789abcdefghijklmnopqrstuv"
 RECORDED = Path(__file__).parent / "recorded" / "temi_dragged_before_the_robot.json"
 
 
@@ -155,6 +156,12 @@ def test_a_run_draws_its_speed_along_the_path(tmp_path):
         (("run", "exp1", "--json", "no/such/folder/run.json"), "folder"),
         (("run", "exp1", "--plot", "no/such/folder/run.png"), "folder"),
         (("run", "exp1", "--plot", "run.txt"), ".svg"),
+        (("serve", "exp1", "--port", "99999"), "port 99999: use 1 to 65535"),
+        (("serve", "exp1", "--headless", "--zenoh-port", "99999"), "port 99999: use 1 to 65535"),
+        (("serve", "exp1", "--host", "192.0.2.1", "--token", TOKEN), "192.0.2.1 is no IPv4 address of this machine"),
+        (("serve", "exp1", "--headless", "--plant", "zenoh", "--connect", "foo"), "tcp/127.0.0.1:7447"),
+        (("send", "pause", "--endpoint", "foo"), "tcp/127.0.0.1:7447"),
+        (("watch", "--endpoint", "foo", "--twin", "frankie"), "tcp/127.0.0.1:7447"),
     ],
 )
 def test_bad_input_exits_with_two_and_says_what_is_wrong(arguments, words, monkeypatch, capfd):

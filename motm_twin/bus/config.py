@@ -6,6 +6,7 @@ by `motm-twin security` for connections between machines (docs/security.md).
 
 import json
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,10 +14,13 @@ import zenoh
 
 SHIPPED = Path(__file__).with_name("zenoh.json5")
 VARIABLE = "MOTM_ZENOH_CONFIG"
+_ENDPOINT = re.compile(
+    r"((tcp|udp|tls|quic|ws)/[^?#\s]+:\d{1,5}|(unixsock-stream|unixpipe|vsock|serial)/[^?#\s]+)([?#].*)?"
+)
 
 
 class ConfigError(ValueError):
-    """A configuration file that can not be used; the message says why."""
+    """A configuration file or an endpoint that can not be used; the message says why."""
 
 
 def config_file() -> Path:
@@ -32,6 +36,8 @@ def session_config(
     ``mode`` is that of the file unless it is given. On the keys ``own`` only this session speaks and answers, whoever
     connects to it; a file with an access control of its own decides that itself. Raises ConfigError.
     """
+    for endpoint in connect:
+        check_endpoint(endpoint)
     config = _read(config_file())
     settings: dict[str, object] = {"listen/endpoints": [*listen, *_endpoints(config, "listen")]}
     if mode is not None:
@@ -43,6 +49,12 @@ def session_config(
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Raise ConfigError unless this is an address that Zenoh can connect to."""
+    if not _ENDPOINT.fullmatch(endpoint):
+        raise ConfigError(f"endpoint {endpoint!r} is none of Zenoh: write it as tcp/127.0.0.1:7447")
 
 
 def _reserved(own: Sequence[str]) -> dict[str, object]:

@@ -19,6 +19,7 @@ from motm_twin.bus.config import session_config
 
 LOOPBACK = "127.0.0.1"
 FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
+MAX_PORT = 65_535
 TRIES = 50  # ports that are tried
 ATTEMPT = 0.5  # [s] that one attempt to connect takes at most; a stop is noticed between two
 
@@ -32,29 +33,40 @@ class PortTaken(OSError):
 
 
 def require_free_port(host: str, port: int, use: str) -> None:
-    """Raise PortTaken, with advice, when the TCP port can not be bound; port 0 is always free."""
+    """Raise PortTaken, with advice, when the TCP port belongs to somebody; port 0 is always free.
+
+    Raises ValueError when no program could listen there: no such port, or an address of another machine.
+    """
+    if not 0 <= port <= MAX_PORT:
+        raise ValueError(f"port {port}: use 1 to {MAX_PORT} (0 takes any free one)")
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise PortTaken(host, port, use) from error
+            if error.errno == errno.EADDRINUSE:
+                raise PortTaken(host, port, use) from error
+            if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+                raise ValueError(
+                    f"{host} is no IPv4 address of this machine: give one of its own, or 0.0.0.0 for all"
+                ) from error
+            raise ValueError(f"nothing can listen on port {port} of {host}: {error.strerror}; {use}") from error
 
 
 def free_port(host: str = LOOPBACK) -> int:
-    """A TCP port that is free now, and that no outgoing connection takes before it is listened on. Raises PortTaken.
+    """A TCP port that is free now, and that no outgoing connection takes before it is listened on.
 
-    The operating system's own choice (port 0) is one of those that it gives to outgoing connections of any program.
+    Raises PortTaken when none was found, ValueError for an address of another machine. The operating system's own choice (port 0) is one of those that it gives to outgoing connections of any program.
     """
     for port in random.SystemRandom().sample(range(*FREE), TRIES):
         with contextlib.suppress(PortTaken):
             require_free_port(host, port, "")
             return port
-    raise PortTaken(host, port, f"so were {TRIES - 1} others, or no program of this machine can listen on {host}")
+    raise PortTaken(host, port, f"so were {TRIES - 1} others")
 
 
 def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = ()) -> zenoh.Session:
-    """A session that listens on one TCP port, and alone speaks on the keys ``own``. Raises PortTaken.
+    """A session that listens on one TCP port, and alone speaks on the keys ``own``. Raises as `require_free_port`.
 
     It connects to nobody, unless the configuration file names a router.
     """
@@ -65,6 +77,8 @@ def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = ()) -> zen
 def open_client(endpoint: str) -> zenoh.Session:
     """A session that connects to ``endpoint`` ("tcp/127.0.0.1:7447"), now or as soon as somebody is there.
 
+    Raises ConfigError for an endpoint that is none.
+
     Behind a router the configuration file must say mode "client": a router does not pass on between peers.
     """
     return zenoh.open(session_config(listen=[], connect=[endpoint]))
@@ -74,7 +88,7 @@ def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Eve
     """A session whose data, queryables and tokens other members see as well: the server passes them on.
 
     Waits until somebody answers at ``endpoint``, for ``wait`` [s] at most (None: for ever), or until ``stop`` is set;
-    then raises TimeoutError. Later it finds a server that was started again by itself, with all that it has declared.
+    then raises TimeoutError; ConfigError at once for an endpoint that is none. Later it finds a server that was started again by itself, with all that it has declared.
     """
     deadline = None if wait is None else time.monotonic() + wait
     config = session_config(listen=[], connect=[endpoint], mode="client")

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 
 from motm_twin.bus.client import TwinClient
+from motm_twin.bus.config import ConfigError
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.session import LOOPBACK, open_member
@@ -37,6 +38,10 @@ def main() -> None:
         ros = twin if options.ros_endpoint is None else open_member(options.ros_endpoint, stop=stop)
     except TimeoutError:
         leave(0)
+        return
+    except ConfigError as error:
+        report("refused", text=str(error))
+        leave(BAD_INPUT)
         return
     client = TwinClient(options.endpoint, options.twin)
     form = make_form(options, str(ros.info.zid()))

@@ -28,11 +28,11 @@ def main() -> None:
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no news
     try:
         server = open_page(options.host, options.port, token)
+        client = TwinClient(options.endpoint, options.twin)
     except (OSError, ValueError) as error:
         report("refused", text=str(error))
         leave(BAD_INPUT)
         return
-    client = TwinClient(options.endpoint, options.twin)
     viewer = Viewer(server, client, None if options.own_method is None else tuple(options.own_method))
     drawing = threading.Thread(target=viewer.run, name="viewer", daemon=True)
     drawing.start()

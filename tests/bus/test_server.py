@@ -14,7 +14,7 @@ from waiting import until
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, HandOver, Inspect, Load, MoveBody, Pause, Play, Speed, Step
 from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import PortTaken, free_port, open_client
+from motm_twin.bus.session import PortTaken, free_port, open_client, require_free_port
 from motm_twin.record.session import Session
 
 FAKE = Load(scene="fake")
@@ -229,8 +229,19 @@ def test_a_client_waits_for_a_server_and_finds_it_again_after_a_restart():
 def test_a_free_port_is_none_that_an_outgoing_connection_may_get():
     with socket.create_server(("127.0.0.1", 0)) as outgoing:
         assert all(free_port() < min(32_768, outgoing.getsockname()[1]) for _ in range(20))
-    with pytest.raises(PortTaken, match=r"192\.0\.2\.1"):  # an address of no machine
-        free_port("192.0.2.1")
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "no.such.host.invalid", "::1"])
+def test_an_address_of_another_machine_is_said_to_be_that_and_not_a_port_that_is_taken(host):
+    for listen in (lambda: free_port(host), lambda: require_free_port(host, 8099, "choose another one")):
+        with pytest.raises(ValueError, match=f"{host} is no IPv4 address of this machine: give one of its own"):
+            listen()
+
+
+@pytest.mark.parametrize("port", [-1, 65_536, 99_999])
+def test_a_port_out_of_range_is_refused_with_the_range(port):
+    with pytest.raises(ValueError, match=f"port {port}: use 1 to 65535"):
+        require_free_port("127.0.0.1", port, "choose another one")
 
 
 def test_a_taken_port_is_an_error_and_not_another_port():

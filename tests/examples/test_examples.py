@@ -48,6 +48,14 @@ def test_the_plain_example_needs_nothing_of_this_package():
         assert "motm_twin" not in (EXAMPLES / name).read_text(encoding="utf-8"), name
 
 
+@pytest.mark.parametrize(("name", "endpoint"), [("plain_zenoh.py", "tcp/127.0.0.1:9"), ("robot_skeleton.py", "foo")])
+def test_an_example_of_plain_zenoh_says_in_one_line_that_nobody_answers(name, endpoint):
+    done = subprocess.run([sys.executable, EXAMPLES / name, endpoint], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"nobody answers at {endpoint}: start `motm-twin serve")
+    assert done.stderr.count("\n") == 1
+
+
 def test_listening_prints_ticks(server):
     command = [sys.executable, EXAMPLES / "listen.py", server.endpoint]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

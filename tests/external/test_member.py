@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
+from motm_twin.bus.config import ConfigError
 from motm_twin.bus.session import LOOPBACK, free_port, open_member, open_server
 
 
@@ -29,6 +30,11 @@ def until(condition, seconds: float = 20.0) -> bool:
 def test_a_member_gives_up_with_a_sentence_when_nobody_answers(port: int) -> None:
     with pytest.raises(TimeoutError, match="nobody answers at tcp"):
         open_member(f"tcp/{LOOPBACK}:{port}", wait=0.0)
+
+
+def test_a_member_does_not_wait_at_an_endpoint_that_is_none() -> None:
+    with pytest.raises(ConfigError, match="endpoint 'foo' is none of Zenoh: write it as tcp/"):
+        open_member("foo")
 
 
 def test_a_member_that_waits_is_stopped(port: int) -> None:

@@ -107,3 +107,18 @@ def test_a_configuration_that_can_not_be_read_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path / "none.json5"))
     with pytest.raises(ConfigError, match=r"none\.json5"):
         session_config(listen=[], connect=[])
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["foo", "", "tcp/", "127.0.0.1:7447", "tcp 127.0.0.1:7447", "tcp/127.0.0.1", "ftp/a:1"]
+)
+def test_an_endpoint_that_is_none_is_refused_with_an_example(endpoint):
+    with pytest.raises(ConfigError, match=f"endpoint '{endpoint}' is none of Zenoh: write it as tcp/127.0.0.1:7447"):
+        session_config(listen=[], connect=[endpoint])
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["tcp/[::1]:7447", "tls/twin.example:7448", "udp/10.0.0.1:7447#iface=eth0", "unixsock-stream//tmp/twin"]
+)
+def test_every_endpoint_of_zenoh_is_taken(endpoint):
+    assert endpoint in session_config(listen=[], connect=[endpoint]).get_json("connect/endpoints")
