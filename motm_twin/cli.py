@@ -1,5 +1,6 @@
 """The command line: `motm-twin serve | run | record | replay | rerun | what-if | scene | bench | ...`."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,7 +22,7 @@ from motm_twin.record.cli_record import info, record, recover, replay, rerun
 from motm_twin.record.session import SessionError
 from motm_twin.security.cli_security import security
 
-BAD_INPUT = 2
+OK, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
 
 
 def run(
@@ -43,7 +44,7 @@ def run(
         variant: Named variant of the scene.
         seed: Seed of noise and random arrangements.
         json: Write the report to a file, or to standard output with '-'.
-        save: Write the session to a file, for `rerun` and `what-if`.
+        save: Write the session to a new file, for `rerun` and `what-if`; after Ctrl-C too, up to there.
         plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
         method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
     """
@@ -232,16 +233,32 @@ def bench(
     options += [part for name, value in given.items() if value is not None for part in (name, str(value))]
     options += ["--retry-failed"] if retry_failed else []
     options += ["--quick"] if quick else []
-    return run_groups([*groups, *options])
+    return run_groups([*groups, *options], prog="motm-twin bench")
 
 
 def main() -> None:
-    """Entry point of `motm-twin`."""
+    """Run the command that was given; its exit code, 1 when nobody reads what it prints, 130 after Ctrl-C."""
+    try:
+        try:
+            code = _called()
+        finally:
+            sys.stdout.flush()  # that nobody reads any more shows here at the latest
+    except BrokenPipeError:  # "Note on SIGPIPE" of Python's signal: what is left must not be written at the end again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = FAILED
+    except KeyboardInterrupt as stopped:
+        print("; ".join(["motm-twin: stopped", *stopped.args]), file=sys.stderr)
+        code = STOPPED
+    sys.exit(code)
+
+
+def _called() -> int:
+    """The exit code of the command."""
     if sys.argv[1:] == ["--version"]:
         print(f"motm-twin {__version__}")
-        return
+        return OK
     try:
-        code = tyro.extras.subcommand_cli_from_dict(
+        return tyro.extras.subcommand_cli_from_dict(
             {
                 "serve": serve,
                 "run": run,
@@ -265,8 +282,7 @@ def main() -> None:
         )
     except (SceneError, SessionError, ConfigError, MethodError) as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)
-        code = BAD_INPUT
-    sys.exit(code)
+        return BAD_INPUT
 
 
 def _print(result: dict) -> None:

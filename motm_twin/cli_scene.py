@@ -68,13 +68,14 @@ def generate_scene(seed: int | None, difficulty: float | None, output: Path | No
         if output is not None and output.suffix not in (".yaml", ".yml"):
             raise SceneError("a scene file ends with .yaml or .yml: name it so", file=str(output))
         text = generate(seed, DIFFICULTY if difficulty is None else difficulty)
-        if output is None:
-            print(text, end="")
-            return OK
-        with output.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
     except SceneError as error:
         return _refuse(error)
+    if output is None:
+        print(text, end="")
+        return OK
+    try:
+        with output.open("x", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
     except FileExistsError:
         return _refuse(SceneError("it exists already: choose another name, or remove it", file=str(output)))
     except OSError as error:

@@ -16,6 +16,7 @@ from motm_twin.control.monitor import Monitor
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp_rows import base_bounds, joint_bounds
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
+from motm_twin.interrupts import deaf
 from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.kinematics import manipulability_gradient
@@ -46,10 +47,15 @@ def compile_kernels() -> None:
         return
     context = get_context("spawn")
     parts = [context.Process(target=part) for part in (warm_up_search, _plant, _arm, _perception, warm_up_placement)]
-    for part in parts:
-        part.start()
-    for part in parts:
-        part.join()
+    with deaf():
+        for part in parts:
+            part.start()
+    try:
+        for part in parts:
+            part.join()
+    finally:
+        for part in parts:
+            part.kill()
 
 
 def _plant() -> None:

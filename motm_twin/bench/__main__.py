@@ -33,9 +33,9 @@ ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in KNOWN)
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the named groups, or all; 0 when every number was reached, 1 when not."""
-    parser = argparse.ArgumentParser(prog="python -m motm_twin.bench", description=__doc__)
+def main(arguments: list[str] | None = None, *, prog: str = "python -m motm_twin.bench") -> int:
+    """Run the named groups, or all; 0 when every number was reached, 1 when not. ``prog``: how it was called."""
+    parser = argparse.ArgumentParser(prog=prog, description=__doc__)
     parser.add_argument(
         "groups", nargs="*", default=["all"], metavar="GROUP", help=f"all, {', '.join((*KNOWN, *ONLY_EXPERIMENTS))}"
     )

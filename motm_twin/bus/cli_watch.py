@@ -27,7 +27,7 @@ def watch(key: str, *, once: bool, as_json: bool, field: str | None, endpoint: s
                 sys.stdout.flush()
                 if once:
                     break
-    except (KeyboardInterrupt, BrokenPipeError):
+    except KeyboardInterrupt:
         return OK
     except (NoTwin, TimeoutError) as error:
         print(f"motm-twin watch: {error}", file=sys.stderr)

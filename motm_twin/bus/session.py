@@ -56,7 +56,8 @@ def require_free_port(host: str, port: int, use: str) -> None:
 def free_port(host: str = LOOPBACK) -> int:
     """A TCP port that is free now, and that no outgoing connection takes before it is listened on.
 
-    Raises PortTaken when none was found, ValueError for an address of another machine. The operating system's own choice (port 0) is one of those that it gives to outgoing connections of any program.
+    The operating system's own choice (port 0) is one of those that it gives to outgoing connections of any program.
+    Raises PortTaken when none was found, ValueError for an address of another machine.
     """
     for port in random.SystemRandom().sample(range(*FREE), TRIES):
         with contextlib.suppress(PortTaken):
@@ -88,7 +89,8 @@ def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Eve
     """A session whose data, queryables and tokens other members see as well: the server passes them on.
 
     Waits until somebody answers at ``endpoint``, for ``wait`` [s] at most (None: for ever), or until ``stop`` is set;
-    then raises TimeoutError; ConfigError at once for an endpoint that is none. Later it finds a server that was started again by itself, with all that it has declared.
+    then raises TimeoutError. Later it finds a server that was started again by itself, with all that it has declared.
+    Raises ConfigError at once for an endpoint that is none.
     """
     deadline = None if wait is None else time.monotonic() + wait
     config = session_config(listen=[], connect=[endpoint], mode="client")

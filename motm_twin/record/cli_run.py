@@ -11,7 +11,8 @@ from motm_twin.methods.fast import FAST
 from motm_twin.methods.method import Method
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record.outputs import refuse_unwritable
+from motm_twin.record.changes import PERIODS_PER_SECOND
+from motm_twin.record.outputs import refuse_existing, refuse_unwritable
 from motm_twin.record.replay import Tracker
 from motm_twin.record.session import Session, SessionError, save_session
 from motm_twin.trial import run_scene
@@ -26,10 +27,13 @@ def run_headless(
 ) -> dict[str, Any]:  # fmt: skip
     """Run a scene to its end; the report of the run. Raises SceneError and SessionError, before it runs.
 
-    ``save``: file of the session; ``plot``: file of the figure of `bench.speed_plot`.
+    After Ctrl-C the session of the periods so far is kept, and KeyboardInterrupt says so.
+
+    ``save``: new file of the session; ``plot``: file of the figure of `bench.speed_plot`.
     """
     loaded = load_scene(scene, variant, seed)
     refuse_unwritable(save, plot)
+    refuse_existing(save)
     figure = None if plot is None else _figure(loaded, plot)
     tracker, periods = Tracker(), 0
 
@@ -41,22 +45,30 @@ def run_headless(
         if figure is not None:
             figure.add(tick)
 
-    report = run_scene(loaded, on_tick=on_tick, method=method)
+    def keep(file: str, state_hash: str) -> None:
+        changed = {name: value for name, value in method.parameters.items() if value != parameter(name).default}
+        saved = Session(
+            title=f"{loaded.title}, headless",
+            scene=loaded,
+            method=method.name,
+            parameters=changed,
+            periods=periods,
+            state_hash=state_hash,
+            track=tracker.track,
+        )
+        save_session(saved, file)
+
+    try:
+        report = run_scene(loaded, on_tick=on_tick, method=method)
+    except KeyboardInterrupt:
+        if save is None or periods == 0:
+            raise
+        keep(save, "")  # of a period that broke off
+        raise KeyboardInterrupt(f"the {periods / PERIODS_PER_SECOND:.2f} s before are in {save}") from None
     if figure is not None:
         figure.draw(report)
-    if save is None:
-        return report
-    title = f"{loaded.title}, headless"
-    saved = Session(
-        title=title,
-        scene=loaded,
-        method=method.name,
-        parameters={name: value for name, value in method.parameters.items() if value != parameter(name).default},
-        periods=periods,
-        state_hash=report["state_hash"],
-        track=tracker.track,
-    )
-    save_session(saved, save)
+    if save is not None:
+        keep(save, report["state_hash"])
     return report
 
 

@@ -1,7 +1,7 @@
 """Files that a command writes at its end: one that cannot be written is refused before the command runs, not after."""
 
 import json
-import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,22 @@ def refuse_unwritable(*files: str | Path | None) -> None:
             raise SessionError("cannot be written: give a file in a folder that exists", file=str(file))
 
 
+def refuse_existing(file: str | Path | None) -> None:
+    """Raise SessionError for a file that is there already; nothing is wrong with None."""
+    if file is not None and Path(file).exists():
+        raise SessionError("exists already: choose another name, or remove it", file=str(file))
+
+
 def folder_problem(folder: Path) -> str:
     """Why nothing could be written into a folder, which need not exist yet; "" when it could."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
         return f"{there} is a file: give a folder"
-    return "" if os.access(there, os.W_OK | os.X_OK) else f"{there} cannot be written to: give another folder"
+    try:  # rights alone do not tell: root has all of them, in /proc too
+        with tempfile.TemporaryDirectory(prefix=".", dir=there):
+            return ""
+    except OSError:
+        return f"{there} cannot be written to: give another folder"
 
 
 def write_json(report: dict[str, Any], target: str) -> None:

@@ -19,6 +19,8 @@ from motm_twin.model.scene import Scene
 from motm_twin.record.made_with import made_with
 
 SESSION_VERSION = "motm.session/1"
+MCAP_MAGIC = b"\x89MCAP"  # with which every recording begins
+MAKERS = "`motm-twin run --save`, `motm-twin send save` or the page"  # of sessions
 MAX_BYTES = 50 * 1024 * 1024
 MAX_PERIODS = 20 * 7 * 86_400  # a week
 MAX_EXPANSIONS = 10_000
@@ -74,6 +76,9 @@ def load_session(path: str | Path) -> Session:
     try:
         if not path.is_file():
             raise SessionError("there is no such file: give the path of a saved session", file=str(path))
+        if _is_recording(path):
+            wanted = f"give a session, which {MAKERS} make (`rerun` takes FILE.mcap too)"
+            raise SessionError(f"is a recording: {wanted}", file=str(path))
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise SessionError(f"{size / 1e6:.0f} MB is no session: at most {MAX_BYTES / 1e6:.0f} MB", file=str(path))
@@ -83,6 +88,11 @@ def load_session(path: str | Path) -> Session:
             raise
         raise SessionError(f"cannot be read: {error}", file=str(path)) from error
     return decode_session(data, file=str(path))
+
+
+def _is_recording(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
 
 
 def save_session(session: Session, path: str | Path) -> None:
@@ -125,8 +135,10 @@ def decode_session(data: bytes, *, file: str = "") -> Session:
         raise SessionError(error.problem, file=file) from error
     except RecursionError as error:
         raise SessionError("is nested too deeply to be a session", file=file) from error
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except msgspec.ValidationError as error:
         raise SessionError(f"is not a session: {error}", file=file) from error
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise SessionError(f"is no session, which {MAKERS} make, nor a recording: {error}", file=file) from error
     return session
 
 

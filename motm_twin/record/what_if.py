@@ -20,6 +20,7 @@ from multiprocessing.connection import Connection, wait
 
 import msgspec
 
+from motm_twin.interrupts import deaf
 from motm_twin.methods.error import MethodError
 from motm_twin.methods.registry import find_method
 from motm_twin.record.changes import Changes, parse_changes, start_period
@@ -65,7 +66,8 @@ def compare(session: Session, changes: Changes, start: int, method: str | None =
             process = context.Process(
                 target=_work, args=(data, values, start, name, method, write), daemon=True, name=name
             )
-            process.start()
+            with deaf():
+                process.start()
             write.close()
             readers[read] = name
             processes.append(process)

@@ -5,17 +5,17 @@ that was under way. These are begun again. Which of them was to blame cannot be 
 is run alone, and only one that dies alone is given up. Calls must give the same again for the same arguments.
 """
 
-import signal
-import threading
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
 import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+from motm_twin.interrupts import deaf
 
 BACKENDS = ("loky", "ray")
 PATIENCE = 2  # losses after which a call is run alone: a machine that is gone is no call's fault
@@ -102,7 +102,7 @@ def _round(
     with joblib.parallel_config(backend=pool.backend, n_jobs=max(2, processes), **pool.options):
         options: dict[str, Any] = {"batch_size": 1, "pre_dispatch": min(processes, len(chosen)), "max_nbytes": None}
         parallel = joblib.Parallel(return_as="generator_unordered", **options)
-        with _deaf() if pool.backend == "loky" else nullcontext():  # Ray's are deaf anyway
+        with deaf() if pool.backend == "loky" else nullcontext():  # Ray's are deaf anyway
             results: Any = parallel(calls())
     with warnings.catch_warnings():  # that calls are given up after Ctrl-C or a crash is what is wanted
         warnings.filterwarnings("ignore", message=".*tasks which were still being processed")
@@ -110,22 +110,6 @@ def _round(
             yield from results
         finally:
             results.close()
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Processes that are started in the block never hear Ctrl-C: the one that waits for them ends them itself.
-
-    It is deaf for that moment, too; blocking the signal instead would not do, as joblib unblocks it.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _one(call: Callable[..., Any], index: int, item: Any) -> tuple[int, Any]:

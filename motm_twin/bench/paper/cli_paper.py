@@ -52,7 +52,6 @@ def paper(
     """
     from motm_twin.bench.paper.parts import NAMES
     from motm_twin.bench.paper.plan import PLANS
-    from motm_twin.bench.paper.stored import stored
 
     console = Console(highlight=False, soft_wrap=True)
     unknown = [name for name in only if name not in NAMES]
@@ -67,7 +66,7 @@ def paper(
     plan = PLANS["quick" if quick else "full" if full else "default"]()
     call = Call(plan.name, out, workers, backend, address, retry_failed=retry_failed, draw=draw, only=only)
     try:
-        records = stored(out) if draw else _run(call, plan, console, yes=yes)
+        records = _kept(call, plan) if draw else _run(call, plan, console, yes=yes)
     except ValueError as error:  # a scene, method or folder with which no trial can be run; or hours
         return _refused(str(error))
     except KeyboardInterrupt:
@@ -106,6 +105,17 @@ class Call(NamedTuple):
 def said(hours: float) -> str:
     """A duration as one says it."""
     return f"{hours:.1f} h" if hours >= 1.0 else f"{60.0 * hours:.0f} min"
+
+
+def _kept(call: Call, plan) -> dict:
+    """The records in the folder. Raises ValueError when there are none, and what is asked for is drawn from some."""
+    from motm_twin.bench.paper.parts import NAMES, needed
+    from motm_twin.bench.paper.stored import stored
+
+    records = stored(call.out)
+    if not any(records.values()) and needed(plan.experiments, call.only or NAMES):
+        raise ValueError(f"--out {call.out}: there is no trial in it to draw: give the folder of a run")
+    return records
 
 
 def _run(call: Call, plan, console: Console, *, yes: bool) -> dict:
