@@ -37,7 +37,7 @@ def run(
 ) -> int:
     """Run a scene headless, as fast as the processor allows.
 
-    Exit code 0: the task was completed with no contact caused by the robot; 1: not; 2: bad input.
+    Exit code 0: the task was completed with no contact caused by the robot; 1: not; 2: bad input; 130: Ctrl-C.
 
     Args:
         scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.

@@ -1,18 +1,27 @@
 """The command line, as a user calls it."""
 
+import builtins
+import itertools
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+from subprocess import PIPE
 
 import msgspec
 import pytest
+from mcap.writer import Writer
 
 import motm_twin
+from motm_twin.__main__ import main as start
 from motm_twin.cli import main
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.record.session import load_session, save_session
+from motm_twin.trial import run_scene
 
 SECOND = Path(__file__).parent / "bench" / "half_a_metre.yaml"  # a trial of a second
 TOKEN = "0123456789abcdefghijklmnopqrstuv"
@@ -161,6 +170,9 @@ def test_a_run_draws_its_speed_along_the_path(tmp_path):
         (("serve", "exp1", "--host", "192.0.2.1", "--token", TOKEN), "192.0.2.1 is no IPv4 address of this machine"),
         (("serve", "exp1", "--headless", "--plant", "zenoh", "--connect", "foo"), "tcp/127.0.0.1:7447"),
         (("send", "pause", "--endpoint", "foo"), "tcp/127.0.0.1:7447"),
+        (("run", "exp1", "--save", str(RECORDED)), "exists already: choose another name, or remove it"),
+        (("rerun", __file__), "is neither a session nor a recording"),
+        (("bench", "exp9"), "usage: motm-twin bench "),
         (("watch", "--endpoint", "foo", "--twin", "frankie"), "tcp/127.0.0.1:7447"),
     ],
 )
@@ -181,17 +193,95 @@ def test_bad_input_is_the_exit_code_of_the_process_and_no_traceback():
 
 
 def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(monkeypatch, capfd, tmp_path):
-    report = str(tmp_path / "no" / "folder" / "out.json")
+    reports = {
+        str(tmp_path / "no" / "folder" / "out.json"): "give a file in a folder that exists",
+        "/proc/out.json": "/proc cannot be written to: give another folder",  # even root cannot
+    }
     computed = []
     for module in ("cli_run.run_scene", "cli_rerun.rerun", "cli_what_if.compare"):
         monkeypatch.setattr(f"motm_twin.record.{module}", lambda *given, **named: computed.append(given))
-    for arguments in (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off")):
+    commands = (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off"))
+    for arguments, (report, said) in itertools.product(commands, reports.items()):
         monkeypatch.setattr(sys, "argv", ["motm-twin", *arguments, "--json", report])
         with pytest.raises(SystemExit) as end:
             main()
         assert end.value.code == 2
-        assert "give a file in a folder that exists" in capfd.readouterr().err
+        assert said in capfd.readouterr().err
     assert computed == []
+
+
+def test_what_if_says_that_a_recording_is_no_session_and_what_makes_one(monkeypatch, capfd, tmp_path):
+    recording = tmp_path / "run.mcap"
+    with recording.open("wb") as file:
+        Writer(file).start("", "")
+    monkeypatch.setattr(sys, "argv", ["motm-twin", "what-if", str(recording), "--set", "bezier=off"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert "is a recording: give a session, which `run --save`, `send save` or the page make" in capfd.readouterr().err
+
+
+def test_ctrl_c_is_one_line_and_exit_code_130_and_the_session_so_far_is_kept(monkeypatch, capfd, tmp_path):
+    path = tmp_path / "run.json"
+
+    def interrupted(scene, *, on_tick, method):
+        def until_then(tick):
+            on_tick(tick)
+            if tick.index == 29:
+                raise KeyboardInterrupt
+
+        return run_scene(scene, on_tick=until_then, method=method)
+
+    monkeypatch.setattr("motm_twin.record.cli_run.run_scene", interrupted)
+    for options, said in (((), ""), (("--save", str(path)), f"; the 1.50 s before are in {path}")):
+        monkeypatch.setattr(sys, "argv", ["motm-twin", "run", "exp1", *options])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert (end.value.code, capfd.readouterr().err) == (130, f"motm-twin: stopped{said}\n")
+    kept = load_session(path)
+    assert (kept.periods, kept.state_hash, len(kept.track)) == (30, "", 1)
+
+
+def test_ctrl_c_while_the_command_line_is_loaded_is_one_line(monkeypatch, capfd):
+    def interrupted(name, *others):
+        if others[2:3] == (("cli",),):
+            raise KeyboardInterrupt
+        return loaded(name, *others)
+
+    loaded = builtins.__import__
+    monkeypatch.setattr(builtins, "__import__", interrupted)
+    with pytest.raises(SystemExit) as end:
+        start()
+    assert (end.value.code, capfd.readouterr().err) == (130, "motm-twin: stopped\n")
+
+
+def test_ctrl_c_during_a_what_if_ends_its_processes_without_a_word_of_theirs():
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
+        "from motm_twin.__main__ import main; main()"
+    )
+    command = [sys.executable, "-c", code, "what-if", str(RECORDED), "--set", "bezier=off"]
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True, start_new_session=True) as process:
+        try:
+            assert "running both" in process.stdout.readline()
+            until = time.monotonic() + 60.0
+            children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+            while len(children.read_text().split()) < 2 and time.monotonic() < until:
+                time.sleep(0.05)
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+            _, err = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert (process.returncode, err) == (130, "motm-twin: stopped\n")
+
+
+def test_a_pipe_that_nobody_reads_any_more_is_no_traceback():
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "motm_twin", "scene", "list"]
+    with os.fdopen(write, "wb") as gone:
+        done = subprocess.run(command, stdout=gone, stderr=PIPE, text=True, timeout=240, check=False)
+    assert (done.returncode, done.stderr) == (1, "")
 
 
 def test_shipped_scenes_are_listed_from_any_directory(tmp_path):

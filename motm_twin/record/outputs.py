@@ -11,12 +11,17 @@ STANDARD_OUTPUT = "-"
 
 
 def refuse_unwritable(*files: str | Path | None) -> None:
-    """Raise SessionError for a file in no folder, or that is one; nothing is wrong with None and standard output."""
+    """Raise SessionError for a file that cannot be made where it should be, or that is a folder.
+
+    Nothing is wrong with None and standard output.
+    """
     for file in files:
         if file is None or file == STANDARD_OUTPUT:
             continue
         if not Path(file).parent.is_dir() or Path(file).is_dir():
             raise SessionError("cannot be written: give a file in a folder that exists", file=str(file))
+        if not Path(file).exists() and (problem := folder_problem(Path(file).parent)):
+            raise SessionError(problem, file=str(file))
 
 
 def refuse_existing(file: str | Path | None) -> None:

@@ -20,7 +20,6 @@ from motm_twin.record.made_with import made_with
 
 SESSION_VERSION = "motm.session/1"
 MCAP_MAGIC = b"\x89MCAP"  # with which every recording begins
-MAKERS = "`motm-twin run --save`, `motm-twin send save` or the page"  # of sessions
 MAX_BYTES = 50 * 1024 * 1024
 MAX_PERIODS = 20 * 7 * 86_400  # a week
 MAX_EXPANSIONS = 10_000
@@ -77,7 +76,7 @@ def load_session(path: str | Path) -> Session:
         if not path.is_file():
             raise SessionError("there is no such file: give the path of a saved session", file=str(path))
         if _is_recording(path):
-            wanted = f"give a session, which {MAKERS} make (`rerun` takes FILE.mcap too)"
+            wanted = "give a session, which `run --save`, `send save` or the page make (`rerun` takes FILE.mcap too)"
             raise SessionError(f"is a recording: {wanted}", file=str(path))
         size = path.stat().st_size
         if size > MAX_BYTES:
@@ -138,7 +137,7 @@ def decode_session(data: bytes, *, file: str = "") -> Session:
     except msgspec.ValidationError as error:
         raise SessionError(f"is not a session: {error}", file=file) from error
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise SessionError(f"is no session, which {MAKERS} make, nor a recording: {error}", file=file) from error
+        raise SessionError(f"is neither a session nor a recording: {error}", file=file) from error
     return session
 
 

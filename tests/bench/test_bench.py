@@ -107,4 +107,8 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_is_measured(tmp_path
             command.main([*groups, "--out", str(file / "results")])
         assert end.value.code == 2
         assert f"{file} is a file: give a folder" in capsys.readouterr().err
+        with pytest.raises(SystemExit) as end:
+            command.main([*groups, "--out", "/proc/results"])  # where even root makes no folder
+        assert end.value.code == 2
+        assert "/proc cannot be written to: give another folder" in capsys.readouterr().err
     assert file.read_text() == "mine"

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -165,6 +166,14 @@ def test_a_folder_that_cannot_be_is_refused(tmp_path, capsys):
     (tmp_path / "file").touch()
     assert paper(out=tmp_path / "file") == 2
     assert "is a file: give a folder" in capsys.readouterr().err
+    assert paper(out=Path("/proc/paper"), quick=True) == 2  # where even root makes no folder
+    assert "/proc cannot be written to: give another folder" in capsys.readouterr().err
+
+
+def test_a_folder_without_trials_is_not_drawn_and_not_made(tmp_path, capsys):
+    assert paper(out=tmp_path / "typo", draw=True) == 2
+    assert "there is no trial in it to draw: give the folder of a run" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_default_plan_is_announced_to_take_less_than_an_hour_on_two_cores(tmp_path, monkeypatch, capsys):
