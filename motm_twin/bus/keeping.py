@@ -82,7 +82,7 @@ class Keeper:
             except (Refused, ValueError) as refusal:
                 done(str(refusal), "")
             except OSError as error:
-                done(f"cannot be written: {error.strerror or error}", "")
+                done(f"{error.filename or self._folder} cannot be written: {error.strerror or error}", "")
             else:
                 done("", str(path))
 

@@ -175,8 +175,7 @@ class TwinLoop:
                 raise Refused(f"stale: expired {late:.3f} s ago")
             self._wheel.require(envelope, arrived)
             if isinstance(command, Save | Record):
-                self._keep(command, index, reply)
-                self._wheel.turn(envelope, arrived)
+                self._keep(envelope, command, index, reply)
                 return
             work = self._apply(command)
         except Exception as error:
@@ -261,12 +260,19 @@ class TwinLoop:
             self._set_state("playing" if self._play_on else "paused", "")
         self._outdated = True
 
-    def _keep(self, command: Save | Record, index: int, reply: Reply) -> None:
+    def _keep(self, envelope: Envelope, command: Save | Record, index: int, reply: Reply) -> None:
         """Write a file in another thread, which answers. Raises Refused."""
         if self._keeper is None:
             raise Refused("this server has no data folder")
         self._require_scene()
-        self._keeper.write(command, self._live, lambda problem, path: reply(problem, index, path))
+
+        def done(problem: str, path: str) -> None:
+            if not problem:
+                with suppress(Refused):  # where so many wait, somebody drives
+                    self._put(lambda: self._wheel.turn_if_free(envelope, time.monotonic()))
+            reply(problem, index, path)  # what is sent after it comes after that
+
+        self._keeper.write(command, self._live, done)
 
     def _post(self, edit: Edit) -> None:
         """An edit by the loop itself."""

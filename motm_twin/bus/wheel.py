@@ -1,9 +1,10 @@
 """The wheel and what hangs on it: who drives, and which bodies are let go when they stop."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
-from motm_twin.bus.commands import Envelope, HandOver, Inspect
+from motm_twin.bus.commands import Envelope, HandOver, Inspect, Refused
 from motm_twin.bus.holds import Holds
 from motm_twin.bus.lease import Lease
 from motm_twin.model.edits import Edit, ReleaseBody
@@ -43,6 +44,12 @@ class Wheel:
             case _:
                 self._lease.take(envelope.sender, envelope.name, arrived)
         self._tell(before)
+
+    def turn_if_free(self, envelope: Envelope, now: float) -> None:
+        """After a command that took its time was done: its sender drives, unless somebody else does by now."""
+        with suppress(Refused):
+            self.require(envelope, now)
+            self.turn(envelope, now)
 
     def renew(self, sender: str, now: float) -> None:
         """Waiting for an own command is no silence."""

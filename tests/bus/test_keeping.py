@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,18 @@ from running import Running
 from waiting import asked, until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import DriveToPoint, Load, Record, Save, Seed, Step
+from motm_twin.bus.commands import (
+    DriveToPoint,
+    Envelope,
+    HandOver,
+    Inspect,
+    Load,
+    Pause,
+    Record,
+    Save,
+    Seed,
+    Step,
+)
 from motm_twin.bus.keeping import RECORDER
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
@@ -49,7 +61,40 @@ def test_a_folder_that_can_not_be_written_is_said_so(server, tmp_path):
     with TwinClient(server.endpoint) as client:
         answer = client.command(Save(name="first"), timeout=5.0)
         assert not answer.ok
-        assert "cannot be written" in answer.reason
+        assert answer.reason.startswith(f"{tmp_path / 'data'} cannot be written: ")
+
+
+def test_a_save_or_record_that_is_refused_takes_no_wheel(server, tmp_path):
+    with TwinClient(server.endpoint) as ann, TwinClient(server.endpoint) as bob:
+        assert not ann.command(Record(action="stop"), timeout=5.0).ok
+        assert bob.command(Save(name="first"), timeout=5.0).ok
+        assert bob.command(HandOver()).ok
+        assert "is there already" in ann.command(Save(name="first"), timeout=5.0).reason
+        assert bob.command(Pause()).ok
+        assert "is driving" in ann.command(Save(name="second"), timeout=5.0).reason
+
+
+@pytest.mark.parametrize("other", ["goes on", "hands over"])
+def test_who_has_saved_drives_unless_somebody_else_does_by_then(other):
+    class Slow:
+        """Writes when it is told to."""
+
+        recording = ""
+
+        def write(self, command, live, done):
+            self.done = done
+
+    keeper, answers = Slow(), []
+    with Running(FakeTwin, keeper=keeper) as running:
+        save = Envelope(sender="ann", name="Ann", seq=1, expires=time.time() + 60.0, command=Save(name="a"))
+        running.loop.request(save, lambda *answer: answers.append(answer))
+        assert running.ask(Pause(), sender="bob") == ""
+        if other == "hands over":
+            assert running.ask(HandOver(), sender="bob") == ""
+        keeper.done("", "a.json")
+        assert running.ask(Inspect()) == ""  # comes after it
+        assert running.loop.status().driver == ("ann" if other == "hands over" else "bob")
+    assert answers == [("", 0, "a.json")]
 
 
 def test_a_recording_is_started_and_stopped_by_commands(server, tmp_path):
