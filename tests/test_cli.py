@@ -26,6 +26,7 @@ from motm_twin.trial import run_scene
 SECOND = Path(__file__).parent / "bench" / "half_a_metre.yaml"  # a trial of a second
 TOKEN = "0123456789abcdefghijklmnopqrstuv"
 RECORDED = Path(__file__).parent / "recorded" / "temi_dragged_before_the_robot.json"
+NOBODY = ("--twin", "nobody", "--endpoint", "tcp/127.0.0.1:9", "--wait", "0.1")
 
 
 def call(*arguments, cwd=None):
@@ -174,6 +175,9 @@ def test_a_run_draws_its_speed_along_the_path(tmp_path):
         (("rerun", __file__), "is neither a session nor a recording"),
         (("bench", "exp9"), "usage: motm-twin bench "),
         (("watch", "--endpoint", "foo", "--twin", "frankie"), "tcp/127.0.0.1:7447"),
+        (("record", "foo.txt", *NOBODY), "foo.txt: a recording ends in .mcap"),
+        (("record", "b.mcap", "--seconds", "-5", *NOBODY), "--seconds -5: give a time above 0"),
+        (("record", "b.mcap", "--seconds", "nan", *NOBODY), "--seconds nan: give a time above 0"),
     ],
 )
 def test_bad_input_exits_with_two_and_says_what_is_wrong(arguments, words, monkeypatch, capfd):

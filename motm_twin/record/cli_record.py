@@ -37,11 +37,15 @@ def record(
         out: File to be written, FILE.mcap; it must not exist.
         twin: Name of the twin in the Zenoh keys; without it, the only one that runs.
         endpoint: Where its server listens; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
-        seconds: Time to record; without it until Ctrl-C.
+        seconds: Time to record [s], above 0; without it until Ctrl-C.
         wait: Time in seconds to wait for the server, when both --twin and --endpoint are given.
     """
     from motm_twin.client.discover import OPTIONS, NoTwin, find
 
+    if not out.endswith(".mcap"):
+        raise SessionError("a recording ends in .mcap: choose such a name", file=out)
+    if seconds is not None and not seconds > 0.0:
+        raise SessionError(f"--seconds {seconds:g}: give a time above 0, or leave it out to record until Ctrl-C")
     try:
         endpoint, twin = find(endpoint, twin, how=OPTIONS)
     except NoTwin as error:
@@ -184,10 +188,12 @@ def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-
     from motm_twin.record.recover import recover as recover_file
 
     found = recover_file(file, out)
-    lost = f"{found.lost_bytes} bytes of an unfinished end" if found.lost_bytes else "nothing"
-    broken = f" and {found.broken_chunks} broken chunks" if found.broken_chunks else ""
+    left_out = [f"{found.lost_bytes} bytes of an unfinished end"] if found.lost_bytes else []
+    if found.broken_chunks:
+        left_out.append(f"{found.broken_chunks} broken {'chunk' if found.broken_chunks == 1 else 'chunks'}")
     Console(highlight=False, soft_wrap=True).print(
-        f"{found.file}: {found.messages} messages, {found.seconds:.1f} s, verified; left out: {lost}{broken}"
+        f"{found.file}: {found.messages} messages, {found.seconds:.1f} s, verified; "
+        + f"left out: {' and '.join(left_out) or 'nothing'}"
         + (" (the file was complete already)" if found.was_complete else ""),
         markup=False,
     )

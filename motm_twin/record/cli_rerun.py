@@ -76,7 +76,8 @@ def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
         for run in left:
             _print_not_computed(console, run)
         if not recording.health.complete:
-            console.print(f"the file is not complete ({recording.health.text}): compared up to there", markup=False)
+            text = f"the file is not complete ({recording.health.text}): only what is whole in it could be compared"
+            console.print(text, markup=False)
     if report is not None:
         parts = {"complete": recording.health.complete, "text": recording.health.text}
         runs = {"runs": msgspec.to_builtins(found), "not_computed": msgspec.to_builtins(left)}

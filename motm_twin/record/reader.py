@@ -79,6 +79,7 @@ def _records(file: BinaryIO, health: Health) -> Iterator[Entry]:
         health.whole += _HEAD.size + length
         if opcode == Opcode.FOOTER:
             ended = file.read(len(MAGIC)) == MAGIC
+            health.whole += len(MAGIC) if ended else 0
             health.complete = ended and not health.text
             health.text = health.text or ("" if ended else "its end is missing")
             return

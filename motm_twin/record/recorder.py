@@ -111,7 +111,7 @@ class Recorder:
                 self._session_at = time.monotonic()
                 self._stream.session(payload, attachment)
             else:
-                self._stream.take(key, payload, attachment)
+                self._stream.take(key, payload, attachment, asked=asked)
         except (msgspec.MsgspecError, UnicodeDecodeError, ValueError) as error:
             if key not in self._refused:  # once: another version sends twenty a second
                 self._refused.add(key)

@@ -51,7 +51,7 @@ class Stream:
     """Sorts payloads into ``add`` (channel, server time, JSON). ``wants_session``: the session should be asked for."""
 
     def __init__(self, keys: Keys, add: Add) -> None:
-        self._add, self._drawer = add, Drawer(add)
+        self._write, self._drawer = add, Drawer(self._add)
         self._encode = msgspec.json.Encoder().encode
         self._part = msgspec.json.Decoder(_TickPart).decode
         self._tick = msgspec.json.Decoder(TickMessage).decode
@@ -73,6 +73,7 @@ class Stream:
         self.lost = 0  # periods that did not arrive
         self.plant = ""
         self.now = 0.0  # [s] newest server time
+        self._earliest = 0.0  # [s] no message is logged before: what is taken may be older than the recording
         self.run: tuple[float, int] | None = None  # began, number: of the newest tick
         self.index = -1
         self._grid = b""
@@ -84,8 +85,13 @@ class Stream:
         """Keys that it takes."""
         return tuple(self._take)
 
-    def take(self, key: str, payload: bytes, attachment: bytes | None) -> None:
-        """Sort one payload in. Raises msgspec.MsgspecError for one that is not of its key."""
+    def take(self, key: str, payload: bytes, attachment: bytes | None, *, asked: bool = False) -> None:
+        """Sort one payload in. Raises msgspec.MsgspecError for one that is not of its key.
+
+        A last value that was ``asked`` for may be hours old, of a twin whose time stands. It is logged when it was
+        heard, or the recording would begin where nothing was recorded.
+        """
+        self._earliest = self.now if asked else 0.0
         self._take[key](payload, attachment)
 
     def is_past(self, key: str, payload: bytes, attachment: bytes | None) -> bool:
@@ -106,9 +112,12 @@ class Stream:
         recorded = RecordedSession(run=info.run, began=info.began, session=session)
         self._add(ch.SESSION, self.now, self._encode(recorded))
 
+    def _add(self, channel: Channel, log_time: float, data: bytes) -> None:
+        self._write(channel, max(log_time, self._earliest), data)
+
     def _on_tick(self, payload: bytes, _: bytes | None) -> None:
         part = self._part(payload)
-        self.now = part.server_time
+        self.now = max(part.server_time, self._earliest)
         if not part.preview:
             self._follow(part)
         self._add(ch.TICK, part.server_time, payload)

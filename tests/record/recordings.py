@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 
+from mcap.reader import make_reader
+
 from motm_twin.record.channels import CHANNELS
 from motm_twin.record.mcap_file import McapFile
 from motm_twin.record.reader import read
@@ -60,6 +62,18 @@ def changed(path, target, change):
 def cut(path, target, length):
     """The first bytes of a file."""
     target.write_bytes(path.read_bytes()[:length])
+    return target
+
+
+def damaged(path, target):
+    """With one byte that is wrong, in the chunk in the middle."""
+    data = bytearray(path.read_bytes())
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[len(summary.chunk_indexes) // 2]
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
+    target.write_bytes(bytes(data))
     return target
 
 

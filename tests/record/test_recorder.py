@@ -13,6 +13,7 @@ from motm_twin.bus.messages import SessionInfo
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
 from motm_twin.record import recorder as module
+from motm_twin.record.info import info
 from motm_twin.record.reader import read
 from motm_twin.record.recorder import Recorder
 from motm_twin.record.session import Session
@@ -49,7 +50,7 @@ class Fed(Recorder):
         stream.session = lambda payload, attachment: self.got.append((self.keys.session, attachment))
         self._part = msgspec.json.Decoder(Part)
 
-    def _note(self, key, payload, attachment):
+    def _note(self, key, payload, attachment, *, asked):
         part = self._part.decode(payload)
         self._stream._follow(part)
         self.got.append((key, part.index))
@@ -161,6 +162,27 @@ def test_a_last_value_of_a_run_before_the_one_of_the_status_is_not_recorded(tmp_
     recorder.run(stop)
     ticks = [msgspec.json.decode(entry.data) for entry in read(tmp_path / "late.mcap") if entry.topic == ch.TICK.topic]
     assert [(tick["run"], tick["index"]) for tick in ticks] == [(4, 1), (3, 2)]
+
+
+def test_a_recording_of_a_run_that_has_ended_lasts_as_long_as_it_was_recorded(tmp_path):
+    """The last period is of long before: it is in the file, and that time is not."""
+    twin, recorder = FakeTwin(fake_scene()), Recorder(Bus(), "frankie", tmp_path / "ended.mcap")
+    keys, began, status = recorder._keys, 7475.5, a_status(run=1)
+    last = tick_message(twin.advance(), 1, began - 465.5)
+    for seconds in range(11):
+        payload = msgspec.json.encode(msgspec.structs.replace(status, server_time=began + seconds))
+        recorder._waiting.put((keys.status, payload, None, seconds == 0))
+        if seconds == 0:
+            recorder._waiting.put((keys.tick, msgspec.json.encode(last), None, True))
+    stop = threading.Event()
+    stop.set()
+    recorder.run(stop)
+    found = info(tmp_path / "ended.mcap")
+    assert (found.seconds, [run.periods for run in found.runs]) == (10.0, [1])
+    rates = {channel.topic: channel.rate for channel in found.channels}
+    assert (rates[ch.STATUS.topic], rates[ch.TICK.topic]) == (1.1, 0.1)
+    tick = next(entry for entry in read(tmp_path / "ended.mcap") if entry.topic == ch.TICK.topic)
+    assert msgspec.json.decode(tick.data)["server_time"] == last.server_time
 
 
 def a_status(run):

@@ -7,7 +7,7 @@ import jsonschema
 import msgspec
 import pytest
 from fake_twin import FakeTwin, fake_scene
-from recordings import Recording, changed, cut
+from recordings import Recording, changed, cut, damaged
 from waiting import until
 
 from motm_twin.bus.client import TwinClient
@@ -16,6 +16,7 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.server import TwinServer
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
+from motm_twin.record.cli_record import recover as recover_command
 from motm_twin.record.cli_rerun import rerun_file
 from motm_twin.record.info import info, show
 from motm_twin.record.reader import Health, read
@@ -280,6 +281,21 @@ def test_a_cut_file_is_recovered_and_the_proof_is_read(whole, tmp_path):
     with pytest.raises(SessionError, match="exists already"):
         recover(path)
     assert recover(whole, tmp_path / "same.mcap").was_complete
+
+
+def test_of_a_file_that_is_damaged_in_its_middle_is_said_what_is_true(whole, tmp_path, capsys):
+    path = damaged(whole, tmp_path / "damaged.mcap")
+    last = load_recording(whole).runs[-1].indices[-1]
+    assert rerun_file(str(path), report=str(tmp_path / "report.json")) == 0
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["runs"][-1]["periods"] == last + 1, "what comes after was not compared"
+    said = capsys.readouterr().out
+    assert "is broken" in said
+    assert "only what is whole in it could be compared" in said
+    found = recover(path)
+    assert (found.lost_bytes, found.broken_chunks, found.was_complete) == (0, 1, False)
+    assert recover_command(str(path), str(tmp_path / "again.mcap")) == 0
+    assert capsys.readouterr().out.endswith("verified; left out: 1 broken chunk\n")
 
 
 def test_when_the_work_was_done_is_of_the_server_and_no_part_of_the_run():
