@@ -20,6 +20,7 @@ from motm_twin.bus.running import Running, note
 from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.scene_file import load_scene
+from motm_twin.record.outputs import folder_problem
 from motm_twin.security.folder import Folder
 from motm_twin.ui.guard import check_token
 
@@ -69,6 +70,8 @@ def serve(
             require_free_port(host, port, "choose another one with --port (0 takes any free one)")
         if record is not None:
             _require_new(record)
+        if data is not None and (problem := folder_problem(data)):
+            raise ValueError(f"--data {data}: {problem}")
         require_free_port(
             LOOPBACK, zenoh_port, "is another twin running? Choose another one with --zenoh-port (0: any)"
         )
@@ -223,6 +226,8 @@ def _require_new(path: Path) -> None:
     """Raise ValueError unless a file of this name can be made."""
     if path.suffix != ".mcap":
         raise ValueError(f"--record {path}: a recording ends in .mcap")
+    if problem := folder_problem(path.parent):
+        raise ValueError(f"--record {path}: {problem}")
     if path.exists() or not path.parent.is_dir():
         raise ValueError(f"--record {path}: give a file that is not there yet, in a folder that is")
 

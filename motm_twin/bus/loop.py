@@ -17,7 +17,6 @@ from motm_twin.bus.commands import (
     DriveToPoint,
     Edit,
     Envelope,
-    HandOver,
     InsertTask,
     Inspect,
     Load,
@@ -30,7 +29,6 @@ from motm_twin.bus.commands import (
     Seed,
     Speed,
     Step,
-    TakeWheel,
     UndoBranch,
 )
 from motm_twin.bus.holds import Holds
@@ -228,11 +226,9 @@ class TwinLoop:
                 self._require_twin()
                 self._live.inspect(command)
                 self._outdated = True
-            case TakeWheel() | HandOver() | Save() | Record():
-                pass
             case _ if isinstance(command, EDITS):
                 self._edit(command)
-        return None
+        return None  # what is left is for the wheel alone
 
     def _require_scene(self) -> None:
         if self._live.twin is None:
@@ -300,8 +296,7 @@ class TwinLoop:
             return
         self._stood_at = now
         try:
-            shown = self._live.shown() if self._state != "playing" else None
-            if shown is not None:
+            if self._state != "playing" and (shown := self._live.shown()) is not None:
                 self._sink.tick(*shown, last=True)
         finally:
             self._outdated = False
@@ -348,8 +343,7 @@ class TwinLoop:
         self._require_scene()
         self._live.require_branch(index)
         play = self._state in ("playing", "done")
-        text = f"going back to {index * PERIOD:.1f} s"
-        return lambda: self._go_on_from(lambda: self._live.branch(index), play, text)
+        return lambda: self._go_on_from(lambda: self._live.branch(index), play, f"going back to {index * PERIOD:.1f} s")
 
     def _undo_branch(self) -> Work:
         self._require_scene()
