@@ -10,7 +10,6 @@ from contextlib import suppress
 import msgspec
 
 from motm_twin.bus.commands import (
-    EDITS,
     Branch,
     Command,
     Drive,
@@ -226,7 +225,7 @@ class TwinLoop:
                 self._require_twin()
                 self._live.inspect(command)
                 self._outdated = True
-            case _ if isinstance(command, EDITS):
+            case _ if isinstance(command, Edit):
                 self._edit(command)
         return None  # what is left is for the wheel alone
 

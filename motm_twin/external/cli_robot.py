@@ -17,7 +17,7 @@ def robot(
     variant: str | None = None,
     seed: int | None = None,
     twin: str = "frankie",
-    endpoint: str = "tcp/127.0.0.1:7447",
+    endpoint: str | None = None,
     clock: Literal["real", "shared"] = "real",
     latency: float = 0.0,
     jitter: float = 0.0,
@@ -28,38 +28,56 @@ def robot(
 ) -> int:
     """Be the robot of a twin that runs with `serve --plant zenoh`: simulated, with a referee, in its own process.
 
-    Runs until Ctrl-C or SIGTERM and then prints what the referee has counted. Exit code 0: no contact was caused by the
-    robot; 1: one was; 2: bad input.
+    Runs until Ctrl-C or SIGTERM and then prints what the referee has counted. Where it waits for its twin, and that it
+    has met it, is said on standard error. Exit code 0: no contact was caused by the robot; 1: one was; 2: bad input.
 
     Args:
         scene: Shipped scene or path to a scene file; a twin may put the robot into another one.
         variant: Named variant of the scene.
         seed: Seed of noise and random arrangements.
         twin: Name of the twin in the Zenoh keys.
-        endpoint: Where the twin's server or a Zenoh router listens; the robot waits for it.
+        endpoint: Where the twin's server or a Zenoh router listens; the robot waits for it. Without it, where
+            MOTM_ZENOH_CONFIG leads, or tcp/127.0.0.1:7447.
         clock: real: time passes by itself; shared: it passes as fast as the twin grants it.
         latency: Emulated link, each direction: delay of a message [s].
         jitter: Emulated link: the delay varies by this much up and down [s].
         loss: Emulated link: share of messages that are lost, 0 to 1.
         link_seed: Seed of the emulated link.
         json: Write the report to a file, or to standard output with '-'.
-        child: End also when standard input ends: for programs that start a robot.
+        child: For programs that start a robot: end also when standard input ends, and say nothing of the twin.
     """
+    from motm_twin.bus.config import configured_endpoint
+    from motm_twin.bus.keys import DEFAULT_PORT
     from motm_twin.bus.process import leave, stop_event
+    from motm_twin.bus.session import LOOPBACK
     from motm_twin.external.emulator import LinkSpec
     from motm_twin.external.robot_server import RobotServer
     from motm_twin.model.scene_file import load_scene
 
+    def say(text: str) -> None:
+        if not child:
+            print(f"motm-twin robot: {text}", file=sys.stderr, flush=True)
+
     stop = stop_event(child)
     try:
-        link = LinkSpec(latency=latency, jitter=jitter, loss=loss, seed=link_seed)
-        server = RobotServer(load_scene(scene, variant, seed), endpoint, twin=twin, clock=clock, link=link, stop=stop)
-    except TimeoutError:
-        return OK  # stopped before there was anybody to work for
+        leads = configured_endpoint()  # a file that cannot be used is refused in any case
+        endpoint = endpoint or leads or f"tcp/{LOOPBACK}:{DEFAULT_PORT}"
+        server = RobotServer(
+            load_scene(scene, variant, seed),
+            endpoint,
+            twin=twin,
+            clock=clock,
+            link=LinkSpec(latency=latency, jitter=jitter, loss=loss, seed=link_seed),
+            stop=stop,
+            on_met=lambda: say(f"has met the twin {twin!r} at {endpoint}"),
+        )
     except ValueError as error:
         print(f"motm-twin robot: {error}", file=sys.stderr)
         return BAD_INPUT
+    say(f"waiting for a twin {twin!r} at {endpoint} (motm-twin serve --plant zenoh); Ctrl-C ends it")
     server.run()
+    if not server.met:
+        say(f"no twin {twin!r} was met at {endpoint}")
     counted = server.robot.report()
     server.close()
     text = json_module.dumps(counted, indent=2)

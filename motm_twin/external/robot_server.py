@@ -38,35 +38,28 @@ class RobotServer:
         clock: str = "real",
         link: LinkSpec | None = None,
         stop: threading.Event | None = None,
+        on_met: Callable[[], None] = lambda: None,
     ) -> None:
-        """Raises ValueError for a name or clock that can not be, TimeoutError when stopped before anybody answers."""
+        """``on_met`` is called once, in another thread: a twin listens. Raises ValueError for a wrong name or clock."""
         if clock not in ("real", "shared"):
             raise ValueError(f"clock {clock!r}: use real or shared")
-        self.keys, self._clock = PlantKeys(twin), clock
-        self._stop = stop or threading.Event()
+        self.keys, self._endpoint, self._clock = PlantKeys(twin), endpoint, clock
+        self._stop, self._on_met = stop or threading.Event(), on_met
+        self.met = False  # whether a twin has listened
         self._queue: queue.Queue[Callable[[], None]] = queue.Queue(MAX_WAITING)
         self._granted = 0.0
-        self._session = open_member(endpoint, stop=self._stop)
-        self._publishers = {
-            name: self._session.declare_publisher(
-                getattr(self.keys, name), congestion_control=zenoh.CongestionControl.BLOCK, express=True
-            )
-            for name in SENT
-        }
         self.robot = ReferenceRobot(scene, send=self._put, link=link, clock=clock)
         self._started = time.monotonic()
-        self._declared = [
-            self._session.declare_subscriber(self.keys.command, _direct(self._on_command)),
-            self._session.declare_subscriber(self.keys.grant, _direct(self._on_grant)),
-            self._asked(self.keys.info, None, lambda _: encode(self.robot.info())),
-            self._asked(self.keys.reset, ResetRequest, self._reset),
-            self._asked(self.keys.edit, EditRequest, lambda request: encode(self.robot.edit(request))),
-            self._asked(self.keys.tasks, TaskNotice, lambda notice: encode(self.robot.tasks(notice))),
-        ]
-        self._token = self._session.liveliness().declare_token(self.keys.alive)
+        self._session: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._declared: list[Any] = []
 
     def run(self) -> None:
-        """Let time pass until stopped."""
+        """Wait until somebody answers at the endpoint, then let time pass, until stopped."""
+        try:
+            self._declare(open_member(self._endpoint, stop=self._stop))
+        except TimeoutError:  # stopped before there was anybody to work for
+            return
         self.robot.show()
         self._started = time.monotonic()
         while not self._stop.is_set():
@@ -84,9 +77,35 @@ class RobotServer:
 
     def close(self) -> None:
         """Leave, after `run`."""
-        for declared in (*self._declared, self._token, *self._publishers.values()):
+        for declared in (*self._declared, *self._publishers.values()):
             declared.undeclare()
-        self._session.close()
+        if self._session is not None:
+            self._session.close()
+
+    def _declare(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._publishers = {
+            name: session.declare_publisher(
+                getattr(self.keys, name), congestion_control=zenoh.CongestionControl.BLOCK, express=True
+            )
+            for name in SENT
+        }
+        self._declared = [
+            session.declare_subscriber(self.keys.command, _direct(self._on_command)),
+            session.declare_subscriber(self.keys.grant, _direct(self._on_grant)),
+            self._asked(session, self.keys.info, None, lambda _: encode(self.robot.info())),
+            self._asked(session, self.keys.reset, ResetRequest, self._reset),
+            self._asked(session, self.keys.edit, EditRequest, lambda request: encode(self.robot.edit(request))),
+            self._asked(session, self.keys.tasks, TaskNotice, lambda notice: encode(self.robot.tasks(notice))),
+            session.liveliness().declare_token(self.keys.alive),
+            self._publishers["state"].declare_matching_listener(_direct(self._on_matching)),
+        ]
+
+    def _on_matching(self, status: zenoh.MatchingStatus) -> None:
+        """In Zenoh's thread: whoever listens to a robot's state is its twin, also one that only mirrors it."""
+        if status.matching and not self.met:
+            self.met = True
+            self._on_met()
 
     def _pass_real(self) -> None:
         due = time.monotonic() - self._started
@@ -142,14 +161,14 @@ class RobotServer:
         self.robot.show()
         return encode(answer)
 
-    def _asked(self, key: str, kind: Any, answer: Callable[[Any], bytes]) -> zenoh.Queryable:
+    def _asked(self, session: zenoh.Session, key: str, kind: Any, answer: Callable[[Any], bytes]) -> zenoh.Queryable:
         """Answer questions on this key, in the robot's thread."""
 
         def on_query(query: zenoh.Query) -> None:
             payload = b"" if query.payload is None else query.payload.to_bytes()
             self._post(lambda: _reply(query, key, payload, kind, answer))
 
-        return self._session.declare_queryable(key, on_query)
+        return session.declare_queryable(key, on_query)
 
 
 def _reply(query: zenoh.Query, key: str, payload: bytes, kind: Any, answer: Callable[[Any], bytes]) -> None:
@@ -166,5 +185,5 @@ def _reply(query: zenoh.Query, key: str, payload: bytes, kind: Any, answer: Call
         query.reply(key, text, encoding=zenoh.Encoding.APPLICATION_JSON)
 
 
-def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
+def _direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
     return zenoh.handlers.Callback(callback, indirect=False)
