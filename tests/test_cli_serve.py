@@ -27,10 +27,10 @@ def test_a_state_is_told_once(state, text, line):
 @pytest.mark.parametrize(
     ("option", "place", "words"),
     [
-        ("record", "/proc/x.mcap", "--record /proc/x.mcap: /proc cannot be written to ("),
+        ("record", "/proc/x.mcap", "--record /proc/x.mcap: /proc cannot be written to: give another folder"),
         ("record", "no/folder/x.mcap", "in a folder that is"),
         ("record", "file/x.mcap", "file is a file: give a folder"),
-        ("data", "/proc/1/x", "--data /proc/1/x: /proc/1/x cannot be written to ("),
+        ("data", "/proc/1/x", "--data /proc/1/x: /proc/1 cannot be written to: give another folder"),
         ("data", "file", "file is a file: give a folder"),
         ("data", "file/x", "file is a file: give a folder"),
     ],

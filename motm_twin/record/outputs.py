@@ -32,14 +32,15 @@ def refuse_existing(file: str | Path | None) -> None:
 
 def folder_problem(folder: Path) -> str:
     """Why nothing could be written into a folder, which need not exist yet; "" when it could."""
+    there = folder
     try:
         there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not there.is_dir():
             return f"{there} is a file: give a folder"
         with tempfile.TemporaryFile(dir=there):  # tried: root may write to /proc by its rights, and cannot
             return ""
-    except OSError as error:
-        return f"{folder} cannot be written to ({error.strerror or error}): give another folder"
+    except OSError:
+        return f"{there} cannot be written to: give another folder"
 
 
 def write_json(report: dict[str, Any], target: str) -> None:

@@ -6,6 +6,13 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import Positional
 
+USES = {  # what each role can do with its file
+    "viewer": "motm-twin watch tick",
+    "driver": "motm-twin send pause",
+    "robot": "motm-twin robot exp1 --twin {name}",
+    "twin": "motm-twin serve exp1 --twin {name} --zenoh-port 0",
+}
+
 
 def security(
     action: Positional[Literal["make", "add", "remove", "list"]],
@@ -46,7 +53,7 @@ def security(
     try:
         if action == "make":
             people = People(hosts=list(host), port=port, passwords=passwords, names=named)
-            made = place.create(people, days=days)
+            place.create(people, days=days)
         elif action == "list":
             people = place.people()
             if people is None:
@@ -58,10 +65,9 @@ def security(
         else:
             if not each:
                 raise SecurityError(f"{action}: name somebody with --viewer, --driver or --robot")
-            made = []
             for role, name in each:
                 if action == "add":
-                    made.append(place.add(role, name, days=days))
+                    place.add(role, name, days=days)
                 else:
                     place.remove(role, name)
     except (SecurityError, OSError) as error:
@@ -71,6 +77,7 @@ def security(
         console.print(f"The router: zenohd --config {place.router}", markup=False)
     else:
         console.print(f"The twin:  motm-twin serve --secure {folder}", markup=False)
-    for file in made:
-        console.print(f"Hand over: {file}  (use: MOTM_ZENOH_CONFIG={file.name} motm-twin watch tick)", markup=False)
+    for role, name in each if action != "remove" else ():
+        file, use = place.of(role, name), USES[role].format(name=name)
+        console.print(f"Hand over: {file}  (use: MOTM_ZENOH_CONFIG={file.name} {use})", markup=False)
     return 0

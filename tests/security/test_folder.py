@@ -90,11 +90,19 @@ def test_the_command_makes_changes_and_lists(tmp_path, monkeypatch, capsys):
     assert run("make", place)[0] == 2
     code, said = run("make", place, "--host", "localhost", "--viewer", "ann", "--driver", "bob")
     assert code == 0
-    assert "viewer-ann.json5" in said.out
-    assert run("add", place, "--robot", "mine")[0] == 0
+    assert "MOTM_ZENOH_CONFIG=viewer-ann.json5 motm-twin watch tick)" in said.out
+    assert "MOTM_ZENOH_CONFIG=driver-bob.json5 motm-twin send pause)" in said.out
+    code, said = run("add", place, "--robot", "mine")
+    assert code == 0
+    assert "MOTM_ZENOH_CONFIG=robot-mine.json5 motm-twin robot exp1 --twin mine)" in said.out  # it may not watch
     code, said = run("list", place)
     assert "robot mine" in said.out
     assert run("remove", place, "--viewer", "nobody")[0] == 2
+    code, said = run("remove", place, "--viewer", "ann")
+    assert code == 0
+    assert "Hand over" not in said.out
+    code, said = run("make", f"{place}-router", "--host", "localhost", "--twin", "a1")
+    assert "MOTM_ZENOH_CONFIG=twin-a1.json5 motm-twin serve exp1 --twin a1 --zenoh-port 0)" in said.out
     assert run("add", place)[0] == 2
 
 
