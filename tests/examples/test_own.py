@@ -157,7 +157,12 @@ def test_what_its_user_gave_wrong_is_one_sentence(example, given, said, tmp_path
 
 
 def test_an_example_that_is_stopped_says_so():
-    command = [sys.executable, "-u", EXAMPLES / "one_trial.py", "motm"]
+    code = (
+        "import runpy, signal, sys;"
+        "signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
+        "sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], run_name='__main__')"
+    )
+    command = [sys.executable, "-c", code, EXAMPLES / "one_trial.py", "motm"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout.read(5) == "motm:"
         process.send_signal(signal.SIGINT)

@@ -46,7 +46,7 @@ def test_a_cube_and_a_bin_are_clicked_and_two_people_share_one_wheel(tmp_path):
         take_the_wheel(ann)
         bea.page.keyboard.press("r")
         bea.says("Only looking")  # and who drives
-        assert bea.page.get_by_role("button", name="Play", exact=True).first.is_disabled()
+        assert bea.page.get_by_role("button", name="Restart", exact=True).first.is_disabled()
         take_the_wheel(ann)
         bea.click(middle(client, "cube"))
         take_the_wheel(ann)
