@@ -267,6 +267,7 @@ def test_ctrl_c_during_a_what_if_ends_its_processes_without_a_word_of_theirs():
     command = [sys.executable, "-c", code, "what-if", str(RECORDED), "--set", "bezier=off"]
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True, start_new_session=True) as process:
         try:
+            assert process.stdout is not None
             assert "running both" in process.stdout.readline()
             until = time.monotonic() + 60.0
             children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
