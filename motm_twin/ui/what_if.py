@@ -31,8 +31,6 @@ EARLIER = " (run before)"  # robots of a comparison that began before a branch o
 MOST_SAMPLES = 72_000  # of one run, two hours; what comes after is left out
 Values = Mapping[str, ParameterValue]
 OwnMethod = tuple[str, str]  # name of a method that is not shipped, and its FILE.py:NAME from the command line
-
-
 Mover = tuple[float, float, float, float]  # a Temi or a person: x, y, radius, height [m]
 
 
