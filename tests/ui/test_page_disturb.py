@@ -17,9 +17,10 @@ EVIL = "<img src=x onerror=window.hacked=1>"
 OCCUPIED = 255  # of a cell of the grid
 TOP = 0.5  # [m] of the shelf
 OLD, NEW = (-1.5, 0.5), (-1.5, -0.4)  # [m] where the shelf stands, and is dragged to
-HERE, THERE = (-1.2, 1.2), (-0.3, 1.2)  # [m] free floor, which a box is thrown over; 1.3 m from the table
+HERE, THERE = (-1.4, 1.2), (-0.5, 1.2)  # [m] free floor, which a box is thrown over; 1.7 m from the table
 AWAY = (-0.6, -1.3)  # [m] free floor
 HEIGHT = 0.3  # [m] at which a box is taken
+NEAR = 0.1  # [m] from where the hand has let go
 TRIES = 6  # to throw: a page that draws slowly sees no speed at times
 SCENE = (
     f"""
@@ -37,7 +38,7 @@ tasks:
   - pick: cube
   - place: bin
 """
-    + 60 * "  - drive_to: {x: 0.9, y: -0.3}\n  - drive_to: {x: 0.3, y: -0.3}\n"
+    + 99 * "  - drive_to: {x: 0.9, y: -0.3}\n  - drive_to: {x: 0.3, y: -0.3}\n"  # 8 min: the run must outlast the test
 )
 
 
@@ -59,9 +60,8 @@ def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_n
         the_robot_is_pushed(visitor)  # where there is room on all sides
         the_cube_is_taken_away(visitor)
         the_robot_is_blinded(visitor)
-        speed(visitor, "8x")
-        until(lambda: client.tick().score.places == 1, 120.0, "the robot does not get over it")
         speed(visitor, "1x")
+        until(lambda: client.tick().score.places == 1, 120.0, "the robot does not get over it")
         furniture_is_moved_and_announced(visitor)
         a_hostile_name_is_only_text(visitor)
         a_box_is_thrown(visitor)
@@ -144,17 +144,19 @@ def a_hostile_name_is_only_text(visitor):
 
 def a_box_is_thrown(visitor):
     place_new(visitor, "Box", "box 1", (HERE, THERE))
-    for attempt in range(1, TRIES + 1):
+    for _ in range(TRIES):
         start = body(visitor, "box 1").position[:2]
-        throw(visitor, start, max(HERE, THERE, key=lambda place: math.dist(place, start)))
-        thrown = until(lambda n=attempt: releases(visitor)[n - 1 :], 30.0, "it is held for ever")[-1]
+        end = max(HERE, THERE, key=lambda place: math.dist(place, start))
+        throw(visitor, start, end)
+        last, thrown = until(lambda end=end: let_go(visitor, end), 30.0, f"it is not let go at {end}")
         if thrown.velocity != (0.0, 0.0):
             break
     assert 0.4 <= math.hypot(*thrown.velocity) <= 2.5 + 1e-9, "put down, not thrown"
-    last = [edit for edit in done(visitor, MoveBody) if edit.name == "box 1"][-1]
     way = math.hypot(*thrown.velocity) ** 2 / (2.0 * FRICTION)  # nothing is in it
     until(
-        lambda: math.dist(body(visitor, "box 1").position[:2], (last.x, last.y)) > 0.8 * way, 30.0, "it does not slide"
+        lambda: math.dist(body(visitor, "box 1").position[:2], (last.x, last.y)) > 0.8 * way,
+        30.0,
+        f"it does not slide {way:.2f} m: {last}, {thrown}",
     )
     visitor.press("Delete")
     until(lambda: body(visitor, "box 1") is None, 30.0, "the box is still there")
@@ -206,15 +208,21 @@ def throw(visitor, start, end):
     mouse.up()  # Playwright has not seen it
 
 
-def releases(visitor):
-    """How the box was let go, each time."""
-    return [edit for edit in done(visitor, ReleaseBody) if edit.name == "box 1"]
+def let_go(visitor, end):
+    """The last move of the box, and its release; None unless the hand has come to the end and let go of it.
+
+    The twin lets go, too, of what it hears nothing of for a while: then there are more moves.
+    """
+    gesture = [edit for edit in done(visitor, (MoveBody, ReleaseBody)) if edit.name == "box 1"][-2:]
+    if [type(edit) for edit in gesture] != [MoveBody, ReleaseBody]:
+        return None
+    return gesture if math.dist((gesture[0].x, gesture[0].y), end) < NEAR else None
 
 
-def done(visitor, kind):
-    """What was done of one kind to this run, as its session tells."""
+def done(visitor, kinds):
+    """What was done of one or more kinds to this run, as its session tells."""
     session = msgspec.json.decode(visitor.twin.client.session(), type=Session)
-    return [entry.edit for entry in session.edits if isinstance(entry.edit, kind)]
+    return [entry.edit for entry in session.edits if isinstance(entry.edit, kinds)]
 
 
 def body(visitor, name):
