@@ -74,7 +74,7 @@ def drive(
 ) -> None:
     """Obey the commands that arrive, and say what became of it. ``born``: monotonic time [s] at which stamps are 0."""
     drives, waiting = Drives(), []
-    acting: dict = {"act_at": -math.inf, "seq": -1, "gripper": "open"}
+    acting: dict = {"act_at": -math.inf, "seq": -1, "gripper": "open", "lifetime": 0.0}
     for seq in itertools.takewhile(lambda _: not stop.is_set(), itertools.count()):
         now = seq * STEP
         time.sleep(max(0.0, born + now - time.monotonic()))
@@ -83,7 +83,7 @@ def drive(
         due = [command for command in waiting if command["act_at"] <= now and command["seq"] > acting["seq"]]
         acting = max([acting, *due], key=lambda command: command["seq"])
         waiting = [command for command in waiting if command["act_at"] > now]
-        fresh = now - acting["act_at"] < 0.30  # later it expires: stand
+        fresh = now - acting["act_at"] < acting["lifetime"]  # later it has expired: stand
         twist, rates = (acting["twist"], acting["joint_velocity"]) if fresh else ([0.0, 0.0], [0.0] * 7)
         drives.move(twist, rates, acting["gripper"], STEP)
         heard = [(command["seq"], at) for at, command in new]

@@ -24,7 +24,7 @@ def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> It
     port = free_port()
     session = open_server(port)
     arguments = ["exp1", "--endpoint", f"tcp/{LOOPBACK}:{port}", "--clock", clock, "--child"]
-    for name in ("latency", "jitter", "loss", "seed"):
+    for name in ("latency", "jitter", "loss", "outage", "every", "seed"):
         arguments += [f"--{'link-seed' if name == 'seed' else name}", str(getattr(link, name))]
     process = subprocess.Popen(  # noqa: S603 - our own module
         [sys.executable, "-m", "motm_twin.external.cli_robot", *arguments],

@@ -189,6 +189,14 @@ GROUPS: dict[str, Group] = {
             goals=_done(60),
         ),
         Group(
+            name="external_outages",
+            title="The same through 20 ms latency, where in every 2 s nothing arrives for 0.25 s, at random times",
+            trials=_published(
+                "exp1", tuple(LinkSpec(latency=0.02, outage=0.25, every=2.0, seed=seed) for seed in range(1, 11))
+            ),
+            goals=tuple(goal for goal in _done(60) if goal.name != "picked"),  # what it loses it picks again
+        ),
+        Group(
             name="period",
             title="One period from observation to command, one core; the same trial three times, the first to warm up",
             trials=(Trial(scene="exp1", variant="trial1", seed=0),) * 3,

@@ -25,6 +25,7 @@ _STILL = 1.0  # [s] that late fingers are expected to need still, and at least a
 _MOVED = 0.03  # [m] by which an object seen away from the fingers ends a closing
 _LEFT = 0.02  # [m] by which the hand may leave the object while it closes
 _OPEN_ROOM = 0.015  # [m] wider than the object: the fingers are open enough for another try
+_UNSURE = "waiting for the robot to say where the hand is"
 _YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
 _MID_DWELL = 0.6  # [s] after arrival the base is about nearest
 _HOVER = 0.75  # [m] from the mount, about where a hand waits for its target
@@ -218,6 +219,8 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[s
         return "", "the object went out of reach"
     if not view.seen(p):
         return "", f"waiting for a sight of {view.goal.name}"
+    if not view.sure(p):
+        return "", _UNSURE
     if view.goal.position_sd > p.close_sd:
         return "", f"{view.goal.name} is known to {1e3 * view.goal.position_sd:.0f} mm only"
     point = grasp_point(view, p)
@@ -300,9 +303,14 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[st
         strayed = math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance
         if strayed or not _in_square(state, view, rules, state.anchor):  # the robot was pushed, or the bin moved
             state.anchor = view.target.copy()
+        if not view.sure(p):
+            return "", _UNSURE
         if lands_inside(state, view, rules):
             state.gripper, state.released = "open", view.time
         return "", ""
+    if not view.sure(p) and view.width < state.side + p.held_tolerance:  # it may hear of it when it is elsewhere
+        state.gripper, state.released = "close", None
+        return "", _UNSURE
     if view.time - state.released >= gripper.opening_time - 0.5 * view.dt and not view.gripper_moving:
         state.holding, state.reported, state.released = False, False, None
         state.clear_z = float(view.goal.position[2]) + p.transit_clearance

@@ -39,6 +39,7 @@ class ArmProgram:
         p = parameters
         self._limits = SpeedLimits(known, p.avoidance)
         self.names = self._limits.names
+        self._blind = p.avoidance.blind
         self._lag = known.robot.arm.velocity_lag
         self._weights = {swinging: weights(p.qp, swinging=swinging) for swinging in (False, True)}
         room = self._limits.room
@@ -54,6 +55,7 @@ class ArmProgram:
         remembers are kept near what the robot does, should somebody else have commanded it.
         """
         swinging = state.phase in _SWINGING
+        slate.blind[0] = self._blind if inputs.observation.ahead > 0.0 else 0.0
         cost = self._weights[swinging]
         count, tightest, allowed = _fill(
             slate.record, inputs.obstacles.points, inputs.obstacles.static, relaxing, state.twist, state.rates, cost,

@@ -70,6 +70,7 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     time_to_range: float
     width: float
     gripper_moving: bool
+    age: float  # [s] of what the robot said last
     tilt: float  # of the tool axis from straight down [rad]
     manipulability: float
     nearest: float  # horizontal, of the tool centre point from the nearest seen obstacle [m], inf when there is none
@@ -83,6 +84,10 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Has the object been seen recently?"""
         last = self.goal.last_seen
         return last is not None and self.time - last <= parameters.seen_within
+
+    def sure(self, parameters: ArmParameters) -> bool:
+        """Has the robot said lately where the hand is? What was told it since then it may not have heard."""
+        return self.age <= parameters.sure_age
 
 
 def look(inputs: ArmInputs, slate: Slate, beta: float, parameters: ArmParameters) -> View:
@@ -115,6 +120,7 @@ def look(inputs: ArmInputs, slate: Slate, beta: float, parameters: ArmParameters
         time_to_range=inputs.time_to_range,
         width=observation.gripper_width,
         gripper_moving=observation.gripper_moving,
+        age=observation.age,
         tilt=tilt,
         manipulability=dexterity,
         nearest=nearest,

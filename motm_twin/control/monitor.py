@@ -29,8 +29,8 @@ _NO_SCAN = Scan(
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     """When the monitor acts."""
 
-    slow_age: float = 0.15  # [s] scan or state older than this: half speed
-    stop_age: float = 0.30  # [s] scan or state older than this: stand
+    slow_age: float = 0.15  # [s] scan or state older than this: half speed; for an old state the arm begins to slow
+    stop_age: float = 0.30  # [s] scan or state older than this: stand; for an old state the arm, too
     stop_margin: float = 0.01  # [m] kept between the stopped footprint and scan points
     minimum_points: int = 2  # scan points inside the stopping footprint before it counts: one may be noise
 
@@ -110,9 +110,12 @@ class Monitor(Stateful[MonitorState]):
         return 1.0, ""
 
     def _arm_share(self, age: float) -> float:
-        """Share of its speed that the arm keeps: it needs no scan, but must know where it is."""
+        """Share of its speed that the arm keeps: it needs no scan, but must know where it is.
+
+        It falls steadily while the state grows old, so that the joints slow down together: the hand keeps to its way.
+        """
         p = self.parameters
-        return 1.0 if age <= p.slow_age else (0.5 if age <= p.stop_age else 0.0)
+        return min(max((p.stop_age - age) / (p.stop_age - p.slow_age), 0.0), 1.0)
 
     def _braking(self, twist: Array, observation: Observation) -> str:
         assert observation.scan is not None

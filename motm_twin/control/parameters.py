@@ -70,6 +70,7 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     furniture_d_i: float = 0.12  # [m]
     fingers_d_s: float = 0.006  # [m] fingers over the surface that carries the object
     fingers_d_i: float = 0.05  # [m]
+    blind: float = 0.15  # [s] over a link: what is left alone acts on, and then its joints come to rest, in such a time
 
 
 class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -105,6 +106,7 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     close_yaw: float = 8.0 * DEG
     close_tilt: float = 20.0 * DEG
     seen_within: float = 0.5  # [s] nothing is grasped that was not seen this recently
+    sure_age: float = 0.1  # [s] nothing is gripped or let go on what the robot said longer ago
     close_sd: float = 0.008  # [m] position uncertainty at which the gripper may close
     descend_sd: float = 0.012  # [m] and at which it may descend
     search_after: float = 1.0  # [s] without a sight of the object after which the hand rises to see more

@@ -24,6 +24,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "dq": (7,),
     "pose": (3,),
     "measured": (2,),
+    "blind": (1,),
     "wanted": (2,),
     "twist": (2,),
     "T_odom_world": (3,),
@@ -53,6 +54,7 @@ class Slate:
     dq: Array  # [rad/s], shape (7,)
     pose: Array  # of the base, odometry frame, shape (3,)
     measured: Array  # base twist now, shape (2,)
+    blind: Array  # [s] in which the robot goes on and comes to rest should no command come any more, shape (1,)
     wanted: Array  # base twist that its planner wants, shape (2,)
     twist: Array  # base twist expected while the commanded arm rates act, shape (2,)
     T_odom_world: Array  # planar pose of the world frame in the odometry frame, shape (3,)

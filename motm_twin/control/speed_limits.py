@@ -82,7 +82,7 @@ def fill_rows(
     avoidance = s.avoidance
     a = avoidance[0]
     centre, ball_radius = placed(centre, ball_radius, width, held)
-    d_s, d_i = _distances(avoidance, touching)
+    d_s, d_i = _distances(avoidance, touching, s.blind[0])
 
     gripper = lidar_limits(s.p, points, static, relaxing, avoidance)
     count = nearby = len(gripper.allowed)
@@ -145,11 +145,14 @@ def _added(
 
 
 @njit(cache=True)
-def _distances(avoidance: Numbers, touching: bool) -> tuple[Array, Array]:
-    """d_s and d_i of each body [m], shape (6,): smaller for what is at the supporting surface during a grasp."""
+def _distances(avoidance: Numbers, touching: bool, blind: float) -> tuple[Array, Array]:
+    """d_s and d_i of each body [m], shape (6,): smaller for what is at the supporting surface during a grasp.
+
+    An arm that goes on for ``blind`` [s] when it is left alone is slower: it shall come to d_s at most.
+    """
     a = avoidance[0]
     d_s, d_i = np.full(len(BODIES), a.furniture_d_s), np.full(len(BODIES), a.furniture_d_i)
     if touching:
         d_s[FINGERS], d_i[FINGERS] = a.fingers_d_s, a.fingers_d_i
         d_s[HELD], d_i[HELD] = -a.fingers_d_i, a.fingers_d_s
-    return d_s, d_i
+    return d_s, np.maximum(d_i, d_s + a.xi * blind)

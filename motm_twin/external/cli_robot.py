@@ -22,6 +22,8 @@ def robot(
     latency: float = 0.0,
     jitter: float = 0.0,
     loss: float = 0.0,
+    outage: float = 0.0,
+    every: float = 2.0,
     link_seed: int = 0,
     json: Annotated[str, tyro.conf.arg(name="json", metavar="FILE|-")] = "-",
     child: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
@@ -42,6 +44,8 @@ def robot(
         latency: Emulated link, each direction: delay of a message [s].
         jitter: Emulated link: the delay varies by this much up and down [s].
         loss: Emulated link: share of messages that are lost, 0 to 1.
+        outage: Emulated link: nothing arrives for so long [s], in both directions, once in every...
+        every: Emulated link: ... so many seconds, at a random time.
         link_seed: Seed of the emulated link.
         json: Write the report to a file, or to standard output with '-'.
         child: For programs that start a robot: end also when standard input ends, and say nothing of the twin.
@@ -67,7 +71,7 @@ def robot(
             endpoint,
             twin=twin,
             clock=clock,
-            link=LinkSpec(latency=latency, jitter=jitter, loss=loss, seed=link_seed),
+            link=LinkSpec(latency=latency, jitter=jitter, loss=loss, outage=outage, every=every, seed=link_seed),
             stop=stop,
             on_met=lambda: say(f"has met the twin {twin!r} at {endpoint}"),
         )

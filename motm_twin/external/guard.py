@@ -6,6 +6,7 @@ import math
 import msgspec
 import numpy as np
 
+from motm_twin.external.expiry import expired
 from motm_twin.external.messages import LIFETIME, VERSION, RobotCommand
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation
@@ -46,19 +47,25 @@ class CommandGuard:
             self.refused, self.refusal = self.refused + 1, str(refusal)
 
     def actuation(self, now: float) -> Actuation:
-        """What to do now [s]: base and arm stand when no command is fresh; the gripper stays as it was told last."""
+        """What to do now [s]: base and arm come to rest when no command is fresh; the gripper stays as it was told."""
         while self._waiting and self._waiting[0].act_at <= now + SLACK:
             self._acting = self._waiting.pop(0)
-            self._gripper = self._acting.gripper
+            if now - self._acting.act_at < self._acting.lifetime - SLACK:  # else the hand may be elsewhere by now
+                self._gripper = self._acting.gripper
         acting = self._acting
-        if acting is None or now - acting.act_at >= acting.lifetime - SLACK:
+        if acting is None:
             return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=self._gripper)
-        return Actuation(
-            twist=np.array(acting.twist), joint_velocity=np.array(acting.joint_velocity), gripper=acting.gripper
-        )
+        twist, rates = np.array(acting.twist), np.array(acting.joint_velocity)
+        over = now - acting.act_at - acting.lifetime
+        if over >= -SLACK:
+            return expired(twist, rates, self._gripper, max(0.0, over))
+        return Actuation(twist=twist, joint_velocity=rates, gripper=acting.gripper)
 
     def heard(self) -> list[tuple[int, float]]:
-        """Numbers and times [s] of arrival of the commander's commands since the last call."""
+        """Numbers and times [s] of arrival of the commander's commands since the last call.
+
+        Also of those that were for another time: from them their sender learns that it has this clock wrong.
+        """
         heard, self._heard = self._heard, []
         return heard
 
@@ -70,10 +77,10 @@ class CommandGuard:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise RefusedCommand(f"malformed: {error}") from None
         self._check(command)
-        self._check_time(command, now)
         if self.commander not in ("", command.sender) and now - self._last_sign < SILENCE:
             raise RefusedCommand(f"{self.commander!r} commands: it must be silent for {SILENCE:.0f} s first")
         self._heard = [*self._heard, (command.seq, now)][-MAX_HEARD:]
+        self._check_time(command, now)
         if command.sender == self.commander:
             self._check_order(command)
         else:

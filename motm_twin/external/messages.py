@@ -11,7 +11,8 @@ from motm_twin.model.plant import BodyTruth, Contact
 from motm_twin.model.scene import PlanarPose, Scene, Task
 
 VERSION = "motm.plant/1"
-LIFETIME = 0.30  # [s] after which a command no longer counts
+LIFETIME = 0.30  # [s] that a command may act at most
+HOLD = 0.03  # [s] that a command of this twin acts without a newer one: near a table a hand must not go on blindly
 
 Vector = list[float]
 

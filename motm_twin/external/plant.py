@@ -7,7 +7,7 @@ import numpy as np
 from motm_twin.external.checks import NAMES
 from motm_twin.external.convert import array, detection_of, scan_of, vector
 from motm_twin.external.messages import (
-    LIFETIME,
+    HOLD,
     VERSION,
     Info,
     ResetRequest,
@@ -41,7 +41,7 @@ class ZenohPlant(RemoteWorld):
         self.scene = scene
         self._sender, self._reset_wanted = sender, reset and not self.mirror
         self._seq = time.time_ns() // 1000  # rises also when this program starts again
-        self._predictor = Predictor(scene.robot, LIFETIME)
+        self._predictor = Predictor(scene.robot, HOLD)
         self._clock_sets = 0  # of the link, as far as is known here
         self._origin: float | None = None  # robot's clock at time 0 of the run
         self._to_odometry: Array | None = None  # of a robot that was started again: its odometry in the run's
@@ -167,6 +167,7 @@ class ZenohPlant(RemoteWorld):
             twist=vector(twist),
             joint_velocity=vector(np.clip(actuation.joint_velocity, -DQ_MAX, DQ_MAX)),
             gripper=actuation.gripper,
+            lifetime=HOLD,
         )
         self._predictor.sent(self._acts_at, actuation)
         self._lead.sent(self._seq, self._at)
@@ -203,7 +204,7 @@ class ZenohPlant(RemoteWorld):
     def begin(self, scene: Scene) -> None:
         """Another run: a robot that can be reset begins again in this scene, another goes on from where it is."""
         if scene.robot != self.scene.robot:
-            self._predictor = Predictor(scene.robot, LIFETIME)
+            self._predictor = Predictor(scene.robot, HOLD)
         self.scene = scene
         self._reset_wanted = not self.mirror
         self._origin, self._to_odometry = None, None

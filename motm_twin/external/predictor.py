@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from numba import njit
 
+from motm_twin.external.expiry import expired
 from motm_twin.model.geometry import Array, drive
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.plant import Actuation
@@ -78,9 +79,10 @@ class Predictor:
         """The command that acts now [s]."""
         for act_at, actuation in reversed(self._commands):
             if act_at <= now + ROUNDING:
-                if now - act_at < self._lifetime - ROUNDING:
+                over = now - act_at - self._lifetime
+                if over < -ROUNDING:
                     return actuation
-                return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=actuation.gripper)
+                return expired(actuation.twist, actuation.joint_velocity, actuation.gripper, max(0.0, over))
         first = self._commands[0][1].gripper if self._commands else "open"
         return Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper=first)
 

@@ -26,9 +26,13 @@ class Router:
 
 
 class DeafenedRobot(RobotServer):
-    """A reference robot whose messages can be held back."""
+    """A reference robot whose messages can be held back, and whose link can become another one."""
 
     muted: frozenset[str] = frozenset()
+
+    def impair(self, link: LinkSpec) -> None:
+        """From now on commands go through this link; those under way arrive as they would have."""
+        self.robot._up.spec = link
 
     def _put(self, name: str, payload: bytes) -> None:
         if name not in self.muted:

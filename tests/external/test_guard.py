@@ -8,6 +8,7 @@ import pytest
 
 from motm_twin.external.guard import MAX_BYTES, SILENCE, CommandGuard
 from motm_twin.external.messages import VERSION, RobotCommand
+from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import BaseLimits
 
 LIMITS = BaseLimits()
@@ -31,10 +32,39 @@ def test_a_command_acts_from_its_time_until_it_expires(guard: CommandGuard) -> N
     assert guard.actuation(1.04).twist.tolist() == [0.0, 0.0]
     assert guard.actuation(1.05).twist.tolist() == [0.3, 0.1]
     assert guard.actuation(1.34).joint_velocity.tolist() == [0.1] * 7
-    expired = guard.actuation(1.35)
+    expired = guard.actuation(1.36)
     assert not expired.twist.any()
-    assert not expired.joint_velocity.any()
+    assert not guard.actuation(1.37).joint_velocity.any()
     assert expired.gripper == "close"  # what is held is not let go
+
+
+def test_joints_come_to_rest_together_and_no_faster_than_they_can(guard: CommandGuard) -> None:
+    rates = np.array([2.0, -1.0, 0.0, 0.5, 0.1, -2.0, 0.0])
+    guard.offer(payload(joint_velocity=rates.tolist(), lifetime=0.03), 1.0)
+    told = np.array([guard.actuation(1.03 + 0.01 * k).joint_velocity for k in range(30)])
+    shares = told[:, 0] / rates[0]
+    assert shares[0] == pytest.approx(1.0)
+    assert (np.diff(shares) <= 0.0).all()
+    assert not told[-1].any()
+    assert told == pytest.approx(np.outer(shares, rates))
+    assert (np.abs(np.diff(told, axis=0)) <= DDQ_MAX * 0.01).all()
+
+
+def test_a_command_that_has_expired_on_its_way_moves_no_fingers(guard: CommandGuard) -> None:
+    guard.offer(payload(seq=1, act_at=1.0, gripper="close", lifetime=0.03), 1.0)
+    assert guard.actuation(1.0).gripper == "close"
+    guard.offer(payload(seq=2, act_at=1.1, gripper="open", lifetime=0.03), 1.2)
+    assert guard.actuation(1.2).gripper == "close"
+    guard.offer(payload(seq=3, act_at=1.2, gripper="open", lifetime=0.03), 1.22)
+    assert guard.actuation(1.22).gripper == "open"
+
+
+@pytest.mark.parametrize("act_at", [0.5, 3.0])
+def test_a_command_for_another_time_is_heard_but_not_obeyed(guard: CommandGuard, act_at: float) -> None:
+    guard.offer(payload(seq=7, act_at=act_at), 1.0)
+    assert guard.heard() == [(7, 1.0)]  # its sender has this clock wrong, and learns it from that
+    assert guard.commander == ""
+    assert not guard.actuation(act_at).twist.any()
 
 
 def test_commands_that_overtake_each_other_act_in_their_order(guard: CommandGuard) -> None:

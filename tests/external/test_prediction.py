@@ -40,9 +40,26 @@ def test_a_bad_link_delays_loses_and_repeats_by_its_seed() -> None:
     assert got != arrivals(LinkSpec(latency=0.05, jitter=0.02, loss=0.05, seed=4))
 
 
+def test_in_an_outage_nothing_arrives_in_both_directions_once_in_every_while() -> None:
+    spec = LinkSpec(outage=0.25, every=2.0, seed=3)
+    there: list[list[int]] = [[], []]
+    for direction in (0, 1):
+        link: Link[int] = Link(spec, direction)
+        for step in range(2000):
+            link.send(step, 0.01 * step)
+            there[direction] += link.arrived(0.01 * step)
+    assert there[0] == there[1]
+    lost = sorted(set(range(2000)) - set(there[0]))
+    assert [sum(step // 200 == k for step in lost) for k in range(10)] == pytest.approx([25] * 10, abs=1)
+    begins = [min(step for step in lost if step // 200 == k) % 200 for k in range(10)]
+    assert len(set(begins)) > 5
+
+
 def test_a_link_that_can_not_be_is_refused() -> None:
     with pytest.raises(ValueError, match="jitter <= latency"):
         LinkSpec(latency=0.01, jitter=0.02)
+    with pytest.raises(ValueError, match="outage <= every"):
+        LinkSpec(outage=3.0, every=2.0)
 
 
 def test_the_offset_of_two_clocks_is_found_within_half_the_shortest_way() -> None:
@@ -110,7 +127,7 @@ def test_a_prediction_of_120_ms_is_where_the_simulated_robot_comes_to(scene: Sce
     assert worst < 1e-3
 
 
-@pytest.mark.parametrize(("age", "share"), [(0.1, 1.0), (0.2, 0.5), (0.4, 0.0)])
+@pytest.mark.parametrize(("age", "share"), [(0.1, 1.0), (0.2, 2.0 / 3.0), (0.25, 1.0 / 3.0), (0.4, 0.0)])
 def test_the_arm_slows_and_stands_too_when_the_state_is_old(scene: Scene, age: float, share: float) -> None:
     seen = msgspec.structs.replace(SimulatedPlant(scene).observe(), age=age)
     asked = Actuation(twist=np.zeros(2), joint_velocity=np.full(7, 0.1), gripper="open")
