@@ -37,6 +37,10 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     if len(options.methods) != 2:
         parser.error("name two methods")
+    if options.trials < 1 or options.workers < 1:
+        parser.error("at least one trial and one worker are needed")
+    if options.limit is not None and not 0.0 < options.limit < float("inf"):
+        parser.error(f"--limit {options.limit:g}: give a time above 0 s")
     variant = options.variant or arrangement_of(options.scene)
     changes = {} if options.limit is None else {"time_limit": options.limit}
     specs = tuple(

@@ -60,6 +60,8 @@ def main():
 
     env = gymnasium.make(options.env, render_mode="rgb_array", guard=True)
     observed, info = env.reset(seed=options.seed)
+    if options.policy == "towards" and env.action_space.shape != (2,):
+        parser.error(f"towards drives a base only, not {options.env}: choose another --env or policy")
     env.action_space.seed(options.seed)
     expert = Expert(env.unwrapped)
     policies = {
