@@ -135,7 +135,7 @@ def product(A: Array, B: Array) -> Array:
 
 
 @vectorize([types.float64(types.float64, types.float64)], cache=True)
-def _angle(y: float, x: float) -> float:
+def _angle(y: Any, x: Any) -> Any:
     return math.atan2(y, x)
 
 
