@@ -18,8 +18,8 @@ from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
-from motm_twin.model.known import KnownWorld
-from motm_twin.model.scene import Bin, Box, Cylinder, Prism
+from motm_twin.model.known import KnownWorld, known_solids
+from motm_twin.model.scene import Box, Cylinder, Prism
 
 IntArray = NDArray[np.int64]
 BODIES = ("elbow", "forearm", "wrist", "hand", "fingers", "held object")
@@ -67,14 +67,9 @@ class Balls(NamedTuple):
 
 def mapped_solids(known: KnownWorld) -> Solids:
     """Mapped furniture and bins, world frame."""
-    entries: list[tuple[str, Box | Cylinder | Prism, float, float]] = [
-        (solid.group or solid.name, solid.shape, solid.z_min, solid.z_max) for solid in known.solids
-    ]
-    entries += [
-        (item.name, Box(centre=item.centre, size=(item.side, item.side), yaw=item.yaw), *_heights(item))
-        for item in known.bins
-    ]
-    return _arrays(entries)
+    return _arrays(
+        [(solid.group or solid.name, solid.shape, solid.z_min, solid.z_max) for solid in known_solids(known)]
+    )
 
 
 def own_body(known: KnownWorld) -> Solids:
@@ -323,10 +318,6 @@ def solid_bounds(solids: Solids) -> Array:
         low, high = corners.min(axis=0) - solids.radius[k], corners.max(axis=0) + solids.radius[k]
         bounds[k] = low[0], high[0], low[1], high[1], solids.z[k, 0], solids.z[k, 1]
     return bounds
-
-
-def _heights(item: Bin) -> tuple[float, float]:
-    return item.floor_z, item.rim_z
 
 
 def _arrays(entries: list[tuple[str, Box | Cylinder | Prism, float, float]]) -> Solids:
