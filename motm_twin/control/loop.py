@@ -235,7 +235,9 @@ class ControlLoop(Stateful[LoopState]):
                 inputs = self._arm_inputs(observation, T_odom_world, plan, plan_poses, obstacles, wanted, k * dt)
                 step = self.manipulator.step(inputs)
             with stages.measure("monitor"):
-                verdict = self.monitor.check(step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp)
+                verdict = self.monitor.check(
+                    step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, floor=world.floor
+                )
             steps.append(step)
             samples.append(observation)
             reason = verdict.reason or reason

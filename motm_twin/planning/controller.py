@@ -8,6 +8,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
+from motm_twin.perception.floor import FRESH
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
@@ -91,6 +92,7 @@ class StaaController:
             next_table if next_table is not None else goal.table,
             self._job(problem, target),
             NO_POCKET,
+            self._sight(problem),
             moving,
         )
         cells = self._cell_sights(graph, field)
@@ -141,6 +143,15 @@ class StaaController:
             proximity = self._still.proximity(world) if grid else proximity
         field = self._graphs.field(world)
         return field, field._replace(value=np.array(proximity, dtype=np.float32)) if grid else field, moving
+
+    def _sight(self, problem: BaseProblem) -> search_memory.Sight:
+        """The floor that has been seen, for a lidar that does not see all round."""
+        floor, lidar = problem.world.floor, self._profile.lidar
+        if floor is None:
+            return search_memory.SEES_ALL
+        return search_memory.Sight(
+            floor.seen, *floor.corner, 1.0 / floor.resolution, FRESH, 0.5 * lidar.field_of_view, lidar.x, lidar.y
+        )
 
     def _bound(self) -> float:
         """What a plan must cost less than [s], to be of use. The paper knows none."""

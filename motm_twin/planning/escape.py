@@ -52,7 +52,7 @@ def half_sizes(body: Body) -> Array:
 
 
 def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits) -> Escape | None:
-    """The quickest of arcs and turns that leaves every occupied cell; else the one that leaves most; None: none does."""
+    """The quickest arc or turn that leaves every occupied cell, else the one that leaves most; None: none does."""
     cells, sizes, pad = overlapping_cells(world, pose, body), half_sizes(body), 0.5 * world.resolution
     start = rooms(pose, cells, sizes)
     overlap = float(np.maximum(0.0, pad - start).sum())
