@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
@@ -221,7 +222,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         pose[:, :2] = target.position[:2]
         pose[:, 2] = 0.0 if target.heading is None else target.heading
         pose[:, 2] += np.arange(count) * (2.0 * math.pi / count)
-        pose[:, 2] = np.arctan2(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
+        pose[:, 2] = angle_of(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
         return Candidates(
             "drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejections(pose, p.clearance, here)
         )
@@ -318,7 +319,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         if goal is None or self._state.target != (target.kind, target.name):
             return same
         distance = np.hypot(pose[:, 0] - goal[0], pose[:, 1] - goal[1])
-        swing = np.abs(np.angle(np.exp(1j * (pose[:, 2] - goal[2]))))
+        swing = turn_between(pose[:, 2], goal[2])
         nearest = int(np.argmin(distance + swing))
         if distance[nearest] <= SAME_PLACE and swing[nearest] <= SAME_HEADING:
             same[nearest] = 1.0
