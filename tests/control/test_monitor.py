@@ -158,9 +158,9 @@ def test_without_a_scan_that_was_found_good_the_base_stands():
 
 
 def floor_of(rear):
-    """Floor of which the lidar has seen everything but what is behind x = -0.4 m: that is ``rear``."""
+    """Floor of which the lidar has seen everything but what is behind its rear: that is ``rear``."""
     seen = np.full((60, 60), FRESH, np.uint8)
-    seen[:, :22] = rear
+    seen[:, :23] = rear
     return Floor(corner=(-1.5, -1.5), resolution=0.05, seen=seen)
 
 
