@@ -13,6 +13,7 @@ from motm_twin.perception.footprints import distance_to_shape
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.types import Target
 
+BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
 TABLE = 0.3  # [m] lower things do not carry objects
 DWELL = {"pick": 1.3, "place": 0.5, "drive": 0.0}  # [s] in reach that a job needs before the arm has begun it
 
@@ -56,6 +57,11 @@ class Targets:
         side = self.objects[held].side if held else 0.0
         if isinstance(task, Pick):
             position, yaw, sd, last_seen = self.tracker.belief(task.object, observation)
+            names, beside = self.tracker.beside(task.object, BESIDE, observation)
+            near = [
+                (*at, turn, self.objects[name].side, seen)
+                for name, (*at, turn, seen) in zip(names, beside, strict=True)
+            ]
             return ArmGoal(
                 kind="pick",
                 name=task.object,
@@ -64,6 +70,8 @@ class Targets:
                 side=self.objects[task.object].side,
                 position_sd=sd,
                 last_seen=last_seen,
+                neighbours=np.array(near).reshape(-1, 6),
+                neighbour_names=names,
             )
         if task is None or isinstance(task, DriveTo):
             return ArmGoal(
