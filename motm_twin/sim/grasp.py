@@ -16,7 +16,7 @@ RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
 TILT = math.radians(30.0)  # of the tool axis from straight down
 
 EDGE = 0.003  # [m] of a cube under the tip of a finger that comes down, from which the tip does not slide off
-FROM_ABOVE = 0.006  # [m] below the top of a cube, down to which a tip has just come from above
+FROM_ABOVE = 2e-4  # [m] that a finger may be deeper below the top of a cube than it has just come down
 
 PUSH_PER_STEP = 0.005  # [m] by which a finger shifts a cube within one substep, at most
 QUARTER_TURN = 0.5 * math.pi
@@ -91,11 +91,11 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
     return True
 
 
-def under(rotation: Array, hand: Array, item: ObjectState, width: float, *, before: bool) -> bool:
-    """Whether a finger stands on a cube: it has come down on it, or did ``before`` and has not left it yet."""
+def under(rotation: Array, hand: Array, item: ObjectState, width: float, *, sunk: float) -> bool:
+    """Whether a finger stands on a cube: it came down on it by ``sunk`` [m] in this substep; inf: it did before."""
     local = transposed_times(rotation, item.position - hand)
     for out, deep in _overlaps(rotation, local, item, width):
-        if before or (deep < FROM_ABOVE and math.hypot(out[0], out[1]) > EDGE):
+        if deep < sunk + FROM_ABOVE and (sunk == math.inf or math.hypot(out[0], out[1]) > EDGE):
             return True
     return False
 

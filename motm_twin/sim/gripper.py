@@ -116,20 +116,21 @@ class Gripper:
                 continue
             if item.state == "falling" or item.state.startswith("binned:"):
                 continue
-            self._touch(state, rotation, hand, item, cubes, solids)
+            self._touch(state, rotation, hand, -float(tcp_velocity[2]) * self.dt, item, cubes, solids)
 
     def _touch(
         self,
         state: GripperState,
         rotation: Array,
         hand: Array,
+        sunk: float,
         item: ObjectState,
         cubes: Sequence[ObjectState],
         solids: Solids,
     ) -> None:
         """A finger stands on a cube, or pushes it and what is behind it; or furniture is behind it, and all stays."""
         stood = item.name in state.under
-        if under(rotation, hand, item, state.width, before=stood):
+        if under(rotation, hand, item, state.width, sunk=math.inf if stood else max(0.0, sunk)):
             if not stood:
                 state.under = (*state.under, item.name)
             return

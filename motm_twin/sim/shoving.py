@@ -14,6 +14,7 @@ from motm_twin.sim.solids import Solids
 
 _LEVEL = 0.1  # [m] between the centres of cubes that may touch each other
 _MOST = 40  # cubes moved by one push: more of them are wedged
+_ROUNDING = 1e-9  # [m] of overlap that is none
 _CONTACT = 1e-4  # [m] by which what touches may overlap
 
 
@@ -55,7 +56,9 @@ def _aside(item: ObjectState, mover: ObjectState) -> Array | None:
     face = transposed_times(mover.rotation, item.rotation[:, 0])
     half = 0.5 * mover.side - _CONTACT
     out = separation(offset[:2], half, half, 0.5 * item.side, face[:2] / math.hypot(face[0], face[1]))
-    return None if out is None else times(mover.rotation[:2, :2], out)
+    if out is None or math.hypot(out[0], out[1]) < _ROUNDING:
+        return None
+    return times(mover.rotation[:2, :2], out)
 
 
 def _in_solid(item: ObjectState, solids: Solids) -> bool:
