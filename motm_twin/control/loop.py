@@ -29,6 +29,7 @@ from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.controller import ESCAPING
 from motm_twin.planning.planner import BasePlanner
+from motm_twin.planning.rejections import NO_PATH
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
 
 PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
@@ -121,9 +122,10 @@ class ControlLoop(Stateful[LoopState]):
             placement = self.planner.place(problem)
         with stages.measure("plan"):
             plan = self.by_hand.plan(problem) or self.planner.drive(problem, placement, budget or self.settings.budget)
-        blocked = placement.mode == "closest" and plan.status == "idle"
+        waits = placement.mode == "closest" and plan.status == "idle"
+        blocked = "" if not waits else "no way to it" if NO_PATH in placement.rejected else "not free"
         in_reach = plan.time_to_range == 0.0
-        outside = (blocked or placement.chosen < 0) and self._outside(problem.target)
+        outside = (waits or placement.chosen < 0) and self._outside(problem.target)
         busy, why = self.manipulator.busy, self._state.waiting
         events = list(
             self.sequence.watch(

@@ -14,7 +14,7 @@ from motm_twin.control.sequence import TaskSequence
 from motm_twin.model.geometry import Array
 from motm_twin.planning.types import BasePlan, Placement, Recovery
 
-BACK_OFF, LOOK, TIGHT, TIGHTEST, ELSEWHERE = 5.0, 8.0, 11.0, 14.0, 19.0  # [s] without progress, when each begins
+BACK_OFF, LOOK, TIGHT, TIGHTEST, ELSEWHERE = 3.0, 5.0, 6.0, 8.0, 12.0  # [s] without progress, when each begins
 KEEPS = 8.0  # [s] of progress after which a way that needed less room is done with
 GAIN = 0.2  # [s] by which the way left must be shorter than ever before
 RELOCATED = 0.5  # [m] by which the place to go to must move to count as another

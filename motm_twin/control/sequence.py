@@ -155,12 +155,12 @@ class TaskSequence(Stateful[SequenceState]):
 
     def watch(
         self, time: float, in_reach: bool, pose: Array, *,
-        blocked: bool = False, outside: bool = False, busy: bool = False, why: str = "",
+        blocked: str = "", outside: bool = False, busy: bool = False, why: str = "",
     ) -> tuple[Event, ...]:  # fmt: skip
         """Once per period: end drive_to tasks on arrival; give up what cannot be done or makes no progress in reach.
 
-        ``blocked``: the base stands at the free place that is closest to a point it cannot get to; ``outside``: it gets
-        no nearer to a target outside the map; ``busy``: the fingers close, lift or let go now, and will have done in a
+        ``blocked``: why the base stands at the free place closest to a point, and not there; ``outside``: it gets no
+        nearer to a target outside the map; ``busy``: the fingers close, lift or let go now, and will have done in a
         moment, so nothing is given up; ``why``: the arm waits. The most frequent reason is told.
         """
         task, state = self.active, self._state
@@ -181,14 +181,14 @@ class TaskSequence(Stateful[SequenceState]):
             return self._watch_drive(task, time, blocked=blocked)
         return self._watch_reach(task, time, pose, in_reach, why)
 
-    def _watch_drive(self, task: DriveTo, time: float, *, blocked: bool) -> tuple[Event, ...]:
+    def _watch_drive(self, task: DriveTo, time: float, *, blocked: str) -> tuple[Event, ...]:
         state = self._state
         if not blocked:
             state.in_reach_since = None
         elif state.in_reach_since is None:
             state.in_reach_since = time
         elif time - state.in_reach_since > DRIVE_LIMIT:
-            return self._give_up(time, f"drive to {name_of(task)}: not free for {DRIVE_LIMIT:.0f} s")
+            return self._give_up(time, f"drive to {name_of(task)}: {blocked} for {DRIVE_LIMIT:.0f} s")
         return ()
 
     def _watch_reach(self, task: Task, time: float, pose: Array, in_reach: bool, why: str) -> tuple[Event, ...]:

@@ -26,7 +26,7 @@ from motm_twin.planning.global_path import (
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import OUTSIDE, REASONS, Here, in_sight, leaves_room, may_move, rejections
+from motm_twin.planning.rejections import NO_PATH, OUTSIDE, REASONS, Here, in_sight, leaves_room, may_move, rejections
 from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.room import room_for
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
@@ -282,7 +282,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         onward[viable] = costs_on(graph, to_next, poses) if to_next is not None else 0.0
         blocked = viable & ~np.isfinite(current)
         for i in np.flatnonzero(blocked):
-            candidates.rejected[i] = "no path"
+            candidates.rejected[i] = NO_PATH
         onward[~np.isfinite(onward) & viable & ~blocked] = _no_way_on(onward)
         onward[blocked] = np.inf
         return current, onward
@@ -396,6 +396,8 @@ def _outside(target: Target, here: Here) -> str:
 def _not_free(candidates: Candidates) -> str:
     """Why the base cannot stand at a point of the map with any heading."""
     reasons = {why for why in candidates.rejected if why}
+    if NO_PATH in reasons:
+        return "free, but there is no way to it that is wide enough"
     return "too close to the edge of the map" if reasons == {REASONS[OUTSIDE]} else "not free"
 
 
