@@ -5,16 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.model.geometry import Array, to_frame
+from motm_twin.model.geometry import Array, drive, to_frame
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.collision import Body
+from motm_twin.planning.collision import Body, Field, clearances
 from motm_twin.planning.kernel import kernel
 
 STEPS = 40  # of each motion that is tried
 TURN = 0.5 * math.pi  # [rad] the farthest turn in place that is tried
 DEEP = 0.03  # [m] inside the footprint: no noise
 TOLERANCE = 0.01  # [m] a cell may come deeper: its centre is known no better
+MORE_ROOM = 0.05  # [m] that backing off must bring
 SPEED_SHARE = 0.5  # of the reverse speed (without one, of the forward speed), and of the yaw rate
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # of the arcs that are tried, times the inverse of the outer radius
 
@@ -71,6 +72,42 @@ def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits) ->
             times = np.arange(steps + 1) * (duration / STEPS)
             best, found = rank, Escape(twist, path[: steps + 1].copy(), times, left == 0.0)
     return found
+
+
+def find_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> Escape | None:
+    """The arc, not longer than the outer radius, at whose end there is most room; None: not clearly more than here.
+
+    It keeps ``floor`` [m] of clearance, or what there is here.
+    """
+    here = float(clearances(pose[None], 1.0, field, body)[0])
+    most, found = here + MORE_ROOM, None
+    for twist in _twists(body, limits):
+        if twist[0] == 0.0:
+            continue
+        times = np.linspace(0.0, body.outer / abs(twist[0]), STEPS // 2)
+        poses = _driven(pose, twist, times)
+        room = clearances(poses, 1.0, field, body)
+        if room.min() >= min(floor, here - 1e-3) and room[-1] > most:
+            most, found = float(room[-1]), Escape(twist, poses, times, True)
+    return found
+
+
+def find_turn(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> Escape | None:
+    """The turn in place by a quarter that keeps more room, at least ``floor`` [m] or what there is here; None: none."""
+    here = float(clearances(pose[None], 1.0, field, body)[0])
+    most, found = min(floor, here - 1e-3), None
+    for twist in _twists(body, limits)[-2:]:
+        times = np.linspace(0.0, TURN / abs(twist[1]), STEPS // 2)
+        poses = _driven(pose, twist, times)
+        room = float(clearances(poses, 1.0, field, body).min())
+        if room >= most and (found is None or room > most):
+            most, found = room, Escape(twist, poses, times, True)
+    return found
+
+
+def _driven(pose: Array, twist: Array, times: Array) -> Array:
+    """Poses (n, 3) at times (n,) [s] of a constant twist."""
+    return np.array([drive(pose, float(twist[0]), float(twist[1]), float(time)) for time in times])
 
 
 def _twists(body: Body, limits: BaseLimits) -> list[Array]:
