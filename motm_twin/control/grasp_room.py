@@ -15,6 +15,7 @@ from motm_twin.control.arm_reference import QUARTER, cube_yaw, tool_rotation
 from motm_twin.control.furniture import (
     FINGERS,
     HAND_BODY,
+    HELD,
     IntArray,
     arm_balls,
     mapped_solids,
@@ -64,7 +65,7 @@ class GraspRoom:
         self._arrays = (solids.first, solids.vertices, solids.radius, solids.z, solid_bounds(solids))
         self._keep = np.array([parameters.furniture_d_s, parameters.fingers_d_s])
         balls = arm_balls()
-        hand = ((balls.body == HAND_BODY) | (balls.body == FINGERS)) & (balls.frame == HAND)
+        hand = (balls.body >= HAND_BODY) & (balls.body < HELD) & (balls.frame == HAND)
         self._hand = np.flatnonzero(hand)
         self._balls = balls
 
@@ -127,7 +128,7 @@ def _clearances(
             for up in _WAY:
                 height = target[2] + _HAND - centre[i, 2] + up
                 d, _, _, _ = solid_distance(x, y, height, k, first, vertices, radius, z)
-                d -= ball_radius[i] + (keep[1] if body[i] == FINGERS else keep[0])
+                d -= ball_radius[i] + (keep[1] if body[i] >= FINGERS else keep[0])
                 if d < best:
                     best, which = d, k
     nearest, who = np.inf, -1
