@@ -26,6 +26,7 @@ from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.controller import ESCAPING
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
 
@@ -197,7 +198,11 @@ class ControlLoop(Stateful[LoopState]):
 
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
         """Why the base stands, or is not driven by its plan; "" when it is."""
-        return plan.reason if plan.status == by_hand.STATUS else standing(self.sequence, plan, step, observation)
+        return (
+            plan.reason
+            if plan.status in (by_hand.STATUS, ESCAPING)
+            else standing(self.sequence, plan, step, observation)
+        )
 
     def _outside(self, target: Target | None) -> bool:
         """The target is outside the map."""

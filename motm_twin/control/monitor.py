@@ -19,6 +19,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
+_DEEP = 0.03  # [m] inside the footprint: three standard deviations of a range, so that it is no noise
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 _NO_SCAN = Scan(
     stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
@@ -118,10 +119,16 @@ class Monitor(Stateful[MonitorState]):
         return min(max((p.stop_age - age) / (p.stop_age - p.slow_age), 0.0), 1.0)
 
     def _braking(self, twist: Array, observation: Observation) -> str:
-        assert observation.scan is not None
-        ranges, v, base = observation.scan.ranges, abs(float(twist[0])), self.profile.base
+        scan = observation.scan
+        assert scan is not None
+        ranges, v, base = scan.ranges, abs(float(twist[0])), self.profile.base
+        overlap = deepest(
+            near_points(ranges, scan.angle_min, scan.angle_step, scan.origin, self._corner), self._rectangle
+        )
+        if overlap > 0.0:
+            return f"stopped: something that the lidar sees is {overlap:.2f} m inside the base, which may only leave it"
         way = v * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
-        nearest = float(ranges[ranges > observation.scan.range_min].min(initial=math.inf))
+        nearest = float(ranges[ranges > scan.range_min].min(initial=math.inf))
         return (
             f"braking from {v:.2f} m/s and {abs(float(twist[1])):.1f} rad/s: something that the lidar sees, "
             f"the nearest {nearest:.2f} m from it, is in the stopping way of {way:.2f} m"
@@ -157,7 +164,7 @@ def _examine(
     for k in range(rates.shape[0]):
         rates[k] = arm_share * min(max(asked_rates[k], -DQ_MAX[k]), DQ_MAX[k])
     b, v, w = base[0], twist[0], twist[1]
-    if ranges.shape[0] == 0 or (abs(v) < 1e-3 and abs(w) < 1e-3):
+    if ranges.shape[0] == 0 or (v == 0.0 and w == 0.0):
         return True, -1, -1
     reach = abs(v) * b.velocity_lag + v * v / (2.0 * b.linear_acceleration) + corner + _MARGIN_OF_REACH
     if moved:
@@ -232,13 +239,18 @@ def points_in_stop(
     rectangle: Array,
     margin: float,
 ) -> int:
-    """Most points that are within the footprint at once while the base stops from (v, w), and are not so already.
+    """Most points that the footprint comes too near to at once while the base stops from (v, w).
 
-    The stop: constant twist for the lag, then deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the
-    turn goes on until the base has come to rest. `rectangle`: half length, half width, offset of the footprint [m].
+    A point outside the margin [m] may not come inside it. A point inside the margin, or inside the footprint, may not
+    come any deeper: only motion that makes an overlap smaller is free. The stop: constant twist for the lag, then
+    deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the turn goes on until the base has come to rest.
+    `rectangle`: half length, half width, offset of the footprint [m].
     """
     dt = 0.05
-    half_length, half_width, offset = rectangle[0] + margin, rectangle[1] + margin, rectangle[2]
+    half_length, half_width, offset = rectangle[0], rectangle[1], rectangle[2]
+    allowed = np.empty(points.shape[0])
+    for i in range(points.shape[0]):
+        allowed[i] = min(margin, _room(points[i, 0] - offset, points[i, 1], half_length, half_width) - _ROUNDING)
     worst = 0
     x = 0.0
     y = 0.0
@@ -259,12 +271,32 @@ def points_in_stop(
         s = math.sin(heading)
         count = 0
         for i in range(points.shape[0]):
-            px = points[i, 0]
-            py = points[i, 1]
-            if abs(px - offset) <= half_length and abs(py) <= half_width:
-                continue
-            dx = px - x
-            dy = py - y
-            if abs(c * dx + s * dy - offset) <= half_length and abs(c * dy - s * dx) <= half_width:
+            dx = points[i, 0] - x
+            dy = points[i, 1] - y
+            if _room(c * dx + s * dy - offset, c * dy - s * dx, half_length, half_width) < allowed[i]:
                 count += 1
         worst = max(worst, count)
+
+
+@njit(cache=True)
+def _room(x: float, y: float, half_length: float, half_width: float) -> float:
+    """Room [m] between a point and a rectangle about the origin, by its nearest side; negative inside.
+
+    Deep inside it is the way out along both axes, which also falls while a base drives on along its nearest side.
+    """
+    along, across = abs(x) - half_length, abs(y) - half_width
+    nearest = max(along, across)
+    return nearest if nearest > -_DEEP else along + across
+
+
+@njit(cache=True)
+def deepest(points: Array, rectangle: Array) -> float:
+    """How deep [m] the second deepest of the points (m, 2) is inside the footprint; one alone may be noise."""
+    first, second = 0.0, 0.0
+    for i in range(points.shape[0]):
+        depth = -max(abs(points[i, 0] - rectangle[2]) - rectangle[0], abs(points[i, 1]) - rectangle[1])
+        if depth > first:
+            first, second = depth, first
+        elif depth > second:
+            second = depth
+    return second

@@ -15,8 +15,8 @@ from motm_twin.perception.clusters import calm, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.occupancy import (
     Evidence,
+    clear_footprint,
     clear_rays,
-    clear_rectangle,
     mark_hits,
     no_evidence,
     settle,
@@ -38,7 +38,7 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
     forget: float = 3.0  # [s] what was not static and is not seen again goes: the trail of an agent out of sight
     proximity_width: float = 0.12  # [m] penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)
     proximity_blur: int = 1  # [cells] each way
-    body_shrink: float = 0.05  # [m] cells this far inside the robot's own footprint are free
+    body_shrink: float = 0.05  # [m] cells this far inside the robot's own footprint are under it
 
 
 @dataclass
@@ -164,6 +164,7 @@ class Mapper(Stateful[MapperState]):
         mark_hits(
             evidence.level,
             evidence.last_hit,
+            evidence.outside,
             hit_now,
             self.base.visible_distance,
             self._inside,
@@ -189,14 +190,9 @@ class Mapper(Stateful[MapperState]):
             now_ms,
             self._frame,
         )
-        clear_rectangle(
-            evidence.level,
-            scan.pose,
-            body.length / 2.0 - settings.body_shrink,
-            body.width / 2.0 - settings.body_shrink,
-            body.offset_x,
-            self._frame,
-        )
+        shrink = settings.body_shrink
+        inner = np.array([body.length / 2.0 - shrink, body.width / 2.0 - shrink, body.offset_x])
+        clear_footprint(evidence.level, evidence.outside, hit_now, occupied, scan.pose, inner, self._frame)
         return settle(
             occupied,
             evidence.level,

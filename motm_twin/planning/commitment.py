@@ -19,7 +19,7 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
-from motm_twin.planning.controller import StaaController
+from motm_twin.planning.controller import ESCAPING, StaaController
 from motm_twin.planning.kernel import kernel
 from motm_twin.planning.pocket import NO_POCKET, in_pocket, settle_pocket
 from motm_twin.planning.prediction import at_half_steps, gap_to
@@ -99,7 +99,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         """The plan of this period, or what is left of the one before when that is not dearer."""
         self._rest = self._rest_of_kept(problem, placement)
         found = super().plan(problem, placement, budget)
-        if found.status == "idle" or problem.target is None:
+        if found.status in ("idle", ESCAPING) or problem.target is None:
             self._state = CommitmentState()
             return found
         rest = self._rest

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
@@ -13,6 +14,7 @@ from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.escape import depth_of, find_escape, overlapping_cells
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.pocket import NO_POCKET
@@ -25,6 +27,7 @@ from motm_twin.planning.visibility import Graph
 
 CLOCK_CHUNK = 32  # expansions between two looks at the clock
 STILL_V = 1e-3  # [m/s]
+ESCAPING = "escaping"  # status of a plan that leaves an overlap
 
 
 class StaaController:
@@ -65,6 +68,8 @@ class StaaController:
         if target is None or placement.mode == "none":
             return self._idle(problem, field, "there is nothing to do")
         self._asked = (problem, placement)
+        if self._overlap(problem, field) > problem.world.resolution:
+            return self._escape(problem, field)
         graph = self._graphs.graph(problem.world, self._p.growth)
         goal = self._local_goal(problem, placement, graph)
         if placement.chosen < 0:
@@ -101,6 +106,8 @@ class StaaController:
             why = f"no way to {target.name}: every gap on it is narrower than {2.0 * self._p.growth:.2f} m"
             return self._brake(problem, field, why, goal, expansions, cut=cut)
         if solution < 0 and settings.bound == math.inf:
+            if self._overlap(problem, field) > 0.0:
+                return self._escape(problem, field)
             why = self._no_motion(problem, target, field, expansions)
             return self._brake(problem, field, why, goal, expansions, cut=cut)
         branch = search_memory.branch_to(memory, max(solution, 0))
@@ -265,10 +272,31 @@ class StaaController:
         if problem.engaged:
             return f"no motion of the base keeps {target.name} in reach of the arm: braking"
         room = float(clearances(np.array(problem.pose, dtype=np.float64)[None], 1.0, field, self._body)[0])
-        if room < 0.0:
-            return f"the base is {-room:.2f} m inside what the map or the lidar shows, and finds no way out: braking"
         return (
             f"no collision-free motion towards {target.name} ({expansions} tried, {room:.2f} m of clearance): braking"
+        )
+
+    def _overlap(self, problem: BaseProblem, field: Field) -> float:
+        """How deep [m] the deepest occupied cell is inside the footprint; negative or 0 when none is."""
+        pose = np.array(problem.pose, dtype=np.float64)
+        if clearances(pose[None], 1.0, field, self._body)[0] >= problem.world.resolution:
+            return 0.0
+        cells = overlapping_cells(problem.world, pose, self._body)
+        return depth_of(cells, pose, self._body) + 0.5 * problem.world.resolution
+
+    def _escape(self, problem: BaseProblem, field: Field) -> BasePlan:
+        """Leave what the footprint overlaps, or stand."""
+        deep = f"the base overlaps what the map or the lidar shows by {self._overlap(problem, field):.2f} m"
+        found = find_escape(problem.world, np.array(problem.pose, dtype=np.float64), self._body, self._limits)
+        if found is None:
+            return self._stop(problem, field, "braking", f"{deep}, and no motion makes that less: standing", None, 0)
+        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
+        twists = np.broadcast_to(found.twist, (len(found.poses), 2))
+        return msgspec.structs.replace(
+            self._stop(problem, field, ESCAPING, f"{deep}: backing out", None, 0),
+            acceleration=frozen(np.clip((found.twist - problem.twist) / problem.period, -most, most)),
+            local_poses=frozen(np.column_stack((found.poses, twists))),
+            local_times=frozen(found.times),
         )
 
     def _next_path(self, placement: Placement, graph: Graph, table: Table | None) -> Array:

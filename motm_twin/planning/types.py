@@ -67,7 +67,7 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What the base does in this period, and the plan behind it."""
 
     acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
-    status: str  # "goal" (a node satisfied the termination) | "aborted" (best node) | "braking" (queue dry) | "idle"
+    status: str  # "goal" (a node ends the search) | "aborted" (best node) | "braking" (queue dry) | "escaping" | "idle"
     reason: str  # one sentence whenever the robot brakes, waits or idles; else ""
     global_path: Array  # robot to goal, shape (m, 2)
     next_path: Array  # goal to next target, shape (k, 2)

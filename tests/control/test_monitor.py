@@ -109,6 +109,30 @@ def test_backing_away_from_a_wall_that_touches_is_allowed():
     assert verdict.actuation.twist[0] == pytest.approx(-0.2)
 
 
+def test_a_base_that_overlaps_a_wall_may_only_leave_it():
+    """Points inside the footprint were left out: the base drove on into what it touched."""
+    for wall in (0.345, 0.30, 0.10):
+        ahead = speed_up(Monitor(RobotProfile()), observation(wall=wall), 0.1, 0.0)
+        assert np.all(ahead.actuation.twist == 0.0)
+        assert "inside the base" in ahead.reason
+        back = speed_up(Monitor(RobotProfile()), observation(wall=wall), -0.1, 0.0)
+        assert back.actuation.twist[0] == pytest.approx(-0.1)
+        assert back.reason == ""
+
+
+def test_a_base_does_not_creep_into_a_wall_that_is_inside_its_margin():
+    monitor = Monitor(RobotProfile())
+    verdict = speed_up(monitor, observation(wall=0.355), 0.0005, 0.0)
+    assert verdict.actuation.twist[0] == 0.0
+
+
+def test_a_base_that_stands_in_a_corner_of_two_walls_stands_and_says_so():
+    points = np.array([[0.30, 0.0], [0.31, 0.1], [-0.30, 0.0], [-0.31, 0.1]])
+    rectangle = np.array([0.35, 0.25, 0.0])
+    for v, w in ((0.1, 0.0), (-0.1, 0.0)):
+        assert points_in_stop(points, v, w, 0.5, 1.75, 0.1, False, rectangle, 0.01) >= 2
+
+
 def test_numbers_that_are_not_finite_stop_the_robot():
     verdict = check(Monitor(RobotProfile()), asking(0.1), observation(pose=(math.nan, 0.0, 0.0)))
     assert "not finite" in verdict.reason
