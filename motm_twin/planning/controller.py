@@ -16,7 +16,7 @@ from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.escape import depth_of, find_escape, overlapping_cells
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
-from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.parameters import PlanningParameters, fitted, growth
 from motm_twin.planning.pocket import NO_POCKET
 from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
@@ -48,7 +48,8 @@ class StaaController:
         self._still = still
         self._profile = profile
         self._limits = profile.base
-        self._p = parameters.staa
+        self._p = fitted(parameters.staa, profile)
+        self._growth = growth(profile.footprint, parameters.staa)
         self._next_weight = parameters.placement.next_weight
         self._reach = ReachModel(profile, parameters.reach)
         self._body = body_of(profile.footprint)
@@ -70,7 +71,7 @@ class StaaController:
         self._asked = (problem, placement)
         if self._overlap(problem, field) > problem.world.resolution:
             return self._escape(problem, field)
-        graph = self._graphs.graph(problem.world, self._p.growth)
+        graph = self._graphs.graph(problem.world, self._growth)
         goal = self._local_goal(problem, placement, graph)
         if placement.chosen < 0:
             return self._brake(problem, field, placement.reason, goal, 0)
@@ -78,8 +79,8 @@ class StaaController:
             return self._idle(problem, field, placement.reason.replace("driving to", "waiting at"))
         next_table = self._next_table(graph, placement)
         settings = search_settings(
-            self._p, self._limits, problem, placement, goal, has_next=next_table is not None, bound=self._bound(),
-            next_weight=self._next_weight,
+            self._p, self._limits, self._body, problem, placement, goal, has_next=next_table is not None,
+            next_weight=self._next_weight, bound=self._bound(),
         )  # fmt: skip
         still, proximity, moving = self._ahead(problem)
         world = search_memory.World(
@@ -103,7 +104,7 @@ class StaaController:
         solution = int(memory.count[search_memory.SOLUTION])
         expansions = int(memory.count[search_memory.EXPANSIONS])
         if not goal.path_found:
-            why = f"no way to {target.name}: every gap on it is narrower than {2.0 * self._p.growth:.2f} m"
+            why = f"no way to {target.name}: every gap on it is narrower than {2.0 * self._growth:.2f} m"
             return self._brake(problem, field, why, goal, expansions, cut=cut)
         if solution < 0 and settings.bound == math.inf:
             if self._overlap(problem, field) > 0.0:
@@ -163,7 +164,7 @@ class StaaController:
 
     def unmodified_path(self, problem: BaseProblem, placement: Placement) -> Array:
         """The global path that unmodified STAA* would take to the same goal, shape (m, 2) [m]."""
-        graph = self._graphs.graph(problem.world, self._p.growth)
+        graph = self._graphs.graph(problem.world, self._growth)
         return frozen(shortest_path(graph, problem.pose, placement.goal, self._limits))
 
     def _search(

@@ -23,7 +23,7 @@ from motm_twin.planning.global_path import (
     rates_of,
     robot_table,
 )
-from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.parameters import PlanningParameters, growth
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.rejections import OUTSIDE, REASONS, Here, leaves_room, may_move, rejections
 from motm_twin.planning.rings import ring, spokes
@@ -31,7 +31,8 @@ from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
 from motm_twin.planning.visibility import Graph
 
 SAME_PLACE, SAME_HEADING = 0.06, 0.15  # [m], [rad] a candidate this near to the last choice is the same choice
-CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position
+CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position: what stands about is as large,
+CLOSEST_ROUND = 3.5  # [m] and a base that is larger than Frankie needs this much round itself
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -72,6 +73,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
 
     def __init__(self, profile: RobotProfile, parameters: PlanningParameters, graphs: GraphCache | None = None) -> None:
         self._body = body_of(profile.footprint)
+        self._growth = growth(profile.footprint, parameters.staa)
         self._mount_offset = math.hypot(profile.arm.mount_x, profile.arm.mount_y)
         self._parameters = parameters
         self._reach = ReachModel(profile, parameters.reach)
@@ -92,7 +94,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             self._state = PlacementState()
             return _nothing_to_do(problem.pose)
         target = problem.target
-        graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
+        graph = self._graphs.graph(problem.world, self._growth)
         here = Here(problem.world, self._graphs.field(problem.world), self._body, graph)
         from_robot = robot_table(graph, problem.pose, self._rates)
         next_poses = self._next_poses_kept(problem.next_target, here)
@@ -202,9 +204,9 @@ class NextTargetPlacement(Stateful[PlacementState]):
         """Rooms [m] to be left where the base waits, the wanted one first."""
         return (self._parameters.placement.room, 0.0) if len(may_move(here.world)) else (0.0,)
 
-    def _closest(self, target: Target, here: Here, room: float, within: float = CLOSEST_MAX):
+    def _closest(self, target: Target, here: Here, room: float, within: float = math.inf):
         p = self._parameters.placement
-        for radius in np.arange(0.0, CLOSEST_MAX, CLOSEST_STEP):
+        for radius in np.arange(0.0, max(CLOSEST_MAX, self._body.reach + CLOSEST_ROUND), CLOSEST_STEP):
             if radius > within:
                 return
             pose, place, place_of = spokes(target.position, radius, p.positions, 4)

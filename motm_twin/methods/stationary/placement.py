@@ -136,7 +136,7 @@ class StationaryPlacement(NextTargetPlacement):
 
     def _decide(self, problem: BaseProblem, target: Target, refused: Array) -> Placement | None:
         """The cheapest candidate, with those of the other directions; None when none is free."""
-        graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
+        graph = self._graphs.graph(problem.world, self._growth)
         here = Here(problem.world, field_of(problem.world), self._body, graph)
         from_robot = robot_table(graph, problem.pose, self._rates)
         to_next = self._to_next(problem.next_target, here)
