@@ -9,7 +9,7 @@ import sys
 
 import msgspec
 
-from motm_twin.bus.keys import DEFAULT_TWIN, Keys
+from motm_twin.bus.keys import DEFAULT_TWIN, Keys, spoken_on
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.running import all_running
 from motm_twin.bus.session import LOOPBACK, open_client
@@ -23,7 +23,7 @@ def server_state(endpoint: str, twin: str) -> str | None:
     keys = Keys(twin)
     with open_client(endpoint) as session:
         for reply in session.get(keys.status, timeout=TIMEOUT):
-            if reply.ok is not None:
+            if reply.ok is not None and spoken_on(reply.ok, keys.status):
                 return msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage).state
     return None
 

@@ -66,13 +66,15 @@ def free_port(host: str = LOOPBACK) -> int:
     raise PortTaken(host, port, f"so were {TRIES - 1} others")
 
 
-def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = ()) -> zenoh.Session:
-    """A session that listens on one TCP port, and alone speaks on the keys ``own``. Raises as `require_free_port`.
+def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = (), asks: Sequence[str] = ()) -> zenoh.Session:
+    """A session that listens on one TCP port, and alone speaks on the keys ``own`` and asks on ``asks``.
+
+    Raises as `require_free_port`.
 
     It connects to nobody, unless the configuration file names a router.
     """
     require_free_port(host, port, "choose another one with --zenoh-port (0 takes any free one)")
-    return zenoh.open(session_config(listen=[f"tcp/{host}:{port}"], connect=[], mode="peer", own=own))
+    return zenoh.open(session_config(listen=[f"tcp/{host}:{port}"], connect=[], mode="peer", own=own, asks=asks))
 
 
 def open_client(endpoint: str) -> zenoh.Session:
