@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from rich.console import Console
 from tyro.conf import Positional
 
 from motm_twin import __version__
 from motm_twin.bench.paper.cli_paper import paper
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
-from motm_twin.console import table_console
+from motm_twin.console import plain_console, table_console
 from motm_twin.external.cli_robot import robot
 from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.methods.error import MethodError
@@ -281,7 +280,7 @@ def _called() -> int:
             description="Reactive manipulation on the move, as a digital twin. --version says which.",
         )
     except (SceneError, SessionError, ConfigError, MethodError) as error:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)
+        plain_console(stderr=True).print(f"motm-twin: {error}", markup=False)
         return BAD_INPUT
 
 

@@ -18,6 +18,7 @@ from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.process import setter
 from motm_twin.bus.running import Running, note
 from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
+from motm_twin.console import plain_console
 from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import folder_problem
@@ -53,7 +54,7 @@ def serve(
 
     0: ended on request. 1: a process died again and again. 2: bad input, such as a port that is taken.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = plain_console()
     token = token or os.environ.get("MOTM_TOKEN") or None
     load_scene(scene, variant, seed)
     methods = MethodLibrary(method)
@@ -112,7 +113,7 @@ def serve_recording(
 
     ``player``: arguments of `record.player_process`, the file first.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = plain_console()
     token = token or os.environ.get("MOTM_TOKEN") or None
     try:
         Keys(twin)

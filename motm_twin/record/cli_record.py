@@ -11,6 +11,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
+from motm_twin.console import plain_console
 from motm_twin.record.session import SessionError
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
@@ -53,7 +54,7 @@ def record(
         return BAD_INPUT
     arguments = ["--twin", twin, "--endpoint", endpoint, "--out", out, "--wait", str(wait), "--answer", str(ANSWER)]
     arguments += [] if seconds is None else ["--seconds", str(seconds)]
-    console = Console(highlight=False, soft_wrap=True)
+    console = plain_console()
     command = [sys.executable, "-m", "motm_twin.record.recorder_process", *arguments]
     code = FAILED
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own module
@@ -83,13 +84,13 @@ def _tell(console: Console, event: dict) -> None:
             console.print(f"recorded {event['file']}, {size}{lost}", markup=False)
         case "failed":
             text = f"the recording has stopped: {event['text']}; the {size} before can be read"
-            Console(stderr=True, highlight=False, soft_wrap=True).print(text, style="red", markup=False)
+            plain_console(stderr=True).print(text, style="red", markup=False)
         case "refused":
             _tell_refused(event["text"])
 
 
 def _tell_refused(text: str) -> None:
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = plain_console(stderr=True)
     console.print(f"motm-twin record: {text}", style="red", markup=False)
 
 
@@ -191,7 +192,7 @@ def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-
     left_out = [f"{found.lost_bytes} bytes of an unfinished end"] if found.lost_bytes else []
     if found.broken_chunks:
         left_out.append(f"{found.broken_chunks} broken {'chunk' if found.broken_chunks == 1 else 'chunks'}")
-    Console(highlight=False, soft_wrap=True).print(
+    plain_console().print(
         f"{found.file}: {found.messages} messages, {found.seconds:.1f} s, verified; "
         + f"left out: {' and '.join(left_out) or 'nothing'}"
         + (" (the file was complete already)" if found.was_complete else ""),
