@@ -12,9 +12,10 @@ from websockets.asyncio.client import connect
 
 from motm_twin.bench.page_client import PageReader
 from motm_twin.bus.session import PortTaken, free_port
-from motm_twin.ui.guard import check_token, open_page, page_url
+from motm_twin.ui.guard import Guard, check_token, open_page, page_url
 
 TOKEN = "0123456789abcdef0123456789abcdef"
+OTHER_TOKEN = TOKEN[::-1]
 
 
 @pytest.fixture
@@ -123,6 +124,47 @@ def test_the_token_in_the_address_becomes_a_cookie_that_opens_page_and_websocket
     assert get(secret, Cookie=pair).status == 200
     assert websocket_opens(secret, origin=f"http://127.0.0.1:{port}", cookie=pair)
     assert not websocket_opens(secret, origin="http://evil.example", cookie=pair)
+
+
+@pytest.mark.parametrize("path", ["/", "/healthz", "/nothing", f"/?token={TOKEN}"])
+def test_no_other_page_can_show_this_one_in_a_frame(secret, local, path):
+    """A click into a frame that cannot be seen would drive the robot."""
+    port = secret.get_port()
+    cookie = {"Cookie": f"motm_token_{port}={TOKEN}"}
+    for answer in (get(local, path), get(secret, path), get(secret, path, **cookie)):
+        assert answer.headers.get_all("Content-Security-Policy") == ["frame-ancestors 'none'"]
+        assert answer.headers.get_all("X-Frame-Options") == ["DENY"]
+        assert answer.headers.get_all("Referrer-Policy") == ["no-referrer"]  # the address may carry the token
+
+
+def test_a_foreign_name_is_refused_with_a_token_too(secret):
+    cookie = f"motm_token={TOKEN}"
+    for host in ("evil.example", "localhost.evil.example", f"evil.example:{secret.get_port()}", "10.0.0.7", "[::1"):
+        assert get(secret, Host=host, Cookie=cookie).status == 403
+        assert get(secret, f"/?token={TOKEN}", Host=host).status == 403
+
+
+@pytest.mark.parametrize(
+    ("host", "asked", "served"),
+    [("0.0.0.0", "10.0.0.7:8080", True), ("0.0.0.0", "[fe80::1]:8080", True), ("0.0.0.0", "localhost", True),
+     ("0.0.0.0", f"{socket.gethostname()}:8080", True), ("0.0.0.0", "evil.example:8080", False),
+     ("0.0.0.0", "Lab.Example", True), ("lab2.example", "lab2.example:80", True), ("127.0.0.1", "10.0.0.7", False),
+     ("127.0.0.1", "lab.example:443", True), ("0.0.0.0", "10.0.0.7.evil.example", False)],
+)  # fmt: skip
+def test_the_page_goes_by_addresses_and_by_names_of_its_own(host, asked, served):
+    """An address is nobody's domain; a name is, and may be led here."""
+    assert Guard(TOKEN, host, ["lab.example"])._serves(asked) is served
+
+
+def test_the_cookies_of_two_pages_of_one_machine_are_two(secret):
+    other = open_page("127.0.0.1", 0, OTHER_TOKEN)
+    pairs = [get(page, f"/?token={token}").getheader("Set-Cookie").split(";")[0]
+             for page, token in ((secret, TOKEN), (other, OTHER_TOKEN))]  # fmt: skip
+    both = "; ".join(pairs)
+    assert get(secret, Cookie=both).status == get(other, Cookie=both).status == 200
+    assert len({pair.split("=")[0] for pair in pairs}) == 2
+    assert get(other, Cookie=pairs[0]).status == 401
+    other.stop()
 
 
 def test_the_public_tunnel_is_switched_off(local, monkeypatch):
