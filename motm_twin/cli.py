@@ -69,6 +69,8 @@ def serve(
     headless: bool = False,
     host: str = "127.0.0.1",
     token: str | None = None,
+    no_token: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    name: tuple[str, ...] = (),
     zenoh_port: int = 7447,
     record: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     twin: str = "frankie",
@@ -88,8 +90,11 @@ def serve(
         seed: Seed of noise and random arrangements.
         port: TCP port of the page.
         headless: Only the Zenoh server, no page.
-        host: Address to listen on; anything but loopback needs a token.
-        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN).
+        host: Address to listen on.
+        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN, which `ps` does not show);
+            without it one of your own, that the printed address carries.
+        no_token: Anybody with an account on this machine may look and drive. On loopback only.
+        name: Further names under which browsers may ask for the page, such as that of a proxy.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         record: MCAP file to record to, see docs/recording.md; it must not exist.
         twin: Name of the twin in the Zenoh keys.
@@ -103,16 +108,15 @@ def serve(
         expansions_only: No clock ends a search of the base: the run is that of `motm-twin run`, bit for bit, however
             slow the machine is.
     """
+    from motm_twin.cli_serve import PageChoice
     from motm_twin.cli_serve import serve as serve_twin
 
     return serve_twin(
         scene,
         variant=variant,
         seed=seed,
-        port=port,
         headless=headless,
-        host=host,
-        token=token,
+        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name),
         zenoh_port=zenoh_port,
         record=record,
         twin=twin,

@@ -27,7 +27,7 @@ def twins(endpoint: str | None, *, as_json: bool) -> int:
 
 
 def _line(twin: Found) -> str:
-    page = "" if twin.page_port is None else f"  page: port {twin.page_port}"
+    page = f"  page: {twin.page}" if twin.page else ""
     if not twin.alive:
         return f"{twin.twin}  {twin.endpoint}{page}  does not answer"
     driver = f"  driven by {twin.driver}" if twin.driver else ""

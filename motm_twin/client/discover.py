@@ -31,6 +31,7 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
     twin: str
     endpoint: str
     page_port: int | None = None  # on this machine
+    page: str = ""  # its address there, with the token
     alive: bool = False  # whether its server answers
     state: str = ""
     scene: str = ""
@@ -50,7 +51,7 @@ def running_twins(endpoint: str | None = None) -> list[Found]:
     found = []
     for note in all_running():
         with opened(note.endpoint) as session:
-            known = Found(twin=note.twin, endpoint=note.endpoint, page_port=note.page_port)
+            known = Found(twin=note.twin, endpoint=note.endpoint, page_port=note.page_port, page=note.page)
             found.append(_asked(session, known))
     return found
 

@@ -104,6 +104,8 @@ def replay(
     headless: _Flag = False,
     host: str = "127.0.0.1",
     token: str | None = None,
+    no_token: _Flag = False,
+    name: tuple[str, ...] = (),
     zenoh_port: int = 7447,
     twin: str = "frankie",
 ) -> int:
@@ -118,13 +120,16 @@ def replay(
         paused: Wait for play.
         port: TCP port of the page.
         headless: Only on Zenoh, no page.
-        host: Address of the page; anything but loopback needs a token.
-        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN).
+        host: Address of the page.
+        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN, which `ps` does not show);
+            without it one of your own, that the printed address carries.
+        no_token: Anybody with an account on this machine may look. On loopback only.
+        name: Further names under which browsers may ask for the page, such as that of a proxy.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         twin: Name in the Zenoh keys.
     """
     from motm_twin.bus.commands import SPEED_MAX, SPEED_MIN
-    from motm_twin.cli_serve import serve_recording
+    from motm_twin.cli_serve import PageChoice, serve_recording
 
     if not file.endswith(".mcap"):
         raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
@@ -134,7 +139,11 @@ def replay(
         raise SessionError(f"--speed {speed:g}: use {SPEED_MIN:g} to {SPEED_MAX:g}")
     player = [file, "--speed", str(speed), *(["--loop"] if loop else []), *(["--paused"] if paused else [])]
     return serve_recording(
-        player, port=port, headless=headless, host=host, token=token, zenoh_port=zenoh_port, twin=twin
+        player,
+        headless=headless,
+        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name),
+        zenoh_port=zenoh_port,
+        twin=twin,
     )
 
 

@@ -13,7 +13,7 @@ import unittest.mock
 from collections.abc import Callable, Sequence
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, parse_qsl, urlencode, urlsplit
 
 import viser
 import websockets.asyncio.server
@@ -44,7 +44,7 @@ def is_loopback(host: str) -> bool:
 def check_token(host: str, token: str | None) -> None:
     """Raise ValueError when the page would be open to others without a strong token."""
     if token is None and not is_loopback(host):
-        raise ValueError(f"listening on {host} needs --token (or MOTM_TOKEN) of at least {MIN_TOKEN} characters")
+        raise ValueError(f"listening on {host} needs a token: --no-token is for this machine only")
     if token is not None and (len(token) < MIN_TOKEN or len(set(token)) < 8 or not token.isascii()):
         raise ValueError(f"the token is too weak: at least {MIN_TOKEN} random ASCII characters (128 bits)")
     if token is not None and not all(sign.isalnum() or sign in "-_" for sign in token):
@@ -74,8 +74,11 @@ class Guard:
             return None
         offered = parse_qs(split.query).get("token", [""])[0]
         if offered and self._equal(offered):
+            query = urlencode([(key, value) for key, value in parse_qsl(split.query) if key != "token"])
             cookie = f"{_cookie_name(host)}={self._token}; Path=/; HttpOnly; SameSite=Strict"
-            return _response(http.HTTPStatus.SEE_OTHER, "", {"Location": "/", "Set-Cookie": cookie})
+            return _response(
+                http.HTTPStatus.SEE_OTHER, "", {"Location": f"/?{query}" if query else "/", "Set-Cookie": cookie}
+            )
         if self._equal(_cookie(request, _cookie_name(host))):
             return None
         return _response(http.HTTPStatus.UNAUTHORIZED, "open the printed address, which carries the token")

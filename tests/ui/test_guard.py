@@ -117,6 +117,7 @@ def test_the_token_in_the_address_becomes_a_cookie_that_opens_page_and_websocket
     port = secret.get_port()
     answer = get(secret, f"/?token={TOKEN}")
     assert (answer.status, answer.getheader("Location")) == (303, "/")
+    assert get(secret, f"/?a=1&token={TOKEN}&b=x%26y").getheader("Location") == "/?a=1&b=x%26y"
     cookie = answer.getheader("Set-Cookie")
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
