@@ -14,6 +14,7 @@ from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
 from motm_twin.console import plain_console, table_console
 from motm_twin.external.cli_robot import robot
+from motm_twin.interrupts import interruptible
 from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.methods.error import MethodError
 from motm_twin.model.scene_error import SceneError
@@ -247,12 +248,31 @@ def main() -> None:
         finally:
             sys.stdout.flush()  # that nobody reads any more shows here at the latest
     except BrokenPipeError:  # "Note on SIGPIPE" of Python's signal: what is left must not be written at the end again
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_output()
         code = FAILED
+    except OSError as error:
+        if not _output_fails():
+            raise
+        _give_up_output()
+        print(f"motm-twin: standard output cannot be written: {error.strerror or error}", file=sys.stderr)
+        code = BAD_INPUT
     except KeyboardInterrupt as stopped:
         print("; ".join(["motm-twin: stopped", *stopped.args]), file=sys.stderr)
         code = STOPPED
     sys.exit(code)
+
+
+def _output_fails() -> bool:
+    """Whether it is standard output that cannot be written, as on a full disk."""
+    try:
+        sys.stdout.flush()
+        return os.write(sys.stdout.fileno(), b"") < 0
+    except OSError:
+        return True
+
+
+def _give_up_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _called() -> int:
@@ -263,22 +283,24 @@ def _called() -> int:
     try:
         return tyro.extras.subcommand_cli_from_dict(
             {
-                "serve": serve,
-                "run": run,
-                "record": record,
-                "replay": replay,
-                "rerun": rerun,
-                "info": info,
-                "recover": recover,
-                "what-if": what_if,
-                "watch": watch,
-                "send": send,
-                "twins": twins,
-                "robot": robot,
-                "scene": scene,
-                "bench": bench,
-                "paper": paper,
-                "security": security,
+                # These have handlers of their own, or say when they are loaded.
+                **{command.__name__: command for command in (serve, run, record, replay, robot)},
+                **{
+                    name: interruptible(command)
+                    for name, command in {
+                        "rerun": rerun,
+                        "info": info,
+                        "recover": recover,
+                        "what-if": what_if,
+                        "watch": watch,
+                        "send": send,
+                        "twins": twins,
+                        "scene": scene,
+                        "bench": bench,
+                        "paper": paper,
+                        "security": security,
+                    }.items()
+                },
             },
             prog="motm-twin",
             description="Reactive manipulation on the move, as a digital twin. --version says which.",

@@ -6,9 +6,10 @@ import signal
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -220,25 +221,30 @@ class _Supervisor:
             case "listening":
                 self._say(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
                 if why := event.get("no_real_time"):
-                    self._console.print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
+                    self._print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
             case "page":
                 self._remember(event["port"], event["url"])
                 self._say(f"{after}  Page:  [bold]{event['url']}[/bold]")
                 who = "anybody on this machine may look and drive" if self._open else "who has this address may drive"
-                self._console.print(f"{after}  {who}", markup=False)
+                self._print(f"{after}  {who}", markup=False)
             case "ros2":
-                self._console.print(f"{after}  ROS 2: {event['text']}", markup=False)
+                self._print(f"{after}  ROS 2: {event['text']}", markup=False)
             case "record":
                 words = "recording to" if event["ok"] else "not recorded:"
-                self._console.print(f"{after}  {words} {event['text']}", markup=False)
+                self._print(f"{after}  {words} {event['text']}", markup=False)
             case "refused":
-                self._console.print(f"motm-twin: {event['text']}", style="red", markup=False)
+                self._print(f"motm-twin: {event['text']}", style="red", markup=False)
             case "state":
                 text = event["text"] or {"playing": "the robot moves"}.get(event["state"], "")
-                self._console.print(f"{after}  {event['state']}{text and ': ' + text}", markup=False)
+                self._print(f"{after}  {event['state']}{text and ': ' + text}", markup=False)
 
     def _say(self, text: str) -> None:
-        self._console.print(text)
+        self._print(text)
+
+    def _print(self, text: str, **options: Any) -> None:
+        """The robot goes on when nobody reads this any more, or the disk is full."""
+        with suppress(OSError):
+            self._console.print(text, **options)
 
     def _remember(self, port: int | None, page: str) -> None:
         running = Running(pid=os.getpid(), twin=self._twin, endpoint=self.endpoint, page_port=port, page=page)

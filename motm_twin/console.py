@@ -19,6 +19,10 @@ def printable(text: str) -> str:
 class PlainConsole(Console):
     """Prints nothing that is not printable, whoever wrote it."""
 
+    def on_broken_pipe(self) -> None:
+        """Nobody reads this any more: whoever prints decides what that means. Called where the exception is handled."""
+        raise  # noqa: PLE0704
+
     def render_str(self, text: str, **options: Any) -> Text:
         """As of rich."""
         return super().render_str(printable(text), **options)

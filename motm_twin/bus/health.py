@@ -12,7 +12,7 @@ import msgspec
 from motm_twin.bus.keys import DEFAULT_TWIN, Keys, spoken_on
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.running import all_running
-from motm_twin.bus.session import LOOPBACK, open_client
+from motm_twin.bus.session import LOOPBACK, LOOPBACK_6, open_client
 
 TIMEOUT = 3.0  # [s]
 HEALTH_PATH = "/healthz"
@@ -28,8 +28,12 @@ def server_state(endpoint: str, twin: str) -> str | None:
     return None
 
 
-def page_answers(port: int, host: str = LOOPBACK) -> bool:
-    """Whether the page is being served."""
+def page_answers(port: int) -> bool:
+    """Whether the page is being served on this machine, by either version of IP."""
+    return any(_answers(host, port) for host in (LOOPBACK, LOOPBACK_6))
+
+
+def _answers(host: str, port: int) -> bool:
     connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
     try:
         connection.request("GET", HEALTH_PATH)

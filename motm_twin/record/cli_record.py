@@ -4,6 +4,7 @@ import json as json_module
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -64,7 +65,8 @@ def record(
         signal.signal(signal.SIGTERM, lambda *_: process.terminate())
         assert process.stdout is not None
         for line in process.stdout:
-            _tell(console, json_module.loads(line))
+            with suppress(OSError):  # it is recorded also when nobody reads this
+                _tell(console, json_module.loads(line))
         code = process.wait()
     finally:
         for number, handler in handlers.items():

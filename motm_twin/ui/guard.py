@@ -20,7 +20,7 @@ import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from motm_twin.bus.session import LOOPBACK, require_free_port
+from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
 from motm_twin.ui.page_scripts import with_scripts
 from motm_twin.ui.threads import write_through_the_loop
 
@@ -38,7 +38,7 @@ _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 
 def is_loopback(host: str) -> bool:
     """Whether an address to listen on is reachable from this machine only."""
-    return host in _LOOPBACK_NAMES
+    return host in _LOOPBACK_NAMES or (_is_address(host) and ipaddress.ip_address(host).is_loopback)
 
 
 def check_token(host: str, token: str | None) -> None:
@@ -57,8 +57,8 @@ class Guard:
     def __init__(self, token: str | None, host: str = LOOPBACK, names: Sequence[str] = ()) -> None:
         """``host``: address that is listened on; ``names``: further ones under which browsers may ask."""
         self._token, self._far = token, not is_loopback(host)
-        own = {socket.gethostname(), socket.getfqdn(), host} if self._far else set()
-        self._names = {name.lower() for name in (*_LOOPBACK_NAMES, *names, *own)}
+        own = {socket.gethostname(), socket.getfqdn()} if self._far else set()
+        self._names = {name.lower() for name in (*_LOOPBACK_NAMES, host, *names, *own)}
 
     def check(self, request: Request) -> Response | None:
         """The refusal (or redirect) for a request, or None."""
@@ -102,16 +102,20 @@ def open_page(host: str, port: int, token: str | None = None, names: Sequence[st
     """
     check_token(host, token)
     require_free_port(host, port, "choose another one with --port (0 takes any free one)")
+    if host == "::":
+        port = port or free_port(host)
+        require_free_port("0.0.0.0", port, "choose another one with --port (0 takes any free one)")  # noqa: S104 - wanted
     write_through_the_loop()
     guard, original = Guard(token, host, names), websockets.asyncio.server.serve
     wrapped: list[int] = []
 
-    def serve(handler: Any, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+    def serve(handler: Any, host: str, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
         def process(connection: Any, request: Request) -> Response | None:
             return _closed(guard.check(request) or with_scripts(process_request(connection, request)))
 
         wrapped.append(1)
-        return original(handler, *args, process_request=process, **options)
+        places: Any = ["::", "0.0.0.0"] if host == "::" else host  # noqa: S104 - asyncio takes "::" for IPv6 alone
+        return original(handler, places, *args, process_request=process, **options)
 
     with unittest.mock.patch.object(websockets.asyncio.server, "serve", serve):
         server = viser.ViserServer(host=host, port=port, verbose=False)
@@ -125,6 +129,7 @@ def open_page(host: str, port: int, token: str | None = None, names: Sequence[st
 def page_url(host: str, port: int, token: str | None) -> str:
     """The address to open on this machine."""
     name = LOOPBACK if host in ("0.0.0.0", "::") else host  # noqa: S104 - compared, not bound
+    name = f"[{name}]" if ":" in name else name
     return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
 
 

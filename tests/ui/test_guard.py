@@ -204,3 +204,64 @@ def test_an_open_page_needs_a_strong_token(host, token):
 def test_the_printed_address_carries_the_token():
     assert page_url("0.0.0.0", 8080, TOKEN) == f"http://127.0.0.1:8080/?token={TOKEN}"
     assert page_url("127.0.0.1", 8080, None) == "http://127.0.0.1:8080/"
+
+
+def get_at(address, port):
+    connection = http.client.HTTPConnection(address, port, timeout=10)
+    connection.request("GET", "/")
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+@pytest.fixture
+def version_6():
+    """Whether this machine has it; where it has not, that is said."""
+    with socket.socket(socket.AF_INET6) as probe:
+        try:
+            probe.bind(("::1", 0))
+        except OSError:
+            with pytest.raises(ValueError, match="::1 is no IPv6 address of this machine"):
+                open_page("::1", 0)
+            return False
+    return True
+
+
+def test_the_page_is_served_by_version_6_of_ip(version_6):
+    if not version_6:
+        return
+    server = open_page("::1", 0)
+    port = server.get_port()
+    assert get_at("::1", port) == 200
+    with pytest.raises(ConnectionRefusedError):
+        get_at("127.0.0.1", port)
+    assert page_url("::1", port, None) == f"http://[::1]:{port}/"
+    with pytest.raises(PortTaken):
+        open_page("::1", port)
+    server.stop()
+
+
+def test_all_addresses_are_those_of_both_versions(version_6):
+    if not version_6:
+        return
+    server = open_page("::", 0, TOKEN)
+    port = server.get_port()
+    assert [get_at(address, port) for address in ("::1", "127.0.0.1")] == [401, 401]
+    assert page_url("::", port, TOKEN).startswith("http://127.0.0.1:")
+    server.stop()
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        with pytest.raises(PortTaken):
+            open_page("::", holder.getsockname()[1], TOKEN)
+
+
+def test_an_address_of_another_machine_is_told():
+    with pytest.raises(ValueError, match="2001:db8::1 is no IPv6 address of this machine: give one of its own, or ::"):
+        open_page("2001:db8::1", 0, TOKEN)
+
+
+def test_every_address_of_the_loopback_is_this_machine():
+    server = open_page("127.0.0.2", 0)
+    assert get_at("127.0.0.2", server.get_port()) == 200
+    server.stop()
