@@ -26,7 +26,17 @@ from motm_twin.planning.global_path import (
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import NO_PATH, OUTSIDE, REASONS, Here, in_sight, leaves_room, may_move, rejections
+from motm_twin.planning.rejections import (
+    HIDDEN,
+    NO_PATH,
+    OUTSIDE,
+    REASONS,
+    Here,
+    in_sight,
+    leaves_room,
+    may_move,
+    rejections,
+)
 from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.room import room_for
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
@@ -262,9 +272,12 @@ class NextTargetPlacement(Stateful[PlacementState]):
         pose[:, 2] = 0.0 if target.heading is None else target.heading
         pose[:, 2] += np.arange(count) * (2.0 * math.pi / count)
         pose[:, 2] = angle_of(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
-        return Candidates(
-            "drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejections(pose, self._room.clearance, here)
-        )
+        rejected = rejections(pose, self._room.clearance, here)
+        if self._state.closest and self._state.target == (target.kind, target.name):
+            # It was not free: what hides it now may have been seen there before, and forgotten.
+            seen = in_sight(pose, here)
+            rejected = [why or ("" if ok else HIDDEN) for why, ok in zip(rejected, seen, strict=True)]
+        return Candidates("drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejected)
 
     def _costs(
         self, candidates: Candidates, graph: Graph, from_robot: Table, to_next: Table | None
