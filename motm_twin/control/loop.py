@@ -75,7 +75,7 @@ class ControlLoop(Stateful[LoopState]):
         self.plant = plant
         self.settings = settings or Settings()
         self.mapper = Mapper(known)
-        self.movers = MoverTracker()
+        self.movers = MoverTracker(robot=known.robot)
         self.tracker = ObjectTracker(known)
         self.targets = Targets(known, self.tracker)
         self.sequence = TaskSequence(known)
