@@ -103,8 +103,13 @@ def check_reach(scene: Scene, root: Node, object_node: Callable[[Node, str], Nod
     """Objects, bins and places to drive to can be reached from the start."""
     free = free_space(scene)
     arm = scene.robot.arm
-    targets = [("object", i.name, i.position, object_node(root, i.name)) for i in scene.objects]
-    targets += [("bin", i.name, (*i.centre, i.rim_z), root.at("bins", i.name)) for i in scene.bins]
+    targets = (
+        []
+        if not scene.robot.has_arm
+        else [("object", i.name, i.position, object_node(root, i.name)) for i in scene.objects]
+    )
+    if scene.robot.has_arm:
+        targets += [("bin", i.name, (*i.centre, i.rim_z), root.at("bins", i.name)) for i in scene.bins]
     for kind, name, (x, y, z), node in targets:
         radius = reach(scene, z)
         low, high = arm.mount_z + SHOULDER - ARM_REACH, arm.mount_z + SHOULDER + ARM_REACH
