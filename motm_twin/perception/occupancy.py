@@ -31,12 +31,13 @@ class Evidence:
     near_last: NDArray[np.int32]  # 3x3 neighbourhood occupied until
     near_hit: NDArray[np.int32]  # last hit in the 3x3 neighbourhood
     outside: NDArray[np.uint8]  # 1: occupied while it was not under the robot's own body
+    seen: NDArray[np.int32]  # a beam last showed this cell, or the robot stood on it
 
 
 def no_evidence(shape: tuple[int, int]) -> Evidence:
     """Nothing seen yet."""
-    stamps = [np.full(shape, NEVER, dtype=np.int32) for _ in range(4)]
-    return Evidence(np.zeros(shape, dtype=np.int8), *stamps, np.zeros(shape, dtype=np.uint8))
+    stamps = [np.full(shape, NEVER, dtype=np.int32) for _ in range(5)]
+    return Evidence(np.zeros(shape, dtype=np.int8), *stamps[:4], np.zeros(shape, dtype=np.uint8), stamps[4])
 
 
 @njit(cache=True)

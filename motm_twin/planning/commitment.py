@@ -154,7 +154,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         free, done = follow(
             states, np.diff(times), kept.accelerations[node:], self._left(target), problem.engaged,
             Bounds(limits.forward_speed, limits.reverse_speed, limits.yaw_rate, limits.linear_acceleration,
-                   limits.yaw_acceleration, self._p.margin, self._p.margin_floor,
+                   limits.yaw_acceleration, self._margins(problem).margin, self._p.margin_floor,
                    self._p.brake_depth * self._p.node_duration, 0.5 * self._p.node_duration),
             field, moving, self._body, job,
         )  # fmt: skip

@@ -9,6 +9,7 @@ from motm_twin.control.monitor import Monitor, points_in_stop
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
+from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
 
 DT = 0.01
 BEAMS = 541
@@ -154,3 +155,33 @@ def test_without_a_scan_that_was_found_good_the_base_stands():
     verdict = monitor.check(asking(0.5), observation(), DT, scan_stamp=None)
     assert verdict.reason == "stopped: no usable lidar scan has come yet"
     assert not verdict.actuation.twist.any()
+
+
+def floor_of(rear):
+    """Floor of which the lidar has seen everything but what is behind its rear: that is ``rear``."""
+    seen = np.full((60, 60), FRESH, np.uint8)
+    seen[:, :23] = rear
+    return Floor(corner=(-1.5, -1.5), resolution=0.05, seen=seen)
+
+
+def driven(v, rear):
+    """Verdict of a monitor that was asked for this speed for two seconds, on such floor."""
+    monitor = Monitor(RobotProfile())
+    for _ in range(200):
+        verdict = monitor.check(asking(v), observation(), DT, scan_stamp=1.0, floor=floor_of(rear))
+    return verdict
+
+
+def test_the_base_does_not_back_over_floor_that_was_never_seen():
+    """Unknown floor counted as free: a base with a lidar in front backed into what no beam had met."""
+    verdict = driven(-0.25, UNSEEN)
+    assert verdict.actuation.twist[0] == 0.0
+    assert "never seen" in verdict.reason
+    assert driven(0.25, UNSEEN).actuation.twist[0] == 0.25
+
+
+def test_the_base_creeps_over_floor_that_was_not_seen_lately():
+    verdict = driven(-0.25, STALE)
+    assert verdict.actuation.twist[0] == pytest.approx(-0.1)
+    assert "lately" in verdict.reason
+    assert driven(-0.25, FRESH).actuation.twist[0] == -0.25
