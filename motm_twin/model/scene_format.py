@@ -246,7 +246,7 @@ class RobotFile(Part, frozen=True, kw_only=True):
     name: Name = "frankie"
     footprint: FootprintFile | None = None
     base: BaseFile | None = None
-    arm: ArmFile | None = None
+    arm: ArmFile | Literal["none"] | None = None
     gripper: GripperFile | None = None
     lidar: LidarFile | None = None
     camera: CameraFile | None = None
