@@ -11,6 +11,7 @@ from motm_twin.control.lag import dwell_to_plan, followed
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.reasons import standing
+from motm_twin.control.self_check import SelfCheck
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.stages import Stages
 from motm_twin.control.targets import Targets, odometry_to_world
@@ -73,6 +74,7 @@ class ControlLoop(Stateful[LoopState]):
         self.mapper = Mapper(known)
         self.movers = MoverTracker()
         self.tracker = ObjectTracker(known)
+        self.self_check = SelfCheck(known, self.tracker)
         self.targets = Targets(known, self.tracker)
         self.sequence = TaskSequence(known)
         self.planner = planner
@@ -90,6 +92,7 @@ class ControlLoop(Stateful[LoopState]):
             "mapper": self.mapper,
             "movers": self.movers,
             "tracker": self.tracker,
+            "self_check": self.self_check,
             "sequence": self.sequence,
             "planner": self.planner,
             "manipulator": self.manipulator,
@@ -106,9 +109,10 @@ class ControlLoop(Stateful[LoopState]):
         """
         stages = Stages(self._clock)
         with stages.measure("observe"):
-            observation = self.plant.observe()
+            observation = self.self_check.observed(self.plant.observe(), self.sequence.held)
         if restarted:
             self.monitor.begin_from(observation.twist)
+            self.self_check.begin_from(observation.twist)
         with stages.measure("map"):
             world = self.mapper.update(observation, self._whereabouts(observation) if self.mapper.large else ())
             world = self.movers.sort(world, observation.pose)
@@ -128,7 +132,7 @@ class ControlLoop(Stateful[LoopState]):
             )
         )
         steps, samples, arm_events, reason = self._arm_steps(observation, world, plan, stages)
-        events += arm_events
+        events += arm_events + self.self_check.events(observation.time)
         truth = self._truth()
         state = self._state
         state.waiting = steps[-1].reason
@@ -143,7 +147,7 @@ class ControlLoop(Stateful[LoopState]):
             placement=placement,
             plan=plan,
             arm=tuple(steps),
-            stop_reason=reason or self.mapper.refusal or self._why(plan, steps[-1], observation),
+            stop_reason=self._stop_reason(reason) or self._why(plan, steps[-1], observation),
             events=tuple(events),
             edits=edits,
             stage_ms=stages.milliseconds(),
@@ -195,6 +199,10 @@ class ControlLoop(Stateful[LoopState]):
         found = (self.targets.base_target(task, observation, None) for task in tasks)
         return [np.asarray(target.position[:2]) for target in found if target is not None]
 
+    def _stop_reason(self, reason: str) -> str:
+        """Why the monitor slowed or stopped the robot, or else what the robot does without; "" for neither."""
+        return reason or self.mapper.refusal or self.self_check.trust().reason
+
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
         """Why the base stands, or is not driven by its plan; "" when it is."""
         return plan.reason if plan.status == by_hand.STATUS else standing(self.sequence, plan, step, observation)
@@ -222,7 +230,7 @@ class ControlLoop(Stateful[LoopState]):
         for k in range(self.settings.arm_steps):
             if k:
                 with stages.measure("observe"):
-                    observation = self.plant.observe()
+                    observation = self.self_check.observed(self.plant.observe(), self.sequence.held)
                 with stages.measure("map"):
                     self.tracker.update(observation, self.sequence.held)
             with stages.measure("arm"):
@@ -230,7 +238,10 @@ class ControlLoop(Stateful[LoopState]):
                 inputs = self._arm_inputs(observation, T_odom_world, plan, plan_poses, obstacles, wanted, k * dt)
                 step = self.manipulator.step(inputs)
             with stages.measure("monitor"):
-                verdict = self.monitor.check(step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp)
+                trust = self.self_check.trust()
+                verdict = self.monitor.check(
+                    step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, trust=trust
+                )
             steps.append(step)
             samples.append(observation)
             reason = verdict.reason or reason
@@ -247,6 +258,7 @@ class ControlLoop(Stateful[LoopState]):
                 events += self.sequence.apply(step.outcome, observation.time)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
+            self.self_check.told(verdict.actuation, observation)
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
         return steps, tuple(samples), events, reason

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from motm_twin.control.parameters import Numbers, numbers
+from motm_twin.control.self_check import FULL_TRUST, Trust
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
@@ -69,12 +70,23 @@ class Monitor(Stateful[MonitorState]):
         """The base moves like this although it was told something else: it was stopped while nobody commanded it."""
         self._state.twist = twist.copy()
 
-    def check(self, actuation: Actuation, observation: Observation, dt: float, *, scan_stamp: float | None) -> Verdict:
+    def check(
+        self,
+        actuation: Actuation,
+        observation: Observation,
+        dt: float,
+        *,
+        scan_stamp: float | None,
+        trust: Trust = FULL_TRUST,
+    ) -> Verdict:
         """The actuation for the next dt [s], slowed where it must be.
 
         `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands.
+        `trust`: what the robot has found out about itself.
         """
-        share, reason = self._age(observation, scan_stamp)
+        share, reason = self._age(observation, scan_stamp, trust.scan)
+        if trust.base < 1.0 and trust.base <= share:
+            share, reason = trust.base, trust.reason
         twist, rates, scan, p = np.empty(2), np.empty(7), observation.scan or _NO_SCAN, self.parameters
         healthy, turning, holding = _examine(
             observation.pose, observation.odometry, observation.twist, observation.q, observation.dq,
@@ -84,6 +96,8 @@ class Monitor(Stateful[MonitorState]):
         )  # fmt: skip
         if not healthy:
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
+        if trust.joints is not None:
+            rates *= trust.joints
         if min(turning, holding) >= p.minimum_points:
             stop = np.array([0.0, twist[1] if holding < turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
@@ -93,15 +107,20 @@ class Monitor(Stateful[MonitorState]):
         self._state.twist = twist
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
 
-    def _age(self, observation: Observation, stamp: float | None) -> tuple[float, str]:
-        """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old."""
+    def _age(self, observation: Observation, stamp: float | None, refused: str) -> tuple[float, str]:
+        """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old.
+
+        ``refused``: why the newest scan was not used, which is the reason then.
+        """
         if stamp is None:
-            return 0.0, "stopped: no usable lidar scan has come yet"
+            return 0.0, f"stopped: {refused or 'no usable lidar scan has come yet'}"
         scan_age = observation.time - observation.ahead - stamp
         what, age = "lidar scan", scan_age
         if observation.age > scan_age:
             what, age = "state of the robot", observation.age
         p = self.parameters
+        if refused and what == "lidar scan" and age > p.slow_age:
+            return (0.0, f"stopped: {refused}") if age > p.stop_age else (0.5, f"slowed to half speed: {refused}")
         if age > p.stop_age:
             return 0.0, f"stopped: the newest {what} is {age:.2f} s old, more than {p.stop_age:.2f} s"
         if age > p.slow_age:

@@ -68,7 +68,7 @@ KINDS: dict[str, FaultKind] = {
             0.0, 1.0, 0.3, "share",
         ),
         _by(
-            "lidar_noise", "lidar", "the noise of the ranges is so many times as large (0.01 m where the scene has none)",
+            "lidar_noise", "lidar", "the noise of the ranges is so many times as large (of 0.01 m where it is none)",
             "lidar noise {:g} times as large", 1.0, 50.0, 10.0, "times",
         ),
         _late("lidar_delay", "lidar", "sweeps come late, with their true stamps", "lidar {:.2f} s late"),
@@ -101,7 +101,7 @@ KINDS: dict[str, FaultKind] = {
             "wheel_slip", "wheels", "this share of what the wheels turn does not move the base",
             "wheels slip by {:.0%}", 0.05, 1.0, 0.5, "share",
         ),
-        _late("base_lag", "wheels", "the base follows its commands with so much more lag", "base lags by {:.2f} s more"),
+        _late("base_lag", "wheels", "the base follows its commands with so much more lag", "base lags {:.2f} s more"),
         FaultKind(name="base_stuck", group="wheels", what="the wheels brake, and stand", phrase="base stuck"),
         FaultKind(
             name="joint_stuck", group="arm", what="one joint of the arm brakes, and stands",

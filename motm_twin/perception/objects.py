@@ -86,6 +86,27 @@ class ObjectTracker(Stateful[TrackerState]):
         position, yaw = self._prior_in_odometry(name, observation)
         return position, yaw, self._prior_sd, None
 
+    def knows(self, name: str) -> bool:
+        """This is an object of the scene."""
+        return name in self._priors
+
+    def other_at(self, name: str, point: Array, within: float, observation: Observation) -> str:
+        """Another object than ``name`` that is believed within a distance [m] of a point (3,); "" for none.
+
+        The point is in the odometry frame.
+        """
+        tracks = self._state.tracks
+        here = point.tolist()
+        for other, track in tracks.items():
+            if other != name and math.dist(here, track.position.tolist()) < within:
+                return other
+        in_world = from_frame(compose(observation.pose, inverse(observation.odometry)), point).tolist()
+        for other, (place, _) in self._priors.items():
+            near = other != name and other not in tracks and abs(place[0] - in_world[0]) < within
+            if near and math.dist(in_world, place.tolist()) < within:
+                return other
+        return ""
+
     def world_position(self, name: str, observation: Observation) -> Array:
         """Believed position [m] in the world, with the localisation of this observation; shape (3,)."""
         track = self._state.tracks.get(name)

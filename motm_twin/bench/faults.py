@@ -1,0 +1,162 @@
+"""Faults of sensors and robot: each kind in the paper's experiments, injected where it matters, and what came of it.
+
+Nothing may be hit by the robot's doing, the cause must be found within a second, and the work goes on when it ends.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from motm_twin.bench.machine import machine
+from motm_twin.bench.report import write
+from motm_twin.control.tick import Tick
+from motm_twin.finish import Finish
+from motm_twin.methods.fast import FAST
+from motm_twin.model.edits import InjectFault
+from motm_twin.model.faults import KINDS
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_scene
+
+NAME = "faults"
+TITLE = "Faults of sensors and robot: contacts, the cause, and whether the work goes on"
+SCENES = {"exp1": "random", "exp1a": "random", "exp2": "random"}
+SEEDS = 10
+LASTS = 4.0  # [s]
+TIMES = (6.0, 26.0, 46.0)  # [s] from which a fault is injected, as soon as it matters
+WITHIN = 1.0  # [s] in which its cause must be found
+NONE = "none"  # the same trials without a fault
+CAUSES: dict[str, tuple[str, ...]] = {  # kinds of findings that name a fault
+    "lidar_off": ("scan_old",),
+    "lidar_frozen": ("scan_frozen",),
+    "lidar_blind": ("scan_blind",),
+    "lidar_nan": ("scan_bad",),
+    "lidar_noise": ("scan_noisy",),
+    "lidar_delay": ("scan_old", "scan_bad"),
+    "camera_off": ("camera_lost",),
+    "camera_delay": ("camera_late",),
+    "camera_ghost": ("camera_ghost",),
+    "camera_swap": ("camera_swap",),
+    "camera_lost": ("camera_lost",),
+    "pose_jump": ("pose_off",),
+    "pose_drift": ("pose_off",),
+    "odometry_jump": ("odometry_off",),
+    "wheel_slip": ("slip",),
+    "base_lag": ("base_late", "base_stuck"),
+    "base_stuck": ("base_stuck", "base_late"),
+    "joint_stuck": ("joint_stuck",),
+    "gripper_stuck": ("fingers_stuck",),
+    "state_delay": ("state_old",),
+}
+
+
+def _drives(tick: Tick) -> bool:
+    return abs(float(tick.observation.twist[0])) > 0.25
+
+
+def _looks(tick: Tick) -> bool:
+    step = tick.arm[-1]
+    return bool(tick.observation.detections) and step.phase in ("transit", "final")
+
+
+def _reaches(tick: Tick) -> bool:
+    return abs(float(tick.observation.dq[3])) > 0.2 and _drives(tick)
+
+
+def _grasps(tick: Tick) -> bool:
+    return tick.arm[-1].phase == "final"
+
+
+def matters(kind: str) -> Callable[[Tick], bool]:
+    """When a fault of this kind can be noticed at all: the base drives, the camera looks, the hand reaches."""
+    if kind == "joint_stuck":
+        return _reaches
+    if kind == "gripper_stuck":
+        return _grasps
+    return _looks if KINDS[kind].group == "camera" else _drives
+
+
+@dataclass
+class Seen:
+    """What was found out about one injection."""
+
+    at: float  # [s]
+    named: float | None = None  # [s] after it
+    shown: str = ""  # sentence of that period
+
+
+@dataclass
+class Watch:
+    """Injects the fault of a trial, and watches what is found."""
+
+    kind: str
+    due: list[float] = field(default_factory=lambda: list(TIMES))
+    seen: list[Seen] = field(default_factory=list)
+    false: dict[str, int] = field(default_factory=dict)  # findings while nothing was wrong: periods
+
+    def next_edit(self, tick: Tick) -> InjectFault | None:
+        """The fault, when its time has come and it matters."""
+        if self.kind == NONE or not self.due or tick.time < self.due[0] or not matters(self.kind)(tick):
+            return None
+        self.due.pop(0)
+        self.seen.append(Seen(at=tick.time))
+        return InjectFault(fault=self.kind, seconds=LASTS)
+
+    def look(self, tick: Tick, kinds: Iterable[str]) -> None:
+        """Note what the robot has found in this period."""
+        now = set(kinds)
+        last = self.seen[-1] if self.seen else None
+        lasts = last is not None and tick.time <= last.at + LASTS + 3.0
+        if last is not None and lasts and last.named is None and now & set(CAUSES[self.kind]):
+            last.named, last.shown = tick.time - last.at, tick.stop_reason
+        for kind in now if not lasts else ():
+            self.false[kind] = self.false.get(kind, 0) + 1
+
+
+def run_cell(scene: str, kind: str, seed: int, method: str = FAST.name) -> dict[str, Any]:
+    """One trial with a fault."""
+    from motm_twin.methods.registry import find_method  # a worker loads the methods by itself
+    from motm_twin.twin import Twin
+
+    loaded: Scene = load_scene(scene, SCENES.get(scene), seed)
+    twin, watch = Twin(loaded, method=find_method(method)), Watch(kind)
+    edit: InjectFault | None = None
+    while True:
+        if edit is not None:
+            twin.post(edit)
+        tick = twin.advance()
+        watch.look(tick, (one.kind for one in twin.loop.self_check.findings))
+        if twin.done or tick.time >= loaded.time_limit:
+            break
+        edit = watch.next_edit(tick)
+    return _result(watch, twin, tick, scene, kind, seed, method)
+
+
+def _result(watch: Watch, twin: Any, tick: Tick, scene: str, kind: str, seed: int, method: str) -> dict[str, Any]:
+    truth = tick.truth
+    assert truth is not None
+    caused = [contact for contact in truth.contacts if contact.caused_by_robot]
+    places = sum(task.kind == "place" for task in tick.tasks)
+    delays = [one.named for one in watch.seen]
+    return {
+        "scene": scene,
+        "kind": kind,
+        "seed": seed,
+        "method": method,
+        "success": bool(tick.success and truth.places == places),
+        "placed": truth.places,
+        "places": places,
+        "time_s": round(tick.time, 2),
+        "contacts": len(truth.contacts),
+        "caused": [f"{one.body} {one.other} {one.time:.2f} s {one.depth:.3f} m" for one in caused],
+        "injected": [round(one.at, 2) for one in watch.seen],
+        "named_s": [None if one is None else round(one, 2) for one in delays],
+        "shown": [one.shown for one in watch.seen],
+        "false": dict(sorted(watch.false.items())),
+        "reason": "" if tick.success else (tick.stop_reason or "; ".join(twin.loop.sequence.failures)),
+    }
