@@ -60,8 +60,15 @@ def _drives(tick: Tick) -> bool:
 
 
 def _looks(tick: Tick) -> bool:
-    step = tick.arm[-1]
-    return bool(tick.observation.detections) and step.phase in ("transit", "final")
+    """The camera sees what the hand comes for."""
+    if tick.task_index >= len(tick.tasks) or tick.arm[-1].phase not in ("transit", "final"):
+        return False
+    task = tick.tasks[tick.task_index]
+    return task.kind == "pick" and any(one.name == task.target for one in tick.observation.detections)
+
+
+def _speeds_up(tick: Tick) -> bool:
+    return bool((np.abs(tick.plan.acceleration) > 0.3).any()) and _drives(tick)
 
 
 def _reaches(tick: Tick) -> bool:
@@ -76,6 +83,8 @@ def matters(kind: str) -> Callable[[Tick], bool]:
     """When a fault of this kind can be noticed at all: the base drives, the camera looks, the hand reaches."""
     if kind == "joint_stuck":
         return _reaches
+    if kind == "base_lag":
+        return _speeds_up
     if kind == "gripper_stuck":
         return _grasps
     return _looks if KINDS[kind].group == "camera" else _drives
@@ -126,12 +135,14 @@ def run_cell(scene: str, kind: str, seed: int, method: str = FAST.name) -> dict[
     loaded: Scene = load_scene(scene, SCENES.get(scene), seed)
     twin, watch = Twin(loaded, method=find_method(method)), Watch(kind)
     edit: InjectFault | None = None
+    finish = Finish()
     while True:
         if edit is not None:
             twin.post(edit)
         tick = twin.advance()
         watch.look(tick, (one.kind for one in twin.loop.self_check.findings))
-        if twin.done or tick.time >= loaded.time_limit:
+        finish.add(tick)
+        if finish.over or tick.time >= loaded.time_limit:
             break
         edit = watch.next_edit(tick)
     return _result(watch, twin, tick, scene, kind, seed, method)

@@ -19,13 +19,19 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of motion. Shares leave room for a base that is 40 % faster or slower than told."""
 
     asked: float = 0.1  # share of the largest speed from which a base that stands does not follow
-    stands: float = 0.15  # share of what was asked: less stands
-    stuck_after: float = 0.3  # [s] that the base stands although it should move
-    late: float = 0.15  # share of the largest speed, and ...
-    late_share: float = 0.5  # ... of the expected one, by which a base differs that follows late
-    late_after: float = 0.15  # [s]
-    back_after: float = 1.5  # [s] of good following after which the base counts as well
-    braking: float = 0.3  # [s] that are left to a base between a stop and what it was told before
+    stands: float = 0.15  # share of what was asked: a joint that does less stands ...
+    base_stands: float = 0.45  # ... and a base, which takes a second to come to rest, and may be slower than told
+    stuck_after: float = 0.25  # [s] that the base stands although it should move
+    late: float = 0.1  # [s] of lag more than the profile says: at full speed its way is more than the margins
+    well: float = 0.05  # [s] at which the base is well again
+    memory: float = 0.6  # [s] over which the lag is reckoned
+    smooth: float = 0.1  # [s] over which a twist is smoothed before its change is told from its noise
+    changes: float = 0.15  # share of the largest acceleration, for this time: less change of speed tells no lag
+    changing: float = 0.1  # [s]
+    apart: float = 0.05  # of the square that tells lag from another speed than told
+    overshoot: float = 0.1  # share of the largest speed by which a late base is faster than it should be
+    back_after: float = 0.3  # [s] of following after which a base is no longer stuck
+    forgotten: float = 2.0  # [s] without a demand after which it is given another chance
     joint_asked: float = 0.08  # [rad/s] from which a joint that stands does not follow: above the noise of its rates
     joint_after: float = 0.2  # [s]
     joint_room: float = 0.1  # [rad] from a limit of position within which a joint may stand
@@ -45,8 +51,11 @@ class MotionState:
     rates: Array = field(default_factory=lambda: np.zeros(JOINTS))  # joint rates told last [rad/s]
     time: float | None = None
     standing: float = 0.0  # [s] that the base has stood although it should move
-    differing: float = 0.0  # [s] that it has differed from what is expected
-    well: float = 0.0  # [s] that it has followed well
+    moving: float = 0.0  # [s] that it has moved as it should
+    resting: float = 0.0  # [s] that nothing was asked of it
+    smooth: Array = field(default_factory=lambda: np.zeros((2, 2)))  # expected and measured twist
+    sums: Array = field(default_factory=lambda: np.zeros((5, 2)))  # of `_lag`, for both axes
+    lag: Array = field(default_factory=lambda: np.zeros(2))  # [s] more than the profile says, as far as it can be told
     base: str = ""  # "" | base_stuck | base_late
     still: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [s] that each joint has stood although told
     idle: float = 0.0  # [s] that nothing was asked of the stuck joint
@@ -55,6 +64,15 @@ class MotionState:
     since: float = 0.0  # [s] when the gripper's command changed
     width: float = 0.0  # [m] then
     fingers: str = ""  # "" | waited | stuck
+
+
+def skip(state: MotionState) -> None:
+    """What the robot says of its motion is old: nothing can be told from it."""
+    state.expected = state.told.copy()
+    state.smooth = np.array([state.told, state.told])
+    state.standing = state.moving = 0.0
+    state.sums = np.zeros((5, 2))
+    state.still = np.zeros(JOINTS)
 
 
 def told(state: MotionState, actuation: Actuation, now: Observation) -> None:
@@ -68,28 +86,52 @@ def told(state: MotionState, actuation: Actuation, now: Observation) -> None:
 def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits, settings: MotionSettings) -> None:
     """Compare the measured twist with what a base of this profile would do."""
     share = 1.0 if base.velocity_lag <= 0.0 else 1.0 - math.exp(-dt / base.velocity_lag)
-    most = np.array([base.linear_acceleration, base.yaw_acceleration]) * dt
-    state.expected = state.expected + np.clip(share * (state.told - state.expected), -most, most)
+    most = np.array([base.linear_acceleration, base.yaw_acceleration])
+    change = np.clip(share * (state.told - state.expected), -most * dt, most * dt)
+    state.expected = state.expected + change
+    if dt <= 0.0:
+        return
     largest = np.array([base.forward_speed, base.yaw_rate])
-    expected, measured = state.expected / largest, now.twist / largest
-    asked = np.abs(expected) > settings.asked
-    stands = asked & (np.abs(measured) < settings.stands * np.abs(expected))
-    differs = np.abs(measured - expected) > settings.late + settings.late_share * np.abs(expected)
-    state.standing = state.standing + dt if bool(stands.any()) and not bool((asked & ~stands).any()) else 0.0
-    state.differing = state.differing + dt if bool(differs.any()) else 0.0
-    moves = asked & ~stands & ~differs
-    if not bool((stands | differs).any()):
-        state.well += dt if bool(moves.any()) or not state.base else 0.0
-    else:
-        state.well = 0.0
+    asked = np.abs(state.expected) > settings.asked * largest
+    stands = asked & (np.abs(now.twist) < settings.base_stands * np.abs(state.expected))
+    follows = asked & ~stands
+    state.standing = state.standing + dt if bool(stands.any()) and not bool(follows.any()) else 0.0
+    state.moving = state.moving + dt if bool(follows.any()) and not bool(stands.any()) else 0.0
+    state.resting = 0.0 if bool(asked.any()) else state.resting + dt
+    known = _lag(state, now.twist, dt, most, settings)
+    late = known & (state.lag > settings.late)
     if state.standing > settings.stuck_after:
         state.base = "base_stuck"
-    elif state.differing > settings.late_after and state.base != "base_stuck":
+    elif state.base == "base_stuck":
+        state.base = "" if state.moving > settings.back_after or state.resting > settings.forgotten else state.base
+    elif bool(late.any()):
         state.base = "base_late"
-    if state.base and state.well > (settings.back_after if state.base == "base_late" else settings.stuck_after):
+    elif state.base == "base_late" and (
+        (bool(known.any()) and bool((state.lag[known] < settings.well).all())) or state.resting > settings.forgotten
+    ):
         state.base = ""
-    if state.base == "base_stuck":
-        state.expected = np.where(stands, state.expected, now.twist)
+    if state.base == "base_stuck" and not bool(stands.any()):
+        state.expected = now.twist.copy()
+
+
+def _lag(state: MotionState, measured: Array, dt: float, most: Array, settings: MotionSettings) -> Array:
+    """Reckon the lag of both axes; for which of them the last second tells it, shape (2,).
+
+    A base that is slower than told by a share, and later by a lag, is short of what is expected by that share of it and
+    by lag times its own acceleration: least squares of both, all smoothed alike, old ones forgotten.
+    """
+    smooth = 1.0 - math.exp(-dt / settings.smooth)
+    before = state.smooth
+    state.smooth = before + smooth * (np.array([state.expected, measured]) - before)
+    speed, change = state.smooth[0], (state.smooth[1] - before[1]) / dt
+    short = speed - state.smooth[1]
+    now = np.array([speed * speed, speed * change, change * change, short * speed, short * change])
+    state.sums = math.exp(-dt / settings.memory) * state.sums + dt * now
+    vv, va, aa, sv, sa = state.sums
+    square = vv * aa - va * va
+    known = (aa > settings.changing * (settings.changes * most) ** 2) & (square > settings.apart * vv * aa)
+    state.lag = np.where(known, (sa * vv - sv * va) / np.where(known, square, 1.0), state.lag)
+    return known
 
 
 def check_joints(state: MotionState, now: Observation, dt: float, settings: MotionSettings) -> None:
@@ -129,7 +171,7 @@ def findings(state: MotionState, now: Observation, base: BaseLimits, settings: M
     found = []
     if state.base:
         axis = int(np.argmax(np.abs(state.expected - now.twist) / [base.forward_speed, base.yaw_rate]))
-        found.append(_of_base(state, float(now.twist[axis]), axis, settings))
+        found.append(_of_base(state, float(now.twist[axis]), axis, base, settings))
     if state.joint >= 0:
         rate = float(state.rates[state.joint])
         found.append(
@@ -162,7 +204,7 @@ def joint_shares(state: MotionState, settings: MotionSettings, *, stands: bool) 
     return shares
 
 
-def _of_base(state: MotionState, measured: float, axis: int, settings: MotionSettings) -> Finding:
+def _of_base(state: MotionState, measured: float, axis: int, base: BaseLimits, settings: MotionSettings) -> Finding:
     expected, unit = float(state.expected[axis]), ("m/s", "rad/s")[axis]
     if state.base == "base_stuck":
         text = f"the base does not follow: it is told {state.told[axis]:.2f} {unit} and does {measured:.2f} {unit}"
@@ -170,10 +212,11 @@ def _of_base(state: MotionState, measured: float, axis: int, settings: MotionSet
             kind="base_stuck", subject="wheels", value=measured, limit=expected, unit=unit, base=settings.creep,
             text=text,
         )  # fmt: skip
-    overshoot = abs(measured) > abs(expected) + 1e-9 and state.differing > 0.0
+    largest = base.forward_speed, base.yaw_rate
+    overshoot = abs(measured) > abs(expected) + settings.overshoot * largest[axis]
     share = 0.0 if overshoot else settings.creep
     did = "stopped" if overshoot else "slowed"
     return Finding(
-        kind="base_late", subject="wheels", value=measured, limit=expected, unit=unit, base=share,
-        text=f"{did}: the base follows late, it does {measured:.2f} {unit} where {expected:.2f} {unit} were due",
+        kind="base_late", subject="wheels", value=float(state.lag.max()), limit=settings.late, unit="s", base=share,
+        text=f"{did}: the base follows {float(state.lag.max()):.1f} s late, {measured:.2f} {unit} for {expected:.2f}",
     )  # fmt: skip

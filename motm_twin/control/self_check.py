@@ -62,6 +62,7 @@ class SelfCheckState:
     time: float | None = None
     of_scan: Finding | None = None  # of the newest sweep
     good: Scan | None = None  # newest sweep that is used
+    waiting: Scan | None = None  # one that waits until it is known where it was made
     findings: tuple[Finding, ...] = ()
     told: tuple[tuple[str, str], ...] = ()  # kind and subject of what was found in the last period
 
@@ -90,12 +91,15 @@ class SelfCheck(Stateful[SelfCheckState]):
         believed = localisation_check.correct(local, now, robot.base, settings.localisation)
         dt = 0.0 if state.time is None else max(0.0, now.time - state.time)
         state.time = now.time
-        motion_check.check_base(state.motion, now, dt, robot.base, settings.motion)
-        motion_check.check_joints(state.motion, now, dt, settings.motion)
-        motion_check.check_fingers(state.motion, now, robot, settings.motion)
+        if now.age > settings.old:
+            motion_check.skip(state.motion)
+        else:
+            motion_check.check_base(state.motion, now, dt, robot.base, settings.motion)
+            motion_check.check_joints(state.motion, now, dt, settings.motion)
+            motion_check.check_fingers(state.motion, now, robot, settings.motion)
         scan = self._usable_scan(now, believed)
         beliefs = Beliefs(self._tracker, now, self._known.bins)
-        detections = self._usable_detections(now, believed, beliefs)
+        detections = self._usable_detections(now, believed, beliefs, held)
         self._gather(now, believed, beliefs, held)
         if scan is not now.scan or detections is not now.detections:
             believed = msgspec.structs.replace(believed, scan=scan, detections=detections)
@@ -152,14 +156,17 @@ class SelfCheck(Stateful[SelfCheckState]):
                 pose = localisation_check.carried(local, scan, now).pose
                 odometry = believed.odometry
                 state.of_scan = check_sweep(state.sweep, scan, pose, odometry, self._segments, settings.sweeps)
-                if (state.of_scan is None or state.of_scan.base > 0.0) and local.mode != "doubt":
-                    state.good = scan
+                state.waiting = scan if state.of_scan is None or state.of_scan.base > 0.0 else None
+        if state.waiting is not None and local.mode != "doubt":
+            state.good, state.waiting = state.waiting, None
         return None if state.good is None else localisation_check.carried(local, state.good, now)
 
-    def _usable_detections(self, now: Observation, believed: Observation, beliefs: Beliefs) -> tuple[Detection, ...]:
+    def _usable_detections(
+        self, now: Observation, believed: Observation, beliefs: Beliefs, held: str | None
+    ) -> tuple[Detection, ...]:
         """The detections without those that cannot be, where the believed odometry has them."""
         seen = detection_check.checked(
-            self._state.detection, now, beliefs, self._known.robot, self._settings.detections
+            self._state.detection, now, beliefs, held, self._known.robot, self._settings.detections
         )  # fmt: skip
         if believed.odometry is now.odometry or not seen:
             return seen

@@ -21,8 +21,8 @@ class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
     outside: float = math.radians(10.0)  # [rad] beyond the cone, and ...
     beyond: float = 1.15  # ... by this share of the range, where nothing can be seen: the hand moves while it looks
     hand_speed: float = 1.5  # [m/s] with which it may have moved since
-    inside: float = math.radians(12.0)  # [rad] within the cone, and ...
-    within: float = 0.8  # ... this share of the range, what stands free is seen
+    inside: float = math.radians(5.0)  # [rad] within the cone, and ...
+    within: float = 0.92  # ... this share of the range, what stands free is seen
     nearest: float = 0.12  # [m] from the lens, nearer the fingers may hide it
     above: float = 0.05  # [m] that the lens has to be above an object to look down on it freely
     twice: float = 0.06  # [m] between two reports of one object in one frame
@@ -30,9 +30,9 @@ class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
     own: float = 0.1  # [m] from its own place, at least
     believed: float = 20.0  # [s] of swapped reports after which somebody has really swapped the objects
     doubtful: float = 0.05  # [m] sd of a place at which nobody wonders where the object is found
-    known: float = 0.02  # [m] sd of a place that is known well enough to miss an object there
+    known: float = 0.04  # [m] sd of a place that is known well enough to miss an object there
     recent: float = 2.0  # [s] within which it was seen last
-    missed: float = 0.4  # [s] in view without a report
+    missed: float = 0.3  # [s] in view without a report
     late: float = 0.3  # [s] age of the newest detections
     told: float = 0.5  # [s] that a wrong report is told
 
@@ -73,9 +73,10 @@ class Beliefs:
 
 
 def checked(
-    state: DetectionState, now: Observation, beliefs: Beliefs, profile: RobotProfile, settings: DetectionSettings
-) -> tuple[Detection, ...]:
-    """The detections without those that cannot be; new ones are judged once."""
+    state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
+    settings: DetectionSettings,
+) -> tuple[Detection, ...]:  # fmt: skip
+    """The detections without those that cannot be."""
     if not now.detections:
         return now.detections
     eye = lens(now.q, profile)
@@ -86,7 +87,8 @@ def checked(
             kept.append(one)  # the tracker leaves it out
             continue
         found = _ghost(one, now, eye, profile, settings) or _twice(one, now, beliefs, settings)
-        found = found or _swapped(state, one, beliefs, settings)
+        if found is None and one.name != held:
+            found = _swapped(state, one, beliefs, settings)
         if found is None:
             kept.append(one)
             state.good[one.name] = max(one.stamp, state.good.get(one.name, one.stamp))
@@ -190,8 +192,11 @@ def _swapped(state: DetectionState, one: Detection, beliefs: Beliefs, settings: 
     if away < settings.own:
         state.swapped = max(0.0, state.swapped - 0.01)
         return None
-    other = beliefs.other_at(one.name, here, settings.at_other)
-    if not other or beliefs.in_bin(here):
+    if beliefs.in_bin(here):
+        other = "" if beliefs.in_bin(own[0]) else "what was dropped into a bin"
+    else:
+        other = beliefs.other_at(one.name, here, settings.at_other)
+    if not other:
         return None
     if one.stamp > state.stamps.get(one.name, -math.inf):
         state.swapped += 1.0 / 20.0
@@ -199,7 +204,7 @@ def _swapped(state: DetectionState, one: Detection, beliefs: Beliefs, settings: 
         return None
     return Finding(
         kind="camera_swap", subject=one.name, value=away, limit=settings.own, unit="m",
-        text=f"the camera reports {one.name} where {other} stands: left out",
+        text=f"the camera reports {one.name} where {other} is: left out",
     )  # fmt: skip
 
 

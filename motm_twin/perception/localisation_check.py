@@ -22,14 +22,14 @@ class LocalisationSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of localisation and odometry."""
 
     follow: float = 2.0  # [s] time constant with which the dead-reckoned pose follows localisation
-    floor: float = 0.06  # [m] 6 sd of localisation of this project's noise: no healthy run leaves dead reckoning so far
+    floor: float = 0.05  # [m] 5 sd of localisation of this project's noise: no healthy run leaves dead reckoning so far
     scale: float = 0.012  # share of a way by which odometry may err: 4 sd of its scale
     heading: float = 0.12  # [rad] 6 sd of the heading's error, and of the scale while turning
     least: int = 10  # beams that must meet mapped furniture before the scan can decide
     better: float = 0.1  # of the fit, by which one pose must be better than the other
     fit_sd: float = 0.1  # [m] error of a beam at which it fits badly
     reach: float = 8.0  # [m] of beams that count
-    looks: int = 3  # sweeps that are looked at
+    looks: int = 2  # sweeps that are looked at
     patience: float = 0.3  # [s] after which localisation is believed when nothing that is mapped is in sight ...
     undecided: float = 1.0  # [s] ... and when the scan fits both
     jump: float = 0.15  # [s] within which a leap of localisation is a push, and not wheels that slip
@@ -53,6 +53,7 @@ class LocalisationState:
     leaps: list[tuple[float, float, float]] = field(default_factory=list)  # [s], [m], [rad] by which it left lately
     leapt: bool = False  # it left at once
     votes: list[float] = field(default_factory=list)  # by how much localisation fits better, of each sweep
+    slipped: float = 0.0  # [m] by which localisation had left when that was decided
     way: float = 0.0  # [m] driven by odometry alone
     before: Array = field(default_factory=lambda: np.zeros(3))  # odometry in the world when the wheels began to slip
     notice: Finding | None = None  # told until ...
@@ -96,7 +97,7 @@ def vote(
     state: LocalisationState, scan: Scan, now: Observation, segments: Array, settings: LocalisationSettings
 ) -> None:
     """Let a new sweep say which pose is right; ``now`` and ``scan`` as reported."""
-    if state.mode not in ("doubt", "off") or not len(segments):
+    if state.mode not in ("doubt", "off") or not len(segments) or scan.stamp <= state.since:
         return
     believed = compose(compose(state.pose, inverse(now.pose)), scan.pose)
     reach = min(settings.reach, scan.range_max)
@@ -106,6 +107,8 @@ def vote(
     ]
     if min(count for count, _ in fits) >= settings.least:
         state.votes = [*state.votes[1 - settings.looks :], fits[0][1] - fits[1][1]]
+        if state.mode == "doubt":
+            _decide(state, now, settings, away=True)
 
 
 def finding(state: LocalisationState, settings: LocalisationSettings, limit: float) -> Finding | None:
@@ -119,10 +122,10 @@ def finding(state: LocalisationState, settings: LocalisationSettings, limit: flo
             text=f"{did} localisation is {away:.2f} m off, neither the wheels nor the scan agree with it",
         )  # fmt: skip
     if state.mode == "slip":
-        away = _apart(state.localised, state.pose)[0]
+        away = max(state.slipped, _apart(state.localised, state.pose)[0])
         return Finding(
             kind="slip", subject="wheels", value=away, limit=limit, unit="m", base=0.5,
-            text=f"slowed to half speed: the wheels slip, the robot moves {away:.2f} m less than they turn",
+            text=f"slowed to half speed: the wheels slip, the robot is {away:.2f} m from where they say",
         )  # fmt: skip
     return state.notice
 
@@ -168,7 +171,7 @@ def _reckon(
     limit = limit_of(base, settings, now)
     away = left > limit or turned > settings.heading + 0.2 * base.yaw_rate * (now.ahead + now.age)
     if state.mode == "doubt":
-        _decide(state, now, left, away, settings)
+        _decide(state, now, settings, away=away)
     elif state.mode == "off":
         state.way += math.hypot(way[0], way[1])
         _return(state, now, left < 0.5 * limit and turned < 0.5 * settings.heading, settings)
@@ -185,10 +188,9 @@ def _reckon(
             _change(state, "", now.time)
 
 
-def _decide(
-    state: LocalisationState, now: Observation, left: float, away: bool, settings: LocalisationSettings
-) -> None:
+def _decide(state: LocalisationState, now: Observation, settings: LocalisationSettings, *, away: bool) -> None:
     """Localisation has left: is it wrong, was the robot pushed, or do its wheels slip?"""
+    left, turned = _apart(now.pose, state.pose)
     votes, waited = state.votes, now.time - state.since
     sure = len(votes) >= settings.looks and abs(sum(votes)) > settings.better * len(votes)
     over = waited > (settings.undecided if votes else settings.patience)
@@ -199,12 +201,11 @@ def _decide(
         state.way = 0.0
     elif sure or over:
         state.before = compose(state.odometry, inverse(state.pose))
-        turned = math.degrees(_apart(now.pose, state.pose)[1])
-        state.pose = now.pose.copy()
+        state.pose, state.slipped = now.pose.copy(), left
         if state.leapt:
             state.notice = Finding(
                 kind="pushed", subject="localisation", value=left, limit=settings.floor, unit="m",
-                text=f"the robot was pushed by {left:.2f} m and {turned:.0f} deg, which its wheels have not noticed",
+                text=f"the robot was pushed by {left:.2f} m and {math.degrees(turned):.0f} deg, which its wheels have not noticed",
             )  # fmt: skip
             state.until = now.time + settings.told
         _change(state, "" if state.leapt else "slip", now.time)
