@@ -16,7 +16,7 @@ from motm_twin.control.motion_check import MotionSettings, MotionState
 from motm_twin.control.tick import Event
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.known import KnownWorld
-from motm_twin.model.plant import Actuation, Detection, Observation, Scan
+from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.state import Stateful
 from motm_twin.perception import detection_check, localisation_check
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState
@@ -98,12 +98,13 @@ class SelfCheck(Stateful[SelfCheckState]):
             motion_check.check_joints(state.motion, now, dt, settings.motion)
             motion_check.check_fingers(state.motion, now, robot, settings.motion)
         scan = self._usable_scan(now, believed)
-        beliefs = Beliefs(self._tracker, now, self._known.bins)
-        detections = self._usable_detections(now, believed, beliefs, held)
-        self._gather(now, believed, beliefs, held)
-        if scan is not now.scan or detections is not now.detections:
-            believed = msgspec.structs.replace(believed, scan=scan, detections=detections)
-        return believed
+        seen = _shifted(now, believed)  # what the camera says, in the odometry that is believed
+        beliefs = Beliefs(self._tracker, seen, self._known.bins)
+        detections = detection_check.checked(state.detection, seen, beliefs, held, robot, settings.detections)
+        self._gather(now, seen, beliefs, held)
+        if scan is seen.scan and detections is seen.detections:
+            return seen
+        return msgspec.structs.replace(seen, scan=scan, detections=detections)
 
     def trust(self) -> Trust:
         """The share of its speed that the robot keeps, and the reason of the worst finding."""
@@ -161,18 +162,6 @@ class SelfCheck(Stateful[SelfCheckState]):
             state.good, state.waiting = state.waiting, None
         return None if state.good is None else localisation_check.carried(local, state.good, now)
 
-    def _usable_detections(
-        self, now: Observation, believed: Observation, beliefs: Beliefs, held: str | None
-    ) -> tuple[Detection, ...]:
-        """The detections without those that cannot be, where the believed odometry has them."""
-        seen = detection_check.checked(
-            self._state.detection, now, beliefs, held, self._known.robot, self._settings.detections
-        )  # fmt: skip
-        if believed.odometry is now.odometry or not seen:
-            return seen
-        shift = compose(believed.odometry, inverse(now.odometry))
-        return tuple(msgspec.structs.replace(one, odometry=compose(shift, one.odometry)) for one in seen)
-
     def _old(self, now: Observation) -> list[Finding]:
         """A sweep or a state that is old: the monitor slows and stops for it, and says so."""
         state, found, limit = self._state, [], self._settings.old
@@ -185,17 +174,24 @@ class SelfCheck(Stateful[SelfCheckState]):
                 found.append(Finding(kind=kind, subject=subject, value=age, limit=limit, unit="s", text=text))
         return found
 
-    def _gather(self, now: Observation, believed: Observation, beliefs: Beliefs, held: str | None) -> None:
-        """All that is wrong now, the worst first."""
+    def _gather(self, now: Observation, seen: Observation, beliefs: Beliefs, held: str | None) -> None:
+        """All that is wrong now, the worst first; ``now`` as reported, ``seen`` in the odometry that is believed."""
         state, settings, base = self._state, self._settings, self._known.robot.base
         limit = localisation_check.limit_of(base, settings.localisation)
         local = localisation_check.finding(state.localisation, settings.localisation, limit)
         found = [one for one in (state.of_scan, local, *self._old(now)) if one is not None]
         found += motion_check.findings(state.motion, now, base, settings.motion)
-        found += detection_check.findings(
-            state.detection, now, beliefs, held, self._known.robot, settings.detections
-        )  # fmt: skip
+        found += detection_check.findings(state.detection, seen, beliefs, held, self._known.robot, settings.detections)
         state.findings = tuple(sorted(found, key=lambda one: (one.base, one.arm)))
+
+
+def _shifted(now: Observation, believed: Observation) -> Observation:
+    """What is believed of an observation, with its detections in the odometry that is believed."""
+    if believed.odometry is now.odometry or not now.detections:
+        return believed
+    shift = compose(believed.odometry, inverse(now.odometry))
+    moved = tuple(msgspec.structs.replace(one, odometry=compose(shift, one.odometry)) for one in now.detections)
+    return msgspec.structs.replace(believed, detections=moved)
 
 
 def _refused(reason: str) -> Finding:

@@ -28,7 +28,8 @@ class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
     twice: float = 0.06  # [m] between two reports of one object in one frame
     at_other: float = 0.05  # [m] from another object's place, at which a report is of that one
     own: float = 0.1  # [m] from its own place, at least
-    believed: float = 20.0  # [s] of swapped reports after which somebody has really swapped the objects
+    contested: float = 5.0  # [s] after another one was reported at its place, in which an object is not elsewhere
+    believed: float = 10.0  # [s] after the first swapped report, somebody has really swapped the objects
     doubtful: float = 0.05  # [m] sd of a place at which nobody wonders where the object is found
     known: float = 0.04  # [m] sd of a place that is known well enough to miss an object there
     recent: float = 2.0  # [s] within which it was seen last
@@ -43,7 +44,8 @@ class DetectionState:
 
     stamps: dict[str, float] = field(default_factory=dict)  # [s] of the newest report of each object
     good: dict[str, float] = field(default_factory=dict)  # and of the newest that was not left out
-    swapped: float = 0.0  # [s] of swapped reports, lately
+    swapped: dict[str, float] = field(default_factory=dict)  # [s] since when each is reported at another's place
+    taken: dict[str, float] = field(default_factory=dict)  # [s] when another one was reported at the place of each
     wrong: Finding | None = None
     until: float = 0.0  # [s] that it is told
     missing: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
@@ -88,7 +90,7 @@ def checked(
             continue
         found = _ghost(one, now, eye, profile, settings) or _twice(one, now, beliefs, settings)
         if found is None and one.name != held:
-            found = _swapped(state, one, beliefs, settings)
+            found = _swapped(state, one, now, beliefs, settings)
         if found is None:
             kept.append(one)
             state.good[one.name] = max(one.stamp, state.good.get(one.name, one.stamp))
@@ -182,30 +184,41 @@ def _twice(one: Detection, now: Observation, beliefs: Beliefs, settings: Detecti
     return None
 
 
-def _swapped(state: DetectionState, one: Detection, beliefs: Beliefs, settings: DetectionSettings) -> Finding | None:
-    """An object that is reported where another one stands."""
+def _swapped(
+    state: DetectionState, one: Detection, now: Observation, beliefs: Beliefs, settings: DetectionSettings
+) -> Finding | None:
+    """An object that is reported where another one stands, for longer than a fault lasts: then they were swapped."""
     own = beliefs.get(one.name)
     if own is None or own[1] > settings.doubtful:
         return None
     here = from_frame(one.odometry, one.p_base)
-    away = math.dist(here.tolist(), own[0].tolist())
+    away = _apart(here, own[0])
     if away < settings.own:
-        state.swapped = max(0.0, state.swapped - 0.01)
+        state.swapped.pop(one.name, None)
         return None
     if beliefs.in_bin(here):
-        other = "" if beliefs.in_bin(own[0]) else "what was dropped into a bin"
+        other = "" if beliefs.in_bin(own[0]) else "what was dropped into a bin is"
     else:
         other = beliefs.other_at(one.name, here, settings.at_other)
-    if not other:
+        its = next((each for each in now.detections if each.name == other), None)
+        if its is not None and _apart(from_frame(its.odometry, its.p_base), own[0]) > settings.own:
+            return None  # both are elsewhere, and not at each other's place: it is the robot that errs
+    if other:
+        state.taken[other] = one.stamp
+    elif one.stamp - state.taken.get(one.name, -math.inf) < settings.contested:
+        other = "none can be, as another one was seen at its place"
+    since = state.swapped.setdefault(one.name, one.stamp)
+    if not other or one.stamp - since > settings.believed:
         return None
-    if one.stamp > state.stamps.get(one.name, -math.inf):
-        state.swapped += 1.0 / 20.0
-    if state.swapped > settings.believed:
-        return None
+    where = other if " " in other else f"{other} is"
     return Finding(
         kind="camera_swap", subject=one.name, value=away, limit=settings.own, unit="m",
-        text=f"the camera reports {one.name} where {other} is: left out",
+        text=f"the camera reports {one.name} where {where}: left out",
     )  # fmt: skip
+
+
+def _apart(a: Array, b: Array) -> float:
+    return math.dist(a.tolist(), b.tolist())
 
 
 def _missing(

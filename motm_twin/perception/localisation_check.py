@@ -174,7 +174,7 @@ def _reckon(
         _decide(state, now, settings, away=away)
     elif state.mode == "off":
         state.way += math.hypot(way[0], way[1])
-        _return(state, now, left < 0.5 * limit and turned < 0.5 * settings.heading, settings)
+        _return(state, now, left < 0.8 * limit and turned < 0.8 * settings.heading, settings)
     elif state.mode == "" and away:
         _change(state, "doubt", now.time)
         state.leapt = any(step > 0.5 * limit or turn > 0.5 * settings.heading for _, step, turn in state.leaps)
@@ -205,7 +205,7 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
         if state.leapt:
             state.notice = Finding(
                 kind="pushed", subject="localisation", value=left, limit=settings.floor, unit="m",
-                text=f"the robot was pushed by {left:.2f} m and {math.degrees(turned):.0f} deg, which its wheels have not noticed",
+                text=f"the robot was pushed by {left:.2f} m and {math.degrees(turned):.0f} deg: its wheels noticed nothing",
             )  # fmt: skip
             state.until = now.time + settings.told
         _change(state, "" if state.leapt else "slip", now.time)

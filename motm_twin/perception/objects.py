@@ -31,6 +31,7 @@ class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
     localisation_sd: float = 0.03  # [m] added to the prior's error: localisation when the object is first seen
     agreeing: int = 3  # outliers in a row at one place that move the belief there
     yaw_gain: float = 0.3  # of each detection
+    unseen: float = 2.5  # sd of the prior within which an object is that was never seen
     jump: float = 0.1  # [m] and [rad] by which localisation leaves odometry at once: somebody pushed the robot
 
 
@@ -93,8 +94,9 @@ class ObjectTracker(Stateful[TrackerState]):
     def other_at(self, name: str, point: Array, within: float, observation: Observation) -> str:
         """Another object than ``name`` that is believed within a distance [m] of a point (3,); "" for none.
 
-        The point is in the odometry frame.
+        The point is in the odometry frame. What was never seen may be further from where it is believed.
         """
+        wide = within + self._settings.unseen * self._prior_sd
         tracks = self._state.tracks
         here = point.tolist()
         for other, track in tracks.items():
@@ -102,8 +104,8 @@ class ObjectTracker(Stateful[TrackerState]):
                 return other
         in_world = from_frame(compose(observation.pose, inverse(observation.odometry)), point).tolist()
         for other, (place, _) in self._priors.items():
-            near = other != name and other not in tracks and abs(place[0] - in_world[0]) < within
-            if near and math.dist(in_world, place.tolist()) < within:
+            near = other != name and other not in tracks and abs(place[0] - in_world[0]) < wide
+            if near and math.dist(in_world, place.tolist()) < wide:
                 return other
         return ""
 
