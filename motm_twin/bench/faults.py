@@ -3,6 +3,7 @@
 Nothing may be hit by the robot's doing, the cause must be found within a second, and the work goes on when it ends.
 """
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -171,3 +172,89 @@ def _result(watch: Watch, twin: Any, tick: Tick, scene: str, kind: str, seed: in
         "false": dict(sorted(watch.false.items())),
         "reason": "" if tick.success else (tick.stop_reason or "; ".join(twin.loop.sequence.failures)),
     }
+
+
+def bench_faults(
+    out: Path, share: float, workers: int, console: Console, *, kinds: Iterable[str] = (), scenes: Iterable[str] = ()
+) -> bool:
+    """Run, print, write ``out/faults.json``; True when nothing was hit, every cause was found in time and all was done.
+
+    ``share`` of ten seeds; only these ``kinds`` and ``scenes`` when any are named.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    seeds = range(math.ceil(SEEDS * share))
+    chosen, places = list(kinds) or [NONE, *KINDS], list(scenes) or list(SCENES)
+    cells = [(scene, kind, seed) for seed in seeds for kind in chosen for scene in places]
+    run = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
+    results: list[dict[str, Any]] = []
+    for one in run(joblib.delayed(run_cell)(*cell) for cell in cells):
+        results.append(one)
+        if not good(one):
+            console.print(f"  {told_of(one)}", style="yellow", markup=False)
+    results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
+    console.print(table_of(results))
+    reached = all(map(good, results))
+    whole = {"group": NAME, "title": TITLE, "machine": machine(), "reached": reached, "trials": results}
+    write(out / f"{NAME}.json", whole)
+    (out / f"{NAME}.md").write_text(markdown_of(results) + "\n", encoding="utf-8")
+    console.print(f"{machine()}, {workers} processes; written to {out / f'{NAME}.json'} and {NAME}.md")
+    return reached
+
+
+def good(one: dict[str, Any]) -> bool:
+    """Nothing was hit, every cause was found in time, and all was done."""
+    return bool(one["success"]) and not one["caused"] and all(map(in_time, one["named_s"]))
+
+
+def in_time(delay: float | None) -> bool:
+    """The cause was found within a second."""
+    return delay is not None and delay <= WITHIN + 1e-6
+
+
+def told_of(one: dict[str, Any]) -> str:
+    """A trial that was not good, in one line."""
+    where = f"{one['scene']} seed {one['seed']} {one['kind']}: {one['placed']}/{one['places']} in {one['time_s']} s"
+    caused = f"; {'; '.join(one['caused'])}" if one["caused"] else ""
+    return f"{where}, named after {one['named_s']} s{caused}{'; ' + one['reason'] if one['reason'] else ''}"
+
+
+HEAD = ("fault", "trials", "done", "placed", "contacts caused", "named in time", "slowest", "false", "time")
+
+
+def rows_of(results: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """One row of text for each kind."""
+    rows = []
+    for kind in dict.fromkeys(one["kind"] for one in results):
+        these = [one for one in results if one["kind"] == kind]
+        named = [delay for one in these for delay in one["named_s"]]
+        times = [one["time_s"] for one in these if one["success"]]
+        rows.append(
+            (
+                kind,
+                str(len(these)),
+                str(sum(one["success"] for one in these)),
+                f"{sum(one['placed'] for one in these)}/{sum(one['places'] for one in these)}",
+                str(sum(len(one["caused"]) for one in these)),
+                f"{sum(map(in_time, named))}/{len(named)}" if named else "",
+                f"{max((delay for delay in named if delay is not None), default=math.nan):.2f} s" if named else "",
+                ", ".join(sorted({key for one in these for key in one["false"]})),
+                f"{sum(times) / len(times):.1f} s" if times else "",
+            )
+        )
+    return rows
+
+
+def table_of(results: list[dict[str, Any]]) -> Table:
+    """The same for a console."""
+    table = Table(title=f"each {LASTS:g} s long, up to {len(TIMES)} times a trial")
+    for name in HEAD:
+        table.add_column(name, justify="left" if name in ("fault", "false") else "right")
+    for row in rows_of(results):
+        table.add_row(*row)
+    return table
+
+
+def markdown_of(results: list[dict[str, Any]]) -> str:
+    """The same for a document."""
+    lines = [HEAD, ("---",) * len(HEAD), *rows_of(results)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in lines)

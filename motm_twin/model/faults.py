@@ -22,6 +22,7 @@ class FaultKind(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     group: str  # lidar | camera | localisation | wheels | arm | state
+    button: str  # on the page
     what: str  # one line for documents
     phrase: str  # while it lasts; "{}" stands for its number
     number: Field = ""
@@ -42,78 +43,171 @@ class FaultKind(msgspec.Struct, frozen=True, kw_only=True):
         return 0.0
 
 
-def _late(name: str, group: str, what: str, phrase: str) -> FaultKind:
+def _late(name: str, group: str, button: str, what: str, phrase: str) -> FaultKind:
     return FaultKind(
-        name=name, group=group, what=what, phrase=phrase, number="delay", high=LONGEST_DELAY, usual=0.5, unit="s"
+        name=name,
+        group=group,
+        button=button,
+        what=what,
+        phrase=phrase,
+        number="delay",
+        high=LONGEST_DELAY,
+        usual=0.5,
+        unit="s",
     )
 
 
-def _by(name: str, group: str, what: str, phrase: str, low: float, high: float, usual: float, unit: str) -> FaultKind:
+def _by(
+    name: str, group: str, button: str, what: str, phrase: str, bounds: tuple[float, float, float], unit: str
+) -> FaultKind:
+    """A kind with an amount; ``bounds``: least, most, usual."""
+    low, high, usual = bounds
     return FaultKind(
-        name=name, group=group, what=what, phrase=phrase, number="amount", low=low, high=high, usual=usual, unit=unit
-    )
+        name=name, group=group, button=button, what=what, phrase=phrase, number="amount", low=low, high=high,
+        usual=usual, unit=unit,
+    )  # fmt: skip
 
 
 KINDS: dict[str, FaultKind] = {
     kind.name: kind
     for kind in (
-        FaultKind(name="lidar_off", group="lidar", what="no sweep comes", phrase="lidar off"),
+        FaultKind(name="lidar_off", group="lidar", button="Lidar off", what="no sweep comes", phrase="lidar off"),
         FaultKind(
-            name="lidar_frozen", group="lidar", what="the last sweep comes again and again, with fresh stamps",
+            name="lidar_frozen",
+            group="lidar",
+            button="Lidar frozen",
+            what="the last sweep comes again and again, with fresh stamps",
             phrase="lidar frozen",
         ),
-        FaultKind(name="lidar_blind", group="lidar", what="no beam returns", phrase="lidar blind"),
-        _by(
-            "lidar_nan", "lidar", "a share of the beams, at least one, says nan", "{:.3g} of the lidar's beams nan",
-            0.0, 1.0, 0.3, "share",
+        FaultKind(
+            name="lidar_blind", group="lidar", button="Lidar blind", what="no beam returns", phrase="lidar blind"
         ),
         _by(
-            "lidar_noise", "lidar", "the noise of the ranges is so many times as large (of 0.01 m where it is none)",
-            "lidar noise {:g} times as large", 1.0, 50.0, 10.0, "times",
+            "lidar_nan",
+            "lidar",
+            "Lidar nan",
+            "a share of the beams, at least one, says nan",
+            "{:.3g} of the lidar's beams nan",
+            (0.0, 1.0, 0.3),
+            "share",
         ),
-        _late("lidar_delay", "lidar", "sweeps come late, with their true stamps", "lidar {:.2f} s late"),
-        FaultKind(name="camera_off", group="camera", what="nothing is detected", phrase="camera off"),
-        _late("camera_delay", "camera", "detections come late, with their true stamps", "camera {:.2f} s late"),
         _by(
-            "camera_ghost", "camera", "an object is reported beside where it stands, whatever the camera looks at",
-            "a ghost {:.2f} m beside an object", 0.1, 2.0, 0.3, "m",
+            "lidar_noise",
+            "lidar",
+            "Lidar noisy",
+            "the noise of the ranges is so many times as large (of 0.01 m where it is none)",
+            "lidar noise {:g} times as large",
+            (1.0, 50.0, 10.0),
+            "times",
+        ),
+        _late("lidar_delay", "lidar", "Lidar late", "sweeps come late, with their true stamps", "lidar {:.2f} s late"),
+        FaultKind(
+            name="camera_off", group="camera", button="Camera off", what="nothing is detected", phrase="camera off"
+        ),
+        _late(
+            "camera_delay",
+            "camera",
+            "Camera late",
+            "detections come late, with their true stamps",
+            "camera {:.2f} s late",
+        ),
+        _by(
+            "camera_ghost",
+            "camera",
+            "Ghost",
+            "an object is reported beside where it stands, whatever the camera looks at",
+            "a ghost {:.2f} m beside an object",
+            (0.1, 2.0, 0.3),
+            "m",
         ),
         FaultKind(
-            name="camera_swap", group="camera", what="the two objects nearest to the camera are taken for each other",
+            name="camera_swap",
+            group="camera",
+            button="Swapped",
+            what="the two objects nearest to the camera are taken for each other",
             phrase="two objects swapped",
         ),
         FaultKind(
-            name="camera_lost", group="camera", what="the object nearest to the camera is not detected",
+            name="camera_lost",
+            group="camera",
+            button="Lost",
+            what="the object nearest to the camera is not detected",
             phrase="the nearest object not detected",
         ),
         _by(
-            "pose_jump", "localisation", "the localised pose is so far off", "localisation {:.2f} m off",
-            0.1, 1.0, 0.3, "m",
+            "pose_jump",
+            "localisation",
+            "Pose jump",
+            "the localised pose is so far off",
+            "localisation {:.2f} m off",
+            (0.1, 1.0, 0.3),
+            "m",
         ),
         _by(
-            "pose_drift", "localisation", "the localised pose drifts off at this speed",
-            "localisation drifts at {:.2f} m/s", 0.05, 0.5, 0.1, "m/s",
+            "pose_drift",
+            "localisation",
+            "Pose drift",
+            "the localised pose drifts off at this speed",
+            "localisation drifts at {:.2f} m/s",
+            (0.05, 0.5, 0.1),
+            "m/s",
         ),
         _by(
-            "odometry_jump", "wheels", "odometry is so far off", "odometry {:.2f} m off", 0.1, 1.0, 0.3, "m",
+            "odometry_jump",
+            "wheels",
+            "Odometry jump",
+            "odometry is so far off",
+            "odometry {:.2f} m off",
+            (0.1, 1.0, 0.3),
+            "m",
         ),
         _by(
-            "wheel_slip", "wheels", "this share of what the wheels turn does not move the base",
-            "wheels slip by {:.0%}", 0.05, 1.0, 0.5, "share",
+            "wheel_slip",
+            "wheels",
+            "Wheels slip",
+            "this share of what the wheels turn does not move the base",
+            "wheels slip by {:.0%}",
+            (0.05, 1.0, 0.5),
+            "share",
         ),
-        _late("base_lag", "wheels", "the base follows its commands with so much more lag", "base lags {:.2f} s more"),
-        FaultKind(name="base_stuck", group="wheels", what="the wheels brake, and stand", phrase="base stuck"),
-        FaultKind(
-            name="joint_stuck", group="arm", what="one joint of the arm brakes, and stands",
-            phrase="joint {:.0f} stuck", number="joint", low=1, high=JOINTS, usual=4, unit="",
-        ),
-        FaultKind(name="gripper_stuck", group="arm", what="the fingers stand", phrase="gripper stuck"),
         _late(
-            "state_delay", "state", "all that the robot says of its own motion comes late, and says so",
+            "base_lag",
+            "wheels",
+            "Base late",
+            "the base follows its commands with so much more lag",
+            "base lags {:.2f} s more",
+        ),
+        FaultKind(
+            name="base_stuck",
+            group="wheels",
+            button="Base stuck",
+            what="the wheels brake, and stand",
+            phrase="base stuck",
+        ),
+        FaultKind(
+            name="joint_stuck",
+            group="arm",
+            button="Joint stuck",
+            what="one joint of the arm brakes, and stands",
+            phrase="joint {:.0f} stuck",
+            number="joint",
+            low=1,
+            high=JOINTS,
+            usual=4,
+            unit="",
+        ),
+        FaultKind(
+            name="gripper_stuck", group="arm", button="Fingers stuck", what="the fingers stand", phrase="gripper stuck"
+        ),
+        _late(
+            "state_delay",
+            "state",
+            "State late",
+            "all that the robot says of its own motion comes late, and says so",
             "state of the robot {:.2f} s late",
         ),
     )
-}  # fmt: skip
+}
 NAMES = tuple(KINDS)
 USUAL_JOINT = 4
 

@@ -175,7 +175,7 @@ class TimedFaultFile(Part, frozen=True, kw_only=True):
     """A fault that comes at a time of the run; kinds and the meaning of their numbers are in docs/zenoh.md."""
 
     at: Annotated[float, Meta(ge=0, le=36000, description="[s] of simulated time")]
-    fault: Literal[faults.NAMES]
+    fault: Annotated[str, Meta(extra_json_schema={"enum": list(faults.NAMES)})]
     seconds: Annotated[float, Meta(ge=faults.SHORTEST, le=faults.LONGEST, description="[s]")] = 1.0
     delay: Annotated[float, Meta(ge=0, le=faults.LONGEST_DELAY, description="[s]")] = 0.5
     amount: float | None = None

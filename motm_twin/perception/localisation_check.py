@@ -205,7 +205,7 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
         if state.leapt:
             state.notice = Finding(
                 kind="pushed", subject="localisation", value=left, limit=settings.floor, unit="m",
-                text=f"the robot was pushed by {left:.2f} m and {math.degrees(turned):.0f} deg: its wheels noticed nothing",
+                text=f"pushed by {left:.2f} m and {math.degrees(turned):.0f} deg: the wheels have noticed nothing",
             )  # fmt: skip
             state.until = now.time + settings.told
         _change(state, "" if state.leapt else "slip", now.time)
