@@ -26,6 +26,8 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     well: float = 0.05  # [s] at which the base is well again
     memory: float = 0.6  # [s] over which the lag is reckoned
     smooth: float = 0.1  # [s] over which a twist is smoothed before its change is told from its noise
+    limited: float = 0.95  # share of a limit at which a base is at it
+    caught_up: float = 0.25  # [s] after which it has caught up with what it could not follow there
     changes: float = 0.15  # share of the largest acceleration, for this time: less change of speed tells no lag
     changing: float = 0.1  # [s]
     apart: float = 0.05  # of the square that tells lag from another speed than told
@@ -54,6 +56,7 @@ class MotionState:
     moving: float = 0.0  # [s] that it has moved as it should
     resting: float = 0.0  # [s] that nothing was asked of it
     smooth: Array = field(default_factory=lambda: np.zeros((2, 2)))  # expected and measured twist
+    free: Array = field(default_factory=lambda: np.zeros(2))  # [s] since either axis was at a limit
     sums: Array = field(default_factory=lambda: np.zeros((5, 2)))  # of `_lag`, for both axes
     lag: Array = field(default_factory=lambda: np.zeros(2))  # [s] more than the profile says, as far as it can be told
     base: str = ""  # "" | base_stuck | base_late
@@ -98,7 +101,7 @@ def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits
     state.standing = state.standing + dt if bool(stands.any()) and not bool(follows.any()) else 0.0
     state.moving = state.moving + dt if bool(follows.any()) and not bool(stands.any()) else 0.0
     state.resting = 0.0 if bool(asked.any()) else state.resting + dt
-    known = _lag(state, now.twist, dt, most, settings)
+    known = _lag(state, now.twist, dt, (largest, most), settings)
     late = known & (state.lag > settings.late)
     if state.standing > settings.stuck_after:
         state.base = "base_stuck"
@@ -110,23 +113,31 @@ def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits
         (bool(known.any()) and bool((state.lag[known] < settings.well).all())) or state.resting > settings.forgotten
     ):
         state.base = ""
-    if state.base == "base_stuck" and not bool(stands.any()):
-        state.expected = now.twist.copy()
+    if state.base == "base_stuck":
+        state.expected = np.where(stands, state.expected, now.twist)
+        state.smooth, state.sums = np.array([now.twist, now.twist]), np.zeros((5, 2))
 
 
-def _lag(state: MotionState, measured: Array, dt: float, most: Array, settings: MotionSettings) -> Array:
+def _lag(
+    state: MotionState, measured: Array, dt: float, limits: tuple[Array, Array], settings: MotionSettings
+) -> Array:
     """Reckon the lag of both axes; for which of them the last second tells it, shape (2,).
 
     A base that is slower than told by a share, and later by a lag, is short of what is expected by that share of it and
-    by lag times its own acceleration: least squares of both, all smoothed alike, old ones forgotten.
+    by lag times its own acceleration: least squares of both, all smoothed alike, old ones forgotten. At its ``limits``
+    of speed and acceleration a base that is faster than told falls short, too: that tells nothing.
     """
     smooth = 1.0 - math.exp(-dt / settings.smooth)
     before = state.smooth
     state.smooth = before + smooth * (np.array([state.expected, measured]) - before)
     speed, change = state.smooth[0], (state.smooth[1] - before[1]) / dt
     short = speed - state.smooth[1]
+    largest, most = limits
+    limited = (np.abs(measured) > settings.limited * largest) | (np.abs(change) > settings.limited * most)
+    state.free = np.where(limited, 0.0, state.free + dt)
+    free = state.free > settings.caught_up
     now = np.array([speed * speed, speed * change, change * change, short * speed, short * change])
-    state.sums = math.exp(-dt / settings.memory) * state.sums + dt * now
+    state.sums = np.where(free, math.exp(-dt / settings.memory) * state.sums + dt * now, state.sums)
     vv, va, aa, sv, sa = state.sums
     square = vv * aa - va * va
     known = (aa > settings.changing * (settings.changes * most) ** 2) & (square > settings.apart * vv * aa)
