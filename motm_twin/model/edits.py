@@ -4,22 +4,14 @@ World edits change the simulated world, and the robot learns of them through its
 what the robot wants or knows. With scene and seed, the log of both replays a run bit for bit.
 """
 
-from typing import Annotated
-
 import msgspec
-from msgspec import Meta
 
-from motm_twin.model.faults import JOINTS, LONGEST, LONGEST_DELAY, NAMES, SHORTEST, USUAL_JOINT
+from motm_twin.model.faults import NAMES, USUAL_JOINT
 from motm_twin.model.scene import Task
 
 FARTHEST = 100.0  # [m] from the origin that a body may be put
 FAULTS = NAMES
 ParameterValue = float | bool | str
-
-
-def _said(low: float, high: float, what: str) -> Meta:
-    """Bounds that schemas and documents tell; `model.faults.problem` checks them, and says what is allowed."""
-    return Meta(description=what, extra_json_schema={"minimum": low, "maximum": high})
 
 
 class AddObstacle(msgspec.Struct, frozen=True, kw_only=True, tag="add_obstacle", forbid_unknown_fields=True):
@@ -93,11 +85,11 @@ class PushRobot(msgspec.Struct, frozen=True, kw_only=True, tag="push_robot", for
 class InjectFault(msgspec.Struct, frozen=True, kw_only=True, tag="inject_fault", forbid_unknown_fields=True):
     """A sensor or the robot fails for a while, in one of the ways of `model.faults`. One of a kind replaces another."""
 
-    fault: Annotated[str, Meta(extra_json_schema={"enum": list(NAMES)})]
-    seconds: Annotated[float, _said(SHORTEST, LONGEST, "[s] for how long")] = 1.0
-    delay: Annotated[float, _said(0.0, LONGEST_DELAY, "[s] of what comes or acts late")] = 0.5
+    fault: str  # a kind of `model.faults`: lidar_off, lidar_frozen, ...
+    seconds: float = 1.0  # [s] for how long
+    delay: float = 0.5  # [s] of what comes or acts late
     amount: float | None = None  # of the kinds that have one, in their unit; None: the usual one
-    joint: Annotated[int, _said(1, JOINTS, "which, of the arm")] = USUAL_JOINT
+    joint: int = USUAL_JOINT  # 1 to 7, joint_stuck only
 
 
 class InsertTask(msgspec.Struct, frozen=True, kw_only=True, tag="insert_task", forbid_unknown_fields=True):

@@ -138,7 +138,7 @@ class Faults(msgspec.Struct, frozen=True, kw_only=True):
     only_object: int = 0  # only the so-many-th object that is grasped, counted from 1; 0: every one
     cube_moved_by: float = 0.0  # [m] that somebody moves each cube, on what it stands on, before it is picked
     cube_moved_within: float = 1.0  # [m] from the robot's base, which is on its way to the cube, when that happens
-    inject: tuple[TimedFault, ...] = ()  # sensors and parts of the robot that fail
+    inject: tuple[TimedFault, ...] | None = None  # sensors and parts of the robot that fail; None: nothing does
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True):

@@ -58,7 +58,7 @@ def check_robot(scene: Scene, root: Node) -> None:
 
 def check_faults(scene: Scene, root: Node) -> None:
     """What is to fail at a time of the run has a number that its kind allows."""
-    for index, one in enumerate(scene.faults.inject):
+    for index, one in enumerate(scene.faults.inject or ()):
         problem = faults.problem(one.fault, seconds=one.seconds, delay=one.delay, amount=one.amount, joint=one.joint)
         if problem:
             raise root.at("faults", "inject", index).error(problem)

@@ -267,7 +267,7 @@ def _faults(part: fmt.FaultsFile | None) -> Faults:
     if part is None:
         return Faults()
     timed = tuple(TimedFault(**_plain_units(item)) for item in part.inject or ())
-    return Faults(**{**_plain_units(part), "inject": timed})
+    return Faults(**{**_plain_units(part), "inject": timed or None})
 
 
 def _plain_units(part: msgspec.Struct) -> dict[str, Any]:

@@ -81,7 +81,7 @@ class FaultEffects:
         """Seed and noise of the scene; substep [s]."""
         self._seed, self._substep = scene.seed, substep
         self._range_sd = scene.noise.lidar_range_sd or _PLAIN_NOISE
-        self._timed = [(round(one.at / substep), _edit_of(one)) for one in scene.faults.inject]
+        self._timed = [(round(one.at / substep), _edit_of(one)) for one in scene.faults.inject or ()]
 
     def timed(self, state: FaultState, now: int) -> None:
         """Inject what the scene wants at substep ``now``."""

@@ -21,7 +21,7 @@ _RNG_FAULTS = 0xFA0175
 
 def gripper_with(faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int) -> Gripper:
     """The gripper of a scene: the plain one unless grasps may go wrong."""
-    plain = msgspec.structs.replace(faults, inject=()) == Faults()
+    plain = msgspec.structs.replace(faults, inject=None) == Faults()
     return Gripper(spec, objects, dt) if plain else FaultyGripper(faults, spec, objects, dt, seed)
 
 
