@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from motm_twin.control.parameters import Numbers, numbers
 from motm_twin.control.self_check import FULL_TRUST, Trust
@@ -18,8 +19,10 @@ from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
+from motm_twin.perception.floor import STALE, UNSEEN, Floor
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
+_DEEP = 0.03  # [m] inside the footprint: three standard deviations of a range, so that it is no noise
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 _NO_SCAN = Scan(
     stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
@@ -33,6 +36,7 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     slow_age: float = 0.15  # [s] scan or state older than this: half speed; for an old state the arm begins to slow
     stop_age: float = 0.30  # [s] scan or state older than this: stand; for an old state the arm, too
     stop_margin: float = 0.01  # [m] kept between the stopped footprint and scan points
+    creep_speed: float = 0.1  # [m/s] over floor that was seen, but not lately: a touch at this speed does no harm
     minimum_points: int = 2  # scan points inside the stopping footprint before it counts: one may be noise
 
 
@@ -71,18 +75,14 @@ class Monitor(Stateful[MonitorState]):
         self._state.twist = twist.copy()
 
     def check(
-        self,
-        actuation: Actuation,
-        observation: Observation,
-        dt: float,
-        *,
-        scan_stamp: float | None,
-        trust: Trust = FULL_TRUST,
-    ) -> Verdict:
+        self, actuation: Actuation, observation: Observation, dt: float, *,
+        scan_stamp: float | None, floor: Floor | None = None, trust: Trust = FULL_TRUST,
+    ) -> Verdict:  # fmt: skip
         """The actuation for the next dt [s], slowed where it must be.
 
-        `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands.
-        `trust`: what the robot has found out about itself.
+        `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands. The base
+        can always stop within the `floor` that it has seen free; None: all of it. `trust`: what the robot has found out
+        about itself.
         """
         share, reason = self._age(observation, scan_stamp, trust.scan)
         if trust.base < 1.0 and trust.base <= share:
@@ -101,11 +101,31 @@ class Monitor(Stateful[MonitorState]):
         if min(turning, holding) >= p.minimum_points:
             stop = np.array([0.0, twist[1] if holding < turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
+        elif floor is not None:
+            twist, slower = self._on_seen_floor(twist, floor, observation.pose, dt)
+            reason = reason or slower  # a sensor that fails is the cause of floor that it does not see
         return self._let_through(twist, rates, actuation.gripper, reason)
 
     def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
         self._state.twist = twist
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
+
+    def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, str]:
+        """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""
+        base, enough = self.profile.base, self.parameters.minimum_points
+        frame = np.array([*floor.corner, floor.resolution])
+        stop = np.array([twist[0], twist[1], base.linear_acceleration, base.yaw_acceleration, base.velocity_lag])
+        unseen, stale = unseen_in_stop(pose, stop, self._rectangle, floor.seen, frame)
+        if unseen >= enough:
+            return self._within_limits(
+                np.zeros(2), dt
+            ), "braking: the lidar has never seen the floor ahead of this motion"
+        creep = self.parameters.creep_speed
+        fastest = max(abs(twist[0]), abs(twist[1]) * self._corner)
+        if stale < enough or fastest <= creep:
+            return twist, ""
+        why = f"slowed to {creep:.1f} m/s: the lidar has not seen the floor ahead of this motion lately"
+        return self._within_limits(twist * (creep / fastest), dt), why
 
     def _age(self, observation: Observation, stamp: float | None, refused: str) -> tuple[float, str]:
         """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old.
@@ -137,10 +157,16 @@ class Monitor(Stateful[MonitorState]):
         return min(max((p.stop_age - age) / (p.stop_age - p.slow_age), 0.0), 1.0)
 
     def _braking(self, twist: Array, observation: Observation) -> str:
-        assert observation.scan is not None
-        ranges, v, base = observation.scan.ranges, abs(float(twist[0])), self.profile.base
+        scan = observation.scan
+        assert scan is not None
+        ranges, v, base = scan.ranges, abs(float(twist[0])), self.profile.base
+        overlap = deepest(
+            near_points(ranges, scan.angle_min, scan.angle_step, scan.origin, self._corner), self._rectangle
+        )
+        if overlap > 0.0:
+            return f"stopped: something that the lidar sees is {overlap:.2f} m inside the base, which may only leave it"
         way = v * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
-        nearest = float(ranges[ranges > observation.scan.range_min].min(initial=math.inf))
+        nearest = float(ranges[ranges > scan.range_min].min(initial=math.inf))
         return (
             f"braking from {v:.2f} m/s and {abs(float(twist[1])):.1f} rad/s: something that the lidar sees, "
             f"the nearest {nearest:.2f} m from it, is in the stopping way of {way:.2f} m"
@@ -176,7 +202,7 @@ def _examine(
     for k in range(rates.shape[0]):
         rates[k] = arm_share * min(max(asked_rates[k], -DQ_MAX[k]), DQ_MAX[k])
     b, v, w = base[0], twist[0], twist[1]
-    if ranges.shape[0] == 0 or (abs(v) < 1e-3 and abs(w) < 1e-3):
+    if ranges.shape[0] == 0 or (v == 0.0 and w == 0.0):
         return True, -1, -1
     reach = abs(v) * b.velocity_lag + v * v / (2.0 * b.linear_acceleration) + corner + _MARGIN_OF_REACH
     if moved:
@@ -251,13 +277,18 @@ def points_in_stop(
     rectangle: Array,
     margin: float,
 ) -> int:
-    """Most points that are within the footprint at once while the base stops from (v, w), and are not so already.
+    """Most points that the footprint comes too near to at once while the base stops from (v, w).
 
-    The stop: constant twist for the lag, then deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the
-    turn goes on until the base has come to rest. `rectangle`: half length, half width, offset of the footprint [m].
+    A point outside the margin [m] may not come inside it. A point inside the margin, or inside the footprint, may not
+    come any deeper: only motion that makes an overlap smaller is free. The stop: constant twist for the lag, then
+    deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the turn goes on until the base has come to rest.
+    `rectangle`: half length, half width, offset of the footprint [m].
     """
     dt = 0.05
-    half_length, half_width, offset = rectangle[0] + margin, rectangle[1] + margin, rectangle[2]
+    half_length, half_width, offset = rectangle[0], rectangle[1], rectangle[2]
+    allowed = np.empty(points.shape[0])
+    for i in range(points.shape[0]):
+        allowed[i] = min(margin, _room(points[i, 0] - offset, points[i, 1], half_length, half_width) - _ROUNDING)
     worst = 0
     x = 0.0
     y = 0.0
@@ -278,12 +309,73 @@ def points_in_stop(
         s = math.sin(heading)
         count = 0
         for i in range(points.shape[0]):
-            px = points[i, 0]
-            py = points[i, 1]
-            if abs(px - offset) <= half_length and abs(py) <= half_width:
-                continue
-            dx = px - x
-            dy = py - y
-            if abs(c * dx + s * dy - offset) <= half_length and abs(c * dy - s * dx) <= half_width:
+            dx = points[i, 0] - x
+            dy = points[i, 1] - y
+            if _room(c * dx + s * dy - offset, c * dy - s * dx, half_length, half_width) < allowed[i]:
                 count += 1
         worst = max(worst, count)
+
+
+@njit(cache=True)
+def unseen_in_stop(
+    pose: Array, stop: Array, rectangle: Array, seen: NDArray[np.uint8], frame: Array
+) -> tuple[int, int]:
+    """Points of the footprint's outline that come over unseen, and over stale floor while the base stops; most at once.
+
+    ``stop``: twist (v, w), decelerations and lag of `points_in_stop`; ``rectangle`` as there; ``frame``: corner of the
+    floor (x, y) and its resolution [m]. Beyond the floor that is kept nothing is asked.
+    """
+    v, w, a, b, lag = stop[0], stop[1], stop[2], stop[3], stop[4]
+    along, across = math.ceil(2.0 * rectangle[0] / frame[2]), math.ceil(2.0 * rectangle[1] / frame[2])
+    outline = np.empty((2 * (along + across), 2))
+    for i in range(along):
+        outline[2 * i] = rectangle[2] - rectangle[0] + i * 2.0 * rectangle[0] / along, rectangle[1]
+        outline[2 * i + 1] = rectangle[2] + rectangle[0] - i * 2.0 * rectangle[0] / along, -rectangle[1]
+    for i in range(across):
+        outline[2 * (along + i)] = rectangle[2] + rectangle[0], rectangle[1] - i * 2.0 * rectangle[1] / across
+        outline[2 * (along + i) + 1] = rectangle[2] - rectangle[0], i * 2.0 * rectangle[1] / across - rectangle[1]
+    dt, time = 0.05, 0.0
+    x, y, heading = pose[0], pose[1], pose[2]
+    never, late = 0, 0
+    while v != 0.0 or w != 0.0:
+        if time >= lag:
+            v = math.copysign(max(abs(v) - a * dt, 0.0), v)
+            w = math.copysign(max(abs(w) - b * dt, 0.0), w)
+        heading += w * dt
+        x += v * dt * math.cos(heading)
+        y += v * dt * math.sin(heading)
+        time += dt
+        c, s = math.cos(heading), math.sin(heading)
+        unseen, stale = 0, 0
+        for i in range(outline.shape[0]):
+            px, py = x + c * outline[i, 0] - s * outline[i, 1], y + s * outline[i, 0] + c * outline[i, 1]
+            row, column = math.floor((py - frame[1]) / frame[2]), math.floor((px - frame[0]) / frame[2])
+            if 0 <= row < seen.shape[0] and 0 <= column < seen.shape[1]:
+                unseen += seen[row, column] == UNSEEN
+                stale += seen[row, column] == STALE
+        never, late = max(never, unseen), max(late, stale)
+    return never, late
+
+
+@njit(cache=True)
+def _room(x: float, y: float, half_length: float, half_width: float) -> float:
+    """Room [m] between a point and a rectangle about the origin, by its nearest side; negative inside.
+
+    Deep inside it is the way out along both axes, which also falls while a base drives on along its nearest side.
+    """
+    along, across = abs(x) - half_length, abs(y) - half_width
+    nearest = max(along, across)
+    return nearest if nearest > -_DEEP else along + across
+
+
+@njit(cache=True)
+def deepest(points: Array, rectangle: Array) -> float:
+    """How deep [m] the second deepest of the points (m, 2) is inside the footprint; one alone may be noise."""
+    first, second = 0.0, 0.0
+    for i in range(points.shape[0]):
+        depth = -max(abs(points[i, 0] - rectangle[2]) - rectangle[0], abs(points[i, 1]) - rectangle[1])
+        if depth > first:
+            first, second = depth, first
+        elif depth > second:
+            second = depth
+    return second

@@ -13,10 +13,11 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import BaseMap, base_map, read_only
 from motm_twin.perception.clusters import calm, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
+from motm_twin.perception.floor import floor_round, mark_seen, sight_radius
 from motm_twin.perception.occupancy import (
     Evidence,
+    clear_footprint,
     clear_rays,
-    clear_rectangle,
     mark_hits,
     no_evidence,
     settle,
@@ -38,7 +39,7 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
     forget: float = 3.0  # [s] what was not static and is not seen again goes: the trail of an agent out of sight
     proximity_width: float = 0.12  # [m] penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)
     proximity_blur: int = 1  # [cells] each way
-    body_shrink: float = 0.05  # [m] cells this far inside the robot's own footprint are free
+    body_shrink: float = 0.05  # [m] cells this far inside the robot's own footprint are under it
 
 
 @dataclass
@@ -66,6 +67,7 @@ class Mapper(Stateful[MapperState]):
         self._inside = self.base.distance <= 0.0
         self._window, self._corner = whole(grid), self._origin  # of the map that is given, and where that begins
         self._polygons = self.base.polygons
+        self._sight = sight_radius(known.robot)
         self._marks: np.ndarray | None = None  # room for `_blank`
         self._fields_of: np.ndarray | None = None  # the seen cells that the fields below belong to
         self._fields: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -123,6 +125,9 @@ class Mapper(Stateful[MapperState]):
             polygons=self._polygons + state.outlines,
             seen_points=read_only(self.base.grid.centre_of(cells)),
             seen_static=read_only(static.copy()),
+            floor=floor_round(
+                state.evidence.seen, self.base.grid, observation.pose[:2], self._sight, round(observation.time * 1000.0)
+            ),
             seen_age=read_only(observation.time - 1e-3 * state.evidence.last_hit[cells[:, 0], cells[:, 1]]),
         )
 
@@ -160,10 +165,16 @@ class Mapper(Stateful[MapperState]):
         hit = scan.ranges < reach
         ends = scan.origin + np.minimum(scan.ranges, reach)[:, None] * scan.directions
         hit_now, passed_now = self._blank(scan.origin, reach)
+        rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
+        mark_seen(
+            evidence.seen, scan.pose, scan.mount, scan.ranges, scan.angle_min, scan.angle_step, self._sight, rectangle,
+            now_ms, self._frame,
+        )  # fmt: skip
         struck = np.where(hit, scan.ranges, -1.0)
         mark_hits(
             evidence.level,
             evidence.last_hit,
+            evidence.outside,
             hit_now,
             self.base.visible_distance,
             self._inside,
@@ -189,14 +200,8 @@ class Mapper(Stateful[MapperState]):
             now_ms,
             self._frame,
         )
-        clear_rectangle(
-            evidence.level,
-            scan.pose,
-            body.length / 2.0 - settings.body_shrink,
-            body.width / 2.0 - settings.body_shrink,
-            body.offset_x,
-            self._frame,
-        )
+        inner = rectangle - np.array([settings.body_shrink, settings.body_shrink, 0.0])
+        clear_footprint(evidence.level, evidence.outside, hit_now, occupied, scan.pose, inner, self._frame)
         return settle(
             occupied,
             evidence.level,

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import Stateful
 from motm_twin.perception.belonging import touching
@@ -317,7 +318,7 @@ def standing(world: WorldMap, movers: Array, parameters: MoverParameters) -> NDA
     for x, y, vx, vy, radius in movers[:, :5]:
         way = parameters.trail * np.array([vx, vy])
         offset = points - (np.array([x, y]) - way)
-        along = np.clip(offset @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
+        along = np.clip((offset * way).sum(axis=1) / max(dot(way, way), 1e-9), 0.0, 1.0)
         keep &= np.hypot(*(offset - along[:, None] * way).T) > radius + parameters.edge
     return keep | world.seen_static
 

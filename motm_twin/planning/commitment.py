@@ -19,7 +19,7 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
-from motm_twin.planning.controller import StaaController
+from motm_twin.planning.controller import ESCAPING, StaaController
 from motm_twin.planning.kernel import kernel
 from motm_twin.planning.pocket import NO_POCKET, in_pocket, settle_pocket
 from motm_twin.planning.prediction import at_half_steps, gap_to
@@ -99,7 +99,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         """The plan of this period, or what is left of the one before when that is not dearer."""
         self._rest = self._rest_of_kept(problem, placement)
         found = super().plan(problem, placement, budget)
-        if found.status == "idle" or problem.target is None:
+        if found.status in ("idle", ESCAPING) or problem.target is None:
             self._state = CommitmentState()
             return found
         rest = self._rest
@@ -148,7 +148,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         free, done = follow(
             states, np.diff(times), kept.accelerations[node:], self._left(target), problem.engaged,
             Bounds(limits.forward_speed, limits.reverse_speed, limits.yaw_rate, limits.linear_acceleration,
-                   limits.yaw_acceleration, self._p.margin, self._p.margin_floor,
+                   limits.yaw_acceleration, self._margins(problem).margin, self._p.margin_floor,
                    self._p.brake_depth * self._p.node_duration, 0.5 * self._p.node_duration),
             field, moving, self._body, job,
         )  # fmt: skip

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.world_map import WorldMap
@@ -148,7 +149,7 @@ def leaves_disc(path: Array, radius: float) -> tuple[int, Array] | None:
         if math.hypot(*(path[i + 1] - start)) <= radius:
             continue
         a, d = path[i] - start, path[i + 1] - path[i]
-        dd, ad, aa = float(d @ d), float(a @ d), float(a @ a)
+        dd, ad, aa = dot(d, d), dot(a, d), dot(a, a)
         t = (-ad + math.sqrt(max(0.0, ad * ad - dd * (aa - radius * radius)))) / dd
         return i, path[i] + min(1.0, max(0.0, t)) * d
     return None

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
 from motm_twin.planning.cell_costs import cost_at
 from motm_twin.planning.collision import Body, Field, clearance, clearance_from, distance_at
@@ -30,7 +31,7 @@ STEPS = np.array(
      (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1)], np.int32,
 )  # fmt: skip  # cells that the robot drives at once in each heading
 HEADINGS = len(STEPS)
-ANGLES = np.arctan2(STEPS[:, 1], STEPS[:, 0]).astype(np.float64)
+ANGLES = angle_of(STEPS[:, 1], STEPS[:, 0]).astype(np.float64)
 LENGTHS = CELL * np.hypot(STEPS[:, 0], STEPS[:, 1])
 WIDE, NARROW, TAKEN = 0, 1, 2  # kinds of cells: where the robot turns on the spot, where it does not, obstacles
 NO_POCKET = Pocket(np.empty((0, 0, HEADINGS)), 0.0, 0.0)

@@ -26,9 +26,9 @@ class LocalGoal(NamedTuple):
 
 def search_settings(
     p: StaaParameters, limits: BaseLimits, problem: BaseProblem, placement: Placement, goal: LocalGoal, *,
-    has_next: bool, next_weight: float, bound: float,
+    has_next: bool, next_weight: float, bound: float, margin: float,
 ) -> Settings:  # fmt: skip
-    """The numbers of one search. ``bound`` [s]: a plan that costs as much is of no use."""
+    """The numbers of one search. ``bound`` [s]: a plan that costs as much is of no use; ``margin`` [m] is kept."""
     by_job = p.termination == "task" and not stuck.here(problem.pose, problem.stuck_at)
     goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST
     if placement.mode == "closest" and goal.is_goal:
@@ -48,7 +48,7 @@ def search_settings(
         speed_bins=p.speed_bins,
         yaw_rate_bins=p.yaw_rate_bins,
         epsilon=p.epsilon,
-        margin=p.margin,
+        margin=margin,
         margin_floor=p.margin_floor,
         margin_cost=p.margin_cost,
         brake_depth=p.brake_depth,

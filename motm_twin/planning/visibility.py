@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
 from motm_twin.planning.kernel import kernel, length_of
 from motm_twin.planning.outlines import SHRINK, Rings, grown_outlines, rings_of
@@ -190,7 +191,7 @@ def build_graph(
         solids=rings_of(polygons),
         out_start=start,
         ends=ends,
-        edge=np.column_stack((np.hypot(line[:, 0], line[:, 1]), np.arctan2(line[:, 1], line[:, 0]))),
+        edge=np.column_stack((np.hypot(line[:, 0], line[:, 1]), angle_of(line[:, 1], line[:, 0]))),
         in_start=start,
         in_edge=in_edge,
     )

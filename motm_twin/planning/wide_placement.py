@@ -84,8 +84,8 @@ class WidePlacement(NextTargetPlacement):
         world = here.world if self._still is None else self._still.of(here.world)
         if world is here.world:
             return None
-        graph = self._still_graphs.graph(world, self._parameters.staa.growth)
-        there = Here(world, self._still_graphs.field(world), here.body, graph)
+        graph = self._still_graphs.graph(world, self._room.growth)
+        there = Here(world, self._still_graphs.field(world), here.body, graph, here.pose)
         wanted = self._every_ring(target, there)
         pose = wanted.pose[wanted.viable()]
         for room in self._rooms(here):
