@@ -188,6 +188,7 @@ def bench_faults(
     run = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
     results: list[dict[str, Any]] = []
     for one in run(joblib.delayed(run_cell)(*cell) for cell in cells):
+        assert one is not None  # joblib's types allow it
         results.append(one)
         if not good(one):
             console.print(f"  {told_of(one)}", style="yellow", markup=False)
