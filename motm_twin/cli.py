@@ -204,6 +204,8 @@ def bench(
     seconds: float = 60.0,
     minutes: float = 3.0,
     share: float = 1.0,
+    kinds: tuple[str, ...] = (),
+    scenes: tuple[str, ...] = (),
     quick: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     worlds: int | None = None,
     profile: Literal["nominal", "controller"] | None = None,
@@ -217,7 +219,8 @@ def bench(
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency, growth, anytime, solvers, task. Or barn, and after it scene files of worlds of that challenge.
+            efficiency, growth, anytime, solvers, task, faults. Or barn, and after it scene files of worlds of that
+            challenge.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         workers: Processes.
@@ -227,7 +230,9 @@ def bench(
         out: Folder of the JSON results.
         seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
-        share: Soak, period and task only: part of the full counts.
+        share: Soak, period, task and faults only: part of the full counts.
+        kinds: Faults only: these kinds of faults, or none for trials without one.
+        scenes: Faults only: these of exp1, exp1a and exp2.
         quick: Growth, anytime and solvers only: a few points, half a minute.
         worlds: Barn only: number of worlds like those of the challenge, seeds from 0.
         profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
@@ -237,6 +242,8 @@ def bench(
     options = ["--workers", str(workers), "--out", str(out), "--seconds", str(seconds), "--minutes", str(minutes)]
     options += ["--share", str(share)]
     options += ["--methods", *methods] if methods else []
+    options += ["--kinds", *kinds] if kinds else []
+    options += ["--scenes", *scenes] if scenes else []
     given = {"--trials": trials, "--backend": backend, "--address": address, "--worlds": worlds, "--profile": profile}
     options += [part for name, value in given.items() if value is not None for part in (name, str(value))]
     options += ["--retry-failed"] if retry_failed else []
