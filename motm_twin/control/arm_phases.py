@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_reference import cube_yaw, hand_yaw, planar_joints, pose_at, tilt_of
+from motm_twin.control.arm_reference import hand_yaw, planar_joints, pose_at, tilt_of
 from motm_twin.control.arm_view import ManipulatorState, View
+from motm_twin.control.grasp_room import GraspRoom
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmInputs, ArmTiming
 from motm_twin.model.exact import norm
@@ -29,6 +30,7 @@ _UNSURE = "waiting for the robot to say where the hand is"
 _YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
 _MID_DWELL = 0.6  # [s] after arrival the base is about nearest
 _HOVER = 0.75  # [m] from the mount, about where a hand waits for its target
+_LOOK_AGAIN = 1.0  # [s] for which there must be no room before an object is left alone
 _BENT = 0.8  # [rad] of joints 1 to 5 from those of the stow pose, beyond which an arm is folded another way
 _LEVEL = 0.05  # [m] of height error at which a transit has arrived
 
@@ -41,6 +43,7 @@ class PhaseRules:
     profile: RobotProfile
     timing: ArmTiming
     mount: Array  # [m] in the base frame
+    room: GraspRoom
 
     def reach(self, kind: str) -> float:
         """Largest distance from the mount at which a final approach begins [m]."""
@@ -66,8 +69,13 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if state.holding and state.released is None and view.width < state.side - rules.parameters.held_tolerance:
         return _lost(state, view)
     if _impatient(state, view, rules):
+        tight = state.tight if view.goal.kind == "pick" else ""
+        state.tight_tries += bool(tight)
         _rest(state, view.time)
         state.start_over = True
+        if state.tight_tries > 1:
+            state.tight_tries = 0
+            return "no room", tight
         return "stuck", "nothing achieved for a while: starting over from the stow pose"
     if state.phase in ("stow", "carry"):
         return _leave(state, view, inputs, rules)
@@ -95,11 +103,12 @@ def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
 
 
 def _rest(state: ManipulatorState, time: float) -> None:
-    state.yaw = None
+    state.yaw, state.tight, state.no_room_since = None, "", None
     enter(state, "carry" if state.holding else "stow", time)
 
 
 def _new_goal(state: ManipulatorState, view: View) -> None:
+    state.tight_tries = 0
     if state.phase in ("transit", "final", "closing", "retry", "release"):
         if not state.holding:
             state.gripper = "open"
@@ -178,6 +187,8 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
         return "", ""
     if view.goal.kind == "pick":
         choose_yaw(state, view, inputs, rules)
+    if state.no_room_since is not None:
+        return _crowded(state, view, p)
     if out > 0.0 or view.distance > p.approach_distance:
         return "", ""
     if view.goal.kind == "place":
@@ -188,10 +199,28 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     return "", ""
 
 
+def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> tuple[str, str]:
+    """No faces of the object can be taken: the hand stays over it until it has seen that well enough to say so.
+
+    Where furniture is it only believes, and waits as long as its patience lasts.
+    """
+    if not view.seen(p) or view.goal.position_sd > p.descend_sd or view.time_to_range > 0.0:
+        state.no_room_since = math.inf
+        return "", ""
+    since = view.time if state.no_room_since is None else min(state.no_room_since, view.time)
+    state.no_room_since = since
+    if view.time - since < _LOOK_AGAIN:
+        return "", state.tight
+    reason = state.tight
+    _rest(state, view.time)
+    return "no room", reason
+
+
 def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> None:
     """Fix which faces of the cube the fingers take: rounding every step would flip them while the arm swings.
 
-    The hand's yaw is natural (joint 7 in its middle) half a dwell after arrival, when the base is nearest.
+    The hand's yaw is natural (joint 7 in its middle) half a dwell after arrival, when the base is nearest. The faces
+    nearest to that are taken, unless there is little room beside them and more beside the others.
     """
     goal = view.goal
     if state.yaw is None or view.time_to_range > _YAW_TIME:
@@ -199,7 +228,13 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
         near = _azimuth_later(ahead, view.pose, inputs.plan_times, inputs.plan_poses, view.target, rules.mount)
     else:
         near = state.yaw
-    state.yaw = cube_yaw(goal.yaw, near)
+    width = max(view.width, goal.side + _OPEN_ROOM)
+    state.yaw, room = rules.room.yaw(goal, near, width, inputs.T_odom_world)
+    state.tight = f"no room for the fingers beside {goal.name}: {room.what} is in their way" if room.what else ""
+    if not room.blocked:
+        state.no_room_since = None
+    elif state.no_room_since is None or room.wanders:
+        state.no_room_since = math.inf
 
 
 @njit(cache=True)

@@ -44,6 +44,9 @@ class ManipulatorState:
     twist: Array = field(default_factory=lambda: np.zeros(2))  # commanded last
     rates: Array = field(default_factory=lambda: np.zeros(7))  # commanded last [rad/s]
     stop_rates: Array | None = None  # [rad/s] at the beginning of a damped stop
+    tight: str = field(default="", metadata=LATER)  # what is nearer to the chosen faces than the arm keeps from it
+    tight_tries: int = field(default=0, metadata=LATER)  # times that came to nothing with such faces
+    no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
     late: float = field(default=0.0, metadata=LATER)  # [s] by which the fingers took longer than they should, lately
 
 

@@ -18,12 +18,14 @@ from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
-from motm_twin.model.known import KnownWorld
-from motm_twin.model.scene import Bin, Box, Cylinder, Prism
+from motm_twin.model.known import KnownWorld, known_solids
+from motm_twin.model.scene import Box, Cylinder, Prism
 
 IntArray = NDArray[np.int64]
-BODIES = ("elbow", "forearm", "wrist", "hand", "fingers", "held object")
-HAND_BODY, FINGERS, HELD = 3, 4, 5
+# Hand and fingers are two bodies each: of one, the nearest ball changes from side to side, and a hand that is wedged
+# turns back and forth between the two, faster than its joints brake
+BODIES = ("elbow", "forearm", "wrist", "hand", "hand", "fingers", "fingers", "held object")
+HAND_BODY, FINGERS, HELD = 3, 5, 7  # the first of each
 _BODY_OF_LINK = {
     "panda_link3": 0,
     "panda_link4": 0,
@@ -31,8 +33,8 @@ _BODY_OF_LINK = {
     "panda_link6": 2,
     "panda_link7": 2,
     "panda_hand": 3,
-    "panda_leftfinger": 4,
-    "panda_rightfinger": 4,
+    "panda_leftfinger": 5,
+    "panda_rightfinger": 6,
 }
 _SPACING = 0.04  # [m] between balls along a capsule
 _TIP = (  # balls of a finger's tip: x across, y from the pad outwards, z beyond the hand, radius [m]
@@ -40,7 +42,7 @@ _TIP = (  # balls of a finger's tip: x across, y from the pad outwards, z beyond
     *((x, y, 0.1094, 0.003) for x in (-0.0075, 0.0075) for y in (0.003, 0.0138)),  # the lowest of a tilted one
 )
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
-MAX_ROWS = 24
+MAX_ROWS = 32
 _ROUNDING = 1e-9  # [m] more than distances are wrong by
 _ROUNDED_UP = 1.0 + 1e-9  # of a square, more than it is wrong by
 
@@ -67,14 +69,9 @@ class Balls(NamedTuple):
 
 def mapped_solids(known: KnownWorld) -> Solids:
     """Mapped furniture and bins, world frame."""
-    entries: list[tuple[str, Box | Cylinder | Prism, float, float]] = [
-        (solid.group or solid.name, solid.shape, solid.z_min, solid.z_max) for solid in known.solids
-    ]
-    entries += [
-        (item.name, Box(centre=item.centre, size=(item.side, item.side), yaw=item.yaw), *_heights(item))
-        for item in known.bins
-    ]
-    return _arrays(entries)
+    return _arrays(
+        [(solid.group or solid.name, solid.shape, solid.z_min, solid.z_max) for solid in known_solids(known)]
+    )
 
 
 def own_body(known: KnownWorld) -> Solids:
@@ -94,20 +91,20 @@ def arm_balls() -> Balls:
         CAPSULE_LINKS, CAPSULE_FRAMES, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII, strict=True
     ):
         body = _BODY_OF_LINK.get(link)
-        if body is None or (body == FINGERS and p0[2] > 0.09):  # the tips follow the gripper's width
+        if body is None or (FINGERS <= body < HELD and p0[2] > 0.09):  # the tips follow the gripper's width
             continue
         count = 1 + math.ceil(norm(p1 - p0) / _SPACING)
         for part in np.linspace(0.0, 1.0, count):
             frames.append(frame)
             centres.append(p0 + part * (p1 - p0))
             radii.append(radius)
-            bodies.append(body)
+            bodies.append(body + (body == HAND_BODY and centres[-1][1] > 0.0))
     for side in (1.0, -1.0):
         for x, y, z, radius in _TIP:
             frames.append(HAND)
             centres.append(np.array([x, side * y, z]))
             radii.append(radius)
-            bodies.append(FINGERS)
+            bodies.append(FINGERS if side > 0.0 else FINGERS + 1)
     frames.append(TCP)
     centres.append(np.zeros(3))
     radii.append(0.0)
@@ -323,10 +320,6 @@ def solid_bounds(solids: Solids) -> Array:
         low, high = corners.min(axis=0) - solids.radius[k], corners.max(axis=0) + solids.radius[k]
         bounds[k] = low[0], high[0], low[1], high[1], solids.z[k, 0], solids.z[k, 1]
     return bounds
-
-
-def _heights(item: Bin) -> tuple[float, float]:
-    return item.floor_z, item.rim_z
 
 
 def _arrays(entries: list[tuple[str, Box | Cylinder | Prism, float, float]]) -> Solids:

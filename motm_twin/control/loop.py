@@ -279,7 +279,7 @@ class ControlLoop(Stateful[LoopState]):
                     self._lose(held, step.reference, observation, T_odom_world)
                 elif step.outcome == "placed" and held:
                     self.tracker.move_belief(held, inputs.goal.position, observation, BIN_SD)
-                events += self.sequence.apply(step.outcome, observation.time)
+                events += self.sequence.apply(step.outcome, observation.time, step.reason)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
             self.self_check.told(verdict.actuation, observation)

@@ -12,6 +12,7 @@ from motm_twin.control.arm_program import ArmProgram, Rows
 from motm_twin.control.arm_reference import planar_joints
 from motm_twin.control.arm_view import ManipulatorState, View, look
 from motm_twin.control.furniture import IntArray
+from motm_twin.control.grasp_room import GraspRoom
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp import Program, load, solve
 from motm_twin.control.qp_rows import ARM, BASE, SLACK, joint_limits, lag_factor
@@ -48,6 +49,7 @@ class Manipulator(Stateful[ManipulatorState]):
             profile=known.robot,
             timing=timing or TransitRule(k_A=p.k_A, base_speed=p.transit_base_speed, hand_speed=p.hand_speed),
             mount=np.array([arm.mount_x, arm.mount_y, arm.mount_z]),
+            room=GraspRoom(known, p.avoidance),
         )
         self._slate = Slate(known.robot, p, joint_limits(p.qp.elbow_limit))
         self._programs = ArmProgram(known, p)

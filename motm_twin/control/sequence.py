@@ -130,8 +130,8 @@ class TaskSequence(Stateful[SequenceState]):
         self._activate()
         return True
 
-    def apply(self, outcome: str, time: float) -> tuple[Event, ...]:
-        """Take the outcome of an arm step into account ('' | picked | placed | missed | lost | stuck)."""
+    def apply(self, outcome: str, time: float, why: str = "") -> tuple[Event, ...]:
+        """Take the outcome of an arm step into account ('' | picked | placed | missed | lost | stuck | no room)."""
         if outcome == "lost":
             return self._lost(time)
         task = self.active
@@ -145,6 +145,8 @@ class TaskSequence(Stateful[SequenceState]):
             text = f"placed {state.held} in {task.bin}"
             state.held, state.refused = "", ()
             return self._finish(time, "placed", text)
+        if outcome == "no room" and isinstance(task, Pick):
+            return self._give_up(time, f"pick {task.object}: {why}")
         if outcome == "missed" and isinstance(task, Pick):
             state.attempts[state.index] += 1
             state.in_reach_since = None

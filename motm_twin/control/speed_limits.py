@@ -32,7 +32,7 @@ from motm_twin.model.exact import product
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 
-_OWN_ROWS = 8
+_OWN_ROWS = 12
 _DEEP = -0.10  # [m/s] no row of furniture asks for a faster retreat than this
 _LIDAR = ("lidar moving", "lidar static", "lidar height")  # rows of the gripper
 _HEIGHT = 2  # of them the one that keeps it from sinking; it gives way like furniture, not like the other two
@@ -154,6 +154,6 @@ def _distances(avoidance: Numbers, touching: bool, blind: float) -> tuple[Array,
     a = avoidance[0]
     d_s, d_i = np.full(len(BODIES), a.furniture_d_s), np.full(len(BODIES), a.furniture_d_i)
     if touching:
-        d_s[FINGERS], d_i[FINGERS] = a.fingers_d_s, a.fingers_d_i
+        d_s[FINGERS:HELD], d_i[FINGERS:HELD] = a.fingers_d_s, a.fingers_d_i
         d_s[HELD], d_i[HELD] = -a.fingers_d_i, a.fingers_d_s
     return d_s, np.maximum(d_i, d_s + a.xi * blind)

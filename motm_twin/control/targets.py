@@ -6,13 +6,17 @@ from motm_twin.control.task_list import name_of
 from motm_twin.control.tick import ObjectBelief
 from motm_twin.control.types import ArmGoal
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame, wrap_angle
-from motm_twin.model.known import KnownWorld
+from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.plant import Observation
 from motm_twin.model.scene import DriveTo, Pick, Task
-from motm_twin.perception.footprints import distance_to_shape
+from motm_twin.perception.footprints import distance_to_shape, outline
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.types import Target
 
+BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
+OVER_TARGET = 0.35  # [m] above a target: no higher does the arm reach over what stands before it
+OVER_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
+NEAR = 1.5  # [m] further from a target no arm has its mount
 TABLE = 0.3  # [m] lower things do not carry objects
 DWELL = {"pick": 1.3, "place": 0.5, "drive": 0.0}  # [s] in reach that a job needs before the arm has begun it
 
@@ -30,6 +34,11 @@ class Targets:
         self.tracker = tracker
         self.objects = {item.name: item for item in known.objects}
         self.bins = {item.name: item for item in known.bins}
+        self._over_all = known.robot.arm.mount_z + OVER_MOUNT
+        high = [solid for solid in known_solids(known) if solid.z_max > self._over_all]
+        outlines = [outline(solid.shape) for solid in high]
+        self._edges = np.concatenate([np.hstack([c, np.roll(c, -1, axis=0)]) for c in outlines] or [np.zeros((0, 4))])
+        self._tops = np.repeat([solid.z_max for solid in high], [len(c) for c in outlines]).astype(float)
 
     def base_target(self, task: Task | None, observation: Observation, dwell: float | None) -> Target | None:
         """What the base sees of a task, in the world frame; dwell [s] as the arm reports it, or the usual one."""
@@ -49,13 +58,36 @@ class Targets:
         else:
             kind, name = "place", task.bin
             position = np.array(self.bins[name].centre)
-        return Target(kind=kind, name=name, position=position, dwell=DWELL[kind] if dwell is None else dwell)
+        top = self.objects[name].position[2] if kind == "pick" else self.bins[name].rim_z
+        return Target(
+            kind=kind,
+            name=name,
+            position=position,
+            walls=self._walls(position, float(top)),
+            dwell=DWELL[kind] if dwell is None else dwell,
+        )
+
+    def _walls(self, position: Array, height: float) -> Array:
+        """Edges [m] near a target of what stands too high for the arm to reach over, shape (k, 4)."""
+        edges, tops = self._edges, self._tops
+        tall = tops > max(height + OVER_TARGET, self._over_all)
+        if not tall.any():
+            return edges[:0]
+        x, y = position.tolist()
+        low, high = np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])
+        near = (low[:, 0] < x + NEAR) & (high[:, 0] > x - NEAR) & (low[:, 1] < y + NEAR) & (high[:, 1] > y - NEAR)
+        return edges[tall & near]
 
     def arm_goal(self, task: Task | None, held: str, observation: Observation, T_odom_world: Array) -> ArmGoal:
         """What the hand has to do for a task, in the odometry frame."""
         side = self.objects[held].side if held else 0.0
         if isinstance(task, Pick):
             position, yaw, sd, last_seen = self.tracker.belief(task.object, observation)
+            names, beside = self.tracker.beside(task.object, BESIDE, observation)
+            near = [
+                (*at, turn, self.objects[name].side, seen)
+                for name, (*at, turn, seen) in zip(names, beside, strict=True)
+            ]
             return ArmGoal(
                 kind="pick",
                 name=task.object,
@@ -64,6 +96,8 @@ class Targets:
                 side=self.objects[task.object].side,
                 position_sd=sd,
                 last_seen=last_seen,
+                neighbours=np.array(near).reshape(-1, 6),
+                neighbour_names=names,
             )
         if task is None or isinstance(task, DriveTo):
             return ArmGoal(

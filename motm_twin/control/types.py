@@ -6,9 +6,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.geometry import Array, from_frame, frozen
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.perception.world_map import WorldMap
+
+NO_NEIGHBOURS = frozen(np.zeros((0, 6)))
 
 
 class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -22,6 +24,8 @@ class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     position_sd: float  # [m] per axis of the estimate
     last_seen: float | None  # [s]; None: never seen, position is the prior
     release_half_width: float = 0.0  # [m] place: half of the square in which the released object must be
+    neighbours: Array = NO_NEIGHBOURS  # pick: objects near it: x, y, z [m], yaw [rad], side [m], 1: seen; shape (n, 6)
+    neighbour_names: tuple[str, ...] = ()
 
 
 class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -73,6 +77,7 @@ class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     engaged: bool  # final approach to lift: the base must keep the object in reach
     dwell: float  # [s] that the job still needs in reach
     # "" | "picked" | "placed" | "missed" (failed, is retried) | "lost" (held object gone) | "stuck" (starts over)
+    # | "no room" (beside the object, for the fingers)
     outcome: str
     reason: str  # one sentence when waiting, retrying or stopping; else ""
 

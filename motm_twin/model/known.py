@@ -8,6 +8,7 @@ import numpy as np
 
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Bin, PlanarPose, Scene, SceneObject, Solid, Task
+from motm_twin.model.scene_shapes import bin_solid
 
 
 class KnownWorld(msgspec.Struct, frozen=True, kw_only=True):
@@ -21,6 +22,11 @@ class KnownWorld(msgspec.Struct, frozen=True, kw_only=True):
     bins: tuple[Bin, ...]
     tasks: tuple[Task, ...]
     bounds: tuple[float, float, float, float]
+
+
+def known_solids(known: KnownWorld) -> tuple[Solid, ...]:
+    """Everything solid that the robot knows of, bins included: the one list that every map of it is made from."""
+    return (*known.solids, *(bin_solid(place) for place in known.bins))
 
 
 def known_world(scene: Scene) -> KnownWorld:

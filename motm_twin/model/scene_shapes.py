@@ -10,7 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from motm_twin.model.geometry import from_frame, frozen
 from motm_twin.model.profile import Footprint
-from motm_twin.model.scene import Box, Cylinder, PlanarPose, Point, Prism
+from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Point, Prism, Solid
 
 _MIN_AREA = 1e-6  # [m^2]
 _MIN_STEP = 1e-6  # [m] between two points of a lane
@@ -30,6 +30,17 @@ def outline(shape: Box | Cylinder | Prism) -> Polygon:
     if isinstance(shape, Cylinder):
         return ShapelyPoint(shape.centre).buffer(shape.radius, quad_segs=16)
     return Polygon(shape.corners)
+
+
+def bin_solid(place: Bin) -> Solid:
+    """A bin as base and arm must see it: full up to its rim."""
+    return Solid(
+        name=place.name,
+        shape=Box(centre=place.centre, size=(place.side, place.side), yaw=place.yaw),
+        z_min=place.floor_z - place.wall,
+        z_max=place.rim_z,
+        mapped=True,
+    )
 
 
 def base_outline(pose: PlanarPose, footprint: Footprint) -> Polygon:

@@ -18,7 +18,7 @@ from motm_twin.model.arm_kernels import HAND, TCP, fk_arm
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.scene import Agent, DriveTo, Point, Scene, Solid
-from motm_twin.model.scene_shapes import base_outline, outline
+from motm_twin.model.scene_shapes import base_outline, bin_solid, outline
 from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m]
@@ -30,8 +30,8 @@ SHOULDER = 0.333  # [m] of the Panda above its mount
 
 
 def blocking(scene: Scene, height: float) -> list[Solid]:
-    """Furniture that a body of a height [m] cannot pass under."""
-    return [solid for solid in scene.solids if solid.z_min < height]
+    """Furniture and bins that a body of a height [m] cannot pass under."""
+    return [solid for solid in (*scene.solids, *map(bin_solid, scene.bins)) if solid.z_min < height]
 
 
 def check_start(scene: Scene, root: Node) -> None:

@@ -1,4 +1,4 @@
-"""The pre-made map: furniture the robot knows before it starts. Rays never clear it: they pass under table tops."""
+"""The pre-made map: furniture and bins known before the start. Rays never clear it: they pass under table tops."""
 
 from weakref import WeakValueDictionary
 
@@ -8,9 +8,9 @@ import shapely
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.model.known import KnownWorld
+from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.scene import Cylinder, Solid
-from motm_twin.perception.footprints import distance_to_shape, distance_to_solids, merged_outlines, outline
+from motm_twin.perception.footprints import distance_to_shape, distance_to_solids, merged_outlines, outline, uncovered
 from motm_twin.perception.grid import Grid, grid_over
 from motm_twin.perception.window import WHOLE
 
@@ -39,7 +39,7 @@ _in_use: WeakValueDictionary[bytes, BaseMap] = WeakValueDictionary()  # by what 
 
 def base_map(known: KnownWorld, resolution: float) -> BaseMap:
     """The pre-made map of the known world; resolution in [m]. It takes 20 ms and more: who asks again shares it."""
-    made_of = msgspec.msgpack.encode((known.solids, known.bounds, known.robot.lidar.z, resolution))
+    made_of = msgspec.msgpack.encode((known_solids(known), known.bounds, known.robot.lidar.z, resolution))
     found = _in_use.get(made_of)
     if found is None:
         found = _in_use[made_of] = _build(known, resolution)
@@ -48,8 +48,9 @@ def base_map(known: KnownWorld, resolution: float) -> BaseMap:
 
 def _build(known: KnownWorld, resolution: float) -> BaseMap:
     grid = grid_over(known.bounds, resolution)
-    solids = tuple(solid for solid in known.solids if solid.z_min < OVERHEAD)
-    polygons = merged_outlines(solids)
+    solids = tuple(solid for solid in known_solids(known) if solid.z_min < OVERHEAD)
+    furniture = tuple(solid for solid in known.solids if solid.z_min < OVERHEAD)
+    polygons = merged_outlines((*furniture, *uncovered(solids[len(furniture) :], furniture)))
     corners = [(*polygon.min(axis=0), *polygon.max(axis=0)) for polygon in polygons]
     at_lidar = tuple(solid for solid in solids if solid.z_min <= known.robot.lidar.z <= solid.z_max)
     return BaseMap(

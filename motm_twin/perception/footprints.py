@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -10,6 +11,7 @@ from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
 
+_FLUSH = 1e-6  # [m] by which an edge may stand out and still count as flush
 CIRCLE_CORNERS = 16  # of the polygon round a cylinder
 
 
@@ -33,8 +35,8 @@ def merged_outlines(solids: tuple[Solid, ...]) -> tuple[Array, ...]:
     A group that encloses free floor (walls of a room) is left as its separate solids: an outline has no holes.
     """
     groups: dict[str, list[Array]] = {}
-    for index, solid in enumerate(solids):
-        groups.setdefault(solid.group or f"#{index}", []).append(outline(solid.shape))
+    for solid in solids:
+        groups.setdefault(_group(solid), []).append(outline(solid.shape))
     outlines: list[Array] = []
     for members in groups.values():
         union = shapely.union_all([shapely.Polygon(corners) for corners in members])
@@ -44,6 +46,28 @@ def merged_outlines(solids: tuple[Solid, ...]) -> tuple[Array, ...]:
         else:
             outlines.extend(_corners(part) for part in parts)
     return tuple(outlines)
+
+
+def uncovered(solids: tuple[Solid, ...], furniture: tuple[Solid, ...]) -> tuple[Solid, ...]:
+    """Solids that are not all over furniture, each in the group of the piece that it overlaps, if it does."""
+    outlines = [shapely.Polygon(outline(piece.shape)) for piece in furniture]
+    whole = shapely.union_all(outlines).buffer(_FLUSH)
+    found = []
+    for solid in solids:
+        own = shapely.Polygon(outline(solid.shape))
+        if whole.covers(own):
+            continue
+        shared = [own.intersection(other).area for other in outlines]
+        if max(shared, default=0.0) > 0.0:
+            found.append(msgspec.structs.replace(solid, group=_group(furniture[shared.index(max(shared))])))
+        else:
+            found.append(solid)
+    return tuple(found)
+
+
+def _group(solid: Solid) -> str:
+    """The piece that a solid belongs to, or the solid alone."""
+    return solid.group or f"#{solid.name}"
 
 
 def _corners(part: shapely.Polygon) -> Array:

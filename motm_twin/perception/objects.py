@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from motm_twin.model.exact import wrap_angle
-from motm_twin.model.geometry import Array, compose, from_frame, inverse
+from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.state import Stateful
@@ -62,6 +62,7 @@ class ObjectTracker(Stateful[TrackerState]):
     def __init__(self, known: KnownWorld, settings: TrackerSettings | None = None) -> None:
         self._settings = settings or TrackerSettings()
         self._priors = {item.name: (np.array(item.position), item.yaw) for item in known.objects}
+        self._prior_places = np.array([item.position[:2] for item in known.objects]).reshape(-1, 2)
         self._prior_sd = known.object_sd
         self._frame: tuple[Observation, Array] | None = None  # an observation, and the world in its odometry frame
         self._state = TrackerState({}, {})
@@ -116,6 +117,27 @@ class ObjectTracker(Stateful[TrackerState]):
             return self._prior(name)[0].copy()
         return from_frame(compose(observation.pose, inverse(observation.odometry)), track.position)
 
+    def beside(
+        self, name: str, reach: float, observation: Observation
+    ) -> tuple[tuple[str, ...], list[tuple[float, ...]]]:
+        """Other objects believed within reach [m] of one: names; x, y, z, yaw in the odometry frame, and 1: seen."""
+        x, y, _ = self.belief(name, observation)[0].tolist()
+        T_odom_world = self._world_in_odometry(observation)
+        far = np.abs(self._prior_places - to_frame(T_odom_world, np.array([x, y]))).max(axis=1) > reach
+        names, found = [], []
+        for k, other in enumerate(self._priors):
+            track = self._state.tracks.get(other)
+            if other == name or (track is None and far[k]):
+                continue
+            if track is None:
+                (at_x, at_y, at_z), yaw = self._prior_in_odometry(other, observation)
+            else:
+                (at_x, at_y, at_z), yaw = track.position.tolist(), track.yaw
+            if max(abs(at_x - x), abs(at_y - y)) <= reach:
+                names.append(other)
+                found.append((float(at_x), float(at_y), float(at_z), yaw, float(track is not None)))
+        return tuple(names), found
+
     def move_belief(self, name: str, position: Array, observation: Observation, sd: float) -> None:
         """Believe an object at a position [m], odometry frame, shape (3,): where the hand has dropped or lost it."""
         yaw = self.belief(name, observation)[1]
@@ -160,10 +182,14 @@ class ObjectTracker(Stateful[TrackerState]):
 
     def _prior_in_odometry(self, name: str, observation: Observation) -> tuple[Array, float]:
         position, yaw = self._prior(name)
+        T_odom_world = self._world_in_odometry(observation)
+        return from_frame(T_odom_world, position), wrap_angle(yaw + T_odom_world[2])
+
+    def _world_in_odometry(self, observation: Observation) -> Array:
+        """Planar pose of the world frame in the odometry frame of an observation, shape (3,)."""
         if self._frame is None or self._frame[0] is not observation:
             self._frame = observation, compose(observation.odometry, inverse(observation.pose))
-        T_odom_world = self._frame[1]
-        return from_frame(T_odom_world, position), wrap_angle(yaw + T_odom_world[2])
+        return self._frame[1]
 
     def _take(self, detection: Detection, observation: Observation) -> None:
         """One detection into the filter of its object."""

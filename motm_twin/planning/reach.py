@@ -155,7 +155,22 @@ class ReachModel:
             poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), self._arm.mount_x, self._arm.mount_y,
             float(target.position[0]), float(target.position[1]), least, most, math.cos(p.azimuth_max), result,
         )  # fmt: skip
+        if len(target.walls):
+            result &= ~self._behind_walls(poses, target)
         return result
+
+    def _behind_walls(self, poses: Array, target: Target) -> Array:
+        """From which poses (m, 3) the line from the mount to the target crosses a wall, shape (m,) of bool."""
+        c, s = np.cos(poses[:, 2:3]), np.sin(poses[:, 2:3])
+        x = poses[:, :1] + c * self._arm.mount_x - s * self._arm.mount_y
+        y = poses[:, 1:2] + s * self._arm.mount_x + c * self._arm.mount_y
+        to_x, to_y = target.position[:2].tolist()
+        ax, ay, bx, by = target.walls.T
+        of_a = (to_x - x) * (ay - y) - (to_y - y) * (ax - x)
+        of_b = (to_x - x) * (by - y) - (to_y - y) * (bx - x)
+        of_mount = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+        of_target = (bx - ax) * (to_y - ay) - (by - ay) * (to_x - ax)
+        return ((of_a * of_b < 0.0) & (of_mount * of_target < 0.0)).any(axis=1)
 
     def passes(self, radius: float, target: Target) -> bool:
         """Whether a base driving along a tangent of a circle of `radius` [m] gets the target into reach at all."""

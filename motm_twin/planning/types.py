@@ -18,6 +18,7 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     position: Array  # [m], shape (2,)
     heading: float | None = None  # [rad], drive targets only
     tolerance: float = 0.15  # [m], drive targets only
+    walls: Array = frozen(np.zeros((0, 4)))  # [m] edges x, y, x, y of what the arm does not reach over, shape (k, 4)
     dwell: float = 0.0  # [s] uninterrupted time in reach that the job still needs from now (0 for drive)
 
 

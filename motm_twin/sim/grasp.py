@@ -1,7 +1,7 @@
 """Whether a cube stands between the fingers well enough, and what the closing pads do to it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -14,6 +14,9 @@ OFFSET_PER_AXIS = 0.015  # [m] of the cube's centre from the tool centre point, 
 YAW_MISFIT = math.radians(15.0)  # between the closing axis and the nearest face normal of the cube
 RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
 TILT = math.radians(30.0)  # of the tool axis from straight down
+
+EDGE = 0.003  # [m] of a cube under the tip of a finger that comes down, from which the tip does not slide off
+FROM_ABOVE = 2e-4  # [m] that a finger may be deeper below the top of a cube than it has just come down
 
 PUSH_PER_STEP = 0.005  # [m] by which a finger shifts a cube within one substep, at most
 QUARTER_TURN = 0.5 * math.pi
@@ -74,22 +77,11 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
     By geometry only, at most `PUSH_PER_STEP` in a substep. A cube squeezed by both pads slips out along x of the hand.
     """
     local = transposed_times(rotation, item.position - hand)
-    face = transposed_times(rotation, item.rotation[:, 0])
-    face = face[:2] / math.hypot(face[0], face[1])
-    shift, touched = np.zeros(2), 0
-    for side in (1.0, -1.0):
-        for inner, outer, half_x, z_from, z_to in FINGER_BOXES:
-            if not z_from < local[2] + 0.5 * item.side or not local[2] - 0.5 * item.side < z_to:
-                continue
-            centre = np.array([0.0, side * 0.5 * (width + inner + outer)])
-            out = _separation(local[:2] - centre, half_x, 0.5 * (outer - inner), 0.5 * item.side, face)
-            if out is not None:
-                shift += out
-                touched += 1
-                break
-    if not touched:
+    overlaps = [out for out, _ in _overlaps(rotation, local, item, width)]
+    if not overlaps:
         return False
-    if touched > 1:
+    shift = sum(overlaps, np.zeros(2))
+    if len(overlaps) > 1:
         shift = np.array([math.copysign(PUSH_PER_STEP, local[0]), 0.0])
     length = math.hypot(shift[0], shift[1])
     if length > PUSH_PER_STEP:
@@ -99,7 +91,31 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
     return True
 
 
-def _separation(offset: Array, half_x: float, half_y: float, half: float, face: Array) -> Array | None:
+def under(rotation: Array, hand: Array, item: ObjectState, width: float, *, sunk: float) -> bool:
+    """Whether a finger stands on a cube: it came down on it by ``sunk`` [m] in this substep; inf: it did before."""
+    local = transposed_times(rotation, item.position - hand)
+    for out, deep in _overlaps(rotation, local, item, width):
+        if deep < sunk + FROM_ABOVE and (sunk == math.inf or math.hypot(out[0], out[1]) > EDGE):
+            return True
+    return False
+
+
+def _overlaps(rotation: Array, local: Array, item: ObjectState, width: float) -> Iterator[tuple[Array, float]]:
+    """For each finger that overlaps a cube at ``local`` of the hand: the way out (2,), and its depth below the top."""
+    face = transposed_times(rotation, item.rotation[:, 0])
+    face = face[:2] / math.hypot(face[0], face[1])
+    for side in (1.0, -1.0):
+        for inner, outer, half_x, z_from, z_to in FINGER_BOXES:
+            if not z_from < local[2] + 0.5 * item.side or not local[2] - 0.5 * item.side < z_to:
+                continue
+            centre = np.array([0.0, side * 0.5 * (width + inner + outer)])
+            out = separation(local[:2] - centre, half_x, 0.5 * (outer - inner), 0.5 * item.side, face)
+            if out is not None:
+                yield out, z_to - float(local[2]) + 0.5 * item.side
+                break
+
+
+def separation(offset: Array, half_x: float, half_y: float, half: float, face: Array) -> Array | None:
     """Shortest shift that moves a square off a rectangle about the origin; None when they are apart.
 
     ``face`` is a unit normal of the square, shape (2,).

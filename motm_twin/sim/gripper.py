@@ -9,8 +9,19 @@ import numpy as np
 from motm_twin.model.exact import norm, product, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
-from motm_twin.sim.grasp import RELATIVE_SPEED, centre_between_pads, near, push, violation, width_across, yaw_misfit
+from motm_twin.model.state import LATER
+from motm_twin.sim.grasp import (
+    RELATIVE_SPEED,
+    centre_between_pads,
+    near,
+    push,
+    under,
+    violation,
+    width_across,
+    yaw_misfit,
+)
 from motm_twin.sim.objects import ObjectState, ObjectWorld
+from motm_twin.sim.shoving import make_room
 from motm_twin.sim.solids import Solids
 
 SLIP_HEIGHT = 0.01  # [m] of lifting after which a cube that slid between the closing pads slips out
@@ -29,7 +40,10 @@ class GripperState:
     slid: bool = False  # the candidate moved too fast relative to the hand at some time
     held: str = ""
     held_from_z: float = 0.0  # [m] height at which the cube was taken
-    outcome: str = ""  # of the newest closing: held | slipping | nothing | offset | yaw | tilt | dropped | taken
+    outcome: str = (
+        ""  # of the newest closing: held | slipping | nothing | offset | yaw | tilt | no room | dropped | taken
+    )
+    under: tuple[str, ...] = field(default=(), metadata=LATER)  # cubes that a finger stands on or wedges
     position_in_hand: Array = field(default_factory=lambda: np.zeros(3))  # of the held cube
     rotation_in_hand: Array = field(default_factory=lambda: np.eye(3))
 
@@ -64,6 +78,9 @@ class Gripper:
             if state.held:
                 return
             state.slid, state.outcome, state.candidate = False, "nothing", ""
+            if state.under:
+                state.outcome = "no room"
+                return
             for item in cubes:
                 fits = state.width >= width_across(item.side, yaw_misfit(rotation, item))
                 if item.state != "falling" and fits and not violation(tcp, rotation, item):
@@ -92,17 +109,47 @@ class Gripper:
         if stuck:
             state.began += self.dt
         elif state.phase == "closing":
-            self._close(state, now, tcp, rotation, hand, tcp_velocity, by_name)
+            self._close(state, now, tcp, rotation, hand, tcp_velocity, by_name, solids)
         elif state.phase == "opening":
             self._open(state, now, tcp_velocity, by_name)
         place = tcp.tolist()
         for item in cubes:
             if not near(place, item.position) or item.name in (state.held, state.candidate):
+                if state.under:
+                    state.under = tuple(name for name in state.under if name != item.name)
                 continue
             if item.state == "falling" or item.state.startswith("binned:"):
                 continue
-            if push(rotation, hand, item, state.width):
-                self.objects.check_support(item, cubes, solids)
+            self._touch(state, rotation, hand, -float(tcp_velocity[2]) * self.dt, item, cubes, solids)
+
+    def _touch(
+        self,
+        state: GripperState,
+        rotation: Array,
+        hand: Array,
+        sunk: float,
+        item: ObjectState,
+        cubes: Sequence[ObjectState],
+        solids: Solids,
+    ) -> None:
+        """A finger stands on a cube, or pushes it and what is behind it; or furniture is behind it, and all stays."""
+        stood = item.name in state.under
+        if under(rotation, hand, item, state.width, sunk=math.inf if stood else max(0.0, sunk)):
+            if not stood:
+                state.under = (*state.under, item.name)
+            return
+        if stood:
+            state.under = tuple(name for name in state.under if name != item.name)
+        before = item.position
+        if not push(rotation, hand, item, state.width):
+            return
+        moved = make_room(item, cubes, solids)
+        if moved is None:
+            item.position = before
+            state.under = (*state.under, item.name)
+            return
+        for one in moved:
+            self.objects.check_support(one, cubes, solids)
 
     @staticmethod
     def lose(state: GripperState, name: str) -> None:
@@ -138,6 +185,7 @@ class Gripper:
         hand: Array,
         tcp_velocity: Array,
         cubes: dict[str, ObjectState],
+        solids: Solids,
     ) -> None:
         if state.candidate:
             broken = violation(tcp, rotation, cubes[state.candidate])
@@ -155,11 +203,36 @@ class Gripper:
         done, share = self._closed(state, now)
         state.width = state.start_width + (item.side - state.start_width) * share
         if state.candidate:
-            centre_between_pads(tcp, rotation, item, state.width)
+            self._centre(state, tcp, rotation, item, list(cubes.values()), solids)
+            if not state.candidate:
+                return
         if done:
             state.phase = "closed"
             if state.candidate:
                 self._take(state, rotation, hand, item)
+
+    def _centre(
+        self,
+        state: GripperState,
+        tcp: Array,
+        rotation: Array,
+        item: ObjectState,
+        cubes: Sequence[ObjectState],
+        solids: Solids,
+    ) -> None:
+        """The pads shift the candidate, and that pushes aside what is beside it; without room it is not taken."""
+        before = item.position, item.yaw
+        centre_between_pads(tcp, rotation, item, state.width)
+        if item.position is before[0] and item.yaw == before[1]:
+            return
+        moved = make_room(item, cubes, solids)
+        if moved is None:
+            item.position = before[0]
+            item.turn_to(before[1])
+            state.candidate, state.outcome = "", "no room"
+            return
+        for one in moved[1:]:
+            self.objects.check_support(one, cubes, solids)
 
     def _take(self, state: GripperState, rotation: Array, hand: Array, item: ObjectState) -> None:
         state.held, state.candidate = item.name, ""

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motm_twin.control.furniture import FINGERS, arm_balls, mapped_solids, placed, solid_bounds, solid_distance
+from motm_twin.control.furniture import FINGERS, HELD, arm_balls, mapped_solids, placed, solid_bounds, solid_distance
 from motm_twin.control.parameters import QpParameters
 from motm_twin.control.qp_rows import base_bounds, damper, hand_state, joint_bounds, lag_factor
 from motm_twin.model.assets import finger_boxes
@@ -140,7 +140,7 @@ def test_no_corner_of_a_tilted_finger_is_lower_than_its_balls_by_more_than_2_mil
     down = np.array([math.sin(tilt) * math.cos(about), math.sin(tilt) * math.sin(about), math.cos(tilt)])  # hand frame
     frame, centre, radius, body = arm_balls()
     centre, radius = placed(centre, radius, width, 0.0)
-    fingers = (body == FINGERS) & (radius > 0.0)
+    fingers = (body >= FINGERS) & (body < HELD) & (radius > 0.0)
     assert (frame[fingers] == HAND).all()
     balls = (centre[fingers] @ down + radius[fingers]).max()
     lowest = -math.inf

@@ -13,7 +13,7 @@ from motm_twin.methods.stationary.parameters import StationaryParameters
 from motm_twin.methods.stationary.placement import StationaryPlacement, Terms
 from motm_twin.methods.stationary.reach_of import TargetReach
 from motm_twin.model.geometry import Array, from_frame
-from motm_twin.model.known import KnownWorld
+from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.scene import Bin, Solid
 from motm_twin.model.scene_shapes import base_outline, outline
 from motm_twin.planning.global_path import GraphCache
@@ -37,7 +37,7 @@ class FixedPoses:
 
     def __init__(self, known: KnownWorld, reach: TargetReach, clearance: float, parameters: StationaryParameters):
         self._known, self._reach, self._clearance, self._p = known, reach, clearance, parameters
-        self._obstacles = unary_union([outline(solid.shape) for solid in known.solids])
+        self._obstacles = unary_union([outline(solid.shape) for solid in known_solids(known)])
         self._bins = {item.name: item for item in known.bins}
         self._found: dict[tuple[str, ...], Array] = {}  # a pure function of the names
 

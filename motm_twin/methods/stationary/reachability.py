@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from motm_twin.control.arm_reference import stretch, tilt_for, tool_rotation
-from motm_twin.control.furniture import FINGERS, HAND_BODY, HELD, IntArray, arm_balls
+from motm_twin.control.furniture import FINGERS, HAND_BODY, IntArray, arm_balls
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.methods.stationary.arm_solutions import POSTURES, solve_arm
 from motm_twin.model.geometry import Array, frozen
@@ -117,7 +117,7 @@ def _joint_range() -> tuple[Array, Array]:
 
 def _balls() -> ArmBalls:
     every = arm_balls()
-    of_arm = (every.body != FINGERS) & (every.body != HELD)
+    of_arm = every.body < FINGERS
     return ArmBalls(every.frame[of_arm], every.centre[of_arm], every.radius[of_arm], every.body[of_arm])
 
 

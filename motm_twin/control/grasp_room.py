@@ -1,0 +1,172 @@
+"""Room for the open hand beside an object: which of its faces the fingers can take.
+
+The fingers come straight down on two faces of a cube, the palm over them, and go up again the same way. Both pairs of
+faces are candidates. Mapped furniture and bins must leave the distances that the arm keeps from them, other objects
+the width of the fingers. What is short of room costs; a pair that has none is not taken.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from motm_twin.control.arm_reference import QUARTER, cube_yaw, tool_rotation
+from motm_twin.control.furniture import (
+    FINGERS,
+    HAND_BODY,
+    HELD,
+    IntArray,
+    arm_balls,
+    mapped_solids,
+    placed,
+    solid_bounds,
+    solid_distance,
+)
+from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.types import ArmGoal
+from motm_twin.model.exact import hypot
+from motm_twin.model.geometry import Array, to_frame
+from motm_twin.model.kinematics import HAND
+from motm_twin.model.known import KnownWorld
+
+REACH = 0.16  # [m] from the centre of an object: no part of the hand is further off
+_HAND = 0.1034  # [m] of the hand above the tool centre point
+_WAY = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
+_BESIDE = 0.003  # [m] that other objects keep from the fingers: how well they are known
+_EASY = (0.03, 0.008)  # [m] of room that furniture and objects may leave and cost nothing: localisation; camera
+_SHORT = 2.0  # [rad] of turning that a pair of faces with no room to spare is worth
+_EACH = 100.0  # [rad/m] of turning that each metre less than no room is worth
+_YIELDS = 0.015  # [m] by which furniture may be too near: a tilted palm gets by, fingers are slim
+BLOCKED = 100.0  # [rad] more than any turning
+_BELOW = 0.01  # [m] above the lower face of the object up to which furniture is what it stands on
+_PARTS = (  # of the hand: middle beyond the pad and half width along the closing axis, half depth, bottom over the tool
+    (0.0084, 0.0084, 0.0105, -0.0090),
+    (0.0146, 0.0118, 0.0110, 0.0150),
+)
+_PALM = (0.104, 0.0320, 0.0374)  # half width, half depth, bottom over the tool [m]
+
+
+class Room(NamedTuple):
+    """What a grasp of two faces has beside it."""
+
+    cost: float  # [rad] of turning that is worth as much, `BLOCKED` and more when there is no room
+    what: str  # the nearest thing, when it is nearer than the arm keeps from it; else ""
+    blocked: bool  # so near that a hand that tilts or moves a little does not get by; known for sure
+    wanders: bool  # where it is comes from localisation, which may be another in some seconds
+
+
+class GraspRoom:
+    """The mapped furniture, and the hand as the arm's own speed limits have it."""
+
+    def __init__(self, known: KnownWorld, parameters: AvoidanceParameters) -> None:
+        """Furniture and bins of the pre-made map."""
+        self._solids = solids = mapped_solids(known)
+        self._arrays = (solids.first, solids.vertices, solids.radius, solids.z, solid_bounds(solids))
+        self._keep = np.array([parameters.furniture_d_s, parameters.fingers_d_s])
+        balls = arm_balls()
+        hand = (balls.body >= HAND_BODY) & (balls.body < HELD) & (balls.frame == HAND)
+        self._hand = np.flatnonzero(hand)
+        self._balls = balls
+
+    def yaw(self, goal: ArmGoal, near: float, width: float, T_odom_world: Array) -> tuple[float, Room]:
+        """The hand's yaw [rad], odometry frame, and its room: of the two pairs of faces the one that costs least.
+
+        ``near``: yaw that costs no turning. ``width`` [m] of the open gripper.
+        """
+        first = cube_yaw(goal.yaw, near)
+        other = first + (QUARTER if first <= near else -QUARTER)
+        rooms = [self.room(goal, yaw, width, T_odom_world) for yaw in (first, other)]
+        costs = [abs(yaw - near) + room.cost for yaw, room in zip((first, other), rooms, strict=True)]
+        return (first, rooms[0]) if costs[0] <= costs[1] else (other, rooms[1])
+
+    def room(self, goal: ArmGoal, yaw: float, width: float, T_odom_world: Array) -> Room:
+        """Room for the hand over the object with this yaw [rad], odometry frame."""
+        centre, radius = placed(self._balls.centre, self._balls.radius, width, 0.0)
+        solid, k, item, j = _clearances(
+            to_frame(T_odom_world, goal.position), yaw - float(T_odom_world[2]), goal.side, goal.position, yaw, width,
+            self._hand, centre, radius, self._balls.body, self._keep, *self._arrays, goal.neighbours,
+        )  # fmt: skip
+        item -= _BESIDE
+        cost = sum(
+            _SHORT * min(1.0, max(0.0, 1.0 - room / easy)) for room, easy in zip((solid, item), _EASY, strict=True)
+        )
+        if min(solid, item) >= 0.0:
+            return Room(cost, "", False, False)
+        cost -= _EACH * min(solid, item)
+        if item < 0.0:
+            return Room(cost + BLOCKED, goal.neighbour_names[j], bool(goal.neighbours[j, 5] > 0.0), False)
+        blocked = solid < -_YIELDS
+        return Room(cost + BLOCKED * blocked, self._solids.names[k], blocked, True)
+
+
+@njit(cache=True)
+def _clearances(
+    target: Array, yaw_world: float, side: float, position: Array, yaw: float, width: float,
+    hand: IntArray, centre: Array, ball_radius: Array, body: IntArray, keep: Array,
+    first: IntArray, vertices: Array, radius: Array, z: Array, bounds: Array, neighbours: Array,
+) -> tuple[float, int, float, int]:  # fmt: skip
+    """Least room [m] to furniture beyond what is kept, which, to other objects, which; inf and -1: none is near.
+
+    ``target`` (3,), ``yaw_world`` are the object's place and the hand's yaw in the world, ``position`` (3,), ``yaw`` in
+    the odometry frame, as ``neighbours`` (n, 6): x, y, z, yaw, side, seen.
+    """
+    R = tool_rotation(yaw_world, 0.0, 0.0)
+    best, which = np.inf, -1
+    for k in range(z.shape[0]):
+        if z[k, 1] <= target[2] - 0.5 * side + _BELOW or z[k, 0] > target[2] + 0.5:
+            continue
+        if not (bounds[k, 0] - REACH < target[0] < bounds[k, 1] + REACH):
+            continue
+        if not (bounds[k, 2] - REACH < target[1] < bounds[k, 3] + REACH):
+            continue
+        for i in hand:
+            if ball_radius[i] <= 0.0:
+                continue
+            x = target[0] + R[0, 0] * centre[i, 0] + R[0, 1] * centre[i, 1]
+            y = target[1] + R[1, 0] * centre[i, 0] + R[1, 1] * centre[i, 1]
+            for up in _WAY:
+                height = target[2] + _HAND - centre[i, 2] + up
+                d, _, _, _ = solid_distance(x, y, height, k, first, vertices, radius, z)
+                d -= ball_radius[i] + (keep[1] if body[i] >= FINGERS else keep[0])
+                if d < best:
+                    best, which = d, k
+    nearest, who = np.inf, -1
+    for n in range(neighbours.shape[0]):
+        gap = _object_gap(position, yaw, width, neighbours[n])
+        if gap < nearest:
+            nearest, who = gap, n
+    return best, which, nearest, who
+
+
+@njit(cache=True)
+def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float:
+    """Gap [m] between the open hand over a position and an upright cube; negative: they overlap seen from above."""
+    gap = np.inf
+    dx, dy = item[0] - position[0], item[1] - position[1]
+    if hypot(dx, dy) > REACH + item[4]:
+        return gap
+    c, s = math.cos(yaw), math.sin(yaw)
+    along, across = c * dx + s * dy, s * dx - c * dy  # of the hand: x, and y, which the fingers close along
+    top = item[2] + 0.5 * item[4]
+    for middle, half, depth, bottom in _PARTS:
+        if top > position[2] + bottom:
+            for sign in (1.0, -1.0):
+                out = sign * (0.5 * width + middle)
+                gap = min(gap, _square_gap(along, across - out, depth, half, item[3] - yaw, 0.5 * item[4]))
+    if top > position[2] + _PALM[2]:
+        gap = min(gap, _square_gap(along, across, _PALM[1], _PALM[0], item[3] - yaw, 0.5 * item[4]))
+    return gap
+
+
+@njit(cache=True)
+def _square_gap(x: float, y: float, half_x: float, half_y: float, turn: float, half: float) -> float:
+    """Gap [m] between a rectangle about the origin and a square at (x, y), turned; at corners less than it is."""
+    c, s = abs(math.cos(turn)), abs(math.sin(turn))
+    reach = half * (c + s)
+    best = max(abs(x) - half_x - reach, abs(y) - half_y - reach)
+    co, si = math.cos(turn), -math.sin(turn)  # the hand's y points to the other side: turns count the other way
+    for ax, ay in ((co, si), (-si, co)):
+        extent = half + half_x * abs(ax) + half_y * abs(ay)
+        best = max(best, abs(x * ax + y * ay) - extent)
+    return best

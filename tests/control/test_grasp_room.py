@@ -1,0 +1,120 @@
+"""The hand looks beside the object: which faces it takes, and when there is room for none."""
+
+import math
+
+import numpy as np
+import pytest
+
+from motm_twin.control.grasp_room import BLOCKED, GraspRoom
+from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.types import ArmGoal
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import Box, Solid
+
+TOP = 0.75
+NO_TURN = np.zeros(3)
+
+
+def known(*pieces):
+    """A table top with pieces (x, y, size x, size y, height) on it."""
+    solids = [Solid(name="table", shape=Box(centre=(0.0, 0.0), size=(2.0, 2.0)), z_min=0.72, z_max=TOP, mapped=True)]
+    for k, (x, y, a, b, height) in enumerate(pieces):
+        shape = Box(centre=(x, y), size=(a, b))
+        solids.append(Solid(name=f"piece{k}", shape=shape, z_min=TOP, z_max=TOP + height, mapped=True))
+    return KnownWorld(
+        robot=RobotProfile(),
+        start=(0.0, 0.0, 0.0),
+        solids=tuple(solids),
+        objects=(),
+        object_sd=0.03,
+        bins=(),
+        tasks=(),
+        bounds=(-3.0, -3.0, 3.0, 3.0),
+    )
+
+
+def goal(*others, yaw=0.0, seen=1.0):
+    near = [(x, y, TOP + 0.02, turn, 0.04, seen) for x, y, turn in others]
+    return ArmGoal(
+        kind="pick",
+        name="it",
+        position=np.array([0.0, 0.0, TOP + 0.02]),
+        yaw=yaw,
+        side=0.04,
+        position_sd=0.003,
+        last_seen=0.0,
+        neighbours=np.array(near).reshape(-1, 6),
+        neighbour_names=tuple(f"c{k}" for k in range(len(near))),
+    )
+
+
+def chosen(place, target, near=0.0, T=NO_TURN):
+    return GraspRoom(place, AvoidanceParameters()).yaw(target, near, 0.08, T)
+
+
+@pytest.mark.parametrize("near", [0.0, 0.3, -0.4])
+def test_faces_nearest_to_the_natural_yaw_are_taken_where_nothing_is_near(near):
+    yaw, room = chosen(known(), goal(), near)
+    assert yaw == 0.0
+    assert room.what == ""
+
+
+@pytest.mark.parametrize("gap", [0.005, 0.02, 0.03, 0.04])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_other_faces_are_taken_where_a_cube_stands_in_the_way_of_a_finger(gap, side):
+    """The fingers close along y at a yaw of 0."""
+    yaw, room = chosen(known(), goal((0.0, side * (0.04 + gap), 0.0)))
+    assert abs(yaw) == pytest.approx(math.pi / 2)
+    assert not room.blocked
+    yaw, _ = chosen(known(), goal((side * (0.04 + gap), 0.0, 0.0)))
+    assert yaw == 0.0
+
+
+@pytest.mark.parametrize("piece", [(0.0, 0.07, 0.05, 0.05, 0.3), (0.0, -0.075, 0.3, 0.02, 0.05)])
+def test_the_other_faces_are_taken_beside_a_post_or_a_rim(piece):
+    yaw, room = chosen(known(piece), goal())
+    assert abs(yaw) == pytest.approx(math.pi / 2)
+    assert not room.blocked
+
+
+def test_a_palm_needs_room_beside_high_furniture_and_passes_over_low():
+    low, high = (0.0, 0.15, 0.05, 0.05, 0.005), (0.0, 0.15, 0.05, 0.05, 0.3)
+    assert chosen(known(low), goal())[0] == 0.0
+    assert abs(chosen(known(high), goal())[0]) == pytest.approx(math.pi / 2)
+
+
+def test_between_cubes_on_all_sides_there_is_no_room():
+    step = 0.045
+    around = [(step * i, step * j, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+    _, room = chosen(known(), goal(*around))
+    assert room.blocked
+    assert room.cost > BLOCKED
+    assert room.what.startswith("c")
+
+
+def test_a_neighbour_that_nobody_has_seen_costs_but_does_not_block():
+    _, room = chosen(known(), goal((0.045, 0.0, 0.0), (0.0, 0.045, 0.0), seen=0.0))
+    assert not room.blocked
+    assert room.what
+
+
+def test_the_choice_is_the_same_in_every_odometry_frame():
+    T = np.array([1.0, -2.0, 0.7])
+    c, s = math.cos(0.7), math.sin(0.7)
+    post = known((0.0, 0.07, 0.05, 0.05, 0.3))
+    turned = ArmGoal(
+        kind="pick",
+        name="it",
+        position=np.array([1.0, -2.0, TOP + 0.02]),
+        yaw=0.7,
+        side=0.04,
+        position_sd=0.003,
+        last_seen=0.0,
+        neighbours=np.array([[1.0 + 0.06 * c, -2.0 + 0.06 * s, TOP + 0.02, 0.7, 0.04, 1.0]]),
+        neighbour_names=("c0",),
+    )
+    yaw, room = chosen(post, goal((0.06, 0.0, 0.0)))
+    other, room_there = chosen(post, turned, 0.7, T)
+    assert other - 0.7 == pytest.approx(yaw)
+    assert room_there.cost == pytest.approx(room.cost)

@@ -1,0 +1,94 @@
+"""Whole trials where things stand close: all is placed, nothing is touched, or the reason is said."""
+
+import textwrap
+
+import pytest
+
+from motm_twin.methods.registry import find_method
+from motm_twin.model.scene_file import load_scene
+from motm_twin.trial import run_scene
+
+ROOM = """
+format: motm-scene/1
+title: tight
+start: {x: 0.0, y: 0.0, heading_deg: 0}
+time_limit: 60
+furniture:
+  top: {shape: box, centre: [3.0, 1.5], size: [1.6, 0.8], z: [0.72, 0.75], group: table, style: table}
+  leg: {shape: cylinder, centre: [3.0, 1.5], radius: 0.06, z: [0.0, 0.72], group: table, style: table}
+"""
+DESK = """
+  desk: {shape: box, centre: [3.0, -1.6], size: [1.4, 0.7], z: [0.0, 0.62], style: desk}
+"""
+TRAY = "bins:\n  tray: {at: [2.7, -1.5], side: 0.4, rim_z: 0.72, floor_z: 0.62}\n"
+WALLS = """
+  back: {shape: box, centre: [2.5, 1.65], size: [4.0, 0.1], z: [0.0, 2.0], style: wall}
+  side: {shape: box, centre: [3.85, 0.3], size: [0.1, 2.6], z: [0.0, 2.0], style: wall}
+"""
+
+
+def cubes(**places):
+    return "objects:\n" + "".join(
+        f"  {name}: {{surface: table, at: [{x}, {y}], yaw_deg: {yaw}, side: 0.04}}\n"
+        for name, (x, y, yaw) in places.items()
+    )
+
+
+def tasks(bin_name, *names):
+    return "tasks:\n" + "".join(f"  - pick: {name}\n  - place: {bin_name}\n" for name in names)
+
+
+@pytest.fixture
+def run(tmp_path):
+    def trial(text, method="fast", seed=0):
+        path = tmp_path / "tight.yaml"
+        path.write_text(textwrap.dedent(text))
+        return run_scene(load_scene(str(path), None, seed), method=find_method(method))
+
+    return trial
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rim", "method"), [(0.20, "fast"), (0.21, "motm"), (0.45, "fast")])
+def test_a_bin_on_the_floor_whose_rim_the_lidar_sees_is_no_obstacle_to_what_goes_into_it(run, rim, method):
+    tub = f"bins:\n  tub: {{at: [1.6, -1.2], side: 0.4, rim_z: {rim}, floor_z: 0.02}}\n"
+    result = run(ROOM + cubes(a=(2.6, 1.2, 20)) + tub + tasks("tub", "a"), method)
+    assert result["success"], result["reason"]
+    assert result["time_s"] < 20.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.02, 0.04])
+def test_a_cube_beside_others_is_taken_by_its_free_faces_and_they_stay_where_they_are(run, gap):
+    step = 0.04 + gap
+    near = cubes(a=(2.5, 1.2, 0), left=(2.5 - step, 1.2, 0), right=(2.5 + step, 1.2, 0))
+    result = run(ROOM + DESK + near + TRAY + tasks("tray", "a"))
+    assert result["success"], result["reason"]
+
+
+@pytest.mark.slow
+def test_the_middle_of_nine_cubes_five_millimetres_apart_is_given_up_with_its_reason(run):
+    nine = {f"c{i}{j}": (3.0 + 0.045 * (i - 1), 1.25 + 0.045 * (j - 1), 0) for i in range(3) for j in range(3)}
+    result = run(ROOM + DESK + cubes(**nine) + TRAY + tasks("tray", "c11"))
+    assert result["picks_done"] == 0
+    assert "no room for the fingers beside c11" in result["reason"]
+    assert result["time_s"] < 20.0
+
+
+@pytest.mark.slow
+def test_a_base_does_not_reach_for_a_table_from_behind_a_wall(run):
+    corner = ROOM.replace("[3.0, 1.5], size: [1.6, 0.8]", "[3.3, 1.2], size: [1.0, 0.8]").replace(
+        "[3.0, 1.5]", "[3.3, 1.2]"
+    )
+    near = cubes(a=(3.6, 1.05, 0), b=(3.0, 1.3, 15))
+    result = run(corner + DESK + WALLS.lstrip("\n") + near + TRAY + tasks("tray", "b"))
+    assert result["success"], result["reason"]
+
+
+@pytest.mark.slow
+def test_a_hand_that_is_wedged_between_post_and_target_does_not_touch_the_post(run):
+    """Its nearest ball changed from side to side: it turned to and fro at 4 rad/s, into the post."""
+    post = "  post: {shape: box, centre: [2.3832, 1.1814], size: [0.04, 0.04], z: [0.75, 1.13]}\n"
+    result = run(ROOM + post + DESK.lstrip("\n") + cubes(a=(2.45, 1.181, 0)) + TRAY + tasks("tray", "a"))
+    assert not result["contacts"]
+    assert result["places_done"] == 1
