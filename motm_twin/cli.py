@@ -207,6 +207,8 @@ def bench(
     minutes: float = 3.0,
     share: float = 1.0,
     quick: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    worlds: int | None = None,
+    profile: Literal["nominal", "controller"] | None = None,
 ) -> int:
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
@@ -217,7 +219,7 @@ def bench(
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency, growth, anytime, solvers, task.
+            efficiency, growth, anytime, solvers, task. Or barn, and after it scene files of worlds of that challenge.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         workers: Processes.
@@ -229,13 +231,15 @@ def bench(
         minutes: Page only: time over which memory is watched.
         share: Soak, period and task only: part of the full counts.
         quick: Growth, anytime and solvers only: a few points, half a minute.
+        worlds: Barn only: number of worlds like those of the challenge, seeds from 0.
+        profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
     """
     from motm_twin.bench.__main__ import main as run_groups
 
     options = ["--workers", str(workers), "--out", str(out), "--seconds", str(seconds), "--minutes", str(minutes)]
     options += ["--share", str(share)]
     options += ["--methods", *methods] if methods else []
-    given = {"--trials": trials, "--backend": backend, "--address": address}
+    given = {"--trials": trials, "--backend": backend, "--address": address, "--worlds": worlds, "--profile": profile}
     options += [part for name, value in given.items() if value is not None for part in (name, str(value))]
     options += ["--retry-failed"] if retry_failed else []
     options += ["--quick"] if quick else []

@@ -29,6 +29,7 @@ from motm_twin.model.edits import (
     SetParameter,
     WorldEdit,
 )
+from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.scene import Pick, PlanarPose, Scene
@@ -351,7 +352,7 @@ class Twin:
             if body.name not in names or body.state == "held":
                 continue
             at = np.array(body.position)
-            if float(np.linalg.norm(loop.tracker.world_position(body.name, observation) - at)) > POINTED_AT:
+            if norm(loop.tracker.world_position(body.name, observation) - at) > POINTED_AT:
                 in_odometry = from_frame(odometry_to_world(observation), at)
                 loop.tracker.move_belief(body.name, in_odometry, observation, loop.known.object_sd)
 

@@ -14,7 +14,7 @@ from motm_twin.control.qp_rows import hand_of
 from motm_twin.control.slate import Record, Slate
 from motm_twin.control.types import ArmGoal, ArmInputs
 from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
-from motm_twin.model.exact import hypot
+from motm_twin.model.exact import hypot, times
 from motm_twin.model.geometry import Array
 from motm_twin.model.state import LATER
 
@@ -78,7 +78,7 @@ class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     @property
     def velocity(self) -> Array:
         """Of the tool centre point, measured, shape (3,)."""
-        return self.J[:3, :2] @ self.measured + self.J[:3, 2:] @ self.dq
+        return times(self.J[:3, :2], self.measured) + times(self.J[:3, 2:], self.dq)
 
     def seen(self, parameters: ArmParameters) -> bool:
         """Has the object been seen recently?"""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from motm_twin.control.nearest_first import nearest_first
 from motm_twin.control.qp_rows import approach_row
 from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII
+from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
 from motm_twin.model.known import KnownWorld
@@ -95,7 +96,7 @@ def arm_balls() -> Balls:
         body = _BODY_OF_LINK.get(link)
         if body is None or (body == FINGERS and p0[2] > 0.09):  # the tips follow the gripper's width
             continue
-        count = 1 + math.ceil(float(np.linalg.norm(p1 - p0)) / _SPACING)
+        count = 1 + math.ceil(norm(p1 - p0) / _SPACING)
         for part in np.linspace(0.0, 1.0, count):
             frames.append(frame)
             centres.append(p0 + part * (p1 - p0))

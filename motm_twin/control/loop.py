@@ -1,7 +1,7 @@
 """The control period: observe, map, place the base, plan, reach, check, command. One street, one Tick."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
@@ -10,6 +10,7 @@ from motm_twin.control import by_hand
 from motm_twin.control.lag import dwell_to_plan, followed
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
+from motm_twin.control.progress import Progress, ProgressState, base_has_to_move
 from motm_twin.control.reasons import standing
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.stages import Stages
@@ -26,8 +27,10 @@ from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.controller import ESCAPING
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
+from motm_twin.planning.rejections import NO_PATH
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
 
 PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
@@ -50,6 +53,7 @@ class LoopState:
     dwell: float | None = None  # [s] that the active job still needs in reach, as the arm said last
     engaged: bool = False
     waiting: str = ""  # what the arm said last about why it waits
+    progress: ProgressState = field(default_factory=ProgressState)
     stuck_at: tuple[tuple[int, Array], ...] = ()  # number of a task, and a base pose from which the arm did not do it
 
 
@@ -71,7 +75,7 @@ class ControlLoop(Stateful[LoopState]):
         self.plant = plant
         self.settings = settings or Settings()
         self.mapper = Mapper(known)
-        self.movers = MoverTracker()
+        self.movers = MoverTracker(robot=known.robot)
         self.tracker = ObjectTracker(known)
         self.targets = Targets(known, self.tracker)
         self.sequence = TaskSequence(known)
@@ -118,15 +122,17 @@ class ControlLoop(Stateful[LoopState]):
             placement = self.planner.place(problem)
         with stages.measure("plan"):
             plan = self.by_hand.plan(problem) or self.planner.drive(problem, placement, budget or self.settings.budget)
-        blocked = placement.mode == "closest" and plan.status == "idle"
+        waits = placement.mode == "closest" and plan.status == "idle"
+        blocked = "" if not waits else "no way to it" if NO_PATH in placement.rejected else "not free"
         in_reach = plan.time_to_range == 0.0
-        outside = (blocked or placement.chosen < 0) and self._outside(problem.target)
+        outside = (waits or placement.chosen < 0) and self._outside(problem.target)
         busy, why = self.manipulator.busy, self._state.waiting
         events = list(
             self.sequence.watch(
                 observation.time, in_reach, observation.pose, blocked=blocked, outside=outside, busy=busy, why=why
             )
         )
+        events += self._watch_progress(observation, placement, plan, busy=busy)
         steps, samples, arm_events, reason = self._arm_steps(observation, world, plan, stages)
         events += arm_events
         truth = self._truth()
@@ -186,8 +192,22 @@ class ControlLoop(Stateful[LoopState]):
             next_target=self.targets.base_target(self.sequence.following, observation, None),
             engaged=self._state.engaged,
             period=PERIOD,
+            recovery=Progress(self._state.progress, PERIOD).recovery(observation.time),
             stuck_at=np.array([pose for of, pose in self._state.stuck_at if of == self.sequence.index]).reshape(-1, 3),
         )
+
+    def _watch_progress(
+        self, observation: Observation, placement: Placement, plan: BasePlan, *, busy: bool
+    ) -> tuple[Event, ...]:
+        """Keep the progress clock; what comes of a task on which the base has got nowhere for long."""
+        counts = base_has_to_move(self.sequence, plan, busy=busy, by_hand=plan.status == by_hand.STATUS)
+        time, index = observation.time, self.sequence.index
+        stalled = Progress(self._state.progress, PERIOD).watch(time, index, placement, plan, counts=counts)
+        events = self.sequence.hold_up(time, stalled, plan.reason or placement.reason, observation.pose)
+        if events:
+            self._state.progress.restart(self.sequence.index, time)
+            self._state.dwell, self._state.engaged = None, False
+        return events
 
     def _whereabouts(self, observation: Observation) -> list[Array]:
         """Where the target of now and the next one are, shape (2,) [m] each."""
@@ -197,7 +217,11 @@ class ControlLoop(Stateful[LoopState]):
 
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
         """Why the base stands, or is not driven by its plan; "" when it is."""
-        return plan.reason if plan.status == by_hand.STATUS else standing(self.sequence, plan, step, observation)
+        return (
+            plan.reason
+            if plan.status in (by_hand.STATUS, ESCAPING)
+            else standing(self.sequence, plan, step, observation)
+        )
 
     def _outside(self, target: Target | None) -> bool:
         """The target is outside the map."""
@@ -230,7 +254,9 @@ class ControlLoop(Stateful[LoopState]):
                 inputs = self._arm_inputs(observation, T_odom_world, plan, plan_poses, obstacles, wanted, k * dt)
                 step = self.manipulator.step(inputs)
             with stages.measure("monitor"):
-                verdict = self.monitor.check(step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp)
+                verdict = self.monitor.check(
+                    step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, floor=world.floor
+                )
             steps.append(step)
             samples.append(observation)
             reason = verdict.reason or reason

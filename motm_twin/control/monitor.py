@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from motm_twin.control.parameters import Numbers, numbers
 from motm_twin.model.geometry import Array
@@ -17,8 +18,10 @@ from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
+from motm_twin.perception.floor import STALE, UNSEEN, Floor
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
+_SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 _NO_SCAN = Scan(
     stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
@@ -32,6 +35,7 @@ class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     slow_age: float = 0.15  # [s] scan or state older than this: half speed; for an old state the arm begins to slow
     stop_age: float = 0.30  # [s] scan or state older than this: stand; for an old state the arm, too
     stop_margin: float = 0.01  # [m] kept between the stopped footprint and scan points
+    creep_speed: float = 0.1  # [m/s] over floor that was seen, but not lately: a touch at this speed does no harm
     minimum_points: int = 2  # scan points inside the stopping footprint before it counts: one may be noise
 
 
@@ -69,10 +73,14 @@ class Monitor(Stateful[MonitorState]):
         """The base moves like this although it was told something else: it was stopped while nobody commanded it."""
         self._state.twist = twist.copy()
 
-    def check(self, actuation: Actuation, observation: Observation, dt: float, *, scan_stamp: float | None) -> Verdict:
+    def check(
+        self, actuation: Actuation, observation: Observation, dt: float, *,
+        scan_stamp: float | None, floor: Floor | None = None,
+    ) -> Verdict:  # fmt: skip
         """The actuation for the next dt [s], slowed where it must be.
 
-        `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands.
+        `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands. The base
+        can always stop within the `floor` that it has seen free; None: all of it.
         """
         share, reason = self._age(observation, scan_stamp)
         twist, rates, scan, p = np.empty(2), np.empty(7), observation.scan or _NO_SCAN, self.parameters
@@ -87,11 +95,30 @@ class Monitor(Stateful[MonitorState]):
         if min(turning, holding) >= p.minimum_points:
             stop = np.array([0.0, twist[1] if holding < turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
+        elif floor is not None:
+            twist, reason = self._on_seen_floor(twist, reason, floor, observation.pose, dt)
         return self._let_through(twist, rates, actuation.gripper, reason)
 
     def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
         self._state.twist = twist
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
+
+    def _on_seen_floor(self, twist: Array, reason: str, floor: Floor, pose: Array, dt: float) -> tuple[Array, str]:
+        """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""
+        base, enough = self.profile.base, self.parameters.minimum_points
+        frame = np.array([*floor.corner, floor.resolution])
+        stop = np.array([twist[0], twist[1], base.linear_acceleration, base.yaw_acceleration, base.velocity_lag])
+        unseen, stale = unseen_in_stop(pose, stop, self._rectangle, floor.seen, frame)
+        if unseen >= enough:
+            return self._within_limits(
+                np.zeros(2), dt
+            ), "braking: the lidar has never seen the floor ahead of this motion"
+        creep = self.parameters.creep_speed
+        fastest = max(abs(twist[0]), abs(twist[1]) * self._corner)
+        if stale < enough or fastest <= creep:
+            return twist, reason
+        why = f"slowed to {creep:.1f} m/s: the lidar has not seen the floor ahead of this motion lately"
+        return self._within_limits(twist * (creep / fastest), dt), why
 
     def _age(self, observation: Observation, stamp: float | None) -> tuple[float, str]:
         """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old."""
@@ -118,10 +145,17 @@ class Monitor(Stateful[MonitorState]):
         return min(max((p.stop_age - age) / (p.stop_age - p.slow_age), 0.0), 1.0)
 
     def _braking(self, twist: Array, observation: Observation) -> str:
-        assert observation.scan is not None
-        ranges, v, base = observation.scan.ranges, abs(float(twist[0])), self.profile.base
+        scan = observation.scan
+        assert scan is not None
+        ranges, v, base = scan.ranges, abs(float(twist[0])), self.profile.base
+        points = near_points(ranges, scan.angle_min, scan.angle_step, scan.origin, self._corner)
+        overlap = float(
+            _depths(points, _bodies(points, self._rectangle), 0.0, 0.0, 0.0, self._rectangle).max(initial=0.0)
+        )
+        if overlap > 0.0:
+            return f"stopped: something that the lidar sees is {overlap:.2f} m inside the base, which may only leave it"
         way = v * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
-        nearest = float(ranges[ranges > observation.scan.range_min].min(initial=math.inf))
+        nearest = float(ranges[ranges > scan.range_min].min(initial=math.inf))
         return (
             f"braking from {v:.2f} m/s and {abs(float(twist[1])):.1f} rad/s: something that the lidar sees, "
             f"the nearest {nearest:.2f} m from it, is in the stopping way of {way:.2f} m"
@@ -157,7 +191,7 @@ def _examine(
     for k in range(rates.shape[0]):
         rates[k] = arm_share * min(max(asked_rates[k], -DQ_MAX[k]), DQ_MAX[k])
     b, v, w = base[0], twist[0], twist[1]
-    if ranges.shape[0] == 0 or (abs(v) < 1e-3 and abs(w) < 1e-3):
+    if ranges.shape[0] == 0 or (v == 0.0 and w == 0.0):
         return True, -1, -1
     reach = abs(v) * b.velocity_lag + v * v / (2.0 * b.linear_acceleration) + corner + _MARGIN_OF_REACH
     if moved:
@@ -232,13 +266,21 @@ def points_in_stop(
     rectangle: Array,
     margin: float,
 ) -> int:
-    """Most points that are within the footprint at once while the base stops from (v, w), and are not so already.
+    """Most points that the footprint comes too near to at once while the base stops from (v, w).
 
-    The stop: constant twist for the lag, then deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the
-    turn goes on until the base has come to rest. `rectangle`: half length, half width, offset of the footprint [m].
+    A point outside the margin [m] may not come inside it, one inside the margin no nearer. What is in the footprint
+    already may not get deeper into it: then all points count. The stop: constant twist for the lag, then deceleration
+    at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the turn goes on until the base has come to rest. `rectangle`:
+    half length, half width, offset of the footprint [m].
     """
     dt = 0.05
-    half_length, half_width, offset = rectangle[0] + margin, rectangle[1] + margin, rectangle[2]
+    half_length, half_width, offset = rectangle[0], rectangle[1], rectangle[2]
+    allowed = np.empty(points.shape[0])
+    for i in range(points.shape[0]):
+        room = _room(points[i, 0] - offset, points[i, 1], half_length, half_width)
+        allowed[i] = min(margin, room - _ROUNDING)
+    body = _bodies(points, rectangle)
+    deep = _depths(points, body, 0.0, 0.0, 0.0, rectangle) + _ROUNDING
     worst = 0
     x = 0.0
     y = 0.0
@@ -257,14 +299,98 @@ def points_in_stop(
         time += dt
         c = math.cos(heading)
         s = math.sin(heading)
+        if (_depths(points, body, x, y, heading, rectangle) > deep).any():
+            return points.shape[0]
         count = 0
         for i in range(points.shape[0]):
-            px = points[i, 0]
-            py = points[i, 1]
-            if abs(px - offset) <= half_length and abs(py) <= half_width:
+            if body[i] >= 0:
                 continue
-            dx = px - x
-            dy = py - y
-            if abs(c * dx + s * dy - offset) <= half_length and abs(c * dy - s * dx) <= half_width:
+            dx = points[i, 0] - x
+            dy = points[i, 1] - y
+            if _room(c * dx + s * dy - offset, c * dy - s * dx, half_length, half_width) < allowed[i]:
                 count += 1
         worst = max(worst, count)
+
+
+@njit(cache=True)
+def unseen_in_stop(
+    pose: Array, stop: Array, rectangle: Array, seen: NDArray[np.uint8], frame: Array
+) -> tuple[int, int]:
+    """Points of the footprint's outline that come over unseen, and over stale floor while the base stops; most at once.
+
+    ``stop``: twist (v, w), decelerations and lag of `points_in_stop`; ``rectangle`` as there; ``frame``: corner of the
+    floor (x, y) and its resolution [m]. Beyond the floor that is kept nothing is asked.
+    """
+    v, w, a, b, lag = stop[0], stop[1], stop[2], stop[3], stop[4]
+    along, across = math.ceil(2.0 * rectangle[0] / frame[2]), math.ceil(2.0 * rectangle[1] / frame[2])
+    outline = np.empty((2 * (along + across), 2))
+    for i in range(along):
+        outline[2 * i] = rectangle[2] - rectangle[0] + i * 2.0 * rectangle[0] / along, rectangle[1]
+        outline[2 * i + 1] = rectangle[2] + rectangle[0] - i * 2.0 * rectangle[0] / along, -rectangle[1]
+    for i in range(across):
+        outline[2 * (along + i)] = rectangle[2] + rectangle[0], rectangle[1] - i * 2.0 * rectangle[1] / across
+        outline[2 * (along + i) + 1] = rectangle[2] - rectangle[0], i * 2.0 * rectangle[1] / across - rectangle[1]
+    dt, time = 0.05, 0.0
+    x, y, heading = pose[0], pose[1], pose[2]
+    never, late = 0, 0
+    while v != 0.0 or w != 0.0:
+        if time >= lag:
+            v = math.copysign(max(abs(v) - a * dt, 0.0), v)
+            w = math.copysign(max(abs(w) - b * dt, 0.0), w)
+        heading += w * dt
+        x += v * dt * math.cos(heading)
+        y += v * dt * math.sin(heading)
+        time += dt
+        c, s = math.cos(heading), math.sin(heading)
+        unseen, stale = 0, 0
+        for i in range(outline.shape[0]):
+            px, py = x + c * outline[i, 0] - s * outline[i, 1], y + s * outline[i, 0] + c * outline[i, 1]
+            row, column = math.floor((py - frame[1]) / frame[2]), math.floor((px - frame[0]) / frame[2])
+            if 0 <= row < seen.shape[0] and 0 <= column < seen.shape[1]:
+                unseen += seen[row, column] == UNSEEN
+                stale += seen[row, column] == STALE
+        never, late = max(never, unseen), max(late, stale)
+    return never, late
+
+
+@njit(cache=True)
+def _room(x: float, y: float, half_length: float, half_width: float) -> float:
+    """Room [m] between a point and a rectangle about the origin, by its nearest side; negative inside."""
+    return max(abs(x) - half_length, abs(y) - half_width)
+
+
+@njit(cache=True)
+def _bodies(points: Array, rectangle: Array) -> NDArray[np.int64]:
+    """Which body in the footprint each of the points (m, 2), in the order of the beams, belongs to; -1: none."""
+    body = np.full(points.shape[0], -1)
+    count = 0
+    for i in range(points.shape[0]):
+        if _room(points[i, 0] - rectangle[2], points[i, 1], rectangle[0], rectangle[1]) >= 0.0:
+            continue
+        same = i > 0 and body[i - 1] >= 0
+        if same:
+            same = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]) < _SAME_BODY
+        if not same:
+            count += 1
+        body[i] = count - 1
+    return body
+
+
+@njit(cache=True)
+def _depths(points: Array, body: NDArray[np.int64], x: float, y: float, heading: float, rectangle: Array) -> Array:
+    """How far [m] the footprint at a pose must be shifted, square to a side, to be clear of each body, shape (k,)."""
+    c, s = math.cos(heading), math.sin(heading)
+    sides = np.zeros((max(body.max() + 1, 0) if body.shape[0] else 0, 4))
+    for i in range(points.shape[0]):
+        if body[i] < 0:
+            continue
+        dx, dy = points[i, 0] - x, points[i, 1] - y
+        along, across = c * dx + s * dy - rectangle[2], c * dy - s * dx
+        if abs(along) < rectangle[0] and abs(across) < rectangle[1]:
+            side = sides[body[i]]
+            side[0], side[1] = max(side[0], rectangle[0] - along), max(side[1], rectangle[0] + along)
+            side[2], side[3] = max(side[2], rectangle[1] - across), max(side[3], rectangle[1] + across)
+    depths = np.empty(sides.shape[0])
+    for k in range(sides.shape[0]):
+        depths[k] = sides[k].min()
+    return depths

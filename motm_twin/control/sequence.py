@@ -22,6 +22,8 @@ STALL_LIMIT = 30.0  # [s] with the target in reach and no progress before the ta
 OUT_OF_REACH = 5.0  # [s] out of reach after which the time in reach counts anew; a base that swings keeps it running
 OUTSIDE_LIMIT = 10.0  # [s] as near as it gets before a target outside the map is given up
 DRIVE_LIMIT = 10.0  # [s] at the closest free place before a drive to a point that is not free is given up
+OTHER_ORDER = 25.0  # [s] without progress of the base after which another task comes first
+NO_PROGRESS = 45.0  # [s] after which the task is given up
 HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")  # a wait that says how far or how long is the same wait with another number
 
@@ -40,6 +42,7 @@ class SequenceState:
     out_of_reach_since: float | None = None
     outside_since: float | None = None
     failures: list[str] = field(default_factory=list)
+    postponed: tuple[str, ...] = ()  # tasks that were put off once: next time they are given up
     refused: tuple[str, ...] = ()  # bins whose place task was given up with what is held now
 
 
@@ -152,12 +155,12 @@ class TaskSequence(Stateful[SequenceState]):
 
     def watch(
         self, time: float, in_reach: bool, pose: Array, *,
-        blocked: bool = False, outside: bool = False, busy: bool = False, why: str = "",
+        blocked: str = "", outside: bool = False, busy: bool = False, why: str = "",
     ) -> tuple[Event, ...]:  # fmt: skip
         """Once per period: end drive_to tasks on arrival; give up what cannot be done or makes no progress in reach.
 
-        ``blocked``: the base stands at the free place that is closest to a point it cannot get to; ``outside``: it gets
-        no nearer to a target outside the map; ``busy``: the fingers close, lift or let go now, and will have done in a
+        ``blocked``: why the base stands at the free place closest to a point, and not there; ``outside``: it gets no
+        nearer to a target outside the map; ``busy``: the fingers close, lift or let go now, and will have done in a
         moment, so nothing is given up; ``why``: the arm waits. The most frequent reason is told.
         """
         task, state = self.active, self._state
@@ -178,14 +181,14 @@ class TaskSequence(Stateful[SequenceState]):
             return self._watch_drive(task, time, blocked=blocked)
         return self._watch_reach(task, time, pose, in_reach, why)
 
-    def _watch_drive(self, task: DriveTo, time: float, *, blocked: bool) -> tuple[Event, ...]:
+    def _watch_drive(self, task: DriveTo, time: float, *, blocked: str) -> tuple[Event, ...]:
         state = self._state
         if not blocked:
             state.in_reach_since = None
         elif state.in_reach_since is None:
             state.in_reach_since = time
         elif time - state.in_reach_since > DRIVE_LIMIT:
-            return self._give_up(time, f"drive to {name_of(task)}: not free for {DRIVE_LIMIT:.0f} s")
+            return self._give_up(time, f"drive to {name_of(task)}: {blocked} for {DRIVE_LIMIT:.0f} s")
         return ()
 
     def _watch_reach(self, task: Task, time: float, pose: Array, in_reach: bool, why: str) -> tuple[Event, ...]:
@@ -211,6 +214,36 @@ class TaskSequence(Stateful[SequenceState]):
                 return (Event(time=time, kind="missed", text=f"{text}; trying again"),)
             return self._give_up(time, text + self._elsewhere(pose))
         return ()
+
+    def hold_up(self, time: float, stalled: float, why: str, pose: Array) -> tuple[Event, ...]:
+        """The base has made no progress for ``stalled`` [s]: do something else first, or give the task up."""
+        state, task = self._state, self.active
+        if task is None or stalled < OTHER_ORDER:
+            return ()
+        name = f"{kind_of(task)} {name_of(task)}"
+        reason = f": {why}" if why else ""
+        if name not in state.postponed and not state.held and self._put_off():
+            state.postponed += (name,)
+            text = f"{name}: no progress for {stalled:.0f} s, put off{reason}"
+            return (Event(time=time, kind="postponed", text=text),)
+        if stalled < NO_PROGRESS:
+            return ()
+        return self._give_up(time, f"{name}: no progress for {stalled:.0f} s{reason}" + self._elsewhere(pose))
+
+    def _put_off(self) -> bool:
+        """Move the active task (a pick with its place) to the end of the list; False when it is the last."""
+        state, start = self._state, self._state.index
+        end = start + 1
+        if isinstance(state.tasks[start], Pick):
+            places = (i for i in range(start, len(state.tasks)) if isinstance(state.tasks[i], Place))
+            end = next(places, len(state.tasks) - 1) + 1
+        if end >= len(state.tasks):
+            return False
+        for column in (state.tasks, state.attempts):
+            column[start:] = [*column[end:], *column[start:end]]
+        state.status[start:] = ["waiting"] * (len(state.tasks) - start)
+        self._activate()
+        return True
 
     def _elsewhere(self, pose: Array) -> str:
         """The active task is about to be given up: list where what is held goes instead, and say so."""

@@ -28,6 +28,7 @@ from motm_twin.control.parameters import AvoidanceParameters, Numbers
 from motm_twin.control.qp_rows import elastic_rows
 from motm_twin.control.seen_rows import seen_rows
 from motm_twin.control.slate import Record
+from motm_twin.model.exact import product
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 
@@ -89,7 +90,7 @@ def fill_rows(
     if nearby:
         normal = np.zeros((nearby, 3))
         normal[:, :2] = gripper.normal
-        G[:nearby, :9], h[:nearby] = normal @ s.J[:3], gripper.allowed
+        G[:nearby, :9], h[:nearby] = product(normal, s.J[:3]), gripper.allowed
         for k in range(nearby):
             which[k] = 1 if gripper.static[k] else 0
         if gripper.allowed.min() < 0.0:  # how tall it is nobody knows: the hand may be over it

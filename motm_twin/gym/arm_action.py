@@ -15,6 +15,7 @@ from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp_rows import anchor, base_bounds, joint_bounds
 from motm_twin.control.types import ArmInputs, ArmStep
+from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.known import KnownWorld
 
@@ -89,7 +90,7 @@ class ArmAction(Manipulator):
         """The fingers stand: on the object, when they are as far apart as it is wide, and where it is."""
         state, goal = self._state, view.goal
         fits = abs(view.width - goal.side) <= self.parameters.held_tolerance
-        if goal.kind == "pick" and fits and float(np.linalg.norm(view.p - view.target)) <= AT_OBJECT:
+        if goal.kind == "pick" and fits and norm(view.p - view.target) <= AT_OBJECT:
             state.holding, state.reported, state.side, state.anchor = True, False, goal.side, view.p.copy()
             enter(state, "lift", view.time)
         else:

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
+from motm_twin.model.exact import fma
 from motm_twin.model.geometry import Array
 
 ARM_FRAMES = (*(f"panda_link{i}" for i in range(9)), "panda_hand", "panda_tcp")
@@ -61,6 +62,21 @@ def fk_arm(q: Array) -> Array:
         T[10, r, 3] = flange + _TCP * z_axis
     T[8, 3, 3] = T[9, 3, 3] = T[10, 3, 3] = 1.0
     return T
+
+
+@njit(cache=True)
+def placed_frames(T: Array, frames: Array) -> Array:
+    """``T @ frames`` of a rigid transform and of others behind it, shapes (4, 4), (n, 4, 4) -> (n, 4, 4)."""
+    there = np.zeros(frames.shape)
+    for n in range(frames.shape[0]):
+        for r in range(3):
+            for k in range(4):
+                total = 0.0
+                for j in range(4):
+                    total = fma(T[r, j], frames[n, j, k], total)
+                there[n, r, k] = total
+        there[n, 3, 3] = 1.0
+    return there
 
 
 @njit(cache=True)

@@ -1,8 +1,10 @@
-"""Arithmetic that kernels share with Python and NumPy to the last bit: a run must not depend on what is compiled.
+"""Arithmetic that comes out the same to the last bit in kernels, Python and NumPy, on every processor.
 
 Numba's ``math.hypot`` is the C library's: now and then it differs from Python's in the last bit. ``math.remainder`` it
-does not have. Its ``np.dot`` and ``@`` call BLAS, as NumPy does, which takes longer than three products, and which sums
-them as here.
+does not have. ``@``, ``np.dot`` and ``np.linalg`` call BLAS, in Numba too, and BLAS sums in an order that it chooses by
+processor and threads. NumPy's ``arctan2``, ``exp``, ``log`` and others have kernels of their own for AVX-512. All of
+them round differently from one machine to the next, so no state may come from them; here are the products and angles
+that take their place.
 """
 
 import math
@@ -10,12 +12,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import njit, types, vectorize
 from numba.extending import intrinsic, overload, register_jitable
 
 from motm_twin.model.geometry import Array, wrap_angle
 
-__all__ = ["hypot", "norm", "product", "wrap_angle"]
+__all__ = ["angle_of", "dot", "hypot", "norm", "product", "times", "transposed_times", "turn_between", "wrap_angle"]
 
 _SPLIT = 134217729.0  # 2^27 + 1: halves a number of 53 bits (Veltkamp and Dekker)
 _TINY = 1e-300  # lengths below it are not told from the larger coordinate
@@ -79,24 +81,73 @@ def _fma(context: Any, a: Any, b: Any, c: Any) -> Any:
 fma: Any = intrinsic(_fma)  # in kernels only
 
 
+_VECTOR = types.Array(types.float64, 1, "A", readonly=True)  # any layout: one kernel for slices and rows alike
+_MATRIX = types.Array(types.float64, 2, "A", readonly=True)
+
+
 @njit(cache=True)
 def norm(vector: Array) -> float:
-    """Length of a vector of two or three: ``np.linalg.norm``."""
+    """Length of a vector, shape (n,): ``np.linalg.norm``."""
     total = 0.0
     for value in vector:
         total = fma(value, value, total)
     return math.sqrt(total)
 
 
-@njit(cache=True)
+@njit(types.float64(_VECTOR, _VECTOR), cache=True)
+def dot(a: Array, b: Array) -> float:
+    """``a @ b`` of vectors, shapes (n,)."""
+    total = 0.0
+    for k in range(a.shape[0]):
+        total = fma(a[k], b[k], total)
+    return total
+
+
+@njit(types.float64[::1](_MATRIX, _VECTOR), cache=True)
+def times(A: Array, x: Array) -> Array:
+    """``A @ x``, shapes (m, n), (n,) -> (m,)."""
+    y = np.zeros(A.shape[0])
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            y[i] = fma(A[i, k], x[k], y[i])
+    return y
+
+
+@njit(types.float64[::1](_MATRIX, _VECTOR), cache=True)
+def transposed_times(A: Array, x: Array) -> Array:
+    """``A.T @ x``, shapes (m, n), (m,) -> (n,)."""
+    y = np.zeros(A.shape[1])
+    for k in range(A.shape[0]):
+        for i in range(A.shape[1]):
+            y[i] = fma(A[k, i], x[k], y[i])
+    return y
+
+
+@njit(types.float64[:, ::1](_MATRIX, _MATRIX), cache=True)
 def product(A: Array, B: Array) -> Array:
-    """``A @ B`` of matrices (3, 3)."""
-    C = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
+    """``A @ B`` of matrices, shapes (m, n), (n, p) -> (m, p)."""
+    C = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            for k in range(A.shape[1]):
                 C[i, j] = fma(A[i, k], B[k, j], C[i, j])
     return C
+
+
+@vectorize([types.float64(types.float64, types.float64)], cache=True)
+def _angle(y: Any, x: Any) -> Any:
+    return math.atan2(y, x)
+
+
+def angle_of(y: Array, x: Array) -> Array:
+    """``math.atan2(y, x)`` [rad] of arrays, for ``np.arctan2``."""
+    return _angle(y, x)
+
+
+def turn_between(a: Array, b: Array | float) -> Array:
+    """Size [rad] of the turn between angles, in [0, pi], shape of ``a - b``."""
+    turns = np.asarray(a - b) / (2.0 * math.pi)
+    return 2.0 * math.pi * np.abs(turns - np.rint(turns))
 
 
 @register_jitable

@@ -19,9 +19,11 @@ from motm_twin.model.arm_kernels import (
     fk_arm,
     manipulability,
     manipulability_gradient,
+    placed_frames,
     point_jacobian,
 )
 from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.exact import times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import ArmSpec, RobotProfile
 
@@ -86,12 +88,12 @@ class Frankie:
     def mount_transform(self, pose: Array) -> Array:
         """Transform of the arm mount (``panda_link0``), shape (4, 4)."""
         T = _planar_transform(pose)
-        T[:3, 3] += T[:3, :3] @ self.mount
+        T[:3, 3] += times(T[:3, :3], self.mount)
         return T
 
     def link_transforms(self, pose: Array, q: Array, width: float = 0.08) -> Array:
         """Transforms of `LINKS` with the gripper ``width`` [m] open, shape (12, 4, 4)."""
-        arm = self.mount_transform(pose) @ fk_arm(np.asarray(q, dtype=float))
+        arm = placed_frames(self.mount_transform(pose), fk_arm(np.asarray(q, dtype=float)))
         T = np.empty((len(LINKS), 4, 4))
         T[0] = _planar_transform(pose)
         T[1:9] = arm[:8]

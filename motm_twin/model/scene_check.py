@@ -8,7 +8,7 @@ from shapely.ops import unary_union
 from motm_twin.model.scene import Bin, DriveTo, Pick, Place, Scene, SceneObject
 from motm_twin.model.scene_error import near
 from motm_twin.model.scene_shapes import outline, rectangle
-from motm_twin.model.scene_space import check_agents, check_reach, check_start
+from motm_twin.model.scene_space import check_agents, check_arm_start, check_reach, check_start
 from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m] bodies may overlap by this much: rounding of the numbers in a file
@@ -27,6 +27,7 @@ def check_scene(scene: Scene, root: Node) -> None:
     check_pairs(scene, root)
     check_tasks(scene, root)
     check_start(scene, root)
+    check_arm_start(scene, root)
     check_agents(scene, root)
     check_reach(scene, root, object_node)
 

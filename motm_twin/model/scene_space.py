@@ -9,10 +9,14 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from shapely.geometry import LineString, box
 from shapely.geometry import Point as ShapelyPoint
 from shapely.ops import unary_union
 
+from motm_twin.model.arm_kernels import HAND, TCP, fk_arm
+from motm_twin.model.geometry import from_frame
+from motm_twin.model.joint_limits import READY
 from motm_twin.model.scene import Agent, DriveTo, Point, Scene, Solid
 from motm_twin.model.scene_shapes import base_outline, outline
 from motm_twin.model.scene_yaml import Node
@@ -20,6 +24,8 @@ from motm_twin.model.scene_yaml import Node
 TOUCH = 1e-3  # [m]
 ROBOT_TOP = 1.3  # [m] furniture that begins above this leaves room for base and arm
 ARM_REACH = 0.855  # [m] of the Panda from its shoulder; Paper, Sec. IV
+LINK_RADIUS = 0.05  # [m] of the arm's thinnest part: what is nearer to its middle line is inside it
+_ARM_LINE = [2, 4, 5, 7, HAND, TCP]  # frames along the arm above its foot, which stands on the base
 SHOULDER = 0.333  # [m] of the Panda above its mount
 
 
@@ -37,6 +43,34 @@ def check_start(scene: Scene, root: Node) -> None:
     for agent in scene.agents:
         if ShapelyPoint(agent.start[:2]).distance(body) < agent.radius:
             raise root.at("agents", agent.name).error("it starts inside the robot: move it or the robot's start")
+
+
+def check_arm_start(scene: Scene, root: Node) -> None:
+    """The arm starts clear of furniture and agents, as spheres of the links' least radius along it."""
+    points = _arm_points(scene)
+    bodies = [(solid.name, outline(solid.shape), solid.z_min, solid.z_max) for solid in scene.solids]
+    bodies += [
+        (agent.name, ShapelyPoint(agent.start[:2]).buffer(agent.radius), 0.0, agent.height) for agent in scene.agents
+    ]
+    for name, shape, low, high in bodies:
+        for x, y, z in points:
+            beside, above = ShapelyPoint(x, y).distance(shape), max(low - z, z - high, 0.0)
+            if math.hypot(beside, above) < LINK_RADIUS:
+                raise root.at("start").error(
+                    f"the arm is inside '{name}' at the start, at ({x:.2f}, {y:.2f}) m and {z:.2f} m high: move the "
+                    f"start pose or '{name}'"
+                )
+
+
+def _arm_points(scene: Scene) -> list[tuple[float, float, float]]:
+    """Points along the arm in its start pose, at most `LINK_RADIUS` apart, world [m]."""
+    arm, pose = scene.robot.arm, np.array(scene.start, dtype=float)
+    joints = fk_arm(READY)[_ARM_LINE, :3, 3] + np.array([arm.mount_x, arm.mount_y, arm.mount_z])
+    points = []
+    for start, end in itertools.pairwise(from_frame(pose, joints).tolist()):
+        count = max(1, math.ceil(math.dist(start, end) / LINK_RADIUS))
+        points += [tuple(a + (b - a) * k / count for a, b in zip(start, end, strict=True)) for k in range(count)]
+    return points
 
 
 def check_agents(scene: Scene, root: Node) -> None:

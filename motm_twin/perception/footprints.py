@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
 
@@ -67,7 +68,7 @@ def distance_to_shape(shape: Box | Cylinder | Prism, points: Array) -> Array:
     inside = np.zeros(points.shape[:-1], dtype=bool)
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         edge, offset = end - start, points - start
-        along = np.clip((offset @ edge) / (edge @ edge), 0.0, 1.0)
+        along = np.clip((offset * edge).sum(axis=-1) / dot(edge, edge), 0.0, 1.0)
         best = np.minimum(best, np.hypot(offset[..., 0] - along * edge[0], offset[..., 1] - along * edge[1]))
         if start[1] != end[1]:
             spans = (start[1] > points[..., 1]) != (end[1] > points[..., 1])

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
+from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
 from motm_twin.perception.clusters import label_cells
 from motm_twin.perception.world_map import NO_POINTS
@@ -81,8 +82,8 @@ def front_of(points: Array, viewpoint: Array, resolution: float) -> tuple[Array,
     length = max(math.hypot(ahead_x, ahead_y), 1e-9)
     ahead_x, ahead_y = ahead_x / length, ahead_y / length
     sight = points - viewpoint
-    right, left = _extent(sight @ np.array([-ahead_y, ahead_x]))
-    nearest, _ = _extent(sight @ np.array([ahead_x, ahead_y]))
+    right, left = _extent(sight[:, 1] * ahead_x - sight[:, 0] * ahead_y)
+    nearest, _ = _extent(sight[:, 0] * ahead_x + sight[:, 1] * ahead_y)
     radius = 0.5 * (left - right + resolution)
     depth, side = nearest - 0.5 * resolution + radius, 0.5 * (left + right)
     return np.array([x + depth * ahead_x + side * -ahead_y, y + depth * ahead_y + side * ahead_x]), radius
@@ -106,7 +107,8 @@ def at_ends(cluster: Array, radius: float, viewpoint: Array) -> list[Disc]:
     """Discs that begin at the two ends of something wide (n, 2) [m], of which the lines of sight are tangents."""
     sight = cluster - viewpoint
     mean = sight.mean(axis=0)
-    bearing = np.arctan2(mean[0] * sight[:, 1] - mean[1] * sight[:, 0], sight @ mean)
+    across = mean[0] * sight[:, 1] - mean[1] * sight[:, 0]
+    bearing = angle_of(across, sight[:, 0] * mean[0] + sight[:, 1] * mean[1])
     found = []
     for end, inwards in ((int(np.argmin(bearing)), 1.0), (int(np.argmax(bearing)), -1.0)):
         x, y = (inwards * sight[end] / max(math.hypot(*sight[end]), 1e-9)).tolist()

@@ -30,16 +30,18 @@ class Evidence:
     near_since: NDArray[np.int32]  # 3x3 neighbourhood occupied without a break since
     near_last: NDArray[np.int32]  # 3x3 neighbourhood occupied until
     near_hit: NDArray[np.int32]  # last hit in the 3x3 neighbourhood
+    outside: NDArray[np.uint8]  # 1: occupied while it was not under the robot's own body
+    seen: NDArray[np.int32]  # a beam last showed this cell, or the robot stood on it
 
 
 def no_evidence(shape: tuple[int, int]) -> Evidence:
     """Nothing seen yet."""
-    stamps = [np.full(shape, NEVER, dtype=np.int32) for _ in range(4)]
-    return Evidence(np.zeros(shape, dtype=np.int8), *stamps)
+    stamps = [np.full(shape, NEVER, dtype=np.int32) for _ in range(5)]
+    return Evidence(np.zeros(shape, dtype=np.int8), *stamps[:4], np.zeros(shape, dtype=np.uint8), stamps[4])
 
 
 @njit(cache=True)
-def mark_hits(level, last_hit, hit_now, visible_distance, inside, ends, ranges, now_ms, frame, explained):
+def mark_hits(level, last_hit, outside, hit_now, visible_distance, inside, ends, ranges, now_ms, frame, explained):
     """Add evidence in the cells the beams end in, unless the map explains the hit.
 
     ``ends``: beam end points [m], shape (n, 2); ``ranges``: [m], < 0 where the beam hit nothing usable;
@@ -56,6 +58,8 @@ def mark_hits(level, last_hit, hit_now, visible_distance, inside, ends, ranges, 
         if inside[row, column] or visible_distance[row, column] < explained[0] + explained[1] * ranges[beam]:
             continue
         hit_now[row, column] = 1
+        if level[row, column] == 0:
+            outside[row, column] = 0
         last_hit[row, column] = now_ms
         level[row, column] = min(EVIDENCE_MAX, level[row, column] + HIT)
 
@@ -159,18 +163,21 @@ def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, f
 
 
 @njit(cache=True)
-def clear_rectangle(level, pose, half_length, half_width, offset_x, frame):
-    """Free the cells whose centre is under the robot's body: nothing else can stand there."""
-    rows, columns = level.shape
+def clear_footprint(level, outside, hit_now, occupied, pose, body, frame):
+    """Free the cells under the robot's body, except those that are hit now or were seen from outside it.
+
+    What was never seen but from within the footprint is noise, or the robot itself. What was occupied before the robot
+    was there is an obstacle that it overlaps. ``occupied``: flat indices of cells with evidence; ``body``: half length,
+    half width and offset of the footprint [m]; ``outside`` is brought up to date.
+    """
+    columns = level.shape[1]
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    x0, y0 = pose[0] + offset_x * cos, pose[1] + offset_x * sin
-    reach = math.hypot(half_length, half_width)
-    first_row, last_row = math.floor((y0 - reach - frame[1]) / frame[2]), math.floor((y0 + reach - frame[1]) / frame[2])
-    first_column = math.floor((x0 - reach - frame[0]) / frame[2])
-    last_column = math.floor((x0 + reach - frame[0]) / frame[2])
-    for row in range(max(0, first_row), min(rows, last_row + 1)):
-        for column in range(max(0, first_column), min(columns, last_column + 1)):
-            dx = frame[0] + (column + 0.5) * frame[2] - x0
-            dy = frame[1] + (row + 0.5) * frame[2] - y0
-            if abs(cos * dx + sin * dy) < half_length and abs(cos * dy - sin * dx) < half_width:
-                level[row, column] = 0
+    x0, y0 = pose[0] + body[2] * cos, pose[1] + body[2] * sin
+    for i in range(occupied.shape[0]):
+        row, column = occupied[i] // columns, occupied[i] % columns
+        dx = frame[0] + (column + 0.5) * frame[2] - x0
+        dy = frame[1] + (row + 0.5) * frame[2] - y0
+        if abs(cos * dx + sin * dy) >= body[0] or abs(cos * dy - sin * dx) >= body[1]:
+            outside[row, column] = 1
+        elif not hit_now[row, column] and not outside[row, column]:
+            level[row, column] = 0

@@ -24,14 +24,16 @@ class RefusedScan:
 class CheckedScan:
     """A scan in the world frame whose every number was checked; built only by `check_scan`."""
 
-    __slots__ = ("directions", "origin", "pose", "range_max", "ranges", "stamp")
+    __slots__ = ("angle_min", "angle_step", "directions", "mount", "origin", "pose", "range_max", "ranges", "stamp")
 
     def __init__(self, token: object, scan: Scan) -> None:
         if token is not _CHECKED:
             raise TypeError("a CheckedScan is made by check_scan only: unchecked numbers must not reach the map")
         self.stamp: float = scan.stamp
         self.pose: Array = scan.pose
+        self.mount: Array = scan.origin  # of the sensor in the base frame
         self.origin: Array = from_frame(scan.pose, scan.origin)
+        self.angle_min, self.angle_step = scan.angle_min, scan.angle_step
         bearings = scan.pose[2] + scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
         self.directions: Array = np.empty((len(bearings), 2))
         self.directions[:, 0], self.directions[:, 1] = np.cos(bearings), np.sin(bearings)

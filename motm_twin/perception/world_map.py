@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.perception.floor import Floor
 
 NO_MOVERS = np.zeros((0, 6))
 NO_MOVERS.setflags(write=False)
@@ -31,4 +32,5 @@ class WorldMap(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     seen_static: NDArray[np.bool_]  # occupied for 3 s, at rest for 12 s if it was seen to move, shape (m,)
     seen_age: Array = NO_AGES  # [s] since each of them was hit last, shape (m,); for `MoverTracker`, not beyond it
     movers: Array = NO_MOVERS  # where they are followed: x, y [m], velocity [m/s], radius [m], near (0, 1), (k, 6)
+    floor: Floor | None = None  # what is known of the floor round the robot; None: all of it is free
     hidden: Array = NO_POINTS  # far sides of what may be moving, which the lidar does not see [m], shape (n, 2)

@@ -3,21 +3,25 @@
 import math
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
+from motm_twin.perception.floor import FRESH
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning import search_memory, staa
 from motm_twin.planning.bezier import bezier_curve
 from motm_twin.planning.braking import best_braking
 from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
-from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.parameters import PlanningParameters, fitted
 from motm_twin.planning.pocket import NO_POCKET
 from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
+from motm_twin.planning.room import Room, room_for
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.search_settings import LocalGoal, search_settings
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
@@ -25,6 +29,7 @@ from motm_twin.planning.visibility import Graph
 
 CLOCK_CHUNK = 32  # expansions between two looks at the clock
 STILL_V = 1e-3  # [m/s]
+ESCAPING = "escaping"  # status of a plan that leaves an overlap
 
 
 class StaaController:
@@ -45,7 +50,7 @@ class StaaController:
         self._still = still
         self._profile = profile
         self._limits = profile.base
-        self._p = parameters.staa
+        self._parameters, self._p = parameters, fitted(parameters.staa, profile)
         self._next_weight = parameters.placement.next_weight
         self._reach = ReachModel(profile, parameters.reach)
         self._body = body_of(profile.footprint)
@@ -65,7 +70,10 @@ class StaaController:
         if target is None or placement.mode == "none":
             return self._idle(problem, field, "there is nothing to do")
         self._asked = (problem, placement)
-        graph = self._graphs.graph(problem.world, self._p.growth)
+        if self._overlap(problem, field) > problem.world.resolution:
+            return self._escape(problem, field)
+        room = self._margins(problem)
+        graph = self._graphs.graph(problem.world, room.growth)
         goal = self._local_goal(problem, placement, graph)
         if placement.chosen < 0:
             return self._brake(problem, field, placement.reason, goal, 0)
@@ -73,8 +81,8 @@ class StaaController:
             return self._idle(problem, field, placement.reason.replace("driving to", "waiting at"))
         next_table = self._next_table(graph, placement)
         settings = search_settings(
-            self._p, self._limits, problem, placement, goal, has_next=next_table is not None, bound=self._bound(),
-            next_weight=self._next_weight,
+            self._p, self._limits, self._body, problem, placement, goal, has_next=next_table is not None,
+            next_weight=self._next_weight, bound=self._bound(), margin=room.margin,
         )  # fmt: skip
         still, proximity, moving = self._ahead(problem)
         world = search_memory.World(
@@ -86,6 +94,7 @@ class StaaController:
             next_table if next_table is not None else goal.table,
             self._job(problem, target),
             NO_POCKET,
+            self._sight(problem),
             moving,
         )
         cells = self._cell_sights(graph, field)
@@ -98,9 +107,11 @@ class StaaController:
         solution = int(memory.count[search_memory.SOLUTION])
         expansions = int(memory.count[search_memory.EXPANSIONS])
         if not goal.path_found:
-            why = f"no way to {target.name}: every gap on it is narrower than {2.0 * self._p.growth:.2f} m"
+            why = f"no way to {target.name}: every gap on it is narrower than {2.0 * room.growth:.2f} m"
             return self._brake(problem, field, why, goal, expansions, cut=cut)
         if solution < 0 and settings.bound == math.inf:
+            if self._overlap(problem, field) > 0.0:
+                return self._escape(problem, field)
             why = self._no_motion(problem, target, field, expansions)
             return self._brake(problem, field, why, goal, expansions, cut=cut)
         branch = search_memory.branch_to(memory, max(solution, 0))
@@ -135,6 +146,19 @@ class StaaController:
         field = self._graphs.field(world)
         return field, field._replace(value=np.array(proximity, dtype=np.float32)) if grid else field, moving
 
+    def _margins(self, problem: BaseProblem) -> Room:
+        """The room that plans of this period keep."""
+        return room_for(self._parameters, self._profile.footprint, problem.recovery.tightness)
+
+    def _sight(self, problem: BaseProblem) -> search_memory.Sight:
+        """The floor that has been seen, for a lidar that does not see all round."""
+        floor, lidar = problem.world.floor, self._profile.lidar
+        if floor is None:
+            return search_memory.SEES_ALL
+        return search_memory.Sight(
+            floor.seen, *floor.corner, 1.0 / floor.resolution, FRESH, 0.5 * lidar.field_of_view, lidar.x, lidar.y
+        )
+
     def _bound(self) -> float:
         """What a plan must cost less than [s], to be of use. The paper knows none."""
         return math.inf
@@ -156,7 +180,7 @@ class StaaController:
 
     def unmodified_path(self, problem: BaseProblem, placement: Placement) -> Array:
         """The global path that unmodified STAA* would take to the same goal, shape (m, 2) [m]."""
-        graph = self._graphs.graph(problem.world, self._p.growth)
+        graph = self._graphs.graph(problem.world, self._margins(problem).growth)
         return frozen(shortest_path(graph, problem.pose, placement.goal, self._limits))
 
     def _search(
@@ -265,10 +289,37 @@ class StaaController:
         if problem.engaged:
             return f"no motion of the base keeps {target.name} in reach of the arm: braking"
         room = float(clearances(np.array(problem.pose, dtype=np.float64)[None], 1.0, field, self._body)[0])
-        if room < 0.0:
-            return f"the base is {-room:.2f} m inside what the map or the lidar shows, and finds no way out: braking"
         return (
             f"no collision-free motion towards {target.name} ({expansions} tried, {room:.2f} m of clearance): braking"
+        )
+
+    def _overlap(self, problem: BaseProblem, field: Field) -> float:
+        """How deep [m] the deepest occupied cell is inside the footprint; negative or 0 when none is."""
+        pose = np.array(problem.pose, dtype=np.float64)
+        if clearances(pose[None], 1.0, field, self._body)[0] >= problem.world.resolution:
+            return 0.0
+        cells = overlapping_cells(problem.world, pose, self._body)
+        return depth_of(cells, pose, self._body) + 0.5 * problem.world.resolution
+
+    def _escape(self, problem: BaseProblem, field: Field) -> BasePlan:
+        """Leave what the footprint overlaps, or stand."""
+        deep = f"the base overlaps what the map or the lidar shows by {self._overlap(problem, field):.2f} m"
+        found = find_escape(problem.world, np.array(problem.pose, dtype=np.float64), self._body, self._limits)
+        if found is None:
+            return self._stop(problem, field, "braking", f"{deep}, and no motion makes that less: standing", None, 0)
+        return self._along(problem, found, self._stop(problem, field, ESCAPING, "", None, 0), f"{deep}: backing out")
+
+    def _along(self, problem: BaseProblem, found: Escape, plan: BasePlan, reason: str) -> BasePlan:
+        """A plan that holds the twist of an escape."""
+        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
+        twists = np.broadcast_to(found.twist, (len(found.poses), 2))
+        return msgspec.structs.replace(
+            plan,
+            status=ESCAPING,
+            reason=reason,
+            acceleration=frozen(np.clip((found.twist - problem.twist) / problem.period, -most, most)),
+            local_poses=frozen(np.column_stack((found.poses, twists))),
+            local_times=frozen(found.times),
         )
 
     def _next_path(self, placement: Placement, graph: Graph, table: Table | None) -> Array:
@@ -316,7 +367,21 @@ class StaaController:
     def _brake(
         self, problem: BaseProblem, field: Field, reason: str, goal: LocalGoal, expansions: int, *, cut: bool = False
     ) -> BasePlan:
-        return self._stop(problem, field, "braking", reason, goal, expansions, cut=cut)
+        plan = self._stop(problem, field, "braking", reason, goal, expansions, cut=cut)
+        found = self._recovered(problem, field)
+        if found is None:
+            return plan
+        what = "backing off to where there is more room" if found.twist[0] != 0.0 else "turning to see more"
+        return self._along(problem, found, plan, f"{reason}; {what}")
+
+    def _recovered(self, problem: BaseProblem, field: Field) -> Escape | None:
+        """A motion of a robot that has made no progress for some time, and stands."""
+        recovery, pose = problem.recovery, np.array(problem.pose, dtype=np.float64)
+        if recovery.back_off:
+            return find_room(pose, field, self._body, self._limits, self._p.margin_floor)
+        if recovery.look and 0.5 * self._profile.lidar.field_of_view < staa.ALL_ROUND:
+            return find_turn(pose, field, self._body, self._limits, self._p.margin_floor)
+        return None
 
     def _stop(
         self, problem: BaseProblem, field: Field, status: str, reason: str, goal: LocalGoal | None, expansions: int,

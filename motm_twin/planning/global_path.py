@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.world_map import WorldMap
@@ -20,6 +21,7 @@ from motm_twin.planning.kernel import kernel
 from motm_twin.planning.least_cost import Sights, costs_from, sights_of
 from motm_twin.planning.visibility import Graph, build_graph
 
+NEVER = 1e6  # [s/m] less than no path: costs stay finite
 KEPT = 8  # tables of costs to goals: those of a period, goal and next targets do not change in most
 
 
@@ -62,9 +64,12 @@ class GraphCache:
 
 
 def rates_of(limits: BaseLimits, *, rotation_cost: bool = True) -> Rates:
-    """Seconds per metre and radian at the speed limits; without rotation cost turning is free (STAA*)."""
+    """Seconds per metre and radian at the speed limits; without rotation cost turning is free (STAA*).
+
+    A base that cannot reverse needs `NEVER` seconds per metre: it turns instead.
+    """
     turn_rate = 1.0 / limits.yaw_rate if rotation_cost else 0.0
-    return Rates(1.0 / limits.forward_speed, 1.0 / limits.reverse_speed, turn_rate)
+    return Rates(1.0 / limits.forward_speed, min(1.0 / max(limits.reverse_speed, 1e-9), NEVER), turn_rate)
 
 
 class Poses(NamedTuple):
@@ -148,7 +153,7 @@ def leaves_disc(path: Array, radius: float) -> tuple[int, Array] | None:
         if math.hypot(*(path[i + 1] - start)) <= radius:
             continue
         a, d = path[i] - start, path[i + 1] - path[i]
-        dd, ad, aa = float(d @ d), float(a @ d), float(a @ a)
+        dd, ad, aa = dot(d, d), dot(a, d), dot(a, a)
         t = (-ad + math.sqrt(max(0.0, ad * ad - dd * (aa - radius * radius)))) / dd
         return i, path[i] + min(1.0, max(0.0, t)) * d
     return None

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
@@ -25,13 +26,26 @@ from motm_twin.planning.global_path import (
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import OUTSIDE, REASONS, Here, leaves_room, may_move, rejections
+from motm_twin.planning.rejections import (
+    HIDDEN,
+    NO_PATH,
+    OUTSIDE,
+    REASONS,
+    Here,
+    in_sight,
+    leaves_room,
+    may_move,
+    rejections,
+)
 from motm_twin.planning.rings import ring, spokes
+from motm_twin.planning.room import room_for
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
 from motm_twin.planning.visibility import Graph
 
 SAME_PLACE, SAME_HEADING = 0.06, 0.15  # [m], [rad] a candidate this near to the last choice is the same choice
-CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position
+CLEARLY_CLOSER = 0.5  # [m] by which a free place must be closer to the target to take the place of the one chosen
+CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position: what stands about is as large,
+CLOSEST_ROUND = 3.5  # [m] and a base that is larger than Frankie needs this much round itself
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -40,6 +54,7 @@ class PlacementState:
 
     target: tuple[str, str] | None = None
     goal: Array | None = None
+    closest: bool = False  # it was the free place closest to the target, not one from which that is served
 
 
 class Candidates(NamedTuple):
@@ -72,6 +87,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
 
     def __init__(self, profile: RobotProfile, parameters: PlanningParameters, graphs: GraphCache | None = None) -> None:
         self._body = body_of(profile.footprint)
+        self._footprint = profile.footprint
         self._mount_offset = math.hypot(profile.arm.mount_x, profile.arm.mount_y)
         self._parameters = parameters
         self._reach = ReachModel(profile, parameters.reach)
@@ -83,6 +99,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         self._radii = np.linspace(p.radius_min, p.radius_max, steps + 1)
         self._kept: tuple[Graph, Field, tuple[object, ...], Array | None] | None = None  # of `_next_poses`
         self._served: tuple[Graph, Array, Poses] | None = None  # the poses of the next target, and what they see
+        self._room = room_for(parameters, profile.footprint, 0.0)
         self._last: Searched | None = None  # only to explain the last period: no decision reads it
 
     def place(self, problem: BaseProblem) -> Placement:
@@ -92,20 +109,24 @@ class NextTargetPlacement(Stateful[PlacementState]):
             self._state = PlacementState()
             return _nothing_to_do(problem.pose)
         target = problem.target
-        graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
-        here = Here(problem.world, self._graphs.field(problem.world), self._body, graph)
+        self._room = room_for(self._parameters, self._footprint, problem.recovery.tightness)
+        graph = self._graphs.graph(problem.world, self._room.growth)
+        here = Here(problem.world, self._graphs.field(problem.world), self._body, graph, problem.pose)
         from_robot = robot_table(graph, problem.pose, self._rates)
         next_poses = self._next_poses_kept(problem.next_target, here)
         to_next = self._graphs.table(graph, next_poses, self._rates) if next_poses is not None else None
         candidates, current, onward = self._evaluate(target, here, from_robot, to_next)
         if len(problem.stuck_at):
             current = current + stuck.COST * stuck.near(candidates.pose, problem.stuck_at)
+        if len(problem.recovery.avoid):
+            current = current + stuck.COST * stuck.near(candidates.pose, problem.recovery.avoid)
         viable = np.isfinite(current)  # an infinite cost times a weight of 0 would be no number
         cost = current + self._parameters.placement.next_weight * np.where(viable, onward, 0.0)
         preferred = cost - self._parameters.placement.hysteresis * self._chosen_before(target, candidates.pose)
         chosen = int(np.argmin(preferred)) if np.isfinite(preferred).any() else -1
         goal = candidates.pose[chosen] if chosen >= 0 else problem.pose
-        self._state = PlacementState(target=(target.kind, target.name), goal=np.array(goal))
+        closest = candidates.mode == "closest" and chosen >= 0
+        self._state = PlacementState(target=(target.kind, target.name), goal=np.array(goal), closest=closest)
         next_goals = self._best_next(goal, next_poses, graph) if next_poses is not None else None
         self._last = Searched(graph, from_robot, to_next, candidates.pose, viable)
         return Placement(
@@ -168,7 +189,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         for radius in self._radii:
             pose, place, place_of = ring(target.position, radius, p.positions)
             reached = self._reach.reached_from(pose, target)
-            rejected = rejections(pose, p.clearance, here)
+            rejected = rejections(pose, self._room.clearance, here)
             rejected = [why or ("" if ok else "arm cannot reach") for why, ok in zip(rejected, reached, strict=True)]
             candidates = Candidates("ring", float(radius), pose, place, place_of, rejected)
             if candidates.viable().any() or radius == p.radius_max:
@@ -183,7 +204,9 @@ class NextTargetPlacement(Stateful[PlacementState]):
             pose, place, place_of = spokes(target.position, radius, p.positions, p.reach_headings)
             reached = self._reach.reached_from(pose, target, slack=p.reach_slack)
             keep = reached.copy()
-            keep[reached] = clearances(pose[reached], p.clearance, here.field, here.body) >= p.clearance
+            keep[reached] = (
+                clearances(pose[reached], self._room.clearance, here.field, here.body) >= self._room.clearance
+            )
             if not keep.any():
                 continue
             found = Candidates("reach", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
@@ -194,23 +217,50 @@ class NextTargetPlacement(Stateful[PlacementState]):
             yield previous
 
     def _closest_sets(self, target: Target, here: Here):
-        """Free places, the closest first; those that leave room to what may be moving before all others."""
+        """Free places, the closest first; those in sight that leave room to what may be moving before all others.
+
+        A place that was chosen stays the closest until it is not free, or one is seen that is clearly closer.
+        """
+        sets = self._in_sight_first(target, here)
+        first = next(sets, None)
+        kept = self._kept_closest(target, here)
+        if kept is not None and (first is None or first.radius > kept.radius - CLEARLY_CLOSER):
+            yield kept
+        if first is not None:
+            yield first
+        yield from sets
+
+    def _in_sight_first(self, target: Target, here: Here):
         for room in self._rooms(here):
-            yield from self._closest(target, here, room)
+            yield from self._closest(target, here, room, sight=True)
+        yield from self._closest(target, here, 0.0)
+
+    def _kept_closest(self, target: Target, here: Here) -> Candidates | None:
+        """The place of the last period as the only candidate, while it is free."""
+        state = self._state
+        if not state.closest or state.goal is None or state.target != (target.kind, target.name):
+            return None
+        pose = state.goal[None]
+        if clearances(pose, 1.0, here.field, here.body)[0] < 0.0:
+            return None
+        away = math.dist(state.goal[:2], target.position[:2])
+        return Candidates("closest", away, pose, pose[:, :2], np.zeros(1, np.int32), [""])
 
     def _rooms(self, here: Here) -> tuple[float, ...]:
         """Rooms [m] to be left where the base waits, the wanted one first."""
         return (self._parameters.placement.room, 0.0) if len(may_move(here.world)) else (0.0,)
 
-    def _closest(self, target: Target, here: Here, room: float, within: float = CLOSEST_MAX):
+    def _closest(self, target: Target, here: Here, room: float, within: float = math.inf, *, sight: bool = False):
         p = self._parameters.placement
-        for radius in np.arange(0.0, CLOSEST_MAX, CLOSEST_STEP):
+        for radius in np.arange(0.0, max(CLOSEST_MAX, self._body.reach + CLOSEST_ROUND), CLOSEST_STEP):
             if radius > within:
                 return
             pose, place, place_of = spokes(target.position, radius, p.positions, 4)
-            keep = clearances(pose, p.clearance, here.field, here.body) >= p.clearance
+            keep = clearances(pose, self._room.clearance, here.field, here.body) >= self._room.clearance
             if room > 0.0:
                 keep &= leaves_room(pose, room, here)
+            if sight and keep.any():
+                keep[keep] = in_sight(pose[keep], here)
             if keep.any():
                 yield Candidates("closest", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
 
@@ -221,10 +271,13 @@ class NextTargetPlacement(Stateful[PlacementState]):
         pose[:, :2] = target.position[:2]
         pose[:, 2] = 0.0 if target.heading is None else target.heading
         pose[:, 2] += np.arange(count) * (2.0 * math.pi / count)
-        pose[:, 2] = np.arctan2(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
-        return Candidates(
-            "drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejections(pose, p.clearance, here)
-        )
+        pose[:, 2] = angle_of(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
+        rejected = rejections(pose, self._room.clearance, here)
+        if self._state.closest and self._state.target == (target.kind, target.name):
+            # It was not free: what hides it now may have been seen there before, and forgotten.
+            seen = in_sight(pose, here)
+            rejected = [why or ("" if ok else HIDDEN) for why, ok in zip(rejected, seen, strict=True)]
+        return Candidates("drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejected)
 
     def _costs(
         self, candidates: Candidates, graph: Graph, from_robot: Table, to_next: Table | None
@@ -244,7 +297,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         onward[viable] = costs_on(graph, to_next, poses) if to_next is not None else 0.0
         blocked = viable & ~np.isfinite(current)
         for i in np.flatnonzero(blocked):
-            candidates.rejected[i] = "no path"
+            candidates.rejected[i] = NO_PATH
         onward[~np.isfinite(onward) & viable & ~blocked] = _no_way_on(onward)
         onward[blocked] = np.inf
         return current, onward
@@ -318,7 +371,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         if goal is None or self._state.target != (target.kind, target.name):
             return same
         distance = np.hypot(pose[:, 0] - goal[0], pose[:, 1] - goal[1])
-        swing = np.abs(np.angle(np.exp(1j * (pose[:, 2] - goal[2]))))
+        swing = turn_between(pose[:, 2], goal[2])
         nearest = int(np.argmin(distance + swing))
         if distance[nearest] <= SAME_PLACE and swing[nearest] <= SAME_HEADING:
             same[nearest] = 1.0
@@ -358,6 +411,8 @@ def _outside(target: Target, here: Here) -> str:
 def _not_free(candidates: Candidates) -> str:
     """Why the base cannot stand at a point of the map with any heading."""
     reasons = {why for why in candidates.rejected if why}
+    if NO_PATH in reasons:
+        return "free, but there is no way to it that is wide enough"
     return "too close to the edge of the map" if reasons == {REASONS[OUTSIDE]} else "not free"
 
 

@@ -14,6 +14,8 @@ from motm_twin.planning.visibility import Graph
 
 REASONS = ("", "outside the map", "collision with a seen obstacle", "collision with mapped furniture")
 OUTSIDE, SEEN, MAPPED = 1, 2, 3
+NO_PATH = "no path"
+HIDDEN = "was not free, and is not in sight"
 BESIDE = 0.1  # [m] a seen point this near to the footprint is what it collides with
 
 
@@ -24,6 +26,7 @@ class Here(NamedTuple):
     field: Field
     body: Body
     graph: Graph
+    pose: Array  # of the robot, (3,)
 
 
 def rejections(pose: Array, wanted: float, here: Here) -> list[str]:
@@ -44,6 +47,45 @@ def leaves_room(pose: Array, room: float, here: Here) -> Array:
 def may_move(world: WorldMap) -> Array:
     """Where the map shows what is not static, the far sides of it that the lidar does not see included, (m, 2) [m]."""
     return np.concatenate((world.seen_points[~world.seen_static], world.hidden))
+
+
+def in_sight(pose: Array, here: Here) -> Array:
+    """Whether nothing that the lidar sees hides a corner of the footprint at each pose (m, 3), shape (m,) of bool.
+
+    Beyond what it sees there may be more of the same: the far side of a box is not free floor.
+    """
+    result = np.ones(len(pose), dtype=bool)
+    c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    _mark_in_sight(here.pose, pose, c, s, here.world.seen_points, here.world.resolution, here.body, result)
+    return result
+
+
+@kernel
+def _mark_in_sight(
+    robot: Array, pose: Array, c: Array, s: Array, seen: Array, resolution: float, body: Body,
+    result: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Say of each pose (n, 3) whether no seen point (m, 2) is on the line to one of its corners; c, s of headings."""
+    for i in range(pose.shape[0]):
+        for k in range(4):
+            x = pose[i, 0] + c[i] * body.corner[k, 0] - s[i] * body.corner[k, 1]
+            y = pose[i, 1] + s[i] * body.corner[k, 0] + c[i] * body.corner[k, 1]
+            if _hidden(robot[0], robot[1], x, y, seen, resolution):
+                result[i] = False
+                break
+
+
+@kernel
+def _hidden(ax: float, ay: float, bx: float, by: float, seen: Array, resolution: float) -> bool:
+    """Whether a seen point (m, 2) is on the line from a to b."""
+    dx, dy = bx - ax, by - ay
+    squared = dx * dx + dy * dy
+    for k in range(seen.shape[0]):
+        px, py = seen[k, 0] - ax, seen[k, 1] - ay
+        along = px * dx + py * dy
+        if 0.0 < along < squared and abs(px * dy - py * dx) < resolution * math.sqrt(squared):
+            return True
+    return False
 
 
 @kernel

@@ -6,6 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
 
 
@@ -35,7 +36,7 @@ def _unit_ring(positions: int) -> tuple[Array, Array, NDArray[np.int32]]:
     angle = np.arange(positions) * (2.0 * math.pi / positions)
     place_of = np.repeat(np.arange(positions, dtype=np.int32), 2)
     heading = np.repeat(angle, 2) + np.tile((0.5 * math.pi, -0.5 * math.pi), positions)
-    return np.column_stack((np.cos(angle), np.sin(angle))), np.arctan2(np.sin(heading), np.cos(heading)), place_of
+    return np.column_stack((np.cos(angle), np.sin(angle))), angle_of(np.sin(heading), np.cos(heading)), place_of
 
 
 def spokes(centre: Array, radius: float, positions: int, headings: int) -> tuple[Array, Array, Array]:
@@ -52,4 +53,4 @@ def _unit_spokes(positions: int, headings: int) -> tuple[Array, Array, NDArray[n
     place_of = np.repeat(np.arange(positions, dtype=np.int32), headings)
     away = np.tile(np.arange(headings) * (2.0 * math.pi / headings), positions)
     heading = np.repeat(angle, headings) + math.pi + away
-    return np.column_stack((np.cos(angle), np.sin(angle))), np.arctan2(np.sin(heading), np.cos(heading)), place_of
+    return np.column_stack((np.cos(angle), np.sin(angle))), angle_of(np.sin(heading), np.cos(heading)), place_of

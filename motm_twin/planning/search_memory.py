@@ -36,6 +36,7 @@ class Settings(NamedTuple):
     margin_floor: float
     margin_cost: float
     brake_depth: int
+    free: float  # [m] of clearance at its end: half way a node is not looked at
     grid_weight: float
     grid_range: float
     grid_map: bool
@@ -64,6 +65,24 @@ class Settings(NamedTuple):
     steadiness: float
 
 
+class Sight(NamedTuple):
+    """Floor that has been seen, and what the lidar sees of more; half_view of pi: all round, and nothing is asked."""
+
+    seen: NDArray[np.uint8]  # `perception.floor`, (rows, columns)
+    x: float  # [m] corner of cell (0, 0)
+    y: float
+    inverse_cell: float
+    wanted: int  # what a cell must be at least to be driven over backwards
+    half_view: float  # [rad] to either side of straight ahead
+    sensor_x: float  # [m] in the base frame
+    sensor_y: float
+
+
+_NOTHING = np.zeros((0, 0), np.uint8)
+_NOTHING.setflags(write=False)  # of the same type as what is seen: kernels are compiled once
+SEES_ALL = Sight(_NOTHING, 0.0, 0.0, 1.0, 0, np.pi, 0.0, 0.0)
+
+
 class Pocket(NamedTuple):
     """Costs [s] of poses round a robot that cannot turn on the spot, see `pocket.py`; empty: none are needed."""
 
@@ -83,6 +102,7 @@ class World(NamedTuple):
     next_table: Table  # to the next target
     job: Job
     pocket: Pocket
+    sight: Sight
     moving: Array  # discs where what moves is expected, every half node, (n, k, 3); `field` is without it then
 
 

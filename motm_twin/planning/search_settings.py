@@ -5,10 +5,15 @@ from typing import NamedTuple
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
 from motm_twin.planning import staa, stuck
+from motm_twin.planning.collision import Body
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.parameters import StaaParameters
 from motm_twin.planning.search_memory import Settings
 from motm_twin.planning.types import BaseProblem, Placement
+
+FREE = (
+    0.25  # [m] of clearance at the end of a node, from which on it is free half way: no point of Frankie moves so far
+)
 
 
 class LocalGoal(NamedTuple):
@@ -25,10 +30,10 @@ class LocalGoal(NamedTuple):
 
 
 def search_settings(
-    p: StaaParameters, limits: BaseLimits, problem: BaseProblem, placement: Placement, goal: LocalGoal, *,
-    has_next: bool, next_weight: float, bound: float,
+    p: StaaParameters, limits: BaseLimits, body: Body, problem: BaseProblem, placement: Placement, goal: LocalGoal, *,
+    has_next: bool, next_weight: float, bound: float, margin: float,
 ) -> Settings:  # fmt: skip
-    """The numbers of one search. ``bound`` [s]: a plan that costs as much is of no use."""
+    """The numbers of one search. ``bound`` [s]: a plan that costs as much is of no use; ``margin`` [m] is kept."""
     by_job = p.termination == "task" and not stuck.here(problem.pose, problem.stuck_at)
     goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST
     if placement.mode == "closest" and goal.is_goal:
@@ -48,10 +53,11 @@ def search_settings(
         speed_bins=p.speed_bins,
         yaw_rate_bins=p.yaw_rate_bins,
         epsilon=p.epsilon,
-        margin=p.margin,
+        margin=margin,
         margin_floor=p.margin_floor,
         margin_cost=p.margin_cost,
         brake_depth=p.brake_depth,
+        free=max(FREE, 0.5 * p.node_duration * (limits.forward_speed + body.reach * limits.yaw_rate)),
         grid_weight=p.grid_weight,
         grid_range=p.grid_range,
         grid_map=p.penalty == "grid",

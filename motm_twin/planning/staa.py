@@ -17,7 +17,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.planning.bezier import bezier_points, time_below
 from motm_twin.planning.braking import can_stop
 from motm_twin.planning.cell_costs import cost_at
-from motm_twin.planning.collision import BORDER, ROUNDING, SLOPE, clearance, clearance_from, distance_at
+from motm_twin.planning.collision import BORDER, ROUNDING, SLOPE, Body, clearance, clearance_from, distance_at
 from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.heap import heap_pop, heap_push
 from motm_twin.planning.kernel import inlined, kernel, length_of
@@ -41,6 +41,7 @@ from motm_twin.planning.search_memory import (
     H,
     Memory,
     Settings,
+    Sight,
     World,
 )
 
@@ -59,7 +60,7 @@ MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY, HEADING_BIN, YAW_R
     23,
     24,
 )
-FREE = 0.25  # [m] of clearance at its end: half way it is not looked at
+ALL_ROUND = 3.1  # [rad] half a field of view from which on the lidar sees where the base reverses to
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
 
 
@@ -148,6 +149,27 @@ def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world
         px, py = world.body.corner[i, 0], world.body.corner[i, 1]
         worst = max(worst, distance_at(x + c * px - si * py, y + si * px + c * py, world.proximity))
     return worst
+
+
+@kernel
+def _backs_into_the_unknown(before: Array, x: float, y: float, c: float, si: float, sight: Sight, body: Body) -> bool:
+    """Whether the rear of a base that reverses to (x, y) comes over floor not seen by then; c, si of its heading.
+
+    ``before``: the pose it comes from, whose lidar sees some more. Floor beyond what is kept will be seen on the way.
+    """
+    c_0, s_0 = math.cos(before[2]), math.sin(before[2])
+    sensor_x = before[0] + c_0 * sight.sensor_x - s_0 * sight.sensor_y
+    sensor_y = before[1] + s_0 * sight.sensor_x + c_0 * sight.sensor_y
+    rear, half = 2.0 * body.centre_x - body.corner[3, 0], body.corner[3, 1]
+    for i in range(-1, 2):
+        px, py = x + c * rear - si * half * i, y + si * rear + c * half * i
+        row, column = math.floor((py - sight.y) * sight.inverse_cell), math.floor((px - sight.x) * sight.inverse_cell)
+        if row < 0 or column < 0 or row >= sight.seen.shape[0] or column >= sight.seen.shape[1]:
+            continue
+        if sight.seen[row, column] < sight.wanted:
+            if turn(math.atan2(py - sensor_y, px - sensor_x), before[2]) > sight.half_view:
+                return True
+    return False
 
 
 @kernel
@@ -253,13 +275,16 @@ def _child(
         return
     depth = memory.link[node, DEPTH] + 1
     # Costs count clearance up to `counts`; how much more there is matters only where the way is not free, or short.
-    enough = FREE if depth <= s.brake_depth else min(FREE, _counts(s) + world.body.slack)
+    enough = s.free if depth <= s.brake_depth else min(s.free, _counts(s) + world.body.slack)
     free = clearance_from(pose[0], pose[1], row[FACING_C], row[FACING_S], enough, allowed, world.field, world.body)
     if free < allowed:
         return
+    if v_end < 0.0 and world.sight.half_view < ALL_ROUND:
+        if _backs_into_the_unknown(before, pose[0], pose[1], row[FACING_C], row[FACING_S], world.sight, world.body):
+            return
     v_m = 0.75 * v_0 + 0.25 * v_end
     mx, my, m_heading = x + 0.5 * v_m * dt * row[MID_WAY_C], y + 0.5 * v_m * dt * row[MID_WAY_S], row[MID]
-    if free < FREE:
+    if free < s.free:
         away = length_of(pose[0] - mx, pose[1] - my)
         away += (world.body.outer + abs(world.body.centre_x)) * abs(pose[2] - m_heading)
         if allowed <= 0.0 or free - SLOPE * away < allowed + ROUNDING:
@@ -268,12 +293,12 @@ def _child(
             if middle < allowed and (
                 free < enough
                 or clearance_from(
-                    pose[0], pose[1], row[FACING_C], row[FACING_S], FREE, allowed, world.field, world.body
-                ) < FREE
+                    pose[0], pose[1], row[FACING_C], row[FACING_S], s.free, allowed, world.field, world.body
+                ) < s.free
             ):  # fmt: skip
                 return
     if depth <= s.brake_depth and not can_stop(
-        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < FREE else math.inf, v_end, w_end,
+        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < s.free else math.inf, v_end, w_end,
         s.a_max, s.b_max, allowed, world.field, world.body,
     ):  # fmt: skip
         return

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import turn_between
 from motm_twin.model.geometry import Array
 
 PLACE, HEADING = 0.25, 0.6  # [m], [rad] this near to where the arm was stuck it may be so again,
@@ -12,7 +13,7 @@ COST = 10.0  # [s] which is worth going elsewhere, unless that takes longer; the
 def near(pose: Array, stuck_at: Array) -> NDArray[np.int64]:
     """How many of the poses (k, 3) from which the arm did not get to its target are near each pose, (m, 3) -> (m,)."""
     away = np.hypot(*(pose[:, None, :2] - stuck_at[None, :, :2]).transpose(2, 0, 1))
-    swing = np.abs(np.angle(np.exp(1j * (pose[:, None, 2] - stuck_at[None, :, 2]))))
+    swing = turn_between(pose[:, None, 2], stuck_at[None, :, 2])
     return np.sum((away <= PLACE) & (swing <= HEADING), axis=1)
 
 

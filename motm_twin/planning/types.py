@@ -21,6 +21,18 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     dwell: float = 0.0  # [s] uninterrupted time in reach that the job still needs from now (0 for drive)
 
 
+class Recovery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """How hard the base tries to get on, when it has made no progress for some time."""
+
+    back_off: bool = False  # where it stands, it may drive back to where there is more room
+    look: bool = False  # where it stands, it may turn to see what its lidar does not
+    tightness: float = 0.0  # 0: room as ever, 1: down to the true footprint
+    avoid: Array = frozen(np.zeros((0, 3)))  # base poses that could not be got to, shape (k, 3)
+
+
+NO_RECOVERY = Recovery()
+
+
 class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One period's question to the base: where to stand, and how to accelerate."""
 
@@ -33,6 +45,7 @@ class BaseProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     engaged: bool  # the arm is at the object (final approach to lift): keep it in reach until done
     period: float = 0.05  # [s] for which the answer is applied
     stuck_at: Array = frozen(np.zeros((0, 3)))  # base poses from which the arm did not get to the target, (k, 3)
+    recovery: Recovery = NO_RECOVERY
 
 
 class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,7 +80,7 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What the base does in this period, and the plan behind it."""
 
     acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
-    status: str  # "goal" (a node satisfied the termination) | "aborted" (best node) | "braking" (queue dry) | "idle"
+    status: str  # "goal" (a node ends the search) | "aborted" (best node) | "braking" (queue dry) | "escaping" | "idle"
     reason: str  # one sentence whenever the robot brakes, waits or idles; else ""
     global_path: Array  # robot to goal, shape (m, 2)
     next_path: Array  # goal to next target, shape (k, 2)

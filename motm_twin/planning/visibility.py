@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
 from motm_twin.planning.kernel import kernel, length_of
 from motm_twin.planning.outlines import SHRINK, Rings, grown_outlines, rings_of
@@ -77,9 +78,10 @@ def inside(px: float, py: float, rings: Rings) -> bool:
 
 @kernel
 def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float, float, float]:
-    """Nearest point outside the grown polygons, and how far it is [m]: 0 for a point that is outside.
+    """Nearest point outside all grown polygons, and how far it is [m]: 0 for a point that is outside.
 
-    A way out that would lead through a solid is taken only when there is no other.
+    A way out that would lead through a solid is taken only when there is no other. Where no side of a polygon has a
+    point outside behind it, the point itself is returned, infinitely far.
     """
     if not inside(px, py, outline):
         return px, py, 0.0
@@ -100,9 +102,12 @@ def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float
                 distance = length_of(nx - px, ny - py)
                 if distance >= nearest or (direct == 0 and not segment_free(px, py, nx, ny, solids)):
                     continue
-                nearest = distance
                 ux, uy = (nx - px) / max(distance, 1e-9), (ny - py) / max(distance, 1e-9)
-                qx, qy = nx + SHRINK * ux, ny + SHRINK * uy
+                if distance < 1e-9 and squared > 0.0:  # on the side itself: straight out
+                    ux, uy = fy / math.sqrt(squared), -fx / math.sqrt(squared)
+                ox, oy = nx + SHRINK * ux, ny + SHRINK * uy
+                if not inside(ox, oy, outline):  # two polygons may be less than `SHRINK` apart
+                    qx, qy, nearest = ox, oy, distance
         if nearest < math.inf:
             break
     return qx, qy, nearest
@@ -190,7 +195,7 @@ def build_graph(
         solids=rings_of(polygons),
         out_start=start,
         ends=ends,
-        edge=np.column_stack((np.hypot(line[:, 0], line[:, 1]), np.arctan2(line[:, 1], line[:, 0]))),
+        edge=np.column_stack((np.hypot(line[:, 0], line[:, 1]), angle_of(line[:, 1], line[:, 0]))),
         in_start=start,
         in_edge=in_edge,
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
+from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.plant import Detection
 from motm_twin.model.profile import GripperCamera
@@ -75,8 +76,8 @@ class Camera:
         """
         eye = np.ascontiguousarray(T_hand[:3, 3])
         ray = point - eye
-        distance = math.sqrt(ray @ ray)
-        if not 0.0 < distance <= self.spec.range or ray @ T_hand[:3, 2] < self._cos_half_cone * distance:
+        distance = math.sqrt(dot(ray, ray))
+        if not 0.0 < distance <= self.spec.range or dot(ray, T_hand[:3, 2]) < self._cos_half_cone * distance:
             return None
         discs = np.vstack([solids.discs, agents[:, :3]])
         disc_z = np.vstack([solids.disc_z, np.column_stack([np.zeros(len(agents)), agents[:, 3]])])

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from motm_twin.model.exact import dot, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.sim.objects import ObjectState
 
@@ -30,7 +31,7 @@ def yaw_misfit(rotation: Array, item: ObjectState) -> float:
 
 def violation(tcp: Array, rotation: Array, item: ObjectState) -> str:
     """Which geometric part of the grasp rule is broken: 'offset' | 'yaw' | 'tilt', '' for none."""
-    offset = rotation.T @ (item.position - tcp)
+    offset = transposed_times(rotation, item.position - tcp)
     if np.max(np.abs(offset)) > OFFSET_PER_AXIS:
         return "offset"
     if rotation[2, 2] > -math.cos(TILT):
@@ -55,7 +56,7 @@ def centre_between_pads(tcp: Array, rotation: Array, item: ObjectState, width: f
         item.turn_to(item.yaw + turn)
         misfit -= turn
     room = max(0.0, 0.5 * (width - width_across(item.side, misfit)))
-    offset = float(rotation[:, 1] @ (item.position - tcp))
+    offset = dot(rotation[:, 1], item.position - tcp)
     if abs(offset) > room:
         shift = math.copysign(abs(offset) - room, -offset)
         item.position = item.position + shift * np.array([rotation[0, 1], rotation[1, 1], 0.0])
@@ -72,8 +73,8 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
 
     By geometry only, at most `PUSH_PER_STEP` in a substep. A cube squeezed by both pads slips out along x of the hand.
     """
-    local = rotation.T @ (item.position - hand)
-    face = rotation.T @ item.rotation[:, 0]
+    local = transposed_times(rotation, item.position - hand)
+    face = transposed_times(rotation, item.rotation[:, 0])
     face = face[:2] / math.hypot(face[0], face[1])
     shift, touched = np.zeros(2), 0
     for side in (1.0, -1.0):
@@ -93,7 +94,7 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
     length = math.hypot(shift[0], shift[1])
     if length > PUSH_PER_STEP:
         shift *= PUSH_PER_STEP / length
-    world = rotation[:, :2] @ shift
+    world = times(rotation[:, :2], shift)
     item.position = item.position + np.array([world[0], world[1], 0.0])
     return True
 

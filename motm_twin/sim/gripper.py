@@ -1,10 +1,12 @@
 """The parallel gripper: pads that close and open in time, and the cube they may hold."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from motm_twin.model.exact import norm, product, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.sim.grasp import RELATIVE_SPEED, centre_between_pads, near, push, violation, width_across, yaw_misfit
@@ -111,9 +113,9 @@ class Gripper:
     @staticmethod
     def hold(state: GripperState, rotation: Array, hand: Array, item: ObjectState) -> None:
         """Put the held cube to where the hand has it."""
-        item.position = hand + rotation @ state.position_in_hand
-        item.rotation = rotation @ state.rotation_in_hand
-        item.yaw = float(np.arctan2(item.rotation[1, 0], item.rotation[0, 0]))
+        item.position = hand + times(rotation, state.position_in_hand)
+        item.rotation = product(rotation, state.rotation_in_hand)
+        item.yaw = math.atan2(item.rotation[1, 0], item.rotation[0, 0])
 
     def _closed(self, state: GripperState, now: float) -> tuple[bool, float]:
         """Whether the pads have closed firmly on a cube, and the share of their way to it behind them."""
@@ -137,7 +139,7 @@ class Gripper:
             broken = violation(tcp, rotation, cubes[state.candidate])
             if broken:
                 state.candidate, state.outcome = "", broken
-            elif float(np.linalg.norm(tcp_velocity)) > RELATIVE_SPEED:
+            elif norm(tcp_velocity) > RELATIVE_SPEED:
                 state.slid = True
         name = state.candidate or state.held
         if not name:
@@ -159,8 +161,8 @@ class Gripper:
         state.held, state.candidate = item.name, ""
         state.held_from_z = float(item.position[2])
         state.outcome = "slipping" if state.slid else "held"
-        state.position_in_hand = rotation.T @ (item.position - hand)
-        state.rotation_in_hand = rotation.T @ item.rotation
+        state.position_in_hand = transposed_times(rotation, item.position - hand)
+        state.rotation_in_hand = product(rotation.T, item.rotation)
         item.state = "held"
 
     def _open(self, state: GripperState, now: float, tcp_velocity: Array, cubes: dict[str, ObjectState]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import dot, norm
 from motm_twin.model.geometry import Array
 
 Index = NDArray[np.int64]
@@ -143,19 +144,19 @@ def sight_blocked(a: Array, b: Array, corners: Array, first: Index, z: Array, di
 def segment_distance(a: Array, b: Array, c: Array, d: Array) -> float:
     """Distance [m] between the segments a-b and c-d in space, shapes (3,)."""
     u, v, w = b - a, d - c, a - c
-    uu, uv, vv = np.dot(u, u), np.dot(u, v), np.dot(v, v)
-    uw, vw = np.dot(u, w), np.dot(v, w)
+    uu, uv, vv = dot(u, u), dot(u, v), dot(v, v)
+    uw, vw = dot(u, w), dot(v, w)
     best = np.inf
     det = uu * vv - uv * uv
     if det > 1e-12 * uu * vv:
         s, t = (uv * vw - vv * uw) / det, (uu * vw - uv * uw) / det
         if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
-            best = np.linalg.norm(w + s * u - t * v)
+            best = norm(w + s * u - t * v)
     for k in range(2):
         end = w if k == 0 else w + u
-        t = 0.0 if vv == 0.0 else min(1.0, max(0.0, np.dot(v, end) / vv))
-        best = min(best, np.linalg.norm(end - t * v))
+        t = 0.0 if vv == 0.0 else min(1.0, max(0.0, dot(v, end) / vv))
+        best = min(best, norm(end - t * v))
         end = -w if k == 0 else v - w
-        s = 0.0 if uu == 0.0 else min(1.0, max(0.0, np.dot(u, end) / uu))
-        best = min(best, np.linalg.norm(end - s * u))
+        s = 0.0 if uu == 0.0 else min(1.0, max(0.0, dot(u, end) / uu))
+        best = min(best, norm(end - s * u))
     return best

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import msgspec
 import numpy as np
 
-from motm_twin.model.arm_kernels import HAND, TCP, fk_arm
+from motm_twin.model.arm_kernels import HAND, TCP, fk_arm, placed_frames
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import READY
@@ -68,7 +68,7 @@ class _MountedArm:
         (x, y), T = self._mount, self._mount_frame
         T[0, 0], T[0, 1], T[0, 3] = c, -s, base_x + c * x - s * y
         T[1, 0], T[1, 1], T[1, 3] = s, c, base_y + s * x + c * y
-        return T @ fk_arm(q)
+        return placed_frames(T, fk_arm(q))
 
 
 class SimulatedPlant(Stateful[PlantState]):

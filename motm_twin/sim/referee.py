@@ -11,6 +11,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.exact import dot, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
 from motm_twin.model.scene import PlanarPose, Scene, Task
@@ -264,7 +265,7 @@ class Referee:
         old, new = state.placed_before[self._base_shape], placed[self._base_shape]
         (old_c, _, _, old_x), (old_s, _, _, old_y) = old[:2].tolist()
         (c, _, _, x), (s, _, _, y) = new[:2].tolist()
-        turned = abs(math.atan2(s * old_c - c * old_s, new[:2, 0] @ old[:2, 0]))
+        turned = abs(math.atan2(s * old_c - c * old_s, dot(new[:2, 0], old[:2, 0])))
         return math.hypot(x - old_x, y - old_y) + turned * self._base_reach
 
     def _measure(
@@ -317,8 +318,8 @@ class Referee:
         self._distance(placed, around, i, j)
         normal = self._result.normal
         point = 0.5 * (self._result.getNearestPoint1() + self._result.getNearestPoint2())
-        closing = float(self._velocity(state, placed, i, point) @ normal)
-        other_speed = -float(self._other_velocity(state, world, placed, around, j, point) @ normal)
+        closing = dot(self._velocity(state, placed, i, point), normal)
+        other_speed = -dot(self._other_velocity(state, world, placed, around, j, point), normal)
         body = f"held:{world.held}" if self.robot.bodies[i] == HELD else self.robot.bodies[i]
         pair = (body, around.names[j])
         episode = state.episodes.get(pair)
@@ -351,8 +352,8 @@ class Referee:
     def _velocity(self, state: RefereeState, placed: Array, i: int, point: Array) -> Array:
         """Velocity [m/s] of a point fixed to shape i, over the last substep, shape (3,)."""
         now, before = placed[i], state.placed_before[i]
-        local = now[:3, :3].T @ (point - now[:3, 3])
-        return (point - (before[:3, :3] @ local + before[:3, 3])) / self.dt
+        local = transposed_times(now[:3, :3], point - now[:3, 3])
+        return (point - (times(before[:3, :3], local) + before[:3, 3])) / self.dt
 
     def _other_velocity(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, j: int, point: Array

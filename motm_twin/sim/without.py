@@ -5,6 +5,7 @@ import math
 import coal
 import numpy as np
 
+from motm_twin.model.exact import product, times
 from motm_twin.model.geometry import Array
 from motm_twin.sim.blame import Motion, explains, in_time, undone
 
@@ -42,4 +43,4 @@ def _moved(planar: Array, transform: coal.Transform3s) -> coal.Transform3s:
     c, s = math.cos(planar[2]), math.sin(planar[2])
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     shift = np.array([planar[0], planar[1], 0.0])
-    return coal.Transform3s(turn @ transform.getRotation(), turn @ transform.getTranslation() + shift)
+    return coal.Transform3s(product(turn, transform.getRotation()), times(turn, transform.getTranslation()) + shift)

@@ -44,7 +44,8 @@ _SLACK = "By how much the hand's velocity may miss the wanted one, because limit
 _MANIPULABILITY = "How freely the hand can move in every direction; 0: stretched out or locked. The mark: ready pose."
 _REFERENCE = "How far the fingers are from where the program of the arm wants them now."
 _EVENT_COLOURS = {
-    "picked": GREEN, "placed": GREEN, "arrived": GREEN, "missed": AMBER, "lost": AMBER, "failed": RED, "contact": RED,
+    "picked": GREEN, "placed": GREEN, "arrived": GREEN, "missed": AMBER, "lost": AMBER,
+    "postponed": AMBER, "failed": RED, "contact": RED,
 }  # fmt: skip
 
 

@@ -11,6 +11,7 @@ PLANS = {
     "goal": "reaches the goal",
     "aborted": "part of the way",
     "braking": "braking",
+    "escaping": "backing out",
     "idle": "standing",
 }
 MODES = {

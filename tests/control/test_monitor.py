@@ -9,6 +9,7 @@ from motm_twin.control.monitor import Monitor, points_in_stop
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
+from motm_twin.perception.floor import FRESH, STALE, UNSEEN, Floor
 
 DT = 0.01
 BEAMS = 541
@@ -109,6 +110,30 @@ def test_backing_away_from_a_wall_that_touches_is_allowed():
     assert verdict.actuation.twist[0] == pytest.approx(-0.2)
 
 
+def test_a_base_that_overlaps_a_wall_may_only_leave_it():
+    """Points inside the footprint were left out: the base drove on into what it touched."""
+    for wall in (0.345, 0.30, 0.10):
+        ahead = speed_up(Monitor(RobotProfile()), observation(wall=wall), 0.1, 0.0)
+        assert np.all(ahead.actuation.twist == 0.0)
+        assert "inside the base" in ahead.reason
+        back = speed_up(Monitor(RobotProfile()), observation(wall=wall), -0.1, 0.0)
+        assert back.actuation.twist[0] == pytest.approx(-0.1)
+        assert back.reason == ""
+
+
+def test_a_base_does_not_creep_into_a_wall_that_is_inside_its_margin():
+    monitor = Monitor(RobotProfile())
+    verdict = speed_up(monitor, observation(wall=0.355), 0.0005, 0.0)
+    assert verdict.actuation.twist[0] == 0.0
+
+
+def test_a_base_that_stands_in_a_corner_of_two_walls_stands_and_says_so():
+    points = np.array([[0.30, 0.0], [0.31, 0.1], [-0.30, 0.0], [-0.31, 0.1]])
+    rectangle = np.array([0.35, 0.25, 0.0])
+    for v, w in ((0.1, 0.0), (-0.1, 0.0)):
+        assert points_in_stop(points, v, w, 0.5, 1.75, 0.1, False, rectangle, 0.01) >= 2
+
+
 def test_numbers_that_are_not_finite_stop_the_robot():
     verdict = check(Monitor(RobotProfile()), asking(0.1), observation(pose=(math.nan, 0.0, 0.0)))
     assert "not finite" in verdict.reason
@@ -130,3 +155,33 @@ def test_without_a_scan_that_was_found_good_the_base_stands():
     verdict = monitor.check(asking(0.5), observation(), DT, scan_stamp=None)
     assert verdict.reason == "stopped: no usable lidar scan has come yet"
     assert not verdict.actuation.twist.any()
+
+
+def floor_of(rear):
+    """Floor of which the lidar has seen everything but what is behind its rear: that is ``rear``."""
+    seen = np.full((60, 60), FRESH, np.uint8)
+    seen[:, :23] = rear
+    return Floor(corner=(-1.5, -1.5), resolution=0.05, seen=seen)
+
+
+def driven(v, rear):
+    """Verdict of a monitor that was asked for this speed for two seconds, on such floor."""
+    monitor = Monitor(RobotProfile())
+    for _ in range(200):
+        verdict = monitor.check(asking(v), observation(), DT, scan_stamp=1.0, floor=floor_of(rear))
+    return verdict
+
+
+def test_the_base_does_not_back_over_floor_that_was_never_seen():
+    """Unknown floor counted as free: a base with a lidar in front backed into what no beam had met."""
+    verdict = driven(-0.25, UNSEEN)
+    assert verdict.actuation.twist[0] == 0.0
+    assert "never seen" in verdict.reason
+    assert driven(0.25, UNSEEN).actuation.twist[0] == 0.25
+
+
+def test_the_base_creeps_over_floor_that_was_not_seen_lately():
+    verdict = driven(-0.25, STALE)
+    assert verdict.actuation.twist[0] == pytest.approx(-0.1)
+    assert "lately" in verdict.reason
+    assert driven(-0.25, FRESH).actuation.twist[0] == -0.25

@@ -103,6 +103,7 @@ BAD = {
     "an outline that crosses itself": ("[1, 3], [0, 3]", "[0, 3], [1, 3]", "furniture.desk.corners", "crosses itself"),
     "an outline without area": ("[1, 3], [0, 3]]", "[2, 2]]", "furniture.desk.corners", "has no area"),
     # start, objects, bins
+    "a post in the arm": ("[-2.0, 0.0], radius: 0.2", "[0.6, 0.0], radius: 0.05", "start", "inside 'pillar'"),
     "an overlapping start": ("{x: 0.0, y: 0.0, h", "{x: 1.2, y: 0.0, h", "start", "overlaps 'table' at the start"),
     "a turned start": ("x: 0.0, y: 0.0, heading_deg: 0", "x: 1.12, y: 0, heading_deg: 30", "start", "'table'"),
     "a cube off its table": ("at: [1.6, 0.0]", "at: [1.3, 0.0]", "objects.cube.at", "is off its surface"),

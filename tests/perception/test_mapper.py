@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 import shapely
 
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
+from motm_twin.perception.clusters import growth_of
 from motm_twin.perception.mapper import Mapper
+from motm_twin.perception.occupancy import EVIDENCE_MAX
 
 from .small_world import box, cast, degrees, look, observe, scan_of
 
@@ -115,29 +118,50 @@ def test_a_static_box_out_of_sight_is_remembered_but_a_glimpse_of_an_agent_fades
     assert occupied_near(world, agent) == 0
 
 
-def test_cells_under_the_robot_are_free(mapper):
+def test_cells_under_the_robot_are_free_once_beams_have_passed_through_them(mapper):
     body = box(2.0, -0.5)
     for turn in range(70):
         look(mapper, turn * PERIOD, [body])
-    world = look(mapper, 70 * PERIOD, [], pose=(1.9, -0.5, np.pi))
+    for turn in range(70, 70 + EVIDENCE_MAX):
+        world = look(mapper, turn * PERIOD, [], pose=(1.9, -0.5, np.pi))
     inside = shapely.box(1.6, -0.7, 2.2, -0.3)
     assert occupied_near(world, inside, 1e-9) == 0
+
+
+def test_a_box_that_the_robot_has_run_into_stays_in_the_map(mapper):
+    """The footprint was cleared with every scan: the robot drove on through what it touched."""
+    body = shapely.box(0.4, -0.6, 0.7, 0.6)
+    look(mapper, 0.0, [body])
+    for turn in range(1, 40):
+        world = look(mapper, turn * PERIOD, [body], pose=(0.25, 0.0, 0.0))  # 0.2 m inside it
+    assert occupied_near(world, body) > 10
+
+
+def test_a_box_that_is_put_onto_the_robot_is_in_the_map_while_it_is_hit_and_gone_when_it_is_gone(mapper):
+    body = shapely.box(0.2, -0.6, 0.5, 0.6)  # 0.15 m inside the footprint, never seen from outside
+    for turn in range(10):
+        world = look(mapper, turn * PERIOD, [body])
+    assert occupied_near(world, body) > 10
+    for turn in range(10, 10 + EVIDENCE_MAX):
+        world = look(mapper, turn * PERIOD, [])
+    assert not len(world.seen_points)
 
 
 def test_the_outline_of_a_static_box_covers_what_was_seen_and_stays_calm(mapper):
     rng = np.random.default_rng(7)
     body = box(2.0, -0.6)
-    changes, before = 0, None
+    changes, before = 0, ()
     for turn in range(100):
         world = look(mapper, turn * PERIOD, [body], pose=(0.0, 0.2 * np.sin(turn * 0.05), 0.0), rng=rng)
         seen = world.polygons[len(mapper.base.polygons) :]
-        assert len(seen) == 1
-        changes += turn > 20 and seen[0] is not before
-        before = seen[0]
-    outline = shapely.Polygon(seen[0])
-    assert outline.exterior.is_ccw
+        assert len(seen) <= 2  # a face each
+        changes += turn > 20 and any(all(outline is not old for old in before) for outline in seen)
+        before = seen
+    outline = shapely.union_all([shapely.Polygon(corners) for corners in seen])
+    assert all(shapely.Polygon(corners).exterior.is_ccw for corners in seen)
     assert shapely.distance(outline, shapely.points(world.seen_points)).max() < 0.08
     assert outline.difference(body.buffer(0.1)).area < 1e-3
+    assert shapely.buffer(outline, growth_of(RobotProfile().footprint)).contains(body.centroid)  # no way through it
     assert changes <= 4
 
 

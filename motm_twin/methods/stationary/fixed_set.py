@@ -12,7 +12,7 @@ from motm_twin.methods.method import PlannerParts
 from motm_twin.methods.stationary.parameters import StationaryParameters
 from motm_twin.methods.stationary.placement import StationaryPlacement, Terms
 from motm_twin.methods.stationary.reach_of import TargetReach
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.scene import Bin, Solid
 from motm_twin.model.scene_shapes import base_outline, outline
@@ -155,5 +155,4 @@ class FixedSetPlacement(StationaryPlacement):
 def _square(item: Bin) -> Polygon:
     half = 0.5 * item.side
     corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
-    c, s = math.cos(item.yaw), math.sin(item.yaw)
-    return Polygon(corners @ np.array([[c, s], [-s, c]]) + np.array(item.centre))
+    return Polygon(from_frame(np.array([*item.centre, item.yaw]), corners))

@@ -28,6 +28,7 @@ from motm_twin.planning.placement import (
     spokes,
 )
 from motm_twin.planning.rejections import Here, rejections
+from motm_twin.planning.room import room_for
 from motm_twin.planning.types import BaseProblem, Placement, Target
 
 IntArray = NDArray[np.integer[Any]]
@@ -136,8 +137,9 @@ class StationaryPlacement(NextTargetPlacement):
 
     def _decide(self, problem: BaseProblem, target: Target, refused: Array) -> Placement | None:
         """The cheapest candidate, with those of the other directions; None when none is free."""
-        graph = self._graphs.graph(problem.world, self._parameters.staa.growth)
-        here = Here(problem.world, field_of(problem.world), self._body, graph)
+        self._room = room_for(self._parameters, self._footprint, problem.recovery.tightness)
+        graph = self._graphs.graph(problem.world, self._room.growth)
+        here = Here(problem.world, field_of(problem.world), self._body, graph, problem.pose)
         from_robot = robot_table(graph, problem.pose, self._rates)
         to_next = self._to_next(problem.next_target, here)
         for pose, direction, mode in self._pose_sets(target):

@@ -7,6 +7,7 @@ import numpy as np
 from motm_twin.control.arm_view import PREFERRED_RADIUS
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.methods.stationary.reachability import ReachabilityMap, Task, reachability_map
+from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.planning.parameters import PlanningParameters
@@ -62,7 +63,7 @@ class TargetReach:
 
     def azimuth(self, poses: Array, target: Target) -> Array:
         """Angle [rad] of the target to either side of straight ahead of the mount, shape (m,)."""
-        return np.abs(np.angle(np.exp(1j * self._polar(poses, target)[1])))
+        return turn_between(self._polar(poses, target)[1], 0.0)
 
     def clear_of(self, poses: Array, target: Target, points: Array) -> Array:
         """Distance [m] of the nearest of points (k, 2) from the line between mount and target, shape (m,)."""
@@ -86,7 +87,7 @@ class TargetReach:
         """Radius and azimuth of the target about the mount in the base frame, and its direction in the world."""
         mount = self._mounts(poses)
         away = self._point(mount, target) - mount
-        outward = np.arctan2(away[:, 1], away[:, 0])
+        outward = angle_of(away[:, 1], away[:, 0])
         return np.hypot(away[:, 0], away[:, 1]), outward - poses[:, 2], outward
 
     def _point(self, mount: Array, target: Target) -> Array:

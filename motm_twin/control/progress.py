@@ -1,0 +1,101 @@
+"""The progress clock of a task: how long the way left has not become shorter, and what is tried then.
+
+Nothing waits or circles for ever. Without progress the robot first waits, then backs off, turns to look where its lidar
+does not see, plans with less room down to the true footprint, goes for another place, and in the end
+the sequence does something else first, or gives the task up.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from motm_twin.control.sequence import TaskSequence
+from motm_twin.model.geometry import Array
+from motm_twin.planning.types import BasePlan, Placement, Recovery
+
+BACK_OFF, LOOK, TIGHT, TIGHTEST, ELSEWHERE = 3.0, 5.0, 6.0, 8.0, 12.0  # [s] without progress, when each begins
+KEEPS = 8.0  # [s] of progress after which a way that needed less room is done with
+GAIN = 0.2  # [s] by which the way left must be shorter than ever before
+RELOCATED = 0.5  # [m] by which the place to go to must move to count as another
+RELOCATIONS = 3  # times that another place begins the count anew; a robot that circles changes it again and again
+
+
+@dataclass
+class ProgressState:
+    """The clock of the active task."""
+
+    task: int = -1
+    goal: Array | None = None
+    best: float = math.inf  # [s] shortest way left so far
+    relocations: int = 0
+    since: float = 0.0  # [s] of the last progress
+    hardest: float = 0.0  # [s] without progress of the last hold-up that less room, or another place, ended
+    eased: float = -math.inf  # [s] when that was
+    avoid: tuple[Array, ...] = ()  # places that could not be got to
+
+    def restart(self, task: int, time: float) -> None:
+        """Another task begins."""
+        self.__init__(task=task, since=time)
+
+
+class Progress:
+    """Watches one task after the other. Its state lives in the loop's."""
+
+    def __init__(self, state: ProgressState, period: float) -> None:
+        """``period`` [s] of control."""
+        self.state, self._period = state, period
+
+    def recovery(self, time: float) -> Recovery:
+        """How hard this period tries."""
+        state = self.state
+        stalled = time - state.since
+        if time - state.eased < KEEPS:
+            stalled = max(stalled, state.hardest)
+        return Recovery(
+            back_off=BACK_OFF <= time - state.since < LOOK,
+            look=LOOK <= time - state.since < TIGHT,
+            tightness=0.0 if stalled < TIGHT else 0.5 if stalled < TIGHTEST else 1.0,
+            avoid=np.array(state.avoid).reshape(-1, 3),
+        )
+
+    def watch(self, time: float, task: int, placement: Placement, plan: BasePlan, *, counts: bool) -> float:
+        """Take a period into account; time [s] without progress. ``counts``: the base has to get somewhere."""
+        state = self.state
+        if task != state.task or not counts:
+            if task != state.task:
+                state.restart(task, time)
+            state.since = time
+            return 0.0
+        if state.goal is None or math.dist(state.goal[:2], placement.goal[:2]) > RELOCATED:
+            if state.goal is not None:
+                state.relocations += 1
+            if state.relocations <= RELOCATIONS:
+                state.best = math.inf
+            state.goal = np.array(placement.goal)
+        left = way_left(placement, plan)
+        if left < state.best - GAIN:
+            if math.isfinite(state.best):
+                stalled = time - state.since
+                if stalled >= TIGHT or time - state.eased < KEEPS:
+                    state.hardest, state.eased = max(stalled, state.hardest), time
+                state.since = time
+            state.best = left
+        stalled = time - state.since
+        if stalled >= ELSEWHERE > stalled - self._period and placement.chosen >= 0:
+            state.avoid += (np.array(placement.goal),)
+        return stalled
+
+
+def way_left(placement: Placement, plan: BasePlan) -> float:
+    """Time [s] that the base still needs to its place; inf when there is no way."""
+    if plan.time_to_range < math.inf:
+        return plan.time_to_range
+    if placement.chosen >= 0 and placement.cost_current[placement.chosen] < math.inf:
+        return float(placement.cost_current[placement.chosen])
+    return math.inf
+
+
+def base_has_to_move(sequence: TaskSequence, plan: BasePlan, *, busy: bool, by_hand: bool) -> bool:
+    """The progress of the task is the base's: not the arm's, and not a person's who drives."""
+    return sequence.active is not None and not busy and not by_hand and plan.time_to_range > 0.0

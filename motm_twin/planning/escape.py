@@ -1,0 +1,178 @@
+"""Leaving an overlap: the quickest simple motion during which nothing gets deeper into the footprint."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array, drive, to_frame
+from motm_twin.model.profile import BaseLimits
+from motm_twin.perception.clusters import label_cells
+from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.collision import Body, Field, clearances
+from motm_twin.planning.kernel import kernel
+
+IntArray = NDArray[np.int32]
+STEPS = 40  # of each motion that is tried
+TURN = 0.5 * math.pi  # [rad] the farthest turn in place that is tried
+SAME_BODY = 2  # cells apart at most: what lies together is one body
+LESS = 0.9  # of the depth: a motion that leaves more is not worth it
+TOLERANCE = 0.01  # [m] a cell may come deeper: its centre is known no better
+MORE_ROOM = 0.05  # [m] that backing off must bring
+SPEED_SHARE = 0.5  # of the reverse speed (without one, of the forward speed), and of the yaw rate
+CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # of the arcs that are tried, times the inverse of the outer radius
+
+
+class Escape(NamedTuple):
+    """A motion out of an overlap."""
+
+    twist: Array  # (v, w) to hold [m/s, rad/s], shape (2,)
+    poses: Array  # along it, shape (n, 3)
+    times: Array  # [s], shape (n,)
+    clear: bool  # it ends outside all obstacles
+
+
+def overlapping_cells(world: WorldMap, pose: Array, body: Body) -> Array:
+    """Centres of occupied cells round the body, nearer than it reaches and can move in an escape, (m, 2) [m]."""
+    reach = 3.0 * body.outer + abs(body.centre_x)
+    low = np.floor((pose[:2] - reach - world.origin) / world.resolution).astype(int).clip(0)
+    high = np.ceil((pose[:2] + reach - world.origin) / world.resolution).astype(int).clip(0)
+    rows, columns = np.nonzero(world.occupied[low[1] : high[1], low[0] : high[0]])
+    cells = np.column_stack((columns + low[0], rows + low[1]))
+    return world.origin + world.resolution * (cells + 0.5)
+
+
+def depth_of(cells: Array, pose: Array, body: Body) -> float:
+    """Depth [m] of the deepest cell centre (m, 2) inside the footprint, by its nearest side; negative: its distance."""
+    return -float(rooms(pose, cells, half_sizes(body)).min(initial=math.inf))
+
+
+def half_sizes(body: Body) -> Array:
+    """Half length, half width and offset of the footprint [m], shape (3,)."""
+    half = body.corner.max(axis=0)
+    return np.array([half[0] - body.centre_x, half[1], body.centre_x])
+
+
+def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits) -> Escape | None:
+    """The quickest arc or turn that leaves every occupied cell, else the one that leaves most; None: none does."""
+    cells, sizes, pad = overlapping_cells(world, pose, body), half_sizes(body), 0.5 * world.resolution
+    inside = rooms(pose, cells, sizes) < pad
+    if not inside.any():
+        return None
+    part_of = np.full(len(cells), -1, np.int32)
+    numbers = np.floor((cells[inside, ::-1] - world.origin[::-1]) / world.resolution).astype(np.int32)
+    part_of[inside], count = label_cells(numbers, SAME_BODY)
+    least = np.empty((count, 5))
+    best: tuple[bool, float, float] | None = None
+    found: Escape | None = None
+    path = np.empty((STEPS + 1, 3))
+    for twist in _twists(body, limits):
+        duration = TURN / abs(twist[1]) if twist[0] == 0.0 else 2.0 * body.outer / abs(twist[0])
+        _, overlap = follow_escape(pose, twist, 0.0, cells, part_of, sizes, pad, least, path[:1])
+        steps, left = follow_escape(pose, twist, duration / STEPS, cells, part_of, sizes, pad, least, path)
+        if steps <= 0 or left > LESS * overlap:
+            continue
+        rank = (left > 0.0, left, steps * duration)
+        if best is None or rank < best:
+            times = np.arange(steps + 1) * (duration / STEPS)
+            best, found = rank, Escape(twist, path[: steps + 1].copy(), times, left == 0.0)
+    return found
+
+
+def find_room(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> Escape | None:
+    """The arc, not longer than the outer radius, at whose end there is most room; None: not clearly more than here.
+
+    It keeps ``floor`` [m] of clearance, or what there is here.
+    """
+    here = float(clearances(pose[None], 1.0, field, body)[0])
+    most, found = here + MORE_ROOM, None
+    for twist in _twists(body, limits):
+        if twist[0] == 0.0:
+            continue
+        times = np.linspace(0.0, body.outer / abs(twist[0]), STEPS // 2)
+        poses = _driven(pose, twist, times)
+        room = clearances(poses, 1.0, field, body)
+        if room.min() >= min(floor, here - 1e-3) and room[-1] > most:
+            most, found = float(room[-1]), Escape(twist, poses, times, True)
+    return found
+
+
+def find_turn(pose: Array, field: Field, body: Body, limits: BaseLimits, floor: float) -> Escape | None:
+    """The turn in place by a quarter that keeps more room, at least ``floor`` [m] or what there is here; None: none."""
+    here = float(clearances(pose[None], 1.0, field, body)[0])
+    most, found = min(floor, here - 1e-3), None
+    for twist in _twists(body, limits)[-2:]:
+        times = np.linspace(0.0, TURN / abs(twist[1]), STEPS // 2)
+        poses = _driven(pose, twist, times)
+        room = float(clearances(poses, 1.0, field, body).min())
+        if room >= most and (found is None or room > most):
+            most, found = room, Escape(twist, poses, times, True)
+    return found
+
+
+def _driven(pose: Array, twist: Array, times: Array) -> Array:
+    """Poses (n, 3) at times (n,) [s] of a constant twist."""
+    return np.array([drive(pose, float(twist[0]), float(twist[1]), float(time)) for time in times])
+
+
+def _twists(body: Body, limits: BaseLimits) -> list[Array]:
+    """Twists (v, w) that are tried: arcs in reverse and forward, then turns in place."""
+    speed = SPEED_SHARE * (limits.reverse_speed or limits.forward_speed)
+    turning = SPEED_SHARE * limits.yaw_rate
+    speeds = [-speed, speed] if limits.reverse_speed > 0.0 else [speed]
+    arcs = [(v, min(turning, max(-turning, v * k / body.outer))) for v in speeds for k in CURVATURES]
+    return [np.array(twist) for twist in (*arcs, (0.0, turning), (0.0, -turning))]
+
+
+def rooms(pose: Array, points: Array, sizes: Array) -> Array:
+    """Room [m] between points (m, 2) and the footprint at a pose (3,), by its nearest side; negative inside; (m,)."""
+    turned = to_frame(pose, points)
+    return np.maximum(np.abs(turned[:, 0] - sizes[2]) - sizes[0], np.abs(turned[:, 1]) - sizes[1])
+
+
+@kernel
+def follow_escape(
+    pose: Array, twist: Array, dt: float, points: Array, body: IntArray, sizes: Array, pad: float, least: Array,
+    path: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Drive a twist until nothing overlaps, or something gets deeper or new in: steps, and the depth that is left [m].
+
+    ``body``: number of the body in the footprint that each point belongs to, -1: none. The depth of a body is how far
+    the footprint must be shifted, square to a side, to be clear of those of its points that are nearer than ``pad``
+    [m]. ``least``, shape (bodies, 5): room for it; ``path``, shape (n, 3), is filled in.
+    """
+    x, y, heading = pose[0], pose[1], pose[2]
+    left = math.inf
+    least[:, 4] = math.inf
+    for step in range(path.shape[0]):
+        if step > 0:
+            heading += 0.5 * twist[1] * dt
+            x += twist[0] * dt * math.cos(heading)
+            y += twist[0] * dt * math.sin(heading)
+            heading += 0.5 * twist[1] * dt
+        c, s = math.cos(heading), math.sin(heading)
+        least[:, :4] = 0.0
+        for i in range(points.shape[0]):
+            dx, dy = points[i, 0] - x, points[i, 1] - y
+            along, across = c * dx + s * dy - sizes[2], c * dy - s * dx
+            room = max(abs(along) - sizes[0], abs(across) - sizes[1])
+            if body[i] < 0:
+                if room < pad - TOLERANCE:
+                    return step - 1, left
+            elif room < pad:
+                side = least[body[i]]
+                side[0], side[1] = max(side[0], sizes[0] + pad - along), max(side[1], sizes[0] + pad + along)
+                side[2], side[3] = max(side[2], sizes[1] + pad - across), max(side[3], sizes[1] + pad + across)
+        depth = 0.0
+        for k in range(least.shape[0]):
+            deep = min(least[k, 0], least[k, 1], least[k, 2], least[k, 3])
+            if deep > least[k, 4] + TOLERANCE:
+                return step - 1, left
+            least[k, 4] = min(least[k, 4], deep)
+            depth += deep
+        path[step, 0], path[step, 1], path[step, 2] = x, y, heading
+        left = depth
+        if depth == 0.0:
+            return step, 0.0
+    return path.shape[0] - 1, left

@@ -1,0 +1,43 @@
+"""A box appears before the moving base: it brakes with all it has, backs out, and goes round."""
+
+import pytest
+
+from motm_twin.methods.registry import find_method
+from motm_twin.model.edits import AddObstacle
+from motm_twin.model.scene_file import load_scene
+from motm_twin.twin import Twin
+
+SCENE = """
+format: motm-scene/1
+robot: frankie
+tasks: [{drive_to: {x: 4.0, y: 0.0}}]
+time_limit: 40
+"""
+
+
+@pytest.mark.parametrize(("method", "gap"), [("fast", 0.0), ("motm", 0.02), ("staa", -0.04)])
+def test_a_base_that_touches_a_box_stops_within_its_stopping_distance_and_goes_round(tmp_path, method, gap):
+    """It drove on through the box: what was inside the footprint counted as nothing."""
+    path = tmp_path / "open_floor.yaml"
+    path.write_text(SCENE)
+    scene = load_scene(str(path), None, 0)
+    base, footprint = scene.robot.base, scene.robot.footprint
+    twin = Twin(scene, method=find_method(method))
+    start = touching = 0.0
+    said = set()
+    while True:
+        tick = twin.advance()
+        x = tick.truth.pose[0]
+        if tick.index == 40:
+            start, front = x, x + 0.025 + 0.5 * footprint.length
+            twin.post(AddObstacle(name="box", x=float(front + gap + 0.15), y=0.0, size=(0.3, 1.2, 1.0)))
+        for contact in tick.truth.contacts:
+            if contact.body == "base" and contact.time + contact.duration >= tick.time - 0.051:
+                touching = max(touching, x - start)
+        said.add(tick.plan.status)
+        if tick.done or tick.time > 40.0:
+            break
+    speed = base.forward_speed
+    assert 0.2 < touching < speed**2 / (2 * base.linear_acceleration) + speed * (0.05 + base.velocity_lag) + 0.02
+    assert "escaping" in said
+    assert tick.success
