@@ -72,6 +72,7 @@ def serve(
     token: str | None = None,
     no_token: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     name: tuple[str, ...] = (),
+    visitors: int = 50,
     zenoh_port: int = 7447,
     record: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     twin: str = "frankie",
@@ -96,6 +97,7 @@ def serve(
             without it one of your own, that the printed address carries.
         no_token: Anybody with an account on this machine may look and drive. On loopback only.
         name: Further names under which browsers may ask for the page, such as that of a proxy.
+        visitors: Pages that may be open at once.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         record: MCAP file to record to, see docs/recording.md; it must not exist.
         twin: Name of the twin in the Zenoh keys.
@@ -117,7 +119,7 @@ def serve(
         variant=variant,
         seed=seed,
         headless=headless,
-        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name),
+        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name, visitors=visitors),
         zenoh_port=zenoh_port,
         record=record,
         twin=twin,
