@@ -5,6 +5,7 @@ import math
 from shapely.geometry import Polygon, box
 from shapely.ops import unary_union
 
+from motm_twin.model import faults
 from motm_twin.model.scene import Bin, DriveTo, Pick, Place, Scene, SceneObject
 from motm_twin.model.scene_error import near
 from motm_twin.model.scene_shapes import outline, rectangle
@@ -20,6 +21,7 @@ def check_scene(scene: Scene, root: Node) -> None:
     """Raise SceneError for the first thing that cannot be right."""
     check_bounds(scene, root)
     check_robot(scene, root)
+    check_faults(scene, root)
     for item in scene.bins:
         check_bin(scene, item, root.at("bins", item.name))
     for item in scene.objects:
@@ -59,6 +61,14 @@ def check_robot(scene: Scene, root: Node) -> None:
 def _check_lidar(scene: Scene, node: Node) -> None:
     if scene.robot.lidar.range_min >= scene.robot.lidar.range_max:
         raise node.at("lidar").error("range_min must be below range_max")
+
+
+def check_faults(scene: Scene, root: Node) -> None:
+    """What is to fail at a time of the run has a number that its kind allows."""
+    for index, one in enumerate(scene.faults.inject or ()):
+        problem = faults.problem(one.fault, seconds=one.seconds, delay=one.delay, amount=one.amount, joint=one.joint)
+        if problem:
+            raise root.at("faults", "inject", index).error(problem)
 
 
 def check_bounds(scene: Scene, root: Node) -> None:

@@ -148,7 +148,7 @@ class StaaController:
 
     def _margins(self, problem: BaseProblem) -> Room:
         """The room that plans of this period keep."""
-        return room_for(self._parameters, self._body, problem.recovery.tightness)
+        return room_for(self._parameters, self._profile.footprint, problem.recovery.tightness)
 
     def _sight(self, problem: BaseProblem) -> search_memory.Sight:
         """The floor that has been seen, for a lidar that does not see all round."""

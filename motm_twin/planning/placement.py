@@ -26,7 +26,17 @@ from motm_twin.planning.global_path import (
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import NO_PATH, OUTSIDE, REASONS, Here, in_sight, leaves_room, may_move, rejections
+from motm_twin.planning.rejections import (
+    HIDDEN,
+    NO_PATH,
+    OUTSIDE,
+    REASONS,
+    Here,
+    in_sight,
+    leaves_room,
+    may_move,
+    rejections,
+)
 from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.room import room_for
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
@@ -77,6 +87,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
 
     def __init__(self, profile: RobotProfile, parameters: PlanningParameters, graphs: GraphCache | None = None) -> None:
         self._body = body_of(profile.footprint)
+        self._footprint = profile.footprint
         self._mount_offset = math.hypot(profile.arm.mount_x, profile.arm.mount_y)
         self._parameters = parameters
         self._reach = ReachModel(profile, parameters.reach)
@@ -88,7 +99,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         self._radii = np.linspace(p.radius_min, p.radius_max, steps + 1)
         self._kept: tuple[Graph, Field, tuple[object, ...], Array | None] | None = None  # of `_next_poses`
         self._served: tuple[Graph, Array, Poses] | None = None  # the poses of the next target, and what they see
-        self._room = room_for(parameters, self._body, 0.0)
+        self._room = room_for(parameters, profile.footprint, 0.0)
         self._last: Searched | None = None  # only to explain the last period: no decision reads it
 
     def place(self, problem: BaseProblem) -> Placement:
@@ -98,7 +109,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             self._state = PlacementState()
             return _nothing_to_do(problem.pose)
         target = problem.target
-        self._room = room_for(self._parameters, self._body, problem.recovery.tightness)
+        self._room = room_for(self._parameters, self._footprint, problem.recovery.tightness)
         graph = self._graphs.graph(problem.world, self._room.growth)
         here = Here(problem.world, self._graphs.field(problem.world), self._body, graph, problem.pose)
         from_robot = robot_table(graph, problem.pose, self._rates)
@@ -261,9 +272,12 @@ class NextTargetPlacement(Stateful[PlacementState]):
         pose[:, 2] = 0.0 if target.heading is None else target.heading
         pose[:, 2] += np.arange(count) * (2.0 * math.pi / count)
         pose[:, 2] = angle_of(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
-        return Candidates(
-            "drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejections(pose, self._room.clearance, here)
-        )
+        rejected = rejections(pose, self._room.clearance, here)
+        if self._state.closest and self._state.target == (target.kind, target.name):
+            # It was not free: what hides it now may have been seen there before, and forgotten.
+            seen = in_sight(pose, here)
+            rejected = [why or ("" if ok else HIDDEN) for why, ok in zip(rejected, seen, strict=True)]
+        return Candidates("drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejected)
 
     def _costs(
         self, candidates: Candidates, graph: Graph, from_robot: Table, to_next: Table | None

@@ -18,7 +18,7 @@ from motm_twin.bus.commands import (
     Speed,
     command_name,
 )
-from motm_twin.bus.gate import MAX_SENDERS, CommandGate
+from motm_twin.bus.gate import MAX_SEEN, MAX_SENDERS, CommandGate
 from motm_twin.bus.ranges import MAX_TASKS, MAX_THROW
 
 
@@ -138,6 +138,27 @@ def test_a_replayed_command_is_refused_and_others_of_the_sender_pass():
     gate.admit("play", envelope({"type": "play"}, seq=1, sender="another"))
 
 
+@pytest.mark.parametrize("jump", [100, 10**6, 2**62])
+def test_a_number_that_jumps_keeps_the_others_of_its_sender_in(jump):
+    """It may be a forgery: the sender whose name it has goes on, and neither it nor the forgery comes twice."""
+    gate = CommandGate(Clock())
+    gate.admit("play", envelope({"type": "play"}, seq=5))
+    gate.admit("play", envelope({"type": "play"}, seq=5 + jump))
+    gate.admit("play", envelope({"type": "play"}, seq=6))
+    for seq in (5, 6, 5 + jump):
+        assert "replayed" in refusal(gate, "play", envelope({"type": "play"}, seq=seq))
+
+
+def test_the_numbers_of_one_sender_that_are_remembered_are_bounded():
+    clock = Clock()
+    gate = CommandGate(clock)
+    for seq in range(MAX_SEEN):
+        gate.admit("play", envelope({"type": "play"}, seq=seq))
+    assert f"more than {MAX_SEEN} commands" in refusal(gate, "play", envelope({"type": "play"}, seq=MAX_SEEN))
+    clock.now += 2.0
+    gate.admit("play", envelope({"type": "play"}, seq=MAX_SEEN, expires=clock.now + 1.0))
+
+
 def test_a_refused_command_does_not_use_up_its_number():
     gate = CommandGate(Clock())
     refusal(gate, "speed", envelope({"type": "speed", "factor": 99}, seq=7))
@@ -191,7 +212,7 @@ def test_every_command_has_its_key_and_passes_with_what_is_allowed():
         "remove_body": {"name": "a"},
         "move_object": {"name": "a", "x": 0, "y": 0},
         "push_robot": {"dx": 0.3, "dy": 0.4, "turn": -3},
-        "inject_fault": {"fault": "camera_delay", "seconds": 60, "delay": 5},
+        "inject_fault": {"fault": "camera_delay", "seconds": 60, "delay": 5, "amount": None},
         "insert_task": {"tasks": [{"type": "pick", "object": "c"}, {"type": "place", "bin": "b"}] * (MAX_TASKS // 2)},
         "remove_task": {"index": 0},
         "move_task": {"index": 3, "to": 0},
