@@ -72,6 +72,7 @@ def serve(
     token: str | None = None,
     no_token: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     name: tuple[str, ...] = (),
+    visitors: int = 50,
     zenoh_port: int = 7447,
     record: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     twin: str = "frankie",
@@ -96,6 +97,7 @@ def serve(
             without it one of your own, that the printed address carries.
         no_token: Anybody with an account on this machine may look and drive. On loopback only.
         name: Further names under which browsers may ask for the page, such as that of a proxy.
+        visitors: Pages that may be open at once.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         record: MCAP file to record to, see docs/recording.md; it must not exist.
         twin: Name of the twin in the Zenoh keys.
@@ -117,7 +119,7 @@ def serve(
         variant=variant,
         seed=seed,
         headless=headless,
-        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name),
+        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name, visitors=visitors),
         zenoh_port=zenoh_port,
         record=record,
         twin=twin,
@@ -204,6 +206,8 @@ def bench(
     seconds: float = 60.0,
     minutes: float = 3.0,
     share: float = 1.0,
+    kinds: tuple[str, ...] = (),
+    scenes: tuple[str, ...] = (),
     quick: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     worlds: int | None = None,
     profile: Literal["nominal", "controller"] | None = None,
@@ -217,7 +221,8 @@ def bench(
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency, growth, anytime, solvers, task. Or barn, and after it scene files of worlds of that challenge.
+            efficiency, growth, anytime, solvers, task, faults. Or barn, and after it scene files of worlds of that
+            challenge.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         workers: Processes.
@@ -227,7 +232,9 @@ def bench(
         out: Folder of the JSON results.
         seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
-        share: Soak, period and task only: part of the full counts.
+        share: Soak, period, task and faults only: part of the full counts.
+        kinds: Faults only: these kinds of faults, or none for trials without one.
+        scenes: Faults only: these of exp1, exp1a and exp2.
         quick: Growth, anytime and solvers only: a few points, half a minute.
         worlds: Barn only: number of worlds like those of the challenge, seeds from 0.
         profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
@@ -237,6 +244,8 @@ def bench(
     options = ["--workers", str(workers), "--out", str(out), "--seconds", str(seconds), "--minutes", str(minutes)]
     options += ["--share", str(share)]
     options += ["--methods", *methods] if methods else []
+    options += ["--kinds", *kinds] if kinds else []
+    options += ["--scenes", *scenes] if scenes else []
     given = {"--trials": trials, "--backend": backend, "--address": address, "--worlds": worlds, "--profile": profile}
     options += [part for name, value in given.items() if value is not None for part in (name, str(value))]
     options += ["--retry-failed"] if retry_failed else []

@@ -25,6 +25,7 @@ from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import folder_problem
 from motm_twin.security.folder import Folder
+from motm_twin.ui.crowd import VISITORS
 from motm_twin.ui.guard import check_token
 from motm_twin.ui.page_token import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_token import chosen_token
@@ -43,9 +44,12 @@ class PageChoice:
     token: str | None = None
     no_token: bool = False
     names: tuple[str, ...] = ()  # further ones under which browsers may ask for it
+    visitors: int = VISITORS  # pages that may be open at once
 
     def checked(self) -> "PageChoice":
         """With the token that is asked for, if any. Raises ValueError, OSError."""
+        if self.visitors < 1:
+            raise ValueError(f"--visitors {self.visitors}: at least one page must be possible")
         token = chosen_token(self.token, none=self.no_token)
         check_token(self.host, token)
         require_free_port(self.host, self.port, "choose another one with --port (0 takes any free one)")
@@ -54,7 +58,7 @@ class PageChoice:
     def arguments(self, endpoint: str, twin: str) -> list[str]:
         """Of `ui.viewer_process`."""
         found = ["--endpoint", endpoint, "--twin", twin, "--host", self.host, "--port", str(self.port)]
-        found += ["--no-token"] if self.token is None else []
+        found += ["--visitors", str(self.visitors), *(["--no-token"] if self.token is None else [])]
         return found + [word for name in self.names for word in ("--name", name)]
 
 

@@ -31,3 +31,13 @@ def share_arenas() -> None:
     """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, ARENAS)
+
+
+def give_back() -> None:
+    """Collect what is left in cycles, and hand free memory back to the system, where the C library is glibc.
+
+    By itself that library keeps what lies between pieces that are still used: 100 pages that came and went left 46 MB.
+    """
+    gc.collect()
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)

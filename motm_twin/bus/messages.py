@@ -188,7 +188,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     placement: PlacementMessage  # candidate base poses and their costs
     plan: PlanMessage  # of the base
     arm: list[ArmMessage]  # arm steps of this period, oldest first
-    stop_reason: str  # one sentence whenever the robot stands or is slowed; "": it is not
+    stop_reason: str  # one sentence whenever the robot stands, is slowed, or does without something; "": none of it
     events: list[EventMessage]  # of this period
     stage_ms: dict[str, float]  # [ms] of wall time, by stage of the period
     score: ScoreMessage | None  # the referee's; null without ground truth

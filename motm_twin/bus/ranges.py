@@ -35,7 +35,8 @@ from motm_twin.bus.commands import (
     Speed,
     Step,
 )
-from motm_twin.model.edits import FARTHEST, FAULTS, ParameterValue
+from motm_twin.model import faults
+from motm_twin.model.edits import FARTHEST, ParameterValue
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 
 MAX_NAME = 64
@@ -49,8 +50,6 @@ SHAPES = ("box", "cylinder", "temi", "person")
 MAX_THROW = 10.0  # [m/s]
 MAX_DRIVE, MAX_TURN = 10.0, 20.0  # [m/s], [rad/s]; the base takes what it can
 MAX_PUSH = 5.0  # [m]
-MAX_FAULT = 60.0  # [s]
-MAX_DELAY = 5.0  # [s]
 TOLERANCE_RANGE = (0.01, 5.0)  # [m]
 MAX_VALUE = 1e6  # of a parameter
 MAX_SEED = 2**31 - 1
@@ -83,8 +82,11 @@ ALLOWED: dict[tuple[str, str], str] = {  # what docs/zenoh.md says of (command, 
     ("release_body", "velocity"): f"its length at most {MAX_THROW:g}",
     ("push_robot", "dx"): f"length with dy at most {MAX_PUSH:g}",
     ("push_robot", "turn"): "at most pi either way",
-    ("inject_fault", "seconds"): f"more than 0, at most {MAX_FAULT:g}",
-    ("inject_fault", "delay"): f"0 to {MAX_DELAY:g}",
+    ("inject_fault", "fault"): "one of the table of faults",
+    ("inject_fault", "seconds"): f"{faults.SHORTEST:g} to {faults.LONGEST:g}",
+    ("inject_fault", "delay"): f"0 to {faults.LONGEST_DELAY:g}",
+    ("inject_fault", "amount"): "as in the table of faults",
+    ("inject_fault", "joint"): f"1 to {faults.JOINTS}",
     ("insert_task", "tasks"): f"1 to {MAX_TASKS}",
     ("insert_task", "index"): _COUNT,
     ("drive", "v"): f"-{MAX_DRIVE:g} to {MAX_DRIVE:g}",
@@ -201,12 +203,11 @@ def _obstacle(command: AddObstacle) -> None:
 
 
 def _fault(command: InjectFault) -> None:
-    if command.fault not in FAULTS:
-        raise Refused(f"fault {command.fault[:MAX_NAME]!r}: there are {', '.join(FAULTS)}")
-    if not 0.0 < command.seconds <= MAX_FAULT:
-        raise Refused(f"a fault of {command.seconds:g} s: allowed is more than 0 and at most {MAX_FAULT:g} s")
-    if not 0.0 <= command.delay <= MAX_DELAY:
-        raise Refused(f"a delay of {command.delay:g} s: allowed is 0 to {MAX_DELAY:g} s")
+    problem = faults.problem(
+        command.fault, seconds=command.seconds, delay=command.delay, amount=command.amount, joint=command.joint
+    )
+    if problem:
+        raise Refused(problem)
 
 
 def _tasks(command: InsertTask) -> None:

@@ -129,9 +129,11 @@ class Commanding(Generic[Result]):
         """Shove the base; its odometry notices nothing."""
         return self.send(PushRobot(dx=dx, dy=dy, turn=turn))
 
-    def inject_fault(self, fault: str, seconds: float = 1.0, delay: float = 0.5) -> Result:
-        """Let a sensor fail: lidar_off, camera_off or camera_delay."""
-        return self.send(InjectFault(fault=fault, seconds=seconds, delay=delay))
+    def inject_fault(
+        self, fault: str, seconds: float = 1.0, delay: float = 0.5, amount: float | None = None, joint: int = 4
+    ) -> Result:
+        """Let a sensor or a part of the robot fail, in one of the ways of the table of faults in docs/zenoh.md."""
+        return self.send(InjectFault(fault=fault, seconds=seconds, delay=delay, amount=amount, joint=joint))
 
     def announce(self, name: str) -> Result:
         """Tell the robot where a piece of furniture is now."""

@@ -288,7 +288,10 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str,
         return _miss(state, view, rules, "the hand could not stay on the object: trying again")
     if math.hypot(*(state.anchor[:2] - view.target[:2])) > _MOVED:
         return _miss(state, view, rules, "the object was pushed away: trying again")
-    if elapsed >= closing_time - 0.5 * view.dt and not view.gripper_moving:
+    closed = view.width < state.side + 0.5 * (
+        rules.profile.gripper.max_width - state.side
+    )  # fingers that stand may not be
+    if closed and elapsed >= closing_time - 0.5 * view.dt and not view.gripper_moving:
         state.late = _lateness(state, view, rules)
         state.holding, state.reported = True, False
         state.anchor = view.p.copy()
@@ -346,7 +349,8 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[st
     if not view.sure(p) and view.width < state.side + p.held_tolerance:  # it may hear of it when it is elsewhere
         state.gripper, state.released = "close", None
         return "", _UNSURE
-    if view.time - state.released >= gripper.opening_time - 0.5 * view.dt and not view.gripper_moving:
+    opened = view.width > state.side + p.held_tolerance
+    if opened and view.time - state.released >= gripper.opening_time - 0.5 * view.dt and not view.gripper_moving:
         state.holding, state.reported, state.released = False, False, None
         state.clear_z = float(view.goal.position[2]) + p.transit_clearance
         enter(state, "stow", view.time)

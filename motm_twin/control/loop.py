@@ -12,6 +12,7 @@ from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.progress import Progress, ProgressState, base_has_to_move
 from motm_twin.control.reasons import standing
+from motm_twin.control.self_check import SelfCheck
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.stages import Stages
 from motm_twin.control.targets import Targets, odometry_to_world
@@ -77,6 +78,7 @@ class ControlLoop(Stateful[LoopState]):
         self.mapper = Mapper(known)
         self.movers = MoverTracker(robot=known.robot)
         self.tracker = ObjectTracker(known)
+        self.self_check = SelfCheck(known, self.tracker)
         self.targets = Targets(known, self.tracker)
         self.sequence = TaskSequence(known)
         self.planner = planner
@@ -94,6 +96,7 @@ class ControlLoop(Stateful[LoopState]):
             "mapper": self.mapper,
             "movers": self.movers,
             "tracker": self.tracker,
+            "self_check": self.self_check,
             "sequence": self.sequence,
             "planner": self.planner,
             "manipulator": self.manipulator,
@@ -110,9 +113,10 @@ class ControlLoop(Stateful[LoopState]):
         """
         stages = Stages(self._clock)
         with stages.measure("observe"):
-            observation = self.plant.observe()
+            observation = self.self_check.observed(self.plant.observe(), self.sequence.held)
         if restarted:
             self.monitor.begin_from(observation.twist)
+            self.self_check.begin_from(observation.twist)
         with stages.measure("map"):
             world = self.mapper.update(observation, self._whereabouts(observation) if self.mapper.large else ())
             world = self.movers.sort(world, observation.pose)
@@ -134,7 +138,7 @@ class ControlLoop(Stateful[LoopState]):
         )
         events += self._watch_progress(observation, placement, plan, busy=busy)
         steps, samples, arm_events, reason = self._arm_steps(observation, world, plan, stages)
-        events += arm_events
+        events += arm_events + self.self_check.events(observation.time)
         truth = self._truth()
         state = self._state
         state.waiting = steps[-1].reason
@@ -149,7 +153,7 @@ class ControlLoop(Stateful[LoopState]):
             placement=placement,
             plan=plan,
             arm=tuple(steps),
-            stop_reason=reason or self.mapper.refusal or self._why(plan, steps[-1], observation),
+            stop_reason=self._stop_reason(reason) or self._why(plan, steps[-1], observation),
             events=tuple(events),
             edits=edits,
             stage_ms=stages.milliseconds(),
@@ -215,6 +219,10 @@ class ControlLoop(Stateful[LoopState]):
         found = (self.targets.base_target(task, observation, None) for task in tasks)
         return [np.asarray(target.position[:2]) for target in found if target is not None]
 
+    def _stop_reason(self, reason: str) -> str:
+        """Why the monitor slowed or stopped the robot, or else what the robot does without; "" for neither."""
+        return reason or self.mapper.refusal or self.self_check.trust().reason
+
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
         """Why the base stands, or is not driven by its plan; "" when it is."""
         return (
@@ -246,7 +254,7 @@ class ControlLoop(Stateful[LoopState]):
         for k in range(self.settings.arm_steps):
             if k:
                 with stages.measure("observe"):
-                    observation = self.plant.observe()
+                    observation = self.self_check.observed(self.plant.observe(), self.sequence.held)
                 with stages.measure("map"):
                     self.tracker.update(observation, self.sequence.held)
             with stages.measure("arm"):
@@ -254,8 +262,9 @@ class ControlLoop(Stateful[LoopState]):
                 inputs = self._arm_inputs(observation, T_odom_world, plan, plan_poses, obstacles, wanted, k * dt)
                 step = self.manipulator.step(inputs)
             with stages.measure("monitor"):
+                trust, floor = self.self_check.trust(), world.floor
                 verdict = self.monitor.check(
-                    step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, floor=world.floor
+                    step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, floor=floor, trust=trust
                 )
             steps.append(step)
             samples.append(observation)
@@ -273,6 +282,7 @@ class ControlLoop(Stateful[LoopState]):
                 events += self.sequence.apply(step.outcome, observation.time, step.reason)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
+            self.self_check.told(verdict.actuation, observation)
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
         return steps, tuple(samples), events, reason

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.control.parameters import Numbers, numbers
+from motm_twin.control.self_check import FULL_TRUST, Trust
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
@@ -75,14 +76,17 @@ class Monitor(Stateful[MonitorState]):
 
     def check(
         self, actuation: Actuation, observation: Observation, dt: float, *,
-        scan_stamp: float | None, floor: Floor | None = None,
+        scan_stamp: float | None, floor: Floor | None = None, trust: Trust = FULL_TRUST,
     ) -> Verdict:  # fmt: skip
         """The actuation for the next dt [s], slowed where it must be.
 
         `scan_stamp` [s] is that of the newest scan found good; None: there was none yet, and the base stands. The base
-        can always stop within the `floor` that it has seen free; None: all of it.
+        can always stop within the `floor` that it has seen free; None: all of it. `trust`: what the robot has found out
+        about itself.
         """
-        share, reason = self._age(observation, scan_stamp)
+        share, reason = self._age(observation, scan_stamp, trust.scan)
+        if trust.base < 1.0 and trust.base <= share:
+            share, reason = trust.base, trust.reason
         twist, rates, scan, p = np.empty(2), np.empty(7), observation.scan or _NO_SCAN, self.parameters
         healthy, turning, holding = _examine(
             observation.pose, observation.odometry, observation.twist, observation.q, observation.dq,
@@ -92,18 +96,21 @@ class Monitor(Stateful[MonitorState]):
         )  # fmt: skip
         if not healthy:
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
+        if trust.joints is not None:
+            rates *= trust.joints
         if min(turning, holding) >= p.minimum_points:
             stop = np.array([0.0, twist[1] if holding < turning else 0.0])
             twist, reason = self._within_limits(stop, dt), self._braking(twist, observation)
         elif floor is not None:
-            twist, reason = self._on_seen_floor(twist, reason, floor, observation.pose, dt)
+            twist, slower = self._on_seen_floor(twist, floor, observation.pose, dt)
+            reason = reason or slower  # a sensor that fails is the cause of floor that it does not see
         return self._let_through(twist, rates, actuation.gripper, reason)
 
     def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
         self._state.twist = twist
         return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
 
-    def _on_seen_floor(self, twist: Array, reason: str, floor: Floor, pose: Array, dt: float) -> tuple[Array, str]:
+    def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, str]:
         """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""
         base, enough = self.profile.base, self.parameters.minimum_points
         frame = np.array([*floor.corner, floor.resolution])
@@ -116,19 +123,24 @@ class Monitor(Stateful[MonitorState]):
         creep = self.parameters.creep_speed
         fastest = max(abs(twist[0]), abs(twist[1]) * self._corner)
         if stale < enough or fastest <= creep:
-            return twist, reason
+            return twist, ""
         why = f"slowed to {creep:.1f} m/s: the lidar has not seen the floor ahead of this motion lately"
         return self._within_limits(twist * (creep / fastest), dt), why
 
-    def _age(self, observation: Observation, stamp: float | None) -> tuple[float, str]:
-        """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old."""
+    def _age(self, observation: Observation, stamp: float | None, refused: str) -> tuple[float, str]:
+        """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old.
+
+        ``refused``: why the newest scan was not used, which is the reason then.
+        """
         if stamp is None:
-            return 0.0, "stopped: no usable lidar scan has come yet"
+            return 0.0, f"stopped: {refused or 'no usable lidar scan has come yet'}"
         scan_age = observation.time - observation.ahead - stamp
         what, age = "lidar scan", scan_age
         if observation.age > scan_age:
             what, age = "state of the robot", observation.age
         p = self.parameters
+        if refused and what == "lidar scan" and age > p.slow_age:
+            return (0.0, f"stopped: {refused}") if age > p.stop_age else (0.5, f"slowed to half speed: {refused}")
         if age > p.stop_age:
             return 0.0, f"stopped: the newest {what} is {age:.2f} s old, more than {p.stop_age:.2f} s"
         if age > p.slow_age:

@@ -241,8 +241,8 @@ class TaskSequence(Stateful[SequenceState]):
             end = next(places, len(state.tasks) - 1) + 1
         if end >= len(state.tasks):
             return False
-        for column in (state.tasks, state.attempts):
-            column[start:] = [*column[end:], *column[start:end]]
+        state.tasks[start:] = [*state.tasks[end:], *state.tasks[start:end]]
+        state.attempts[start:] = [*state.attempts[end:], *state.attempts[start:end]]
         state.status[start:] = ["waiting"] * (len(state.tasks) - start)
         self._activate()
         return True

@@ -31,7 +31,7 @@ class ObjectBelief(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
-    """Something worth telling: picked, placed, missed, lost, arrived, stopped, contact."""
+    """Something worth telling: picked, placed, missed, lost, arrived, fault, contact."""
 
     time: float
     kind: str
@@ -51,7 +51,7 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     placement: Placement
     plan: BasePlan
     arm: tuple[ArmStep, ...]  # the arm steps of this period, oldest first
-    stop_reason: str  # one sentence whenever the robot stands or is slowed by the monitor; else ""
+    stop_reason: str  # one sentence whenever the robot stands, is slowed, or does without something; else ""
     events: tuple[Event, ...]
     edits: tuple[Edit, ...]  # applied at the start of this period
     stage_ms: dict[str, float]  # wall time of each stage [ms]; not part of any hash

@@ -6,10 +6,11 @@ what the robot wants or knows. With scene and seed, the log of both replays a ru
 
 import msgspec
 
+from motm_twin.model.faults import NAMES, USUAL_JOINT
 from motm_twin.model.scene import Task
 
 FARTHEST = 100.0  # [m] from the origin that a body may be put
-FAULTS = ("lidar_off", "camera_off", "camera_delay")
+FAULTS = NAMES
 ParameterValue = float | bool | str
 
 
@@ -82,11 +83,13 @@ class PushRobot(msgspec.Struct, frozen=True, kw_only=True, tag="push_robot", for
 
 
 class InjectFault(msgspec.Struct, frozen=True, kw_only=True, tag="inject_fault", forbid_unknown_fields=True):
-    """A sensor fails for a while: no scans, no detections, or detections that arrive ``delay`` late."""
+    """A sensor or the robot fails for a while, in one of the ways of `model.faults`. One of a kind replaces another."""
 
-    fault: str  # lidar_off | camera_off | camera_delay
+    fault: str  # a kind of `model.faults`: lidar_off, lidar_frozen, ...
     seconds: float = 1.0  # [s] for how long
-    delay: float = 0.5  # [s], camera_delay only
+    delay: float = 0.5  # [s] of what comes or acts late
+    amount: float | None = None  # of the kinds that have one, in their unit; None: the usual one
+    joint: int = USUAL_JOINT  # 1 to 7, joint_stuck only
 
 
 class InsertTask(msgspec.Struct, frozen=True, kw_only=True, tag="insert_task", forbid_unknown_fields=True):

@@ -91,6 +91,9 @@ class RobotProfile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     footprint: Footprint = Footprint()
     base: BaseLimits = BaseLimits()
     arm: ArmSpec = ArmSpec()
+    has_arm: bool = (
+        True  # without one, `arm`, `gripper` and `camera` mean nothing, and all its numbers stay as they are
+    )
     gripper: Gripper = Gripper()
     lidar: Lidar = Lidar()
     camera: GripperCamera = GripperCamera()

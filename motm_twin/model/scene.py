@@ -116,8 +116,19 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     arm_rate_sd: float = 0.0  # [rad/s] of every joint about the rate that it is told
 
 
+class TimedFault(msgspec.Struct, frozen=True, kw_only=True):
+    """A fault of `model.faults` that comes by itself at a time of the run; fields as in the edit ``inject_fault``."""
+
+    at: float  # [s]
+    fault: str
+    seconds: float = 1.0
+    delay: float = 0.5
+    amount: float | None = None
+    joint: int = 4
+
+
 class Faults(msgspec.Struct, frozen=True, kw_only=True):
-    """What goes wrong with grasps that stand well, and who meddles. Nothing by default; the robot is not told."""
+    """What goes wrong with grasps that stand well, who meddles, and what fails when. The robot is not told."""
 
     grasp_misses: int = 0  # of each object, the first so many grasps: the fingers close on nothing
     grasp_slips: int = 0  # of each object, so many after those: it slips when it is lifted
@@ -127,6 +138,7 @@ class Faults(msgspec.Struct, frozen=True, kw_only=True):
     only_object: int = 0  # only the so-many-th object that is grasped, counted from 1; 0: every one
     cube_moved_by: float = 0.0  # [m] that somebody moves each cube, on what it stands on, before it is picked
     cube_moved_within: float = 1.0  # [m] from the robot's base, which is on its way to the cube, when that happens
+    inject: tuple[TimedFault, ...] | None = None  # sensors and parts of the robot that fail; None: nothing does
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True):

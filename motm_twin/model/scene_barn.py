@@ -108,7 +108,7 @@ def _text(seed: int, fill: float, smoothings: int, cells: Cells) -> str:
         "  name: jackal",
         "  footprint: {length: 0.508, width: 0.43, height: 0.25}",
         f"  base: {{{base}}}",
-        "  arm: {mount_x: 0.0, mount_z: 0.6}",
+        "  arm: none",
         "  lidar: {x: 0.12, field_of_view_deg: 270, beams: 720, range_min: 0.1, range_max: 30.0, rate_hz: 40}",
         f"start: {{x: {START[0]}, y: {START[1]}, heading_deg: 90}}",
         "bounds: [-7.0, -1.5, 2.5, 15.5]",

@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from motm_twin.model import faults
+
 FORMAT = "motm-scene/1"
 
 Coordinate = Annotated[float, Meta(ge=-100, le=100, description="[m]")]
@@ -169,8 +171,19 @@ class NoiseFile(Part, frozen=True, kw_only=True):
 Tries = Annotated[int, Meta(ge=0, le=100)]
 
 
+class TimedFaultFile(Part, frozen=True, kw_only=True):
+    """A fault that comes at a time of the run; kinds and the meaning of their numbers are in docs/zenoh.md."""
+
+    at: Annotated[float, Meta(ge=0, le=36000, description="[s] of simulated time")]
+    fault: Annotated[str, Meta(extra_json_schema={"enum": list(faults.NAMES)})]
+    seconds: Annotated[float, Meta(ge=faults.SHORTEST, le=faults.LONGEST, description="[s]")] = 1.0
+    delay: Annotated[float, Meta(ge=0, le=faults.LONGEST_DELAY, description="[s]")] = 0.5
+    amount: float | None = None
+    joint: Annotated[int, Meta(ge=1, le=faults.JOINTS)] = faults.USUAL_JOINT
+
+
 class FaultsFile(Part, frozen=True, kw_only=True):
-    """Grasps that fail or take longer although the fingers stand well, and cubes that somebody moves."""
+    """Grasps that fail or take longer although the fingers stand well, cubes that are moved, and what fails when."""
 
     grasp_misses: Tries | None = None  # of each object, the first so many grasps close on nothing
     grasp_slips: Tries | None = None  # of each object, so many after those slip when lifted
@@ -180,6 +193,7 @@ class FaultsFile(Part, frozen=True, kw_only=True):
     only_object: Tries | None = None  # only the so-many-th object that is grasped; 0: every one
     cube_moved_by: Annotated[float, Meta(ge=0, le=0.5, description="[m]")] | None = None
     cube_moved_within: Annotated[float, Meta(gt=0, le=10, description="[m] of the base from the cube")] | None = None
+    inject: Annotated[tuple[TimedFaultFile, ...], Meta(max_length=100)] | None = None
 
 
 class FootprintFile(Part, frozen=True, kw_only=True):
@@ -246,7 +260,7 @@ class RobotFile(Part, frozen=True, kw_only=True):
     name: Name = "frankie"
     footprint: FootprintFile | None = None
     base: BaseFile | None = None
-    arm: ArmFile | None = None
+    arm: ArmFile | Literal["none"] | None = None
     gripper: GripperFile | None = None
     lidar: LidarFile | None = None
     camera: CameraFile | None = None

@@ -26,6 +26,7 @@ from motm_twin.model.scene import (
     SceneObject,
     Solid,
     Task,
+    TimedFault,
 )
 from motm_twin.model.scene_error import near
 from motm_twin.model.scene_shapes import base_outline, counter_clockwise, is_simple, lane, outline
@@ -79,7 +80,7 @@ class Resolver:
             agents=agents,
             tasks=tasks,
             noise=Noise(**_plain_units(file.noise)) if file.noise else Noise(),
-            faults=Faults(**_plain_units(file.faults)) if file.faults else Faults(),
+            faults=_faults(file.faults),
             bounds=(0.0, 0.0, 0.0, 0.0),
             time_limit=file.time_limit or 300.0,
         )
@@ -118,10 +119,11 @@ class Resolver:
         parts = {
             key: msgspec.structs.replace(getattr(default, key), **_plain_units(getattr(given, key)))
             for key in ("footprint", "base", "arm", "gripper", "lidar", "camera")
-            if getattr(given, key) is not None
+            if isinstance(getattr(given, key), msgspec.Struct)
         }
-        name = given.name if given.name != "frankie" or not parts else "frankie_modified"
-        return msgspec.structs.replace(default, name=name, **parts)
+        changed = parts or given.arm == "none"
+        name = given.name if given.name != "frankie" or not changed else "frankie_modified"
+        return msgspec.structs.replace(default, name=name, has_arm=given.arm != "none", **parts)
 
     def surface(self, name: str, node: Node) -> Solid:
         """The furniture called so; a group stands for its highest piece."""
@@ -259,6 +261,14 @@ def extent(scene: Scene) -> tuple[float, float, float, float]:
 
 def _pose(pose: fmt.PoseFile) -> PlanarPose:
     return (pose.x, pose.y, pose.heading_deg * _DEG)
+
+
+def _faults(part: fmt.FaultsFile | None) -> Faults:
+    """What goes wrong, and when."""
+    if part is None:
+        return Faults()
+    timed = tuple(TimedFault(**_plain_units(item)) for item in part.inject or ())
+    return Faults(**{**_plain_units(part), "inject": timed or None})
 
 
 def _plain_units(part: msgspec.Struct) -> dict[str, Any]:

@@ -31,6 +31,7 @@ class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
     localisation_sd: float = 0.03  # [m] added to the prior's error: localisation when the object is first seen
     agreeing: int = 3  # outliers in a row at one place that move the belief there
     yaw_gain: float = 0.3  # of each detection
+    unseen: float = 2.5  # sd of the prior within which an object is that was never seen
     jump: float = 0.1  # [m] and [rad] by which localisation leaves odometry at once: somebody pushed the robot
 
 
@@ -86,6 +87,28 @@ class ObjectTracker(Stateful[TrackerState]):
             return track.position.copy(), track.yaw, math.sqrt(track.variance), track.last_seen
         position, yaw = self._prior_in_odometry(name, observation)
         return position, yaw, self._prior_sd, None
+
+    def knows(self, name: str) -> bool:
+        """This is an object of the scene."""
+        return name in self._priors
+
+    def other_at(self, name: str, point: Array, within: float, observation: Observation) -> str:
+        """Another object than ``name`` that is believed within a distance [m] of a point (3,); "" for none.
+
+        The point is in the odometry frame. What was never seen may be further from where it is believed.
+        """
+        wide = within + self._settings.unseen * self._prior_sd
+        tracks = self._state.tracks
+        here = point.tolist()
+        for other, track in tracks.items():
+            if other != name and math.dist(here, track.position.tolist()) < within:
+                return other
+        in_world = from_frame(compose(observation.pose, inverse(observation.odometry)), point).tolist()
+        for other, (place, _) in self._priors.items():
+            near = other != name and other not in tracks and abs(place[0] - in_world[0]) < wide
+            if near and math.dist(in_world, place.tolist()) < wide:
+                return other
+        return ""
 
     def world_position(self, name: str, observation: Observation) -> Array:
         """Believed position [m] in the world, with the localisation of this observation; shape (3,)."""

@@ -36,8 +36,9 @@ class Evidence:
 
 def no_evidence(shape: tuple[int, int]) -> Evidence:
     """Nothing seen yet."""
-    stamps = [np.full(shape, NEVER, dtype=np.int32) for _ in range(5)]
-    return Evidence(np.zeros(shape, dtype=np.int8), *stamps[:4], np.zeros(shape, dtype=np.uint8), stamps[4])
+    hit, since, last, near, seen = (np.full(shape, NEVER, dtype=np.int32) for _ in range(5))
+    level, outside = np.zeros(shape, dtype=np.int8), np.zeros(shape, dtype=np.uint8)
+    return Evidence(level, hit, since, last, near, outside, seen)
 
 
 @njit(cache=True)

@@ -9,6 +9,8 @@ from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import Scan
 from motm_twin.model.profile import Lidar
 
+BAD_SHARE = 0.05  # of the beams may be nan or negative, and one of any number: more is a lidar that fails
+BLIND_ANGLE = math.radians(5.0)  # [rad] of neighbouring ones, in which somebody's leg 1 m away would be missed
 MAX_AGE = 0.5  # [s] older scans would draw obstacles where they no longer are
 POSE_SIZE = 3
 _CHECKED = object()
@@ -37,7 +39,7 @@ class CheckedScan:
         bearings = scan.pose[2] + scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
         self.directions: Array = np.empty((len(bearings), 2))
         self.directions[:, 0], self.directions[:, 1] = np.cos(bearings), np.sin(bearings)
-        self.ranges: Array = np.where(scan.ranges < scan.range_min, np.nan, scan.ranges)  # nan: says nothing
+        self.ranges: Array = np.where(scan.ranges >= scan.range_min, scan.ranges, np.nan)  # nan: says nothing
         self.range_max: float = scan.range_max
 
 
@@ -45,7 +47,7 @@ def check_scan(scan: Scan, lidar: Lidar, now: float) -> CheckedScan | RefusedSca
     """The scan, checked against the lidar of the profile at time now [s]; or the reason why it is refused.
 
     A beam below ``range_min`` says nothing and is left out; one beyond ``range_max`` (or inf) means "nothing up to
-    there". A scan with any nan or negative range is refused as a whole: a sensor that errs once is not trusted.
+    there". A few beams that are nan or negative are left out, too; of many the scan is refused as a whole.
     """
     reason = _numbers_wrong(scan) or _shape_wrong(scan, lidar) or _time_wrong(scan, now)
     return RefusedScan(reason) if reason else CheckedScan(_CHECKED, scan)
@@ -59,9 +61,23 @@ def _numbers_wrong(scan: Scan) -> str:
         return f"scan refused: its pose {scan.pose} is not three finite numbers"
     if scan.origin.shape != (2,) or not _finite(scan.origin):
         return f"scan refused: its sensor position {scan.origin} is not two finite numbers"
-    good = scan.ranges >= 0.0  # nan is not
-    if not good.all():
-        return f"scan refused: {int((~good).sum())} of {good.size} ranges are nan or negative"
+    return _beams_wrong(scan.ranges, scan.angle_step)
+
+
+def _beams_wrong(ranges: Array, step: float) -> str:
+    """Too many beams that are nan or negative, in all or beside each other."""
+    bad = ~(ranges >= 0.0)  # nan is not
+    count = int(bad.sum())
+    if count <= 1:
+        return ""
+    most = max(1, int(BAD_SHARE * bad.size))
+    if count > most:
+        return f"scan refused: {count} of {bad.size} ranges are nan or negative, at most {most} may be"
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], bad, [False])).astype(np.int8)))
+    longest = int((edges[1::2] - edges[::2]).max())
+    if longest > 1 and longest * abs(step) > BLIND_ANGLE:
+        wide = math.degrees(longest * step)
+        return f"scan refused: {longest} neighbouring ranges are nan or negative, over {wide:.0f} deg"
     return ""
 
 

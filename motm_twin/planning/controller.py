@@ -70,7 +70,7 @@ class StaaController:
         if target is None or placement.mode == "none":
             return self._idle(problem, field, "there is nothing to do")
         self._asked = (problem, placement)
-        if self._overlap(problem, field) > problem.world.resolution:
+        if self._overlap_depth(problem, field) > problem.world.resolution:
             return self._escape(problem, field)
         room = self._margins(problem)
         graph = self._graphs.graph(problem.world, room.growth)
@@ -110,7 +110,7 @@ class StaaController:
             why = f"no way to {target.name}: every gap on it is narrower than {2.0 * room.growth:.2f} m"
             return self._brake(problem, field, why, goal, expansions, cut=cut)
         if solution < 0 and settings.bound == math.inf:
-            if self._overlap(problem, field) > 0.0:
+            if self._overlap_depth(problem, field) > 0.0:
                 return self._escape(problem, field)
             why = self._no_motion(problem, target, field, expansions)
             return self._brake(problem, field, why, goal, expansions, cut=cut)
@@ -293,7 +293,7 @@ class StaaController:
             f"no collision-free motion towards {target.name} ({expansions} tried, {room:.2f} m of clearance): braking"
         )
 
-    def _overlap(self, problem: BaseProblem, field: Field) -> float:
+    def _overlap_depth(self, problem: BaseProblem, field: Field) -> float:
         """How deep [m] the deepest occupied cell is inside the footprint; negative or 0 when none is."""
         pose = np.array(problem.pose, dtype=np.float64)
         if clearances(pose[None], 1.0, field, self._body)[0] >= problem.world.resolution:
@@ -303,7 +303,7 @@ class StaaController:
 
     def _escape(self, problem: BaseProblem, field: Field) -> BasePlan:
         """Leave what the footprint overlaps, or stand."""
-        deep = f"the base overlaps what the map or the lidar shows by {self._overlap(problem, field):.2f} m"
+        deep = f"the base overlaps what the map or the lidar shows by {self._overlap_depth(problem, field):.2f} m"
         found = find_escape(problem.world, np.array(problem.pose, dtype=np.float64), self._body, self._limits)
         if found is None:
             return self._stop(problem, field, "braking", f"{deep}, and no motion makes that less: standing", None, 0)

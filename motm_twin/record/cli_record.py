@@ -108,6 +108,7 @@ def replay(
     token: str | None = None,
     no_token: _Flag = False,
     name: tuple[str, ...] = (),
+    visitors: int = 50,
     zenoh_port: int = 7447,
     twin: str = "frankie",
 ) -> int:
@@ -127,6 +128,7 @@ def replay(
             without it one of your own, that the printed address carries.
         no_token: Anybody with an account on this machine may look. On loopback only.
         name: Further names under which browsers may ask for the page, such as that of a proxy.
+        visitors: Pages that may be open at once.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         twin: Name in the Zenoh keys.
     """
@@ -143,7 +145,7 @@ def replay(
     return serve_recording(
         player,
         headless=headless,
-        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name),
+        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name, visitors=visitors),
         zenoh_port=zenoh_port,
         twin=twin,
     )

@@ -10,7 +10,7 @@ from motm_twin.model.profile import BaseLimits
 
 @dataclass
 class BaseState:
-    """True motion of the base."""
+    """True pose of the base, and what its wheels do, which is how it moves unless they slip."""
 
     pose: Array  # world, shape (3,)
     v: float = 0.0  # [m/s]
@@ -37,13 +37,17 @@ class Base:
         self.scale = (float(scale[0]), float(scale[1]))
         self._factor = lag_factor(limits.velocity_lag, dt)
 
-    def step(self, state: BaseState, twist: Array) -> None:
-        """One substep towards the commanded forward speed and yaw rate, shape (2,)."""
+    def step(self, state: BaseState, twist: Array, *, more_lag: float = 0.0, grip: float = 1.0) -> None:
+        """One substep towards the commanded forward speed and yaw rate, shape (2,).
+
+        ``more_lag`` [s] of the velocity loop; ``grip``: share of the wheels' motion that moves the base.
+        """
         limits, dt = self.limits, self.dt
+        factor = self._factor if more_lag == 0.0 else lag_factor(limits.velocity_lag + more_lag, dt)
         v_told, w_told = twist.tolist()
         v_wanted = min(limits.forward_speed, max(-limits.reverse_speed, self.scale[0] * v_told))
         w_wanted = min(limits.yaw_rate, max(-limits.yaw_rate, self.scale[1] * w_told))
-        v = _towards(state.v, v_wanted, self._factor, limits.linear_acceleration * dt)
-        w = _towards(state.w, w_wanted, self._factor, limits.yaw_acceleration * dt)
-        state.pose = drive(state.pose, 0.5 * (state.v + v), 0.5 * (state.w + w), dt)
+        v = _towards(state.v, v_wanted, factor, limits.linear_acceleration * dt)
+        w = _towards(state.w, w_wanted, factor, limits.yaw_acceleration * dt)
+        state.pose = drive(state.pose, 0.5 * grip * (state.v + v), 0.5 * grip * (state.w + w), dt)
         state.v, state.w = v, w

@@ -83,7 +83,7 @@ class Effects:
                 self._push(state, edit)
                 effect.pushed = True
             case InjectFault():
-                inject(state.faults, edit, state.substep, self.substep)
+                inject(state.faults, edit, state.substep, self.substep, self.furnishings.scene.seed)
         scenery = self.scenery(state, scenery)
         effect.disturbed += self._fall(state, scenery)
         return effect, scenery

@@ -1,44 +1,217 @@
-"""Sensors that fail for a while, as a person or a test wants it."""
+"""Sensors, wheels and joints that fail for a while, as a person, a scene or a test wants it (`model.faults`).
 
+A fault changes what is reported or what is obeyed, and nothing else: noise that is drawn goes on as without it.
+"""
+
+import math
 from dataclasses import dataclass, field
 
-from motm_twin.model.edits import InjectFault
+import msgspec
+import numpy as np
 
-LIDAR_OFF, CAMERA_OFF, CAMERA_DELAY = "lidar_off", "camera_off", "camera_delay"
-SHORTEST, LONGEST = 0.05, 30.0  # [s] that a fault lasts
-LONGEST_DELAY = 3.0  # [s] of the camera
+from motm_twin.model.edits import InjectFault
+from motm_twin.model.faults import KINDS
+from motm_twin.model.geometry import Array, to_frame
+from motm_twin.model.plant import Detection, Observation, Scan
+from motm_twin.model.scene import Scene, TimedFault
+from motm_twin.sim.lidar import LidarState
+from motm_twin.sim.localisation import LocalisationState
+from motm_twin.sim.objects import ObjectState
+
+_RNG_FAULT, _RNG_NOISE = 0xFA1C0DE, 0xFA1C0015E
+_PLAIN_NOISE = 0.01  # [m] of a lidar without noise, which is made larger, too
+_GHOST_SD = 0.005  # [m] that a ghost promises
+_OF_CAMERA = frozenset(("camera_swap", "camera_lost", "camera_ghost"))
+Frame = tuple[float, Array, Array]  # stamp [s], true pose and odometry of the camera's newest frame
+Reported = tuple[int, Array, Array, Array, Array, Array, float, bool]  # substep, and the motion that is told of it
+
+
+@dataclass
+class ActiveFault:
+    """A fault that lasts."""
+
+    began: int  # substep
+    until: int  # substep at which it is over
+    value: float  # its number
+    joint: int
+    angle: float  # [rad] direction, of the kinds that have one; of the seed and the substep
 
 
 @dataclass
 class FaultState:
-    """Faults that last, and the camera's delay."""
+    """Faults that last, and what they hold back."""
 
-    until: dict[str, int] = field(default_factory=dict)  # fault: substep at which it is over
-    delay: int = 0  # substeps by which the camera is late
+    on: dict[str, ActiveFault] = field(default_factory=dict)
+    reports: list[Reported] = field(default_factory=list)  # of a state that comes late, oldest first
+    told: Reported | None = None  # what the robot says of its motion while that comes late
 
     def active(self, fault: str) -> bool:
-        """Whether a sensor fails in this way now."""
-        return fault in self.until
+        """This fault lasts."""
+        return fault in self.on
 
 
-def inject(state: FaultState, edit: InjectFault, now: int, substep: float) -> None:
+def inject(state: FaultState, edit: InjectFault, now: int, substep: float, seed: int) -> None:
     """Begin a fault at substep ``now``, or let it last from now on as the edit says."""
-    state.until[edit.fault] = now + max(1, round(edit.seconds / substep))
-    if edit.fault == CAMERA_DELAY:
-        state.delay = round(edit.delay / substep)
+    value = KINDS[edit.fault].value(delay=edit.delay, amount=edit.amount, joint=edit.joint)
+    angle = float(np.random.default_rng([seed, _RNG_FAULT, now]).uniform(-math.pi, math.pi))
+    until = now + max(1, round(edit.seconds / substep))
+    state.on[edit.fault] = ActiveFault(began=now, until=until, value=value, joint=edit.joint, angle=angle)
 
 
 def expire(state: FaultState, now: int) -> None:
     """Forget the faults that are over at substep ``now``."""
-    for fault in [fault for fault, until in state.until.items() if until <= now]:
-        del state.until[fault]
+    for fault in [fault for fault, one in state.on.items() if one.until <= now]:
+        del state.on[fault]
+    if "state_delay" not in state.on:
+        state.reports, state.told = [], None
 
 
 def phrases(state: FaultState, now: int, substep: float) -> tuple[str, ...]:
-    """What fails, and for how long still: one phrase each."""
-    kinds = {
-        LIDAR_OFF: "lidar off",
-        CAMERA_OFF: "camera off",
-        CAMERA_DELAY: f"camera {state.delay * substep:.2f} s late",
-    }
-    return tuple(f"{kinds[fault]} for {(until - now) * substep:.1f} s" for fault, until in sorted(state.until.items()))
+    """One phrase for each fault: its kind, and how long it lasts still."""
+    return tuple(
+        f"{KINDS[fault].phrase.format(one.value)} for {(one.until - now) * substep:.1f} s"
+        for fault, one in sorted(state.on.items())
+    )
+
+
+class FaultEffects:
+    """Applies the faults of a state to one plant; has no state itself."""
+
+    def __init__(self, scene: Scene, substep: float) -> None:
+        """Seed and noise of the scene; substep [s]."""
+        self._seed, self._substep = scene.seed, substep
+        self._range_sd = scene.noise.lidar_range_sd or _PLAIN_NOISE
+        self._timed = [(round(one.at / substep), _edit_of(one)) for one in scene.faults.inject or ()]
+
+    def timed(self, state: FaultState, now: int) -> None:
+        """Inject what the scene wants at substep ``now``."""
+        for at, edit in self._timed:
+            if at == now:
+                inject(state, edit, now, self._substep, self._seed)
+
+    def localised(self, state: FaultState, localisation: LocalisationState, now: int) -> Array:
+        """The localised pose that is reported, shape (3,)."""
+        return _shifted(localisation.pose, self._shift(state, ("pose_jump", "pose_drift"), now))
+
+    def odometry(self, state: FaultState, localisation: LocalisationState, now: int) -> Array:
+        """The odometry pose that is reported, shape (3,)."""
+        return _shifted(localisation.odometry, self._shift(state, ("odometry_jump",), now))
+
+    def _shift(self, state: FaultState, kinds: tuple[str, ...], now: int) -> tuple[float, float]:
+        x = y = 0.0
+        for kind in kinds:
+            one = state.on.get(kind)
+            if one is not None:
+                passed = (now - one.began) * self._substep if kind == "pose_drift" else 1.0
+                x += one.value * passed * math.cos(one.angle)
+                y += one.value * passed * math.sin(one.angle)
+        return x, y
+
+    def sweep(self, state: FaultState, lidar: LidarState, previous: Scan | None, now: int) -> None:
+        """Make of the newest sweep what comes of it: it may be another, or come later."""
+        scan = lidar.scan
+        assert scan is not None
+        ranges = scan.ranges
+        if state.active("lidar_frozen") and previous is not None:
+            ranges = previous.ranges
+        noise, bad = state.on.get("lidar_noise"), state.on.get("lidar_nan")
+        if noise is not None:
+            more = self._range_sd * math.sqrt(max(noise.value**2 - 1.0, 0.0))
+            drawn = np.random.default_rng([self._seed, _RNG_NOISE, now]).standard_normal(len(ranges))
+            ranges = np.maximum(ranges + more * drawn, scan.range_min)
+            ranges[ranges > scan.range_max] = np.inf
+        if state.active("lidar_blind"):
+            ranges = np.full(len(ranges), np.inf)
+        if bad is not None:
+            count = max(1, round(bad.value * len(ranges)))
+            order = np.random.default_rng([self._seed, _RNG_FAULT, bad.began]).permutation(len(ranges))
+            ranges = ranges.copy()
+            ranges[order[:count]] = np.nan
+        if ranges is not scan.ranges:
+            lidar.scan = scan = msgspec.structs.replace(scan, ranges=ranges)
+        late = state.on.get("lidar_delay")
+        if late is not None:
+            lidar.late.append((now + round(late.value / self._substep), scan))
+            lidar.scan = previous
+        elif lidar.late:
+            lidar.late = []  # overtaken
+
+    def detections(
+        self, state: FaultState, found: tuple[Detection, ...], objects: list[ObjectState], eye: Array, frame: Frame
+    ) -> tuple[Detection, ...]:
+        """Make of the newest detections what the camera says; ``eye`` (3,) [m] in the world."""
+        free = [item for item in objects if item.state != "held"]
+        if not free or not state.on.keys() & _OF_CAMERA:
+            return found
+        near = sorted(free, key=lambda item: (math.dist(item.position.tolist(), eye.tolist()), item.name))
+        if state.active("camera_swap") and len(near) > 1:
+            first, second = near[0].name, near[1].name
+            names = {first: second, second: first}
+            found = tuple(msgspec.structs.replace(one, name=names.get(one.name, one.name)) for one in found)
+        if state.active("camera_lost"):
+            found = tuple(one for one in found if one.name != near[0].name)
+        ghost = state.on.get("camera_ghost")
+        return found if ghost is None else (_ghost(ghost, near[0], frame), *found)
+
+    def base(self, state: FaultState, twist: Array) -> tuple[Array, float, float]:
+        """What the wheels do of a commanded twist (2,), their additional lag [s], and the share that moves the base."""
+        lag, slip = state.on.get("base_lag"), state.on.get("wheel_slip")
+        told = np.zeros(2) if state.active("base_stuck") else twist
+        return told, 0.0 if lag is None else lag.value, 1.0 if slip is None else 1.0 - slip.value
+
+    def rates(self, state: FaultState, told: Array) -> Array:
+        """Joint rates (7,) [rad/s] that the arm goes for."""
+        stuck = state.on.get("joint_stuck")
+        if stuck is None:
+            return told
+        told = told.copy()
+        told[stuck.joint - 1] = 0.0
+        return told
+
+    def report(self, state: FaultState, now: Observation, substep: int) -> None:
+        """Keep what the robot would say of its motion at a substep, and choose what it does say, when that is late."""
+        late = state.on.get("state_delay")
+        if late is None:
+            return
+        moving = now.gripper_moving
+        state.reports.append(
+            (substep, now.pose, now.odometry, now.twist, now.q, now.dq, now.gripper_width, moving)
+        )  # fmt: skip
+        newest = substep - round(late.value / self._substep)
+        while len(state.reports) > 1 and state.reports[1][0] <= newest:
+            state.reports.pop(0)
+        state.told = state.reports[0]
+
+    def late(self, state: FaultState, now: Observation, substep: int) -> Observation:
+        """The observation with the motion that has come so far."""
+        told = state.told
+        if told is None:
+            return now
+        at, pose, odometry, twist, q, dq, width, moving = told
+        return msgspec.structs.replace(
+            now, pose=pose, odometry=odometry, twist=twist, q=q, dq=dq, gripper_width=width, gripper_moving=moving,
+            age=(substep - at) * self._substep,
+        )  # fmt: skip
+
+
+def _edit_of(one: TimedFault) -> InjectFault:
+    return InjectFault(fault=one.fault, seconds=one.seconds, delay=one.delay, amount=one.amount, joint=one.joint)
+
+
+def _ghost(fault: ActiveFault, item: ObjectState, frame: Frame) -> Detection:
+    """An object where it is not."""
+    stamp, pose, odometry = frame
+    beside = item.position + fault.value * np.array([math.cos(fault.angle), math.sin(fault.angle), 0.0])
+    return Detection(
+        stamp=stamp,
+        name=item.name,
+        p_base=to_frame(pose, beside),
+        yaw_base=math.remainder(item.yaw - float(pose[2]), 0.5 * math.pi),
+        position_sd=_GHOST_SD,
+        odometry=odometry.copy(),
+    )
+
+
+def _shifted(pose: Array, shift: tuple[float, float]) -> Array:
+    x, y = shift
+    return pose if x == y == 0.0 else pose + np.array([x, y, 0.0])

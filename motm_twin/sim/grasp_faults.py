@@ -7,6 +7,7 @@ lies where it was pushed or dropped.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array
@@ -20,7 +21,8 @@ _RNG_FAULTS = 0xFA0175
 
 def gripper_with(faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int) -> Gripper:
     """The gripper of a scene: the plain one unless grasps may go wrong."""
-    return Gripper(spec, objects, dt) if faults == Faults() else FaultyGripper(faults, spec, objects, dt, seed)
+    plain = msgspec.structs.replace(faults, inject=None) == Faults()
+    return Gripper(spec, objects, dt) if plain else FaultyGripper(faults, spec, objects, dt, seed)
 
 
 @dataclass(kw_only=True)

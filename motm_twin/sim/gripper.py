@@ -99,12 +99,16 @@ class Gripper:
         tcp_velocity: Array,
         cubes: Sequence[ObjectState],
         solids: Solids,
+        *,
+        stuck: bool = False,
     ) -> None:
-        """One substep that ends at ``now`` [s] with the hand where the arguments say."""
+        """One substep that ends at ``now`` [s] with the hand where the arguments say; ``stuck`` fingers stand."""
         by_name = {item.name: item for item in cubes} if state.held or self.moving(state) else {}
         if state.held:
             self._carry(state, rotation, hand, tcp_velocity, by_name[state.held])
-        if state.phase == "closing":
+        if stuck:
+            state.began += self.dt
+        elif state.phase == "closing":
             self._close(state, now, tcp, rotation, hand, tcp_velocity, by_name, solids)
         elif state.phase == "opening":
             self._open(state, now, tcp_velocity, by_name)

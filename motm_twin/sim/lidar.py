@@ -1,6 +1,6 @@
 """The 2D lidar: sees only what exists at its own height, the arm excepted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,10 +12,18 @@ from motm_twin.sim.kernels import cast_rays
 
 @dataclass
 class LidarState:
-    """Noise and the newest sweep."""
+    """Noise, the newest sweep, and sweeps that are on their way."""
 
     rng: np.random.Generator
     scan: Scan | None = None
+    late: list[tuple[int, Scan]] = field(default_factory=list)  # substep of arrival, sweep
+
+    def arrive(self, now: int) -> None:
+        """The newest of the late sweeps that are here at substep ``now`` becomes the newest sweep."""
+        here = [scan for arrival, scan in self.late if arrival <= now]
+        if here:
+            self.scan = here[-1]
+            self.late = [entry for entry in self.late if entry[0] > now]
 
 
 class Lidar:

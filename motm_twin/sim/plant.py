@@ -26,7 +26,7 @@ from motm_twin.sim.base import Base, BaseState
 from motm_twin.sim.camera import Camera, CameraState
 from motm_twin.sim.control_errors import ControlErrors
 from motm_twin.sim.edit_effects import Effects
-from motm_twin.sim.faults import CAMERA_DELAY, CAMERA_OFF, LIDAR_OFF, expire
+from motm_twin.sim.faults import FaultEffects, expire
 from motm_twin.sim.grasp_faults import gripper_with
 from motm_twin.sim.gripper import GripperState
 from motm_twin.sim.layout import Furnishings, Layout
@@ -94,6 +94,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._furnishings = Furnishings(scene)
         self._effects = Effects(self._furnishings, self._object_world, self._frames, SUBSTEP)
         self._meddler = Meddler(scene)
+        self._faults = FaultEffects(scene, SUBSTEP)
         compile_gaps()
         self._start(arm_start)
 
@@ -135,15 +136,20 @@ class SimulatedPlant(Stateful[PlantState]):
     def observe(self) -> Observation:
         """What the sensors say now."""
         s = self._state
+        return self._faults.late(s.faults, self._reported(), s.substep)
+
+    def _reported(self) -> Observation:
+        """The same, unless what the robot says of its motion comes late."""
+        s = self._state
         return Observation(
             time=self.time,
-            pose=s.localisation.pose.copy(),
-            odometry=s.localisation.odometry.copy(),
+            pose=self._faults.localised(s.faults, s.localisation, s.substep).copy(),
+            odometry=self._faults.odometry(s.faults, s.localisation, s.substep).copy(),
             twist=s.localisation.twist.copy(),
             q=s.arm.q.copy(),
             dq=s.arm.dq.copy(),
             gripper_width=s.gripper.width,
-            gripper_moving=self._gripper.moving(s.gripper),
+            gripper_moving=self._gripper.moving(s.gripper) and not s.faults.active("gripper_stuck"),
             scan=s.lidar.scan,
             detections=s.camera.detections,
         )
@@ -209,20 +215,25 @@ class SimulatedPlant(Stateful[PlantState]):
     def _substep(self) -> None:
         s = self._state
         before, old_v, old_w, old_tcp = self.time, s.base.v, s.base.w, s.tcp
-        if s.command.gripper != s.gripper_command:
+        stuck = s.faults.active("gripper_stuck")
+        if s.command.gripper != s.gripper_command and not stuck:
             s.gripper_command = s.command.gripper
             hand = self._frames(s.base.pose, s.arm.q)[TCP]
             self._gripper.command(s.gripper, s.gripper_command, before, hand[:3, 3], hand[:3, :3], s.objects)
-        self._base.step(s.base, s.command.twist)
-        self._arm.step(s.arm, self._errors.rates(s.command.joint_velocity, s.substep))
-        s.path_length += abs(0.5 * (old_v + s.base.v)) * SUBSTEP
+        twist, more_lag, grip = self._faults.base(s.faults, s.command.twist)
+        self._base.step(s.base, twist, more_lag=more_lag, grip=grip)
+        rates = self._errors.rates(s.command.joint_velocity, s.substep)
+        self._arm.step(s.arm, self._faults.rates(s.faults, rates))
+        s.path_length += grip * abs(0.5 * (old_v + s.base.v)) * SUBSTEP
         s.substep += 1
         frames = self._frames(s.base.pose, s.arm.q)
         s.tcp = frames[TCP, :3, 3].copy()
         slides = self._slide() if s.slides else _NO_SLIDES
         velocity = (s.tcp - old_tcp) / SUBSTEP
         rotation, hand = frames[TCP, :3, :3], frames[HAND, :3, 3]
-        self._gripper.step(s.gripper, self.time, s.tcp, rotation, hand, velocity, s.objects, self._scenery.solids)
+        self._gripper.step(
+            s.gripper, self.time, s.tcp, rotation, hand, velocity, s.objects, self._scenery.solids, stuck=stuck
+        )
         for item in s.objects:
             if item.state == "falling":
                 self._object_world.fall(item, s.objects, self._scenery.solids)
@@ -250,15 +261,22 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def _sense(self, frames: Array) -> None:
         s = self._state
-        if s.faults.until:
+        if s.faults.on:
             expire(s.faults, s.substep)
-        if s.substep % self._lidar_period == 0 and not s.faults.active(LIDAR_OFF):
+        self._faults.timed(s.faults, s.substep)
+        if s.substep % self._lidar_period == 0 and not s.faults.active("lidar_off"):
             segments, discs = self._at_lidar_height()
-            self._lidar.sweep(s.lidar, self.time, s.base.pose, s.localisation.pose, segments, discs)
+            previous, localised = s.lidar.scan, self._faults.localised(s.faults, s.localisation, s.substep)
+            self._lidar.sweep(s.lidar, self.time, s.base.pose, localised, segments, discs)
+            self._faults.sweep(s.faults, s.lidar, previous, s.substep)
         if s.substep % self._camera_period == 0:
             self._photograph(frames)
+        if s.lidar.late:
+            s.lidar.arrive(s.substep)
         if s.camera.late:
             s.camera.arrive(s.substep)
+        if s.faults.active("state_delay"):
+            self._faults.report(s.faults, self._reported(), s.substep)
 
     def _at_lidar_height(self) -> tuple[Array, Array]:
         """Segments (s, 4) and discs (d, 3) [m] that the lidar can see."""
@@ -274,29 +292,27 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def _photograph(self, frames: Array) -> None:
         s, previous = self._state, self._state.camera.detections
-        if s.faults.active(CAMERA_OFF):
+        if s.faults.active("camera_off"):
             s.camera.detections = ()
             return
+        odometry = self._faults.odometry(s.faults, s.localisation, s.substep)
+        agents, solids = self._agents.discs(s.agents), self._scenery.solids
         self._camera.frame(
-            s.camera,
-            self.time,
-            s.base.pose,
-            s.localisation.odometry,
-            frames[HAND],
-            frames,
-            s.objects,
-            self._scenery.solids,
-            self._agents.discs(s.agents),
-        )
-        if s.faults.active(CAMERA_DELAY):
-            s.camera.delay(s.substep + s.faults.delay, previous)
+            s.camera, self.time, s.base.pose, odometry, frames[HAND], frames, s.objects, solids, agents
+        )  # fmt: skip
+        frame = (self.time, s.base.pose, odometry)
+        eye = frames[HAND, :3, 3]
+        s.camera.detections = self._faults.detections(s.faults, s.camera.detections, s.objects, eye, frame)
+        late = s.faults.on.get("camera_delay")
+        if late is not None:
+            s.camera.delay(s.substep + round(late.value / SUBSTEP), previous)
         elif s.camera.late:
             s.camera.late = []  # overtaken
 
     def _shadow(self, frames: Array) -> RobotShadow:
         base, foot = self._state.base, self.scene.robot.footprint
         corners = shadow_corners(base.pose, base.v, base.w, _SHADOW_TIMES, foot.length, foot.width, foot.offset_x)
-        discs = np.column_stack([frames[_SHADOW_LINKS, :2, 3], _SHADOW_RADII])
+        discs = np.column_stack([frames[_SHADOW_LINKS, :2, 3], _SHADOW_RADII])[: len(frames) * self.scene.robot.has_arm]
         return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs)
 
     def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:

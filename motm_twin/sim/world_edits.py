@@ -5,9 +5,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from motm_twin.model import faults
 from motm_twin.model.edits import (
     FARTHEST,
-    FAULTS,
     AddObstacle,
     FreezeBody,
     InjectFault,
@@ -22,7 +22,6 @@ from motm_twin.model.edits import (
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.names import hint
 from motm_twin.sim.bodies import Outline, disc_outline
-from motm_twin.sim.faults import LONGEST, LONGEST_DELAY, SHORTEST
 from motm_twin.sim.layout import STILL, STILL_TURN, Furnishings
 from motm_twin.sim.objects import riders
 from motm_twin.sim.overlap import entered, gaps
@@ -218,8 +217,8 @@ def pushed_pose(state: PlantState, edit: PushRobot, share: float = 1.0) -> np.nd
 
 
 def _check_fault(edit: InjectFault) -> None:
-    Names.require(edit.fault, FAULTS, "a fault")
-    if not SHORTEST <= edit.seconds <= LONGEST:
-        raise EditError(f"a fault of {edit.seconds} s: give {SHORTEST} to {LONGEST:.0f} s")
-    if not 0.0 <= edit.delay <= LONGEST_DELAY:
-        raise EditError(f"a delay of {edit.delay} s: give 0 to {LONGEST_DELAY:.0f} s")
+    problem = faults.problem(
+        edit.fault, seconds=edit.seconds, delay=edit.delay, amount=edit.amount, joint=edit.joint
+    )  # fmt: skip
+    if problem:
+        raise EditError(problem)

@@ -6,6 +6,7 @@ import html
 import viser
 
 from motm_twin.bus.commands import Announce, Command, InjectFault, RemoveBody
+from motm_twin.model.faults import KINDS
 from motm_twin.ui import disturb, markup
 from motm_twin.ui.aim import Surroundings
 from motm_twin.ui.disturb import Thing
@@ -17,11 +18,14 @@ NEW = {"Temi": "temi", "Person": "person", "Box": "box", "Cylinder": "cylinder"}
 NOTHING = "(nothing)"
 LEFT, RIGHT, DELETE = "Turn it left", "Turn it right", "Delete"
 FREEZE, GO_ON, SEND, STAY = "Freeze", "Go on", "Send to…", "Do not send"
+SECONDS = {"lidar_off": 1.0, "camera_off": 2.0}  # of the faults of a click; the others last 5 s
 FAULTS = {
-    "Lidar off 1 s": InjectFault(fault="lidar_off", seconds=1.0),
-    "Camera off 2 s": InjectFault(fault="camera_off", seconds=2.0),
-    "Camera late 5 s": InjectFault(fault="camera_delay", seconds=5.0, delay=0.5),
+    f"{kind.button} {SECONDS.get(kind.name, 5.0):g} s": InjectFault(
+        fault=kind.name, seconds=SECONDS.get(kind.name, 5.0)
+    )
+    for kind in KINDS.values()
 }
+IN_A_ROW = 3  # buttons of faults
 _HOW = {
     "": "Grab anything and drag it, also furniture; let go while moving to throw it. A drag elsewhere turns the view.",
     "agent": "Drag it into the way, or send it somewhere.",
@@ -78,8 +82,10 @@ class DisturbTab:
             ways = tuple(way for way, (_, _, turn) in disturb.PUSHES.items() if bool(turn) == turns)
             self._row(gui, ways, self._push, hint="its pose jumps; its wheels notice nothing")
         self._grip = self._row(gui, ("Take the cube from the gripper",), lambda _: self._take_cube())
-        gui.add_html(markup.card(markup.heading("Sensors fail for a while")))
-        self._row(gui, tuple(FAULTS), lambda what: self._send(FAULTS[what]))
+        gui.add_html(markup.card(markup.heading("Sensors, wheels and joints fail for a while")))
+        labels = tuple(FAULTS)
+        for first in range(0, len(labels), IN_A_ROW):
+            self._row(gui, labels[first : first + IN_A_ROW], lambda what: self._send(FAULTS[what]))
         self._faults = Html(gui)
         gui.add_divider()
         clear_hint = "added bodies go, furniture back to its place"

@@ -21,6 +21,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
+from motm_twin.ui.crowd import LARGEST, QUEUED, VISITORS, Crowd
 from motm_twin.ui.page_scripts import with_scripts
 from motm_twin.ui.threads import write_through_the_loop
 
@@ -54,8 +55,11 @@ def check_token(host: str, token: str | None) -> None:
 class Guard:
     """Decides about each HTTP request: None lets it pass."""
 
-    def __init__(self, token: str | None, host: str = LOOPBACK, names: Sequence[str] = ()) -> None:
+    def __init__(
+        self, token: str | None, host: str = LOOPBACK, names: Sequence[str] = (), crowd: Crowd | None = None
+    ) -> None:
         """``host``: address that is listened on; ``names``: further ones under which browsers may ask."""
+        self._crowd = crowd or Crowd()
         self._token, self._far = token, not is_loopback(host)
         own = {socket.gethostname(), socket.getfqdn()} if self._far else set()
         self._names = {name.lower() for name in (*_LOOPBACK_NAMES, host, *names, *own)}
@@ -71,7 +75,7 @@ class Guard:
         if not _same_origin(request, host):
             return _response(http.HTTPStatus.FORBIDDEN, "another web page may not use the twin")
         if self._token is None:
-            return None
+            return self._full(request, split.path)
         offered = parse_qs(split.query).get("token", [""])[0]
         if offered and self._equal(offered):
             query = urlencode([(key, value) for key, value in parse_qsl(split.query) if key != "token"])
@@ -80,8 +84,15 @@ class Guard:
                 http.HTTPStatus.SEE_OTHER, "", {"Location": f"/?{query}" if query else "/", "Set-Cookie": cookie}
             )
         if self._equal(_cookie(request, _cookie_name(host))):
-            return None
+            return self._full(request, split.path)
         return _response(http.HTTPStatus.UNAUTHORIZED, "open the printed address, which carries the token")
+
+    def _full(self, request: Request, path: str) -> Response | None:
+        """The refusal for one page too many."""
+        wanted = path == "/" or request.headers.get("Upgrade", "").lower() == "websocket"
+        if not self._crowd.full or not wanted:
+            return None
+        return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, self._crowd.text(), {"Retry-After": "10"})
 
     def _serves(self, host: str) -> bool:
         """Whether the page goes by this name. An address is nobody's domain, which could be led here."""
@@ -95,18 +106,23 @@ class Guard:
         return self._token is not None and hmac.compare_digest(offered.encode(), self._token.encode())
 
 
-def open_page(host: str, port: int, token: str | None = None, names: Sequence[str] = ()) -> viser.ViserServer:
-    """A Viser server behind the guard, on exactly this port (0: any free one); ``names``: as of `Guard`.
+def open_page(
+    host: str, port: int, token: str | None = None, names: Sequence[str] = (), *, visitors: int = VISITORS
+) -> viser.ViserServer:
+    """A Viser server behind the guard, on exactly this port (0: any free one), for so many visitors at once.
 
-    Raises PortTaken, ValueError.
+    ``names``: as of `Guard`. Raises PortTaken, ValueError.
     """
+    if visitors < 1:
+        raise ValueError(f"{visitors} visitors: at least one page must be possible")
     check_token(host, token)
     require_free_port(host, port, "choose another one with --port (0 takes any free one)")
     if host == "::":
         port = port or free_port(host)
         require_free_port("0.0.0.0", port, "choose another one with --port (0 takes any free one)")  # noqa: S104 - wanted
     write_through_the_loop()
-    guard, original = Guard(token, host, names), websockets.asyncio.server.serve
+    crowd, original = Crowd(visitors), websockets.asyncio.server.serve
+    guard = Guard(token, host, names, crowd)
     wrapped: list[int] = []
 
     def serve(handler: Any, host: str, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
@@ -115,7 +131,8 @@ def open_page(host: str, port: int, token: str | None = None, names: Sequence[st
 
         wrapped.append(1)
         places: Any = ["::", "0.0.0.0"] if host == "::" else host  # noqa: S104 - asyncio takes "::" for IPv6 alone
-        return original(handler, places, *args, process_request=process, **options)
+        options |= {"max_size": LARGEST, "max_queue": QUEUED}
+        return original(crowd.bounded(handler), places, *args, process_request=process, **options)
 
     with unittest.mock.patch.object(websockets.asyncio.server, "serve", serve):
         server = viser.ViserServer(host=host, port=port, verbose=False)

@@ -10,7 +10,8 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.session import LOOPBACK
-from motm_twin.memory import share_arenas
+from motm_twin.memory import freeze_setup, share_arenas
+from motm_twin.ui.crowd import VISITORS
 from motm_twin.ui.guard import open_page, page_url
 from motm_twin.ui.page_token import VARIABLE, chosen_token
 from motm_twin.ui.viewer import Viewer
@@ -29,7 +30,7 @@ def main() -> None:
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no news
     try:
         token = chosen_token(None if options.no_token else given, none=options.no_token)
-        server = open_page(options.host, options.port, token, options.name)
+        server = open_page(options.host, options.port, token, options.name, visitors=options.visitors)
         client = TwinClient(options.endpoint, options.twin)
     except (OSError, ValueError) as error:
         report("refused", text=str(error))
@@ -38,6 +39,7 @@ def main() -> None:
     viewer = Viewer(server, client, None if options.own_method is None else tuple(options.own_method))
     drawing = threading.Thread(target=viewer.run, name="viewer", daemon=True)
     drawing.start()
+    freeze_setup()
     report("page", url=page_url(options.host, server.get_port(), token), port=server.get_port())
     stop.wait()
     viewer.stop()
@@ -55,6 +57,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--no-token", action="store_true", help="anybody on this machine may look and drive")
     parser.add_argument("--name", action="append", default=[], help="further name under which browsers may ask")
     parser.add_argument("--port", type=int, default=8080, help="TCP port of the page, 0 takes any free one")
+    parser.add_argument("--visitors", type=int, default=VISITORS, help="pages that may be open at once")
     parser.add_argument("--own-method", nargs=2, metavar=("NAME", "FILE.py:NAME"), help="method that is not shipped")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])

@@ -212,7 +212,7 @@ def test_every_command_has_its_key_and_passes_with_what_is_allowed():
         "remove_body": {"name": "a"},
         "move_object": {"name": "a", "x": 0, "y": 0},
         "push_robot": {"dx": 0.3, "dy": 0.4, "turn": -3},
-        "inject_fault": {"fault": "camera_delay", "seconds": 60, "delay": 5},
+        "inject_fault": {"fault": "camera_delay", "seconds": 60, "delay": 5, "amount": None},
         "insert_task": {"tasks": [{"type": "pick", "object": "c"}, {"type": "place", "bin": "b"}] * (MAX_TASKS // 2)},
         "remove_task": {"index": 0},
         "move_task": {"index": 3, "to": 0},

@@ -231,10 +231,10 @@ def test_a_free_port_is_none_that_an_outgoing_connection_may_get():
         assert all(free_port() < min(32_768, outgoing.getsockname()[1]) for _ in range(20))
 
 
-@pytest.mark.parametrize("host", ["192.0.2.1", "no.such.host.invalid", "::1"])
-def test_an_address_of_another_machine_is_said_to_be_that_and_not_a_port_that_is_taken(host):
+@pytest.mark.parametrize(("host", "version"), [("192.0.2.1", 4), ("no.such.host.invalid", 4), ("2001:db8::1", 6)])
+def test_an_address_of_another_machine_is_said_to_be_that_and_not_a_port_that_is_taken(host, version):
     for listen in (lambda: free_port(host), lambda: require_free_port(host, 8099, "choose another one")):
-        with pytest.raises(ValueError, match=f"{host} is no IPv4 address of this machine: give one of its own"):
+        with pytest.raises(ValueError, match=f"{host} is no IPv{version} address of this machine: give one of its own"):
             listen()
 
 

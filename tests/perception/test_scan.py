@@ -17,7 +17,8 @@ def altered(**changes):
 
 
 BAD = {
-    "nan": altered(ranges=np.where(np.arange(LIDAR.beams) == 7, np.nan, 4.0)),
+    "nan": altered(ranges=np.where(np.arange(LIDAR.beams) % 8 == 7, np.nan, 4.0)),
+    "neighbouring": altered(ranges=np.where(np.arange(LIDAR.beams) // 12 == 20, np.nan, 4.0)),
     "negative": altered(ranges=np.full(LIDAR.beams, -1.0)),
     "360": altered(ranges=np.full(LIDAR.beams - 1, 4.0)),
     "pose": altered(pose=np.array([0.0, np.inf, 0.0])),
@@ -47,6 +48,16 @@ def test_a_good_scan_is_checked_and_the_refusal_is_forgotten(known):
     mapper.update(observe(1.0, BAD["nan"]))
     mapper.update(observe(1.0, GOOD))
     assert mapper.refusal == ""
+
+
+@pytest.mark.parametrize("value", [np.nan, -1.0])
+@pytest.mark.parametrize("wrong", [[7], [3, 90, 200], list(range(0, LIDAR.beams, 40))])
+def test_a_few_bad_beams_are_left_out_and_the_others_count(known, value, wrong):
+    ranges = np.full(LIDAR.beams, 4.0)
+    ranges[wrong] = value
+    mapper = Mapper(known)
+    mapper.update(observe(1.0, altered(ranges=ranges)))
+    assert mapper.refusal == "" and mapper.scan_stamp == 1.0
 
 
 def test_a_checked_scan_cannot_be_built_by_hand():

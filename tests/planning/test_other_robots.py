@@ -16,6 +16,7 @@ from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.global_path import goal_table, path_to_goal, rates_of
 from motm_twin.planning.parameters import PlanningParameters, StaaParameters, fitted, growth
 from motm_twin.planning.pocket import cells_of
+from motm_twin.planning.room import room_for
 from motm_twin.planning.rtr import path_rtr
 from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Target
 from motm_twin.planning.visibility import build_graph, inside, push_out
@@ -38,7 +39,10 @@ def robot(length: float, width: float, **limits: float) -> RobotProfile:
 def test_obstacles_are_grown_by_half_the_width_of_the_base_and_8_cm():
     assert growth(FRANKIE.footprint, StaaParameters()) == 0.33
     assert growth(JACKAL.footprint, StaaParameters()) == pytest.approx(0.295)
-    assert StaaController(JACKAL, PlanningParameters())._growth == pytest.approx(0.295)
+    for tightness, room in ((0.0, 0.08), (1.0, 0.02)):
+        assert room_for(PlanningParameters(), body_of(JACKAL.footprint), tightness).growth == pytest.approx(
+            0.215 + room
+        )
 
 
 def test_frankie_searches_with_the_parameters_as_they_are():

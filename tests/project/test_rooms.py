@@ -92,9 +92,7 @@ def test_the_referee_shares_no_code_with_what_it_judges():
 
 def test_no_file_holds_two_ideas():
     sources = [*FILES, *(ROOT / "tests").rglob("*.py"), *(ROOT / "tools").rglob("*.py")]
-    long = {
-        str(path.relative_to(ROOT)): n for path in sources if (n := len(path.read_text().splitlines())) > 500
-    }  # as the house rules have it
+    long = {str(path.relative_to(ROOT)): n for path in sources if (n := len(path.read_text().splitlines())) > 500}
     assert not long
 
 

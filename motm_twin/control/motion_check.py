@@ -1,0 +1,233 @@
+"""Wheels, joints and fingers against what they were told."""
+
+import math
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.joint_limits import Q_MAX, Q_MIN
+from motm_twin.model.plant import Actuation, Observation
+from motm_twin.model.profile import BaseLimits, RobotProfile
+from motm_twin.perception.finding import Finding
+
+JOINTS = 7
+
+
+class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Limits of the checks of motion. Shares leave room for a base that is 40 % faster or slower than told."""
+
+    asked: float = 0.1  # share of the largest speed from which a base that stands does not follow
+    stands: float = 0.15  # share of what was asked: a joint that does less stands ...
+    base_stands: float = 0.45  # ... and a base, which takes a second to come to rest, and may be slower than told
+    stuck_after: float = 0.25  # [s] that the base stands although it should move
+    late: float = 0.1  # [s] of lag more than the profile says: at full speed its way is more than the margins
+    well: float = 0.05  # [s] at which the base is well again
+    memory: float = 0.6  # [s] over which the lag is reckoned
+    smooth: float = 0.1  # [s] over which a twist is smoothed before its change is told from its noise
+    limited: float = 0.95  # share of a limit at which a base is at it
+    caught_up: float = 0.25  # [s] after which it has caught up with what it could not follow there
+    changes: float = 0.15  # share of the largest acceleration, for this time: less change of speed tells no lag
+    changing: float = 0.1  # [s]
+    apart: float = 0.05  # of the square that tells lag from another speed than told
+    overshoot: float = 0.1  # share of the largest speed by which a late base is faster than it should be
+    back_after: float = 0.3  # [s] of following after which a base is no longer stuck
+    forgotten: float = 2.0  # [s] without a demand after which it is given another chance
+    joint_asked: float = 0.08  # [rad/s] from which a joint that stands does not follow: above the noise of its rates
+    joint_after: float = 0.2  # [s]
+    joint_room: float = 0.1  # [rad] from a limit of position within which a joint may stand
+    joint_forgotten: float = 2.0  # [s] without a demand after which a stuck joint is given another chance
+    probe: float = 0.15  # share of its rate with which a stuck joint is tried
+    creep: float = 0.3  # share of its speed with which a stuck or late base goes on
+    fingers_after: float = 0.3  # [s] after their command within which fingers move
+    fingers_moved: float = 0.001  # [m]
+
+
+@dataclass
+class MotionState:
+    """Memory of the checks of motion."""
+
+    expected: Array = field(default_factory=lambda: np.zeros(2))  # twist that the base should have now
+    told: Array = field(default_factory=lambda: np.zeros(2))  # twist
+    rates: Array = field(default_factory=lambda: np.zeros(JOINTS))  # joint rates told last [rad/s]
+    time: float | None = None
+    standing: float = 0.0  # [s] that the base has stood although it should move
+    moving: float = 0.0  # [s] that it has moved as it should
+    resting: float = 0.0  # [s] that nothing was asked of it
+    smooth: Array = field(default_factory=lambda: np.zeros((2, 2)))  # expected and measured twist
+    free: Array = field(default_factory=lambda: np.zeros(2))  # [s] since either axis was at a limit
+    sums: Array = field(default_factory=lambda: np.zeros((5, 2)))  # of `_lag`, for both axes
+    lag: Array = field(default_factory=lambda: np.zeros(2))  # [s] more than the profile says, as far as it can be told
+    base: str = ""  # "" | base_stuck | base_late
+    still: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [s] that each joint has stood although told
+    idle: float = 0.0  # [s] that nothing was asked of the stuck joint
+    joint: int = -1  # the stuck one, counted from 0
+    gripper: str = "open"
+    since: float = 0.0  # [s] when the gripper's command changed
+    width: float = 0.0  # [m] then
+    fingers: str = ""  # "" | waited | stuck
+
+
+def skip(state: MotionState) -> None:
+    """What the robot says of its motion is old: nothing can be told from it."""
+    state.expected = state.told.copy()
+    state.smooth = np.array([state.told, state.told])
+    state.standing = state.moving = 0.0
+    state.sums = np.zeros((5, 2))
+    state.still = np.zeros(JOINTS)
+
+
+def told(state: MotionState, actuation: Actuation, now: Observation) -> None:
+    """Remember what the robot is told from now on."""
+    state.told, state.rates = actuation.twist.copy(), actuation.joint_velocity.copy()
+    if actuation.gripper != state.gripper:
+        state.gripper, state.since, state.width, state.fingers = actuation.gripper, now.time, now.gripper_width, ""
+        state.fingers = "waited"
+
+
+def check_base(state: MotionState, now: Observation, dt: float, base: BaseLimits, settings: MotionSettings) -> None:
+    """Compare the measured twist with what a base of this profile would do."""
+    share = 1.0 if base.velocity_lag <= 0.0 else 1.0 - math.exp(-dt / base.velocity_lag)
+    most = np.array([base.linear_acceleration, base.yaw_acceleration])
+    change = np.clip(share * (state.told - state.expected), -most * dt, most * dt)
+    state.expected = state.expected + change
+    if dt <= 0.0:
+        return
+    largest = np.array([base.forward_speed, base.yaw_rate])
+    asked = np.abs(state.expected) > settings.asked * largest
+    stands = asked & (np.abs(now.twist) < settings.base_stands * np.abs(state.expected))
+    follows = asked & ~stands
+    state.standing = state.standing + dt if bool(stands.any()) and not bool(follows.any()) else 0.0
+    state.moving = state.moving + dt if bool(follows.any()) and not bool(stands.any()) else 0.0
+    state.resting = 0.0 if bool(asked.any()) else state.resting + dt
+    known = _lag(state, now.twist, dt, (largest, most), settings)
+    late = known & (state.lag > settings.late)
+    if state.standing > settings.stuck_after:
+        state.base = "base_stuck"
+    elif state.base == "base_stuck":
+        state.base = "" if state.moving > settings.back_after or state.resting > settings.forgotten else state.base
+    elif bool(late.any()):
+        state.base = "base_late"
+    elif state.base == "base_late" and (
+        (bool(known.any()) and bool((state.lag[known] < settings.well).all())) or state.resting > settings.forgotten
+    ):
+        state.base = ""
+    if state.base == "base_stuck":
+        state.expected = np.where(stands, state.expected, now.twist)
+        state.smooth, state.sums = np.array([now.twist, now.twist]), np.zeros((5, 2))
+
+
+def _lag(
+    state: MotionState, measured: Array, dt: float, limits: tuple[Array, Array], settings: MotionSettings
+) -> Array:
+    """Reckon the lag of both axes; for which of them the last second tells it, shape (2,).
+
+    A base that is slower than told by a share, and later by a lag, is short of what is expected by that share of it and
+    by lag times its own acceleration: least squares of both, all smoothed alike, old ones forgotten. At its ``limits``
+    of speed and acceleration a base that is faster than told falls short, too: that tells nothing.
+    """
+    smooth = 1.0 - math.exp(-dt / settings.smooth)
+    before = state.smooth
+    state.smooth = before + smooth * (np.array([state.expected, measured]) - before)
+    speed, change = state.smooth[0], (state.smooth[1] - before[1]) / dt
+    short = speed - state.smooth[1]
+    largest, most = limits
+    limited = (np.abs(measured) > settings.limited * largest) | (np.abs(change) > settings.limited * most)
+    state.free = np.where(limited, 0.0, state.free + dt)
+    free = state.free > settings.caught_up
+    now = np.array([speed * speed, speed * change, change * change, short * speed, short * change])
+    state.sums = np.where(free, math.exp(-dt / settings.memory) * state.sums + dt * now, state.sums)
+    vv, va, aa, sv, sa = state.sums
+    square = vv * aa - va * va
+    known = (aa > settings.changing * (settings.changes * most) ** 2) & (square > settings.apart * vv * aa)
+    state.lag = np.where(known, (sa * vv - sv * va) / np.where(known, square, 1.0), state.lag)
+    return known
+
+
+def check_joints(state: MotionState, now: Observation, dt: float, settings: MotionSettings) -> None:
+    """Find the joint that stands although it is told to move."""
+    rates = state.rates
+    at_end = np.where(rates > 0.0, Q_MAX - now.q, now.q - Q_MIN) < settings.joint_room
+    asked = (np.abs(rates) > settings.joint_asked) & ~at_end
+    stands = np.abs(now.dq) < settings.stands * np.abs(rates)
+    state.still = np.where(asked & stands, state.still + dt, np.where(stands & ~at_end, state.still, 0.0))
+    if state.joint >= 0:
+        k = state.joint
+        follows = abs(now.dq[k]) > 0.5 * abs(rates[k]) and abs(rates[k]) > 0.01
+        state.idle = state.idle + dt if abs(rates[k]) <= 0.01 else 0.0
+        if follows or state.idle > settings.joint_forgotten:
+            state.joint, state.idle = -1, 0.0
+            state.still = np.zeros(JOINTS)
+        return
+    if float(state.still.max()) > settings.joint_after:
+        state.joint, state.idle = int(np.argmax(state.still)), 0.0
+
+
+def check_fingers(state: MotionState, now: Observation, profile: RobotProfile, settings: MotionSettings) -> None:
+    """Fingers that have not moved a while after their command are stuck until they do."""
+    if not state.fingers:
+        return
+    moved = now.gripper_moving or abs(now.gripper_width - state.width) > settings.fingers_moved
+    widest = profile.gripper.max_width
+    due = state.width > 0.9 * widest if state.gripper == "close" else state.width < 0.9 * widest
+    if moved or not due:
+        state.fingers = ""
+    elif now.time - state.since > settings.fingers_after + now.ahead + now.age:
+        state.fingers = "stuck"
+
+
+def findings(state: MotionState, now: Observation, base: BaseLimits, settings: MotionSettings) -> list[Finding]:
+    """Of wheels, joints and fingers."""
+    found = []
+    if state.base:
+        axis = int(np.argmax(np.abs(state.expected - now.twist) / [base.forward_speed, base.yaw_rate]))
+        found.append(_of_base(state, float(now.twist[axis]), axis, base, settings))
+    if state.joint >= 0:
+        rate = float(state.rates[state.joint])
+        found.append(
+            Finding(
+                kind="joint_stuck", subject=f"joint {state.joint + 1}", value=float(now.dq[state.joint]), limit=rate,
+                unit="rad/s", base=0.0,
+                text=f"stopped: joint {state.joint + 1} of the arm does not follow its commands",
+            )
+        )  # fmt: skip
+    if state.fingers == "stuck":
+        found.append(
+            Finding(
+                kind="fingers_stuck", subject="fingers", value=now.gripper_width, limit=state.width, unit="m",
+                base=0.0, arm=0.0,
+                text=f"stopped: the fingers are told to {state.gripper} and stand at {1e3 * state.width:.0f} mm",
+            )
+        )  # fmt: skip
+    return found
+
+
+def joint_shares(state: MotionState, settings: MotionSettings, *, stands: bool) -> Array | None:
+    """Shares of their rates that the joints keep, shape (7,), while one of them is stuck; None: all of it.
+
+    The stuck one is tried gently, to find out when it is free. The others go on until the base ``stands``.
+    """
+    if state.joint < 0:
+        return None
+    shares = np.zeros(JOINTS) if stands else np.ones(JOINTS)
+    shares[state.joint] = settings.probe
+    return shares
+
+
+def _of_base(state: MotionState, measured: float, axis: int, base: BaseLimits, settings: MotionSettings) -> Finding:
+    expected, unit = float(state.expected[axis]), ("m/s", "rad/s")[axis]
+    if state.base == "base_stuck":
+        text = f"the base does not follow: it is told {state.told[axis]:.2f} {unit} and does {measured:.2f} {unit}"
+        return Finding(
+            kind="base_stuck", subject="wheels", value=measured, limit=expected, unit=unit, base=settings.creep,
+            text=text,
+        )  # fmt: skip
+    largest = base.forward_speed, base.yaw_rate
+    overshoot = abs(measured) > abs(expected) + settings.overshoot * largest[axis]
+    share = 0.0 if overshoot else settings.creep
+    did = "stopped" if overshoot else "slowed"
+    return Finding(
+        kind="base_late", subject="wheels", value=float(state.lag.max()), limit=settings.late, unit="s", base=share,
+        text=f"{did}: the base follows {float(state.lag.max()):.1f} s late, {measured:.2f} {unit} for {expected:.2f}",
+    )  # fmt: skip

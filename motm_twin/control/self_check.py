@@ -1,0 +1,209 @@
+"""The robot watches itself: the content of what its sensors say, and its parts against what they were told.
+
+Each check is a small function of its own (`perception.sweeps`, `perception.localisation_check`,
+`perception.detection_check`, `control.motion_check`). Here they are run in order, and what they find becomes what the
+loop goes on with: an observation without what cannot be, and the share of its speed that the robot keeps.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from motm_twin.control import motion_check
+from motm_twin.control.motion_check import MotionSettings, MotionState
+from motm_twin.control.tick import Event
+from motm_twin.model.geometry import Array, compose, inverse
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Actuation, Observation, Scan
+from motm_twin.model.state import Stateful
+from motm_twin.perception import detection_check, localisation_check
+from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState
+from motm_twin.perception.finding import Finding
+from motm_twin.perception.localisation_check import LocalisationSettings, LocalisationState
+from motm_twin.perception.objects import ObjectTracker
+from motm_twin.perception.scan import RefusedScan, check_scan
+from motm_twin.perception.sweeps import SweepSettings, SweepState, check_sweep, map_segments
+
+STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
+
+
+class Trust(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """How much of its speed the robot keeps, and why."""
+
+    base: float = 1.0
+    joints: Array | None = None  # shares of the joints' rates, shape (7,); None: all of them
+    reason: str = ""  # of what slows or stops the robot, or else of what it does without
+    scan: str = ""  # why the newest sweep was not used
+
+
+FULL_TRUST = Trust()
+
+
+class SelfCheckSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Limits of all checks."""
+
+    sweeps: SweepSettings = SweepSettings()
+    localisation: LocalisationSettings = LocalisationSettings()
+    detections: DetectionSettings = DetectionSettings()
+    motion: MotionSettings = MotionSettings()
+    old: float = 0.15  # [s] age of a sweep or a state from which the monitor slows the robot
+
+
+@dataclass
+class SelfCheckState:
+    """Memory of all checks."""
+
+    sweep: SweepState = field(default_factory=SweepState)
+    localisation: LocalisationState = field(default_factory=LocalisationState)
+    detection: DetectionState = field(default_factory=DetectionState)
+    motion: MotionState = field(default_factory=MotionState)
+    time: float | None = None
+    of_scan: Finding | None = None  # of the newest sweep
+    good: Scan | None = None  # newest sweep that is used
+    waiting: Scan | None = None  # one that waits until it is known where it was made
+    findings: tuple[Finding, ...] = ()
+    told: tuple[tuple[str, str], ...] = ()  # kind and subject of what was found in the last period
+
+
+class SelfCheck(Stateful[SelfCheckState]):
+    """Turns what the robot reports into what it may rely on."""
+
+    def __init__(self, known: KnownWorld, tracker: ObjectTracker, settings: SelfCheckSettings | None = None) -> None:
+        """The map, the limits and the noise of the robot; beliefs are the tracker's."""
+        self._known, self._tracker = known, tracker
+        self._settings = settings or SelfCheckSettings()
+        self._segments = map_segments(known)
+        self._state = SelfCheckState()
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All that is wrong now, the worst first."""
+        return self._state.findings
+
+    def observed(self, now: Observation, held: str | None) -> Observation:
+        """What may be relied on of an observation; the same object when nothing is wrong with it."""
+        if not _finite(now):
+            return now  # the monitor stops the robot, and says so
+        state, settings, robot = self._state, self._settings, self._known.robot
+        local = state.localisation
+        believed = localisation_check.correct(local, now, robot.base, settings.localisation)
+        dt = 0.0 if state.time is None else max(0.0, now.time - state.time)
+        state.time = now.time
+        if now.age > settings.old:
+            motion_check.skip(state.motion)
+        else:
+            motion_check.check_base(state.motion, now, dt, robot.base, settings.motion)
+            motion_check.check_joints(state.motion, now, dt, settings.motion)
+            motion_check.check_fingers(state.motion, now, robot, settings.motion)
+        scan = self._usable_scan(now, believed)
+        seen = _shifted(now, believed)  # what the camera says, in the odometry that is believed
+        beliefs = Beliefs(self._tracker, seen, self._known.bins)
+        detections = detection_check.checked(state.detection, seen, beliefs, held, robot, settings.detections)
+        self._gather(now, seen, beliefs, held)
+        if scan is seen.scan and detections is seen.detections:
+            return seen
+        return msgspec.structs.replace(seen, scan=scan, detections=detections)
+
+    def trust(self) -> Trust:
+        """The share of its speed that the robot keeps, and the reason of the worst finding."""
+        state = self._state
+        if not state.findings:
+            return FULL_TRUST
+        motion, worst = state.motion, state.findings[0]
+        stands = bool((np.abs(motion.expected) < STANDS).all())
+        joints = motion_check.joint_shares(motion, self._settings.motion, stands=stands)
+        arm = min(one.arm for one in state.findings)
+        if arm < 1.0:
+            joints = np.full(7, arm) if joints is None else arm * joints
+        bad = state.of_scan
+        return Trust(
+            base=worst.base, joints=joints, reason=worst.text,
+            scan="" if bad is None or bad.kind != "scan_bad" else bad.text,
+        )  # fmt: skip
+
+    def told(self, actuation: Actuation, now: Observation) -> None:
+        """Remember what the robot is told, to compare what it does with it."""
+        motion_check.told(self._state.motion, actuation, now)
+
+    def events(self, time: float) -> list[Event]:
+        """What was found since the last period, and what is over."""
+        state = self._state
+        now = {(one.kind, one.subject): one for one in state.findings}
+        events = [Event(time=time, kind="fault", text=one.text) for key, one in now.items() if key not in state.told]
+        over = [(kind.replace("_", " "), subject) for kind, subject in state.told if (kind, subject) not in now]
+        texts = [f"{kind} of {subject} is over" for kind, subject in over]
+        events += [Event(time=time, kind="fault", text=text) for text in texts]
+        state.told = tuple(now)
+        return events
+
+    def begin_from(self, twist: Array) -> None:
+        """Nobody commanded the base for a while: it moves like this."""
+        self._state.motion.expected = twist.copy()
+        self._state.motion.told = twist.copy()
+
+    def _usable_scan(self, now: Observation, believed: Observation) -> Scan | None:
+        """The newest sweep that can be used, with the pose that is believed."""
+        state, settings, scan = self._state, self._settings, now.scan
+        local = state.localisation
+        if scan is not None and scan.stamp != state.sweep.stamp:
+            checked = check_scan(scan, self._known.robot.lidar, now.time)
+            if isinstance(checked, RefusedScan):
+                state.of_scan, state.sweep.stamp = _refused(checked.reason), scan.stamp
+            else:
+                scan = _without_negative(scan)
+                localisation_check.vote(local, scan, now, self._segments, settings.localisation)
+                pose = localisation_check.carried(local, scan, now).pose
+                odometry = believed.odometry
+                state.of_scan = check_sweep(state.sweep, scan, pose, odometry, self._segments, settings.sweeps)
+                state.waiting = scan if state.of_scan is None or state.of_scan.base > 0.0 else None
+        if state.waiting is not None and local.mode != "doubt":
+            state.good, state.waiting = state.waiting, None
+        return None if state.good is None else localisation_check.carried(local, state.good, now)
+
+    def _old(self, now: Observation) -> list[Finding]:
+        """A sweep or a state that is old: the monitor slows and stops for it, and says so."""
+        state, found, limit = self._state, [], self._settings.old
+        heard = 0.0 if state.good is None else now.time - now.ahead - state.good.stamp
+        bad = state.of_scan is not None or state.localisation.mode == "doubt"
+        for kind, subject, age in (("scan_old", "lidar", 0.0 if bad else heard), ("state_old", "robot", now.age)):
+            if age > limit:
+                what = "lidar scan" if kind == "scan_old" else "state of the robot"
+                text = f"the newest {what} is {age:.2f} s old, more than {limit:.2f} s"
+                found.append(Finding(kind=kind, subject=subject, value=age, limit=limit, unit="s", text=text))
+        return found
+
+    def _gather(self, now: Observation, seen: Observation, beliefs: Beliefs, held: str | None) -> None:
+        """All that is wrong now, the worst first; ``now`` as reported, ``seen`` in the odometry that is believed."""
+        state, settings, base = self._state, self._settings, self._known.robot.base
+        limit = localisation_check.limit_of(base, settings.localisation)
+        local = localisation_check.finding(state.localisation, settings.localisation, limit)
+        found = [one for one in (state.of_scan, local, *self._old(now)) if one is not None]
+        found += motion_check.findings(state.motion, now, base, settings.motion)
+        found += detection_check.findings(state.detection, seen, beliefs, held, self._known.robot, settings.detections)
+        state.findings = tuple(sorted(found, key=lambda one: (one.base, one.arm)))
+
+
+def _shifted(now: Observation, believed: Observation) -> Observation:
+    """What is believed of an observation, with its detections in the odometry that is believed."""
+    if believed.odometry is now.odometry or not now.detections:
+        return believed
+    shift = compose(believed.odometry, inverse(now.odometry))
+    moved = tuple(msgspec.structs.replace(one, odometry=compose(shift, one.odometry)) for one in now.detections)
+    return msgspec.structs.replace(believed, detections=moved)
+
+
+def _refused(reason: str) -> Finding:
+    return Finding(kind="scan_bad", subject="lidar", value=1.0, limit=0.0, unit="sweeps", text=reason)
+
+
+def _without_negative(scan: Scan) -> Scan:
+    """The sweep in which beams that are out of order say nothing."""
+    bad = scan.ranges < 0.0
+    return msgspec.structs.replace(scan, ranges=np.where(bad, np.nan, scan.ranges)) if bad.any() else scan
+
+
+def _finite(now: Observation) -> bool:
+    parts = (now.pose, now.odometry, now.twist, now.q, now.dq)
+    return math.isfinite(now.time + sum(float(part.sum()) for part in parts))

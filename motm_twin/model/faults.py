@@ -1,0 +1,246 @@
+"""Faults of sensors and of the robot that can be injected: one table of kinds, with parameters, bounds, units, phrases.
+
+Whatever lists faults is made of it or checked against it: the edit, the scene file, the ranges of commands, the page,
+the documents.
+"""
+
+import math
+from typing import Literal
+
+import msgspec
+
+from motm_twin.model.names import hint
+
+SHORTEST, LONGEST = 0.05, 60.0  # [s] that a fault lasts
+LONGEST_DELAY = 5.0  # [s] of whatever comes or acts late
+JOINTS = 7
+Field = Literal["", "delay", "amount", "joint"]
+
+
+class FaultKind(msgspec.Struct, frozen=True, kw_only=True):
+    """One kind of fault. Its number, if it has one, is a field of the edit: ``delay``, ``amount`` or ``joint``."""
+
+    name: str
+    group: str  # lidar | camera | localisation | wheels | arm | state
+    button: str  # on the page
+    what: str  # one line for documents
+    phrase: str  # while it lasts; "{}" stands for its number
+    number: Field = ""
+    low: float = 0.0
+    high: float = 0.0
+    usual: float = 0.0  # its number when none is given
+    unit: str = ""
+
+    def value(self, *, delay: float, amount: float | None, joint: int) -> float:
+        """The number of an edit with these fields; 0 for a kind that has none."""
+        match self.number:
+            case "delay":
+                return delay
+            case "amount":
+                return self.usual if amount is None else amount
+            case "joint":
+                return float(joint)
+        return 0.0
+
+
+def _late(name: str, group: str, button: str, what: str, phrase: str) -> FaultKind:
+    return FaultKind(
+        name=name,
+        group=group,
+        button=button,
+        what=what,
+        phrase=phrase,
+        number="delay",
+        high=LONGEST_DELAY,
+        usual=0.5,
+        unit="s",
+    )
+
+
+def _by(
+    name: str, group: str, button: str, what: str, phrase: str, bounds: tuple[float, float, float], unit: str
+) -> FaultKind:
+    """A kind with an amount; ``bounds``: least, most, usual."""
+    low, high, usual = bounds
+    return FaultKind(
+        name=name, group=group, button=button, what=what, phrase=phrase, number="amount", low=low, high=high,
+        usual=usual, unit=unit,
+    )  # fmt: skip
+
+
+KINDS: dict[str, FaultKind] = {
+    kind.name: kind
+    for kind in (
+        FaultKind(name="lidar_off", group="lidar", button="Lidar off", what="no sweep comes", phrase="lidar off"),
+        FaultKind(
+            name="lidar_frozen",
+            group="lidar",
+            button="Lidar frozen",
+            what="the last sweep comes again and again, with fresh stamps",
+            phrase="lidar frozen",
+        ),
+        FaultKind(
+            name="lidar_blind", group="lidar", button="Lidar blind", what="no beam returns", phrase="lidar blind"
+        ),
+        _by(
+            "lidar_nan",
+            "lidar",
+            "Lidar nan",
+            "a share of the beams, at least one, says nan",
+            "{:.3g} of the lidar's beams nan",
+            (0.0, 1.0, 0.3),
+            "share",
+        ),
+        _by(
+            "lidar_noise",
+            "lidar",
+            "Lidar noisy",
+            "the noise of the ranges is so many times as large (of 0.01 m where it is none)",
+            "lidar noise {:g} times as large",
+            (1.0, 50.0, 10.0),
+            "times",
+        ),
+        _late("lidar_delay", "lidar", "Lidar late", "sweeps come late, with their true stamps", "lidar {:.2f} s late"),
+        FaultKind(
+            name="camera_off", group="camera", button="Camera off", what="nothing is detected", phrase="camera off"
+        ),
+        _late(
+            "camera_delay",
+            "camera",
+            "Camera late",
+            "detections come late, with their true stamps",
+            "camera {:.2f} s late",
+        ),
+        _by(
+            "camera_ghost",
+            "camera",
+            "Ghost",
+            "an object is reported beside where it stands, whatever the camera looks at",
+            "a ghost {:.2f} m beside an object",
+            (0.1, 2.0, 0.3),
+            "m",
+        ),
+        FaultKind(
+            name="camera_swap",
+            group="camera",
+            button="Swapped",
+            what="the two objects nearest to the camera are taken for each other",
+            phrase="two objects swapped",
+        ),
+        FaultKind(
+            name="camera_lost",
+            group="camera",
+            button="Lost",
+            what="the object nearest to the camera is not detected",
+            phrase="the nearest object not detected",
+        ),
+        _by(
+            "pose_jump",
+            "localisation",
+            "Pose jump",
+            "the localised pose is so far off",
+            "localisation {:.2f} m off",
+            (0.1, 1.0, 0.3),
+            "m",
+        ),
+        _by(
+            "pose_drift",
+            "localisation",
+            "Pose drift",
+            "the localised pose drifts off at this speed",
+            "localisation drifts at {:.2f} m/s",
+            (0.05, 0.5, 0.1),
+            "m/s",
+        ),
+        _by(
+            "odometry_jump",
+            "wheels",
+            "Odometry jump",
+            "odometry is so far off",
+            "odometry {:.2f} m off",
+            (0.1, 1.0, 0.3),
+            "m",
+        ),
+        _by(
+            "wheel_slip",
+            "wheels",
+            "Wheels slip",
+            "this share of what the wheels turn does not move the base",
+            "wheels slip by {:.0%}",
+            (0.05, 1.0, 0.5),
+            "share",
+        ),
+        _late(
+            "base_lag",
+            "wheels",
+            "Base late",
+            "the base follows its commands with so much more lag",
+            "base lags {:.2f} s more",
+        ),
+        FaultKind(
+            name="base_stuck",
+            group="wheels",
+            button="Base stuck",
+            what="the wheels brake, and stand",
+            phrase="base stuck",
+        ),
+        FaultKind(
+            name="joint_stuck",
+            group="arm",
+            button="Joint stuck",
+            what="one joint of the arm brakes, and stands",
+            phrase="joint {:.0f} stuck",
+            number="joint",
+            low=1,
+            high=JOINTS,
+            usual=4,
+            unit="",
+        ),
+        FaultKind(
+            name="gripper_stuck", group="arm", button="Fingers stuck", what="the fingers stand", phrase="gripper stuck"
+        ),
+        _late(
+            "state_delay",
+            "state",
+            "State late",
+            "all that the robot says of its own motion comes late, and says so",
+            "state of the robot {:.2f} s late",
+        ),
+    )
+}
+NAMES = tuple(KINDS)
+USUAL_JOINT = 4
+
+
+def problem(
+    fault: str, *, seconds: float, delay: float = 0.5, amount: float | None = None, joint: int = USUAL_JOINT
+) -> str:
+    """Why such a fault cannot be injected, in one sentence; "" when it can."""
+    kind = KINDS.get(fault)
+    if kind is None:
+        return f"{fault[:40]!r} is not a fault; {hint(fault, NAMES)}"
+    if not SHORTEST <= seconds <= LONGEST:
+        return f"a fault of {seconds:g} s: allowed is at least {SHORTEST:g} and at most {LONGEST:g} s"
+    if not 0.0 <= delay <= LONGEST_DELAY:
+        return f"a delay of {delay:g} s: allowed is 0 to {LONGEST_DELAY:g} s"
+    if not 1 <= joint <= JOINTS:
+        return f"joint {joint}: allowed is 1 to {JOINTS}"
+    if amount is None:
+        return ""
+    if kind.number != "amount":
+        return f"an amount of {amount:g}: {fault} has none"
+    if not (math.isfinite(amount) and kind.low <= amount <= kind.high):
+        return f"{fault} of {amount:g} {kind.unit}: allowed is {kind.low:g} to {kind.high:g} {kind.unit}"
+    return ""
+
+
+def table() -> str:
+    """All kinds as a table for documents (Markdown)."""
+    lines = ["| fault | what | number | allowed | usual |", "|---|---|---|---|---|"]
+    for kind in KINDS.values():
+        unit = f" [{kind.unit}]" if kind.unit else ""
+        number = f"`{kind.number}`{unit}" if kind.number else ""
+        allowed = f"{kind.low:g} to {kind.high:g}" if kind.number else ""
+        usual = f"{kind.usual:g}" if kind.number else ""
+        lines.append(f"| `{kind.name}` | {kind.what} | {number} | {allowed} | {usual} |")
+    return "\n".join(lines)

@@ -1,0 +1,246 @@
+"""Detections against the camera's view, against each other, and against what is believed."""
+
+import math
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.arm_kernels import HAND, fk_arm
+from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
+from motm_twin.model.plant import Detection, Observation
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import Bin
+from motm_twin.perception.finding import Finding
+from motm_twin.perception.objects import ObjectTracker
+
+
+class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Limits of the checks of detections."""
+
+    outside: float = math.radians(10.0)  # [rad] beyond the cone, and ...
+    beyond: float = 1.15  # ... by this share of the range, where nothing can be seen: the hand moves while it looks
+    hand_speed: float = 1.5  # [m/s] with which it may have moved since
+    inside: float = math.radians(5.0)  # [rad] within the cone, and ...
+    within: float = 0.92  # ... this share of the range, what stands free is seen
+    nearest: float = 0.12  # [m] from the lens, nearer the fingers may hide it
+    above: float = 0.05  # [m] that the lens has to be above an object to look down on it freely
+    twice: float = 0.06  # [m] between two reports of one object in one frame
+    at_other: float = 0.05  # [m] from another object's place, at which a report is of that one
+    own: float = 0.1  # [m] from its own place, at least
+    contested: float = 5.0  # [s] after another one was reported at its place, in which an object is not elsewhere
+    believed: float = 10.0  # [s] after the first swapped report, somebody has really swapped the objects
+    doubtful: float = 0.05  # [m] sd of a place at which nobody wonders where the object is found
+    known: float = 0.04  # [m] sd of a place that is known well enough to miss an object there
+    recent: float = 2.0  # [s] within which it was seen last
+    missed: float = 0.3  # [s] in view without a report
+    late: float = 0.3  # [s] age of the newest detections
+    told: float = 0.5  # [s] that a wrong report is told
+
+
+@dataclass
+class DetectionState:
+    """Memory of the checks of detections."""
+
+    stamps: dict[str, float] = field(default_factory=dict)  # [s] of the newest report of each object
+    good: dict[str, float] = field(default_factory=dict)  # and of the newest that was not left out
+    swapped: dict[str, float] = field(default_factory=dict)  # [s] since when each is reported at another's place
+    taken: dict[str, float] = field(default_factory=dict)  # [s] when another one was reported at the place of each
+    wrong: Finding | None = None
+    until: float = 0.0  # [s] that it is told
+    missing: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
+
+
+class Beliefs:
+    """Places of the objects as the tracker believes them at one observation, looked up when they are asked for."""
+
+    def __init__(self, tracker: ObjectTracker, now: Observation, bins: tuple[Bin, ...] = ()) -> None:
+        self._tracker, self._now, self._bins = tracker, now, bins
+
+    def in_bin(self, point: Array) -> bool:
+        """A point (3,) [m], odometry frame, is in a bin: what lies there was dropped, and may lie anywhere in it."""
+        x, y, _ = from_frame(compose(self._now.pose, inverse(self._now.odometry)), point).tolist()
+        return any(math.hypot(x - box.centre[0], y - box.centre[1]) < 0.75 * box.side for box in self._bins)
+
+    def get(self, name: str) -> tuple[Array, float] | None:
+        """Place (3,) [m] in the odometry frame, and sd [m]; None for a name that is no object."""
+        if not self._tracker.knows(name):
+            return None
+        place, _, sd, _ = self._tracker.belief(name, self._now)
+        return place, sd
+
+    def other_at(self, name: str, point: Array, within: float) -> str:
+        """Another object that is believed so near to a point (3,) [m], odometry frame; "" for none."""
+        return self._tracker.other_at(name, point, within, self._now)
+
+
+def checked(
+    state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
+    settings: DetectionSettings,
+) -> tuple[Detection, ...]:  # fmt: skip
+    """The detections without those that cannot be."""
+    if not now.detections:
+        return now.detections
+    eye = lens(now.q, profile)
+    kept: list[Detection] = []
+    left_out = False
+    for one in now.detections:
+        if not (math.isfinite(one.stamp) and math.isfinite(float(one.p_base.sum() + one.odometry.sum()))):
+            kept.append(one)  # the tracker leaves it out
+            continue
+        found = _ghost(one, now, eye, profile, settings) or _twice(one, now, beliefs, settings)
+        if found is None and one.name != held:
+            found = _swapped(state, one, now, beliefs, settings)
+        if found is None:
+            kept.append(one)
+            state.good[one.name] = max(one.stamp, state.good.get(one.name, one.stamp))
+        else:
+            left_out, state.wrong, state.until = True, found, now.time + settings.told
+        if one.stamp > state.stamps.get(one.name, -math.inf):
+            state.stamps[one.name] = one.stamp
+    return tuple(kept) if left_out else now.detections
+
+
+def findings(
+    state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
+    settings: DetectionSettings,
+) -> list[Finding]:  # fmt: skip
+    """Of the camera now; ``now`` with the detections that were reported."""
+    found = []
+    if state.wrong is not None and now.time < state.until:
+        found.append(state.wrong)
+    newest = max((one.stamp for one in now.detections), default=None)
+    age = 0.0 if newest is None else now.time - now.ahead - newest
+    if age > settings.late:
+        found.append(
+            Finding(
+                kind="camera_late", subject="camera", value=age, limit=settings.late, unit="s",
+                text=f"the camera's detections are {age:.1f} s old",
+            )
+        )  # fmt: skip
+    missing = _missing(state, now, beliefs, held, profile, settings)
+    if missing and age <= settings.late:
+        blind = not now.detections and len(missing) > 0
+        what = "the camera reports nothing" if blind else f"the camera does not report {missing[0]}"
+        long = now.time - state.missing[missing[0]]
+        found.append(
+            Finding(
+                kind="camera_lost", subject="camera", value=long, limit=settings.missed, unit="s",
+                text=f"{what}, although {missing[0]} stands in its view",
+            )
+        )  # fmt: skip
+    return found
+
+
+def lens(q: Array, profile: RobotProfile) -> tuple[Array, Array]:
+    """Position (3,) [m] and viewing direction (3,) of the camera in the base frame."""
+    arm, hand = profile.arm, fk_arm(q)[HAND]
+    return hand[:3, 3] + np.array([arm.mount_x, arm.mount_y, arm.mount_z]), hand[:3, 2]
+
+
+def _seen(eye: tuple[Array, Array], point: Array) -> tuple[float, float]:
+    """Distance [m] of a point from the lens, and its angle [rad] from the axis."""
+    (x, y, z), (ax, ay, az) = (point - eye[0]).tolist(), eye[1].tolist()
+    distance = math.sqrt(x * x + y * y + z * z)
+    along = x * ax + y * ay + z * az
+    return distance, math.acos(min(1.0, max(-1.0, along / max(distance, 1e-6))))
+
+
+def _ghost(
+    one: Detection, now: Observation, eye: tuple[Array, Array], profile: RobotProfile, settings: DetectionSettings
+) -> Finding | None:
+    """An object where the camera cannot see: outside of its cone, or too far."""
+    distance, angle = _seen(eye, one.p_base)
+    moved = settings.hand_speed * max(0.0, now.time - one.stamp)
+    slack = math.atan2(moved, max(distance, 1e-6))
+    widest, farthest = (
+        profile.camera.half_cone + settings.outside + slack,
+        settings.beyond * profile.camera.range + moved,
+    )
+    if angle <= widest and distance <= farthest:
+        return None
+    return Finding(
+        kind="camera_ghost", subject=one.name, value=math.degrees(angle), limit=math.degrees(profile.camera.half_cone),
+        unit="deg", text=f"the camera reports {one.name} where it cannot look: left out",
+    )  # fmt: skip
+
+
+def _twice(one: Detection, now: Observation, beliefs: Beliefs, settings: DetectionSettings) -> Finding | None:
+    """An object that the same frame reports at two places is at the one where it was believed."""
+    here = from_frame(one.odometry, one.p_base)
+    for other in now.detections:
+        if other is one or other.name != one.name or abs(other.stamp - one.stamp) > 1e-6:
+            continue
+        there = from_frame(other.odometry, other.p_base)
+        apart = math.dist(here.tolist(), there.tolist())
+        belief = beliefs.get(one.name)
+        if apart > settings.twice and belief is not None:
+            place = belief[0].tolist()
+            if math.dist(here.tolist(), place) > math.dist(there.tolist(), place):
+                return Finding(
+                    kind="camera_ghost", subject=one.name, value=apart, limit=settings.twice, unit="m",
+                    text=f"the camera reports {one.name} twice, {apart:.2f} m apart: the new one is left out",
+                )  # fmt: skip
+    return None
+
+
+def _swapped(
+    state: DetectionState, one: Detection, now: Observation, beliefs: Beliefs, settings: DetectionSettings
+) -> Finding | None:
+    """An object that is reported where another one stands, for longer than a fault lasts: then they were swapped."""
+    own = beliefs.get(one.name)
+    if own is None or own[1] > settings.doubtful:
+        return None
+    here = from_frame(one.odometry, one.p_base)
+    away = _apart(here, own[0])
+    if away < settings.own:
+        state.swapped.pop(one.name, None)
+        return None
+    if beliefs.in_bin(here):
+        other = "" if beliefs.in_bin(own[0]) else "what was dropped into a bin is"
+    else:
+        other = beliefs.other_at(one.name, here, settings.at_other)
+        its = next((each for each in now.detections if each.name == other), None)
+        if its is not None and _apart(from_frame(its.odometry, its.p_base), own[0]) > settings.own:
+            return None  # both are elsewhere, and not at each other's place: it is the robot that errs
+    if other:
+        state.taken[other] = one.stamp
+    elif one.stamp - state.taken.get(one.name, -math.inf) < settings.contested:
+        other = "none can be, as another one was seen at its place"
+    since = state.swapped.setdefault(one.name, one.stamp)
+    if not other or one.stamp - since > settings.believed:
+        return None
+    where = other if " " in other else f"{other} is"
+    return Finding(
+        kind="camera_swap", subject=one.name, value=away, limit=settings.own, unit="m",
+        text=f"the camera reports {one.name} where {where}: left out",
+    )  # fmt: skip
+
+
+def _apart(a: Array, b: Array) -> float:
+    return math.dist(a.tolist(), b.tolist())
+
+
+def _missing(
+    state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
+    settings: DetectionSettings,
+) -> list[str]:  # fmt: skip
+    """Objects that the camera has just seen, and that are in its view and not reported for a while."""
+    eye = lens(now.q, profile)
+    reported = {one.name for one in now.detections}
+    for name, stamp in state.good.items():
+        belief = beliefs.get(name)
+        since = state.missing.get(name)
+        recent = since is not None or now.time - stamp <= settings.recent
+        if belief is None or name == held or name in reported or not recent or belief[1] > settings.known:
+            state.missing.pop(name, None)
+            continue
+        point = to_frame(now.odometry, belief[0])
+        distance, angle = _seen(eye, point)
+        free = eye[0][2] > point[2] + settings.above and distance >= settings.nearest
+        cone = angle < profile.camera.half_cone - settings.inside and distance < settings.within * profile.camera.range
+        if free and cone:
+            state.missing.setdefault(name, now.time)
+        else:
+            state.missing.pop(name, None)
+    return [name for name, since in state.missing.items() if now.time - since > settings.missed]

@@ -1,0 +1,38 @@
+"""A finding: something that the robot found out about its own sensors, wheels or joints."""
+
+import msgspec
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that is not as it should be now, and how much of its speed the robot keeps for it."""
+
+    kind: str  # one of `KINDS`
+    subject: str  # sensor or part that it is about: lidar, camera, localisation, odometry, wheels, joint 4, fingers
+    value: float  # measured ...
+    limit: float  # ... and what is expected at most, or at least
+    unit: str
+    text: str  # one sentence
+    base: float = 1.0  # share of its speed that the base keeps: 0 stands
+    arm: float = 1.0  # share of its rates that the arm keeps
+
+
+KINDS = {
+    "scan_bad": "a sweep whose numbers cannot be used",
+    "scan_old": "sweeps that come late, or no more",
+    "state_old": "what the robot says of its motion comes late",
+    "scan_frozen": "the same sweep again and again",
+    "scan_blind": "nothing returns where the map says that something must, or all returns went at once",
+    "scan_noisy": "ranges that scatter more than a map of them can bear",
+    "pose_off": "a localised pose that neither odometry nor scan agrees with",
+    "pushed": "a jump of the localised pose that the scan agrees with: the robot was pushed",
+    "slip": "wheels that turn more than the robot moves",
+    "odometry_off": "odometry that moved as no wheel can",
+    "base_late": "a base that follows its commands later than its profile says",
+    "base_stuck": "a base that does not follow its commands",
+    "joint_stuck": "a joint that does not follow its commands",
+    "fingers_stuck": "fingers that do not follow their command",
+    "camera_ghost": "an object reported where the camera cannot see it, or twice",
+    "camera_swap": "an object reported where another one stands",
+    "camera_lost": "an object that is in view, and no longer reported",
+    "camera_late": "detections that are old",
+}

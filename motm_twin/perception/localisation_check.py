@@ -1,0 +1,237 @@
+"""Localisation, odometry and scan against each other: three witnesses of where the robot is, of which two agree.
+
+Odometry is smooth and drifts, localisation is right on average and may jump, and the scan fits the map where the robot
+really is. A dead-reckoned pose follows localisation slowly; where localisation leaves it by more than noise explains,
+the scan decides which of them is right.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from motm_twin.model.geometry import Array, compose, drive, inverse, wrap_angle
+from motm_twin.model.plant import Observation, Scan
+from motm_twin.model.profile import BaseLimits
+from motm_twin.perception.finding import Finding
+from motm_twin.perception.sweeps import map_fit
+
+
+class LocalisationSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Limits of the checks of localisation and odometry."""
+
+    follow: float = 2.0  # [s] time constant with which the dead-reckoned pose follows localisation
+    floor: float = 0.05  # [m] 5 sd of localisation of this project's noise: no healthy run leaves dead reckoning so far
+    scale: float = 0.012  # share of a way by which odometry may err: 4 sd of its scale
+    heading: float = 0.12  # [rad] 6 sd of the heading's error, and of the scale while turning
+    least: int = 10  # beams that must meet mapped furniture before the scan can decide
+    better: float = 0.1  # of the fit, by which one pose must be better than the other
+    fit_sd: float = 0.1  # [m] error of a beam at which it fits badly
+    reach: float = 8.0  # [m] of beams that count
+    looks: int = 2  # sweeps that are looked at
+    patience: float = 0.3  # [s] after which localisation is believed when nothing that is mapped is in sight ...
+    undecided: float = 1.0  # [s] ... and when the scan fits both
+    jump: float = 0.15  # [s] within which a leap of localisation is a push, and not wheels that slip
+    told: float = 1.0  # [s] that a push, or odometry's leap, is told
+    blind_way: float = 10.0  # [m] driven by odometry alone after which the robot stands: 1 % of it is more than a gap
+    leap: float = 0.04  # [m] by which odometry may move more than the wheels can
+
+
+@dataclass
+class LocalisationState:
+    """Memory of the checks of localisation and odometry."""
+
+    time: float | None = None
+    raw: Array = field(default_factory=lambda: np.zeros(3))  # odometry as it was reported last
+    odometry: Array = field(default_factory=lambda: np.zeros(3))  # and without what was no motion
+    pose: Array = field(default_factory=lambda: np.zeros(3))  # dead-reckoned
+    localised: Array = field(default_factory=lambda: np.zeros(3))  # as it was reported last
+    mode: str = ""  # "" | doubt | off | slip
+    since: float = 0.0  # [s] of the mode
+    within: float | None = None  # [s] since when localisation is near the dead-reckoned pose again
+    leaps: list[tuple[float, float, float]] = field(default_factory=list)  # [s], [m], [rad] by which it left lately
+    leapt: bool = False  # it left at once
+    votes: list[float] = field(default_factory=list)  # by how much localisation fits better, of each sweep
+    slipped: float = 0.0  # [m] by which localisation had left when that was decided
+    way: float = 0.0  # [m] driven by odometry alone
+    before: Array = field(default_factory=lambda: np.zeros(3))  # odometry in the world when the wheels began to slip
+    notice: Finding | None = None  # told until ...
+    until: float = 0.0  # [s]
+
+
+def correct(
+    state: LocalisationState, now: Observation, base: BaseLimits, settings: LocalisationSettings
+) -> Observation:
+    """The observation with the pose and odometry that are believed; the same object when nothing is wrong."""
+    if state.time is None:
+        state.raw, state.odometry = now.odometry.copy(), now.odometry.copy()
+        state.pose, state.localised = now.pose.copy(), now.pose.copy()
+        state.time = now.time
+        return now
+    dt = now.time - state.time
+    way = _odometry(state, now, dt, base, settings)
+    _reckon(state, now, dt, way, base, settings)
+    state.time, state.localised = now.time, now.pose.copy()
+    if state.notice is not None and now.time >= state.until:
+        state.notice = None
+    pose = now.pose
+    if state.mode in ("doubt", "off"):
+        pose = state.pose.copy()
+    odometry = state.odometry.copy()
+    if state.mode == "slip":
+        odometry = compose(state.before, pose)
+    if pose is now.pose and np.array_equal(odometry, now.odometry):
+        return now
+    return msgspec.structs.replace(now, pose=pose, odometry=odometry)
+
+
+def carried(state: LocalisationState, scan: Scan, now: Observation) -> Scan:
+    """The sweep with its pose as it is believed; ``now`` as reported."""
+    if state.mode not in ("doubt", "off"):
+        return scan
+    return msgspec.structs.replace(scan, pose=compose(compose(state.pose, inverse(now.pose)), scan.pose))
+
+
+def vote(
+    state: LocalisationState, scan: Scan, now: Observation, segments: Array, settings: LocalisationSettings
+) -> None:
+    """Let a new sweep say which pose is right; ``now`` and ``scan`` as reported."""
+    if state.mode not in ("doubt", "off") or not len(segments) or scan.stamp <= state.since:
+        return
+    believed = compose(compose(state.pose, inverse(now.pose)), scan.pose)
+    reach = min(settings.reach, scan.range_max)
+    fits = [
+        map_fit(pose, scan.ranges, scan.angle_min, scan.angle_step, scan.origin, segments, reach, settings.fit_sd)
+        for pose in (scan.pose, believed)
+    ]
+    if min(count for count, _ in fits) >= settings.least:
+        state.votes = [*state.votes[1 - settings.looks :], fits[0][1] - fits[1][1]]
+        if state.mode == "doubt":
+            _decide(state, now, settings, away=True)
+
+
+def finding(state: LocalisationState, settings: LocalisationSettings, limit: float) -> Finding | None:
+    """The worst that is known of localisation and odometry now."""
+    if state.mode == "off":
+        away = _apart(state.localised, state.pose)[0]
+        lost = state.way > settings.blind_way
+        did = f"stopped: after {state.way:.0f} m by odometry alone it may be anywhere, and" if lost else "by odometry:"
+        return Finding(
+            kind="pose_off", subject="localisation", value=away, limit=limit, unit="m", base=0.0 if lost else 1.0,
+            text=f"{did} localisation is {away:.2f} m off, neither the wheels nor the scan agree with it",
+        )  # fmt: skip
+    if state.mode == "slip":
+        away = max(state.slipped, _apart(state.localised, state.pose)[0])
+        return Finding(
+            kind="slip", subject="wheels", value=away, limit=limit, unit="m", base=0.5,
+            text=f"slowed to half speed: the wheels slip, the robot is {away:.2f} m from where they say",
+        )  # fmt: skip
+    return state.notice
+
+
+def limit_of(base: BaseLimits, settings: LocalisationSettings, now: Observation | None = None) -> float:
+    """Distance [m] of localisation from dead reckoning that noise may explain; more for a robot heard of late."""
+    late = 0.0 if now is None else now.ahead + now.age
+    return settings.floor + base.forward_speed * (settings.scale * settings.follow + 0.2 * late)
+
+
+def _odometry(
+    state: LocalisationState, now: Observation, dt: float, base: BaseLimits, settings: LocalisationSettings
+) -> Array:
+    """Follow odometry, but not where it moves as no wheel can; the motion since the last observation, shape (3,)."""
+    way = compose(inverse(state.raw), now.odometry)
+    same = np.array_equal(state.odometry, state.raw)
+    late = now.ahead + now.age
+    fastest = max(base.forward_speed, base.reverse_speed)
+    most = 1.5 * fastest * max(dt, 0.0) + settings.leap + fastest * late
+    leap = math.hypot(way[0], way[1])
+    state.raw = now.odometry.copy()
+    if leap > most:
+        v, w = float(now.twist[0]), float(now.twist[1])
+        way = drive(np.zeros(3), v, w, max(dt, 0.0))
+        same = False
+        state.notice = Finding(
+            kind="odometry_off", subject="odometry", value=leap, limit=most, unit="m",
+            text=f"odometry leapt by {leap:.2f} m in {dt:.2f} s, as no wheel can: left out",
+        )  # fmt: skip
+        state.until = now.time + settings.told
+    state.odometry = now.odometry.copy() if same else compose(state.odometry, way)
+    return way
+
+
+def _reckon(
+    state: LocalisationState, now: Observation, dt: float, way: Array, base: BaseLimits, settings: LocalisationSettings
+) -> None:
+    """Move the dead-reckoned pose on, and change the mode when localisation leaves it or comes back."""
+    state.pose = compose(state.pose, way)
+    left, turned = _apart(now.pose, state.pose)
+    step, turn = _apart(compose(inverse(state.localised), now.pose), way)
+    state.leaps = [*(entry for entry in state.leaps if entry[0] > now.time - settings.jump), (now.time, step, turn)]
+    limit = limit_of(base, settings, now)
+    away = left > limit or turned > settings.heading + 0.2 * base.yaw_rate * (now.ahead + now.age)
+    if state.mode == "doubt":
+        _decide(state, now, settings, away=away)
+    elif state.mode == "off":
+        state.way += math.hypot(way[0], way[1])
+        _return(state, now, left < 0.8 * limit and turned < 0.8 * settings.heading, settings)
+    elif state.mode == "" and away:
+        _change(state, "doubt", now.time)
+        state.leapt = any(step > 0.5 * limit or turn > 0.5 * settings.heading for _, step, turn in state.leaps)
+    if state.mode in ("", "slip"):
+        _follow(state, now, 1.0 - math.exp(-max(dt, 0.0) / settings.follow))
+    if state.mode == "slip":
+        near = left < 0.5 * limit and turned < 0.5 * settings.heading
+        state.within = (now.time if state.within is None else state.within) if near else None
+        if state.within is not None and now.time - state.within > settings.told:
+            state.odometry = compose(state.before, now.pose)
+            _change(state, "", now.time)
+
+
+def _decide(state: LocalisationState, now: Observation, settings: LocalisationSettings, *, away: bool) -> None:
+    """Localisation has left: is it wrong, was the robot pushed, or do its wheels slip?"""
+    left, turned = _apart(now.pose, state.pose)
+    votes, waited = state.votes, now.time - state.since
+    sure = len(votes) >= settings.looks and abs(sum(votes)) > settings.better * len(votes)
+    over = waited > (settings.undecided if votes else settings.patience)
+    if not away and waited > settings.patience:
+        _change(state, "", now.time)
+    elif sure and sum(votes) < 0.0:
+        _change(state, "off", now.time)
+        state.way = 0.0
+    elif sure or over:
+        state.before = compose(state.odometry, inverse(state.pose))
+        state.pose, state.slipped = now.pose.copy(), left
+        if state.leapt:
+            state.notice = Finding(
+                kind="pushed", subject="localisation", value=left, limit=settings.floor, unit="m",
+                text=f"pushed by {left:.2f} m and {math.degrees(turned):.0f} deg: the wheels have noticed nothing",
+            )  # fmt: skip
+            state.until = now.time + settings.told
+        _change(state, "" if state.leapt else "slip", now.time)
+
+
+def _return(state: LocalisationState, now: Observation, near: bool, settings: LocalisationSettings) -> None:
+    """Localisation counts again when it is near what the robot believes, or fits the scan better."""
+    state.within = (now.time if state.within is None else state.within) if near else None
+    votes = state.votes
+    better = len(votes) >= settings.looks and min(votes) > settings.better
+    if better or (state.within is not None and now.time - state.within > 0.5 * settings.patience):
+        state.pose = now.pose.copy()
+        _change(state, "", now.time)
+
+
+def _change(state: LocalisationState, mode: str, time: float) -> None:
+    state.mode, state.since, state.within, state.votes = mode, time, None, []
+
+
+def _follow(state: LocalisationState, now: Observation, gain: float) -> None:
+    dx, dy = now.pose[0] - state.pose[0], now.pose[1] - state.pose[1]
+    turn = wrap_angle(float(now.pose[2] - state.pose[2]))
+    state.pose = state.pose + gain * np.array([dx, dy, turn])
+    state.pose[2] = wrap_angle(float(state.pose[2]))
+
+
+def _apart(a: Array, b: Array) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses (3,)."""
+    return math.hypot(a[0] - b[0], a[1] - b[1]), abs(wrap_angle(float(a[2] - b[2])))
