@@ -223,13 +223,11 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
     nearest to that are taken, unless there is little room beside them and more beside the others.
     """
     goal = view.goal
-    if state.yaw is None or view.time_to_range > _YAW_TIME:
-        ahead = view.time_to_range + _MID_DWELL
-        near = _azimuth_later(ahead, view.pose, inputs.plan_times, inputs.plan_poses, view.target, rules.mount)
-    else:
-        near = state.yaw
+    ahead = view.time_to_range + _MID_DWELL
+    natural = _azimuth_later(ahead, view.pose, inputs.plan_times, inputs.plan_poses, view.target, rules.mount)
+    near = natural if state.yaw is None or view.time_to_range > _YAW_TIME else state.yaw
     width = max(view.width, goal.side + _OPEN_ROOM)
-    state.yaw, room = rules.room.yaw(goal, near, width, inputs.T_odom_world)
+    state.yaw, room = rules.room.yaw(goal, near, natural, width, inputs.T_odom_world)
     state.tight = f"no room for the fingers beside {goal.name}: {room.what} is in their way" if room.what else ""
     if not room.blocked:
         state.no_room_since = None

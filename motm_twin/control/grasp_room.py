@@ -34,6 +34,7 @@ REACH = 0.16  # [m] from the centre of an object: no part of the hand is further
 _HAND = 0.1034  # [m] of the hand above the tool centre point
 _WAY = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
 _BESIDE = 0.003  # [m] that other objects keep from the fingers: how well they are known
+_HIGHER = 0.01  # [m] by which they may be higher beside the object than the camera has it
 _EASY = (0.03, 0.008)  # [m] of room that furniture and objects may leave and cost nothing: localisation; camera
 _SHORT = 2.0  # [rad] of turning that a pair of faces with no room to spare is worth
 _EACH = 100.0  # [rad/m] of turning that each metre less than no room is worth
@@ -69,13 +70,14 @@ class GraspRoom:
         self._hand = np.flatnonzero(hand)
         self._balls = balls
 
-    def yaw(self, goal: ArmGoal, near: float, width: float, T_odom_world: Array) -> tuple[float, Room]:
+    def yaw(self, goal: ArmGoal, near: float, natural: float, width: float, T_odom_world: Array) -> tuple[float, Room]:
         """The hand's yaw [rad], odometry frame, and its room: of the two pairs of faces the one that costs least.
 
-        ``near``: yaw that costs no turning. ``width`` [m] of the open gripper.
+        ``near``: yaw that costs no turning; the other faces are taken from the side of the ``natural`` one, where
+        joint 7 is in its middle. ``width`` [m] of the open gripper.
         """
         first = cube_yaw(goal.yaw, near)
-        other = first + (QUARTER if first <= near else -QUARTER)
+        other = first + math.copysign(QUARTER, math.remainder(natural - first, 2.0 * math.pi))
         rooms = [self.room(goal, yaw, width, T_odom_world) for yaw in (first, other)]
         costs = [abs(yaw - near) + room.cost for yaw, room in zip((first, other), rooms, strict=True)]
         return (first, rooms[0]) if costs[0] <= costs[1] else (other, rooms[1])
@@ -148,7 +150,7 @@ def _object_gap(position: Array, yaw: float, width: float, item: Array) -> float
         return gap
     c, s = math.cos(yaw), math.sin(yaw)
     along, across = c * dx + s * dy, s * dx - c * dy  # of the hand: x, and y, which the fingers close along
-    top = item[2] + 0.5 * item[4]
+    top = item[2] + 0.5 * item[4] + _HIGHER
     for middle, half, depth, bottom in _PARTS:
         if top > position[2] + bottom:
             for sign in (1.0, -1.0):

@@ -49,8 +49,8 @@ def goal(*others, yaw=0.0, seen=1.0):
     )
 
 
-def chosen(place, target, near=0.0, T=NO_TURN):
-    return GraspRoom(place, AvoidanceParameters()).yaw(target, near, 0.08, T)
+def chosen(place, target, near=0.0, T=NO_TURN, natural=None):
+    return GraspRoom(place, AvoidanceParameters()).yaw(target, near, near if natural is None else natural, 0.08, T)
 
 
 @pytest.mark.parametrize("near", [0.0, 0.3, -0.4])
@@ -97,6 +97,18 @@ def test_a_neighbour_that_nobody_has_seen_costs_but_does_not_block():
     _, room = chosen(known(), goal((0.045, 0.0, 0.0), (0.0, 0.045, 0.0), seen=0.0))
     assert not room.blocked
     assert room.what
+
+
+@pytest.mark.parametrize(("natural", "yaw"), [(0.9, 1.0), (-0.9, -1.0)])
+def test_the_hand_turns_to_the_other_faces_from_the_side_of_its_natural_yaw(natural, yaw):
+    """Else it turned by a quarter each time that the faces changed, until joint 7 was at its end."""
+    assert chosen(known(), goal((0.0, 0.06, 0.0)), natural=natural)[0] == pytest.approx(yaw * math.pi / 2)
+
+
+def test_an_object_seen_a_little_too_low_is_in_the_way_all_the_same():
+    target = goal((0.0, 0.08, 0.0))
+    target.neighbours[0, 2] -= 0.008
+    assert abs(chosen(known(), target)[0]) == pytest.approx(math.pi / 2)
 
 
 def test_the_choice_is_the_same_in_every_odometry_frame():

@@ -1,5 +1,6 @@
 """Whole trials where things stand close: all is placed, nothing is touched, or the reason is said."""
 
+import math
 import textwrap
 
 import pytest
@@ -43,7 +44,10 @@ def run(tmp_path):
     def trial(text, method="fast", seed=0):
         path = tmp_path / "tight.yaml"
         path.write_text(textwrap.dedent(text))
-        return run_scene(load_scene(str(path), None, seed), method=find_method(method))
+        seen = []
+        result = run_scene(load_scene(str(path), None, seed), method=find_method(method), on_tick=seen.append)
+        first, last = ({item.name: item.position for item in tick.truth.objects} for tick in (seen[0], seen[-1]))
+        return result | {"moved": {name: math.dist(first[name], last[name]) for name in first}}
 
     return trial
 
@@ -64,6 +68,7 @@ def test_a_cube_beside_others_is_taken_by_its_free_faces_and_they_stay_where_the
     near = cubes(a=(2.5, 1.2, 0), left=(2.5 - step, 1.2, 0), right=(2.5 + step, 1.2, 0))
     result = run(ROOM + DESK + near + TRAY + tasks("tray", "a"))
     assert result["success"], result["reason"]
+    assert max(result["moved"]["left"], result["moved"]["right"]) < 0.002
 
 
 @pytest.mark.slow
