@@ -13,6 +13,7 @@ from motm_twin.methods.method import Method, PlannerParts
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import body_of, field_of
 from motm_twin.planning.global_path import GraphCache, shortest_path
+from motm_twin.planning.parameters import growth
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import BasePlan, empty_path
@@ -28,7 +29,7 @@ class Pursuit:
 
     def __init__(self, profile, parameters, graphs):
         self._limits, self._body = profile.base, body_of(profile.footprint)
-        self._reach, self._growth = ReachModel(profile, parameters.reach), parameters.staa.growth
+        self._reach, self._growth = ReachModel(profile, parameters.reach), growth(profile.footprint, parameters.staa)
         self._graphs = graphs
 
     def plan(self, problem, placement, budget):

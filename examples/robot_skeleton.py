@@ -55,7 +55,8 @@ def main() -> None:
         signal.signal(number, lambda *_: stop.set())
 
     def on_command(sample: zenoh.Sample) -> None:
-        arrived.put((time.monotonic() - born, json.loads(sample.payload.to_bytes())))
+        if str(sample.key_expr) == KEY + "command":  # what was sent to a wildcard is not the twin's
+            arrived.put((time.monotonic() - born, json.loads(sample.payload.to_bytes())))
 
     # What is declared has to be undeclared, or its threads keep the program from ending: `with` does it.
     with (

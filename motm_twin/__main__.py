@@ -1,16 +1,35 @@
-"""`motm-twin`, also as `python -m motm_twin`: Ctrl-C while the command line is still being loaded is no traceback."""
+"""`motm-twin`, also as `python -m motm_twin`: a signal while the command line is still being loaded is no traceback."""
 
+import os
 import sys
+
+from motm_twin.interrupts import loaded, starting
 
 
 def main() -> None:
     """Load the command line and run it."""
+    starting()
+    _open_standard_files()
     try:
         from motm_twin import cli
+
+        cli.main()
     except KeyboardInterrupt:
         print("motm-twin: stopped", file=sys.stderr)
         sys.exit(130)
-    cli.main()
+    finally:
+        loaded()
+
+
+def _open_standard_files() -> None:
+    """Where one was closed, nobody reads it; else the next file that is opened would take its place."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            descriptor = os.open(os.devnull, os.O_RDWR)
+            if descriptor != number:
+                os.dup2(descriptor, number)
+                os.close(descriptor)
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
 
 
 if __name__ == "__main__":

@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from rich.console import Console
 from tyro.conf import Positional
 
 from motm_twin import __version__
 from motm_twin.bench.paper.cli_paper import paper
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
-from motm_twin.console import table_console
+from motm_twin.console import plain_console, table_console
 from motm_twin.external.cli_robot import robot
+from motm_twin.interrupts import interruptible
 from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.methods.error import MethodError
 from motm_twin.model.scene_error import SceneError
@@ -70,6 +70,8 @@ def serve(
     headless: bool = False,
     host: str = "127.0.0.1",
     token: str | None = None,
+    no_token: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    name: tuple[str, ...] = (),
     zenoh_port: int = 7447,
     record: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     twin: str = "frankie",
@@ -89,8 +91,11 @@ def serve(
         seed: Seed of noise and random arrangements.
         port: TCP port of the page.
         headless: Only the Zenoh server, no page.
-        host: Address to listen on; anything but loopback needs a token.
-        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN).
+        host: Address to listen on.
+        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN, which `ps` does not show);
+            without it one of your own, that the printed address carries.
+        no_token: Anybody with an account on this machine may look and drive. On loopback only.
+        name: Further names under which browsers may ask for the page, such as that of a proxy.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         record: MCAP file to record to, see docs/recording.md; it must not exist.
         twin: Name of the twin in the Zenoh keys.
@@ -104,16 +109,15 @@ def serve(
         expansions_only: No clock ends a search of the base: the run is that of `motm-twin run`, bit for bit, however
             slow the machine is.
     """
+    from motm_twin.cli_serve import PageChoice
     from motm_twin.cli_serve import serve as serve_twin
 
     return serve_twin(
         scene,
         variant=variant,
         seed=seed,
-        port=port,
         headless=headless,
-        host=host,
-        token=token,
+        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name),
         zenoh_port=zenoh_port,
         record=record,
         twin=twin,
@@ -203,6 +207,8 @@ def bench(
     kinds: tuple[str, ...] = (),
     scenes: tuple[str, ...] = (),
     quick: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    worlds: int | None = None,
+    profile: Literal["nominal", "controller"] | None = None,
 ) -> int:
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
@@ -213,7 +219,8 @@ def bench(
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency, growth, anytime, solvers, task, faults.
+            efficiency, growth, anytime, solvers, task, faults. Or barn, and after it scene files of worlds of that
+            challenge.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         workers: Processes.
@@ -227,6 +234,8 @@ def bench(
         kinds: Faults only: these kinds of faults, or none for trials without one.
         scenes: Faults only: these of exp1, exp1a and exp2.
         quick: Growth, anytime and solvers only: a few points, half a minute.
+        worlds: Barn only: number of worlds like those of the challenge, seeds from 0.
+        profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
     """
     from motm_twin.bench.__main__ import main as run_groups
 
@@ -235,7 +244,7 @@ def bench(
     options += ["--methods", *methods] if methods else []
     options += ["--kinds", *kinds] if kinds else []
     options += ["--scenes", *scenes] if scenes else []
-    given = {"--trials": trials, "--backend": backend, "--address": address}
+    given = {"--trials": trials, "--backend": backend, "--address": address, "--worlds": worlds, "--profile": profile}
     options += [part for name, value in given.items() if value is not None for part in (name, str(value))]
     options += ["--retry-failed"] if retry_failed else []
     options += ["--quick"] if quick else []
@@ -250,12 +259,31 @@ def main() -> None:
         finally:
             sys.stdout.flush()  # that nobody reads any more shows here at the latest
     except BrokenPipeError:  # "Note on SIGPIPE" of Python's signal: what is left must not be written at the end again
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_output()
         code = FAILED
+    except OSError as error:
+        if not _output_fails():
+            raise
+        _give_up_output()
+        print(f"motm-twin: standard output cannot be written: {error.strerror or error}", file=sys.stderr)
+        code = BAD_INPUT
     except KeyboardInterrupt as stopped:
         print("; ".join(["motm-twin: stopped", *stopped.args]), file=sys.stderr)
         code = STOPPED
     sys.exit(code)
+
+
+def _output_fails() -> bool:
+    """Whether it is standard output that cannot be written, as on a full disk."""
+    try:
+        sys.stdout.flush()
+        return os.write(sys.stdout.fileno(), b"") < 0
+    except OSError:
+        return True
+
+
+def _give_up_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _called() -> int:
@@ -266,28 +294,30 @@ def _called() -> int:
     try:
         return tyro.extras.subcommand_cli_from_dict(
             {
-                "serve": serve,
-                "run": run,
-                "record": record,
-                "replay": replay,
-                "rerun": rerun,
-                "info": info,
-                "recover": recover,
-                "what-if": what_if,
-                "watch": watch,
-                "send": send,
-                "twins": twins,
-                "robot": robot,
-                "scene": scene,
-                "bench": bench,
-                "paper": paper,
-                "security": security,
+                # These have handlers of their own, or say when they are loaded.
+                **{command.__name__: command for command in (serve, run, record, replay, robot)},
+                **{
+                    name: interruptible(command)
+                    for name, command in {
+                        "rerun": rerun,
+                        "info": info,
+                        "recover": recover,
+                        "what-if": what_if,
+                        "watch": watch,
+                        "send": send,
+                        "twins": twins,
+                        "scene": scene,
+                        "bench": bench,
+                        "paper": paper,
+                        "security": security,
+                    }.items()
+                },
             },
             prog="motm-twin",
             description="Reactive manipulation on the move, as a digital twin. --version says which.",
         )
     except (SceneError, SessionError, ConfigError, MethodError) as error:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin: {error}", markup=False)
+        plain_console(stderr=True).print(f"motm-twin: {error}", markup=False)
         return BAD_INPUT
 
 

@@ -5,9 +5,11 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -17,16 +19,43 @@ from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.process import setter
 from motm_twin.bus.running import Running, note
-from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
+from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
+from motm_twin.console import plain_console
 from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import folder_problem
 from motm_twin.security.folder import Folder
 from motm_twin.ui.guard import check_token
+from motm_twin.ui.page_token import VARIABLE as VARIABLE_OF_TOKEN
+from motm_twin.ui.page_token import chosen_token
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 SERVER = "twin server"
 WATCH = 0.1  # [s] between looks at the children
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageChoice:
+    """Where the page is served, and to whom."""
+
+    port: int = 8080
+    host: str = LOOPBACK
+    token: str | None = None
+    no_token: bool = False
+    names: tuple[str, ...] = ()  # further ones under which browsers may ask for it
+
+    def checked(self) -> "PageChoice":
+        """With the token that is asked for, if any. Raises ValueError, OSError."""
+        token = chosen_token(self.token, none=self.no_token)
+        check_token(self.host, token)
+        require_free_port(self.host, self.port, "choose another one with --port (0 takes any free one)")
+        return replace(self, token=token)
+
+    def arguments(self, endpoint: str, twin: str) -> list[str]:
+        """Of `ui.viewer_process`."""
+        found = ["--endpoint", endpoint, "--twin", twin, "--host", self.host, "--port", str(self.port)]
+        found += ["--no-token"] if self.token is None else []
+        return found + [word for name in self.names for word in ("--name", name)]
 
 
 def serve(
@@ -34,10 +63,8 @@ def serve(
     *,
     variant: str | None = None,
     seed: int | None = None,
-    port: int = 8080,
+    page: PageChoice | None = None,
     headless: bool = False,
-    host: str = LOOPBACK,
-    token: str | None = None,
     zenoh_port: int = DEFAULT_PORT,
     twin: str = DEFAULT_TWIN,
     secure: str | None = None,
@@ -53,8 +80,7 @@ def serve(
 
     0: ended on request. 1: a process died again and again. 2: bad input, such as a port that is taken.
     """
-    console = Console(highlight=False, soft_wrap=True)
-    token = token or os.environ.get("MOTM_TOKEN") or None
+    console, page = plain_console(), page or PageChoice()
     load_scene(scene, variant, seed)
     methods = MethodLibrary(method)
     methods.find(methods.own_name)
@@ -64,10 +90,8 @@ def serve(
             raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
         if connect is not None:
             check_endpoint(connect)
-        check_token(host, token)
+        page = page if headless else page.checked()
         folder = None if secure is None else Folder(Path(secure)).ready()
-        if not headless:
-            require_free_port(host, port, "choose another one with --port (0 takes any free one)")
         if record is not None:
             _require_new(record)
         if data is not None and (problem := folder_problem(data)):
@@ -75,7 +99,7 @@ def serve(
         require_free_port(
             LOOPBACK, zenoh_port, "is another twin running? Choose another one with --zenoh-port (0: any)"
         )
-    except (PortTaken, ValueError) as error:
+    except (OSError, ValueError) as error:
         console.print(f"motm-twin serve: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
     supervisor = _Supervisor(console, twin, zenoh_port or free_port(), folder)
@@ -89,9 +113,8 @@ def serve(
     server += ["--plant", plant] + ([] if connect is None else ["--connect", connect])
     supervisor.add(SERVER, "motm_twin.bus.server_process", [scene, *server])
     if not headless:
-        page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
-        page += [] if methods.own_name == method else ["--own-method", methods.own_name, method]
-        supervisor.add("page", "motm_twin.ui.viewer_process", page, token)
+        own = [] if methods.own_name == method else ["--own-method", methods.own_name, method]
+        supervisor.add_page(page, own)
     if ros2 is not None:
         bridge = ["--endpoint", supervisor.endpoint, "--twin", twin, "--form", ros2]
         supervisor.add("ROS 2 bridge", "motm_twin.ros2.bridge_process", bridge)
@@ -101,10 +124,8 @@ def serve(
 def serve_recording(
     player: list[str],
     *,
-    port: int = 8080,
+    page: PageChoice | None = None,
     headless: bool = False,
-    host: str = LOOPBACK,
-    token: str | None = None,
     zenoh_port: int = DEFAULT_PORT,
     twin: str = DEFAULT_TWIN,
 ) -> int:
@@ -112,23 +133,19 @@ def serve_recording(
 
     ``player``: arguments of `record.player_process`, the file first.
     """
-    console = Console(highlight=False, soft_wrap=True)
-    token = token or os.environ.get("MOTM_TOKEN") or None
+    console, page = plain_console(), page or PageChoice()
     try:
         Keys(twin)
-        check_token(host, token)
-        if not headless:
-            require_free_port(host, port, "choose another one with --port (0 takes any free one)")
+        page = page if headless else page.checked()
         require_free_port(LOOPBACK, zenoh_port, "is a twin running? Choose another one with --zenoh-port (0: any)")
-    except (PortTaken, ValueError) as error:
+    except (OSError, ValueError) as error:
         console.print(f"motm-twin replay: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
     supervisor = _Supervisor(console, twin, zenoh_port or free_port(), None)
     arguments = [*player, "--port", str(supervisor.zenoh_port), "--twin", twin]
     supervisor.add(SERVER, "motm_twin.record.player_process", arguments)
     if not headless:
-        page = ["--endpoint", supervisor.endpoint, "--twin", twin, "--host", host, "--port", str(port)]
-        supervisor.add("page", "motm_twin.ui.viewer_process", page, token)
+        supervisor.add_page(page)
     return supervisor.run()
 
 
@@ -144,18 +161,23 @@ class _Supervisor:
         self._stop = threading.Event()
         self._started = time.monotonic()
         self._note: Path | None = None
-        self._refused = False
+        self._open = False
 
     def add(self, name: str, module: str, arguments: list[str], token: str | None = None) -> None:
         """A process to look after."""
-        env = {name: value for name, value in os.environ.items() if name != "MOTM_TOKEN"}
+        env = {name: value for name, value in os.environ.items() if name != VARIABLE_OF_TOKEN}
         for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             env.setdefault(threads, "1")
         if token is not None:
-            env["MOTM_TOKEN"] = token
+            env[VARIABLE_OF_TOKEN] = token
         if self._folder is not None:
             env[VARIABLE] = str(self._folder.server if name == SERVER else self._folder.here)
         self._children.append(Child(name, module, arguments, lambda *event: self._events.put(event), env))
+
+    def add_page(self, page: PageChoice, more: Sequence[str] = ()) -> None:
+        """The page; who may drive is told with its address."""
+        self._open = page.token is None
+        self.add("page", "motm_twin.ui.viewer_process", [*page.arguments(self.endpoint, self._twin), *more], page.token)
 
     def run(self) -> int:
         """Look after the processes until a signal; the exit code."""
@@ -163,7 +185,7 @@ class _Supervisor:
             self._say(f"motm-twin: starting twin [bold]{self._twin}[/bold]")
             for child in self._children:
                 child.start()
-            self._remember(None)
+            self._remember(None, "")
             try:
                 code = self._watch()
             finally:
@@ -199,26 +221,33 @@ class _Supervisor:
             case "listening":
                 self._say(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
                 if why := event.get("no_real_time"):
-                    self._console.print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
+                    self._print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
             case "page":
-                self._remember(event["port"])
+                self._remember(event["port"], event["url"])
                 self._say(f"{after}  Page:  [bold]{event['url']}[/bold]")
+                who = "anybody on this machine may look and drive" if self._open else "who has this address may drive"
+                self._print(f"{after}  {who}", markup=False)
             case "ros2":
-                self._console.print(f"{after}  ROS 2: {event['text']}", markup=False)
+                self._print(f"{after}  ROS 2: {event['text']}", markup=False)
             case "record":
                 words = "recording to" if event["ok"] else "not recorded:"
-                self._console.print(f"{after}  {words} {event['text']}", markup=False)
+                self._print(f"{after}  {words} {event['text']}", markup=False)
             case "refused":
-                self._console.print(f"motm-twin: {event['text']}", style="red", markup=False)
+                self._print(f"motm-twin: {event['text']}", style="red", markup=False)
             case "state":
                 text = event["text"] or {"playing": "the robot moves"}.get(event["state"], "")
-                self._console.print(f"{after}  {event['state']}{text and ': ' + text}", markup=False)
+                self._print(f"{after}  {event['state']}{text and ': ' + text}", markup=False)
 
     def _say(self, text: str) -> None:
-        self._console.print(text)
+        self._print(text)
 
-    def _remember(self, page_port: int | None) -> None:
-        running = Running(pid=os.getpid(), twin=self._twin, endpoint=self.endpoint, page_port=page_port)
+    def _print(self, text: str, **options: Any) -> None:
+        """The robot goes on when nobody reads this any more, or the disk is full."""
+        with suppress(OSError):
+            self._console.print(text, **options)
+
+    def _remember(self, port: int | None, page: str) -> None:
+        running = Running(pid=os.getpid(), twin=self._twin, endpoint=self.endpoint, page_port=port, page=page)
         self._note = note(running)
 
 

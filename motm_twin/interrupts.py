@@ -1,9 +1,58 @@
-"""Ctrl-C, and processes that must not hear it."""
+"""Ctrl-C and SIGTERM: while a program starts, and processes that must not hear it."""
 
+import functools
+import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
+from typing import Any, ParamSpec, TypeVar
+
+_STOPPED = b"motm-twin: stopped\n"
+_SIGNALLED = 128  # plus the number of the signal: exit code of a program that one ended
+_before: dict[int, Any] = {}  # handlers that were there before a start
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def starting() -> None:
+    """From now on Ctrl-C and SIGTERM end this program at once, in one line, until `loaded`.
+
+    There is nothing to be put in order yet, and an exception would come in the middle of an import: libraries catch it
+    there, or it is lost with a traceback. What is ignored (in a background job) stays so.
+    """
+    if threading.current_thread() is threading.main_thread() and not _before:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) != signal.SIG_IGN:
+                _before[number] = signal.signal(number, _end)
+
+
+def loaded() -> None:
+    """From now on they do what they did before `starting`."""
+    while _before:
+        number, handler = _before.popitem()
+        if signal.getsignal(number) is _end:
+            signal.signal(number, handler)
+
+
+def interruptible(command: Callable[P, R]) -> Callable[P, R]:
+    """A command that Ctrl-C interrupts from its begin on, and that then puts in order what it has begun."""
+
+    @functools.wraps(command)
+    def called(*given: P.args, **named: P.kwargs) -> R:
+        loaded()
+        return command(*given, **named)
+
+    return called
+
+
+def _end(number: int, _: FrameType | None) -> None:
+    try:
+        os.write(2, _STOPPED)
+    finally:
+        os._exit(_SIGNALLED + number)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import numpy as np
 
 from motm_twin.control.loop import PERIOD, ControlLoop, Settings
 from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.no_arm import NoArm
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.task_list import TaskEdit, TaskList, edited
@@ -276,6 +277,8 @@ class Twin:
         return self.method.planner(parts)
 
     def _arm_side(self, known: KnownWorld, arm: ArmParameters) -> Manipulator:
+        if not known.robot.has_arm:
+            return NoArm(known, arm)
         return self.method.arm(ArmParts(known=known, parameters=arm, rehearse=self._rehearse))
 
     def _rehearse(self, edits: Timed) -> Rehearsed:

@@ -176,11 +176,11 @@ def test_an_object_in_a_bin_is_not_picked_until_somebody_takes_it_out():
 def test_a_session_of_all_kinds_of_edits_repeats_the_run_bit_for_bit():
     twin = Twin(SCENE, parameters={"hysteresis": 0.5})
     edits = {
-        10: [SetParameter(name="growth", value=0.3), SetParameter(name="d_s", value=0.3)],
+        10: [SetParameter(name="growth_margin", value=0.05), SetParameter(name="d_s", value=0.3)],
         20: [AddObstacle(name="crate", x=2.3, y=0.2)],
         40: [InsertTask(tasks=(FAR_DRIVE,), index=0), MoveBody(name="table", x=4.2, y=1.9)],
         60: [Announce(name="table"), RemoveTask(index=0)],
-        90: [SetParameter(name="growth")],
+        90: [SetParameter(name="growth_margin")],
     }
     for period in range(130):
         for edit in edits.get(period, []):

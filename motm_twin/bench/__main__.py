@@ -4,7 +4,8 @@
 `fast`, the paper's method beside it. The others run only when they are named: "page" measures the served page and needs
 Chromium, "bus" measures what goes over Zenoh, "soak" treats a server badly for long, "scale" loads a router,
 "efficiency" tells what more processes are worth, "growth" makes the world larger, "anytime" the search shorter and
-longer, "solvers" compares those of the QP, "faults" lets sensors and robot fail.
+longer, "solvers" compares those of the QP, "faults" lets sensors and robot fail. "barn" stands first and alone: worlds of
+the BARN challenge follow it, as scene files or as barn:SEED, or --worlds of the latter.
 
 With --methods, --trials, --backend, --address or --retry-failed a name is that of an experiment instead: any methods,
 any number of trials, kept on disk and gone on with, compared in a table. Some names are experiments only.
@@ -16,12 +17,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from motm_twin.bench import anytime, bus, faults, growth, page, period, scale, soak, solvers, task
+from motm_twin.bench import anytime, barn, bus, faults, growth, page, period, scale, soak, solvers, task
 from motm_twin.bench.experiments import command, efficiency
 from motm_twin.bench.experiments.catalogue import EXPERIMENTS
 from motm_twin.bench.groups import GROUPS
 from motm_twin.bench.table import bench
 from motm_twin.console import table_console
+from motm_twin.model.scene_barn import PREFIX
 from motm_twin.record.outputs import folder_problem
 
 KNOWN = (
@@ -42,6 +44,8 @@ def main(arguments: list[str] | None = None, *, prog: str = "python -m motm_twin
     parser.add_argument("--workers", type=int, default=2, help="trials run at the same time (default 2)")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), help="folder of the JSON files")
     page.add_options(parser)
+    parser.add_argument("--worlds", type=int, default=None, help="barn: worlds of the seeds from 0")
+    parser.add_argument("--profile", choices=barn.PROFILES, default=None, help="barn: limits of the Jackal")
     command.add_options(parser)
     parser.add_argument(
         "--share", type=float, default=1.0, help="soak, period, task, faults: of the full counts (default 1)"
@@ -55,19 +59,38 @@ def main(arguments: list[str] | None = None, *, prog: str = "python -m motm_twin
         parser.error(problem)
     console = table_console()
     console.width = max(console.width, TABLE_WIDTH)
+    if options.groups[0] == barn.NAME:
+        return _bench_barn(options, console)
     experiments = [name for name in options.groups if name in ONLY_EXPERIMENTS or command.wanted(options)]
     code = command.bench_experiments(experiments, options, console) if experiments else 0
     groups = [name for name in options.groups if name not in experiments]
     return max(code, _bench_groups(groups, options, console)) if groups and code != command.INTERRUPTED else code
 
 
+def _bench_barn(options: argparse.Namespace, console: Console) -> int:
+    """The exit code: 2 for names that are none, 1 when a world was not crossed."""
+    names = [*options.groups[1:], *(f"{PREFIX}{seed}" for seed in range(options.worlds or 0))]
+    if not names:
+        console.print("bench barn: name scene files, or say --worlds 50 for worlds from seeds", markup=False)
+        return command.BAD_INPUT
+    try:
+        crossed = barn.bench_barn(names, options.methods or (), options.profile, options.workers, options.out, console)
+    except ValueError as error:
+        console.print(f"motm-twin: {error}", style="red", markup=False)
+        return command.BAD_INPUT
+    return command.OK if crossed else command.FAILED
+
+
 def _problem(options: argparse.Namespace) -> str:
     """What is wrong with the arguments, "" when nothing is."""
-    possible = tuple(EXPERIMENTS) if command.wanted(options) else ("all", *KNOWN, *ONLY_EXPERIMENTS)
-    unknown = [name for name in options.groups if name not in possible]
-    if unknown:
-        what = "experiment" if command.wanted(options) else "group"
-        return f"unknown {what} {unknown[0]!r}: use {', '.join(possible)}"
+    if options.groups[0] != barn.NAME:
+        problem = _unknown(options)
+    elif options.worlds is not None and options.worlds < 1:
+        problem = f"--worlds {options.worlds}: at least 1 is needed"
+    else:
+        problem = ""
+    if problem:
+        return problem
     if options.workers < 1:
         return "need a worker"
     for what, given, known in (
@@ -81,6 +104,16 @@ def _problem(options: argparse.Namespace) -> str:
         return f"--share {options.share:g}: allowed is more than 0 and at most 1"
     problem = folder_problem(options.out)
     return f"--out {options.out}: {problem}" if problem else ""
+
+
+def _unknown(options: argparse.Namespace) -> str:
+    """The first name that is none, in a sentence; "" when all are known."""
+    possible = tuple(EXPERIMENTS) if command.wanted(options) else ("all", *KNOWN, *ONLY_EXPERIMENTS)
+    unknown = [name for name in options.groups if name not in possible]
+    if unknown:
+        what = "experiment" if command.wanted(options) else "group"
+        return f"unknown {what} {unknown[0]!r}: use {', '.join(possible)}"
+    return ""
 
 
 def _bench_groups(groups: list[str], options: argparse.Namespace, console: Console) -> int:

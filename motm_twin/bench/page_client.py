@@ -12,6 +12,8 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from motm_twin.ui.guard import COOKIE
+
 MAX_FRAME = 64 * 1024 * 1024  # bytes
 POSES = ("SetPositionMessage", "SetOrientationMessage")
 CAMERA = {  # looks straight down from 12 m
@@ -33,7 +35,8 @@ Message = dict[str, Any]
 class PageReader:
     """One connected visitor that reads everything. ``decode=False`` counts bytes only, which costs next to nothing."""
 
-    def __init__(self, port: int, *, decode: bool = True) -> None:
+    def __init__(self, port: int, *, token: str = "", decode: bool = True) -> None:
+        """``token``: of the page, where it asks for one."""
         self.started = time.monotonic()
         self.bytes = 0
         self.replayed: float | None = None  # [s] after the start: the scene so far had arrived
@@ -49,6 +52,7 @@ class PageReader:
             max_size=MAX_FRAME,
             compression=None,
             open_timeout=10.0,
+            additional_headers={"Cookie": f"{COOKIE}_{port}={token}"} if token else None,
         )
         self.send(CAMERA)  # Viser's sign that a page has loaded
         self._thread = threading.Thread(target=self._read, name="page reader", daemon=True)

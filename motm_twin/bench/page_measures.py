@@ -50,7 +50,9 @@ def restart(client: TwinClient, *, playing: bool) -> None:
 def periods(served: Served, seconds: float, readers: int) -> tuple[list[float], float]:
     """Control periods [ms] of the first ``seconds`` of a run with this many readers, and bytes/s that each reads."""
     with ExitStack() as stack:
-        watchers = [stack.enter_context(PageReader(served.port, decode=False)) for _ in range(readers)]
+        watchers = [
+            stack.enter_context(PageReader(served.port, token=served.token, decode=False)) for _ in range(readers)
+        ]
         restart(served.client, playing=True)
         before, began = [watcher.bytes for watcher in watchers], time.monotonic()
         found = [tick.stage_ms["period"] for tick in ticks(served.client, seconds)]
@@ -90,7 +92,7 @@ def all_layers(reader: PageReader) -> Iterator[None]:
 
 def drawing(served: Served, seconds: float) -> dict[str, float]:
     """Share of a core the viewer takes at 1x with all layers on, and how many scene nodes it moves meanwhile."""
-    with PageReader(served.port) as reader:
+    with PageReader(served.port, token=served.token) as reader:
         restart(served.client, playing=True)
         with all_layers(reader):
             time.sleep(2.0)
@@ -107,7 +109,7 @@ def joining(served: Served, count: int) -> list[float]:
     restart(served.client, playing=True)
     waits = []
     for _ in range(count):
-        with PageReader(served.port) as reader:
+        with PageReader(served.port, token=served.token) as reader:
             whole = reader.wait(lambda reader: reader.replayed is not None and reader.find("Pause"), 30.0)
             waits.append(time.monotonic() - reader.started if whole else float("nan"))
     return waits
@@ -115,7 +117,7 @@ def joining(served: Served, count: int) -> list[float]:
 
 def scene_bytes(served: Served) -> float:
     """Bytes that the websocket sends a new visitor until he has everything; the twin should be paused."""
-    with PageReader(served.port) as reader:
+    with PageReader(served.port, token=served.token) as reader:
         if not reader.wait(lambda reader: reader.replayed is not None and reader.find("Play"), 30.0):
             raise TimeoutError("no whole scene within 30 s")
         time.sleep(1.0)  # the last of the panel
@@ -129,7 +131,7 @@ def drags(served: Served, count: int) -> list[float]:
     start = _open_place(client)
     act(client, AddObstacle(name=BODY, shape="box", x=start[0], y=start[1], heading=0.0, size=(0.3, 0.3, 0.4)))
     waits = []
-    with PageReader(served.port) as reader:
+    with PageReader(served.port, token=served.token) as reader:
         ours = lambda: next((node for node in reader.draggable if node.endswith(f"/{BODY}")), None)  # noqa: E731
         node = wait_for(ours, 20.0, "handle to drag the box by")
         for sign in itertools.islice(itertools.cycle((1.0, -1.0)), count):

@@ -1,6 +1,7 @@
 """A served twin to measure: `motm-twin serve` as a user starts it, with the numbers of its processes."""
 
 import os
+import secrets
 import signal
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from typing import Any
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.session import LOOPBACK, free_port
+from motm_twin.ui.guard import page_url
+from motm_twin.ui.page_token import VARIABLE
 
 START = 300.0  # [s] for the first start on a busy machine: kernels are compiled
 STOP = 10.0  # [s]
@@ -28,11 +31,12 @@ class Served:
     port: int  # of the page
     client: TwinClient
     process: subprocess.Popen
+    token: str = ""  # of the page
 
     @property
     def url(self) -> str:
-        """Address of the page."""
-        return f"http://{LOOPBACK}:{self.port}/"
+        """Address of the page, as it is printed."""
+        return page_url(LOOPBACK, self.port, self.token)
 
     def pid(self, module: str) -> int:
         """Number of the child process that runs a module. Raises RuntimeError when there is none."""
@@ -67,15 +71,17 @@ class Served:
 @contextmanager
 def served(scene: str, *options: str) -> Iterator[Served]:
     """Serve a scene on free ports until the end of the block."""
-    port, zenoh_port = free_port(), free_port()
+    port, zenoh_port, token = free_port(), free_port(), secrets.token_urlsafe(32)
     command = [sys.executable, "-m", "motm_twin.cli", "serve", scene, "--port", str(port)]
     process = subprocess.Popen(  # noqa: S603 - our own program
-        [*command, "--zenoh-port", str(zenoh_port), *options], stdout=subprocess.DEVNULL
+        [*command, "--zenoh-port", str(zenoh_port), *options],
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, VARIABLE: token},
     )
     try:
         with TwinClient(f"tcp/{LOOPBACK}:{zenoh_port}") as client:
             wait_for(lambda: _up(process, port, client), START, "page and first period")
-            yield Served(port, client, process)
+            yield Served(port, client, process, token)
     finally:
         if process.poll() is None:
             process.terminate()

@@ -6,6 +6,7 @@ import sys
 import msgspec
 
 from motm_twin.client.discover import BEHIND, Found, NoTwin, running_twins
+from motm_twin.console import printable
 
 OK, NONE = 0, 1
 
@@ -18,7 +19,7 @@ def twins(endpoint: str | None, *, as_json: bool) -> int:
         print(f"motm-twin twins: {error}", file=sys.stderr)
         return NONE
     for twin in found:
-        print(msgspec.json.encode(twin).decode() if as_json else _line(twin))
+        print(msgspec.json.encode(twin).decode() if as_json else printable(_line(twin)))
     if not found and not as_json:
         where = "on this machine" if endpoint is None else f"at {endpoint}: {BEHIND}"
         print(f"motm-twin twins: none is running {where}", file=sys.stderr)
@@ -26,7 +27,7 @@ def twins(endpoint: str | None, *, as_json: bool) -> int:
 
 
 def _line(twin: Found) -> str:
-    page = "" if twin.page_port is None else f"  page: port {twin.page_port}"
+    page = f"  page: {twin.page}" if twin.page else ""
     if not twin.alive:
         return f"{twin.twin}  {twin.endpoint}{page}  does not answer"
     driver = f"  driven by {twin.driver}" if twin.driver else ""

@@ -8,6 +8,7 @@ import msgspec
 
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
+from motm_twin.console import printable
 
 OK, NO_TWIN, BAD_INPUT = 0, 1, 2
 KEYS = ("tick", "robot", "scan", "grid", "event", "metrics", "status", "scene")
@@ -23,7 +24,8 @@ def watch(key: str, *, once: bool, as_json: bool, field: str | None, endpoint: s
     try:
         with Twin(*find(endpoint, twin, how=OPTIONS)) as handle:
             for message in _messages(handle, key, once):
-                print(_chosen(message, field) if field else _json(message) if as_json else _LINES[key](message))
+                line = _chosen(message, field) if field else _json(message) if as_json else _LINES[key](message)
+                print(printable(line))
                 sys.stdout.flush()
                 if once:
                     break

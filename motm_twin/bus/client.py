@@ -16,7 +16,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from motm_twin.bus.commands import Answer, Command, Envelope, command_name
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.keys import Keys, spoken_on
 from motm_twin.bus.messages import (
     EVENTS_VERSION,
     GRID_VERSION,
@@ -146,7 +146,7 @@ class TwinClient:
     def events(self, since: int, timeout: float = SESSION_TIMEOUT) -> EventsMessage | None:
         """Those from number ``since`` on, as far as the server keeps them; None when it does not answer."""
         for reply in self._session.get(f"{self.keys.event}?from={since}", timeout=timeout):
-            if reply.ok is not None:
+            if reply.ok is not None and spoken_on(reply.ok, self.keys.event):
                 events = msgspec.json.decode(reply.ok.payload.to_bytes(), type=EventsMessage)
                 _require(events.version, EVENTS_VERSION)
                 return events
@@ -198,10 +198,10 @@ class TwinClient:
     def session(self, timeout: float = SESSION_TIMEOUT) -> bytes:
         """The run so far, a `record.session.Session` as JSON. Raises NoSession."""
         for reply in self._session.get(self.keys.session, timeout=timeout):
-            if reply.ok is not None:
+            if reply.err is not None:
+                raise NoSession(reply.err.payload.to_string())
+            if reply.ok is not None and spoken_on(reply.ok, self.keys.session):
                 return reply.ok.payload.to_bytes()
-            assert reply.err is not None
-            raise NoSession(reply.err.payload.to_string())
         raise NoSession("the twin server does not answer")
 
     def command(self, command: Command, timeout: float = 2.0, *, sender: str | None = None, name: str = "") -> Answer:
@@ -221,13 +221,13 @@ class TwinClient:
                 command=command,
             )
             replies = self._get(command_name(command), self._encode(envelope), timeout)
-        for payload in _payloads(replies):
+        for payload in _payloads(replies, self.keys.command(command_name(command))):
             return msgspec.json.decode(payload, type=Answer)
         return Answer(ok=False, reason="the twin server does not answer, or you have no right to command it")
 
     def query(self, name: str, payload: bytes, timeout: float = 2.0) -> list[bytes]:
         """Send raw bytes to the command key of this name; the payloads of all answers."""
-        return _payloads(self._get(name, payload, timeout))
+        return _payloads(self._get(name, payload, timeout), self.keys.command(name))
 
     def close(self) -> None:
         """Leave; closing twice is fine."""
@@ -267,6 +267,8 @@ class TwinClient:
     def _on_sample(self, sample: zenoh.Sample, unless_after: int | None = None) -> None:
         """Keep a sample, unless more than ``unless_after`` of its key came before."""
         key, attachment = str(sample.key_expr), sample.attachment
+        if key not in self._slots:  # sent to a wildcard: not by the twin
+            return
         payload, attached = sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes()
         with self._changed:
             slot = self._slots[key]
@@ -356,8 +358,9 @@ def _tell(listeners: list, *payloads: bytes) -> None:
             traceback.print_exc()  # the fault of one: the others and this client go on
 
 
-def _payloads(replies: Iterable[zenoh.Reply]) -> list[bytes]:
-    return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+def _payloads(replies: Iterable[zenoh.Reply], key: str) -> list[bytes]:
+    good = [reply.ok for reply in replies if reply.ok is not None]
+    return [sample.payload.to_bytes() for sample in good if spoken_on(sample, key)]
 
 
 def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:

@@ -29,12 +29,18 @@ def config_file() -> Path:
 
 
 def session_config(
-    *, listen: list[str], connect: list[str], mode: str | None = None, own: Sequence[str] = ()
+    *,
+    listen: list[str],
+    connect: list[str],
+    mode: str | None = None,
+    own: Sequence[str] = (),
+    asks: Sequence[str] = (),
 ) -> zenoh.Config:
     """The file with these addresses: ``listen`` on top of its own, ``connect`` instead of them unless empty.
 
-    ``mode`` is that of the file unless it is given. On the keys ``own`` only this session speaks and answers, whoever
-    connects to it; a file with an access control of its own decides that itself. Raises ConfigError.
+    ``mode`` is that of the file unless it is given. On the keys ``own`` only this session speaks and answers, and only
+    it asks on ``asks``, whoever connects to it; a file with an access control of its own decides that itself. A
+    wildcard passes such a rule, so receivers take nothing from one (`keys.spoken_on`). Raises ConfigError.
     """
     for endpoint in connect:
         check_endpoint(endpoint)
@@ -44,8 +50,8 @@ def session_config(
         settings["mode"] = mode
     if connect:
         settings["connect/endpoints"] = connect
-    if own and not json.loads(config.get_json("access_control/enabled")):
-        settings["access_control"] = _reserved(own)
+    if (own or asks) and not json.loads(config.get_json("access_control/enabled")):
+        settings["access_control"] = _reserved(own, asks)
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
@@ -57,21 +63,23 @@ def check_endpoint(endpoint: str) -> None:
         raise ConfigError(f"endpoint {endpoint!r} is none of Zenoh: write it as tcp/127.0.0.1:7447")
 
 
-def _reserved(own: Sequence[str]) -> dict[str, object]:
-    """Others may ask and listen on these keys, but neither publish there nor answer."""
-    rule = {
-        "id": "only the twin speaks here",
-        "permission": "deny",
-        "flows": ["ingress"],
-        "messages": ["put", "delete", "declare_queryable", "reply", "liveliness_token"],
-        "key_exprs": list(own),
-    }
+def _reserved(own: Sequence[str], asks: Sequence[str]) -> dict[str, object]:
+    """Others may listen on these keys, but neither publish there nor answer; on ``asks`` they may only answer."""
+    speak = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
+    rules = [
+        {"id": name, "permission": "deny", "flows": ["ingress"], "messages": messages, "key_exprs": list(keys)}
+        for name, messages, keys in (
+            ("only the twin speaks here", speak, own),
+            ("only the twin asks here", ["query"], asks),
+        )
+        if keys
+    ]
     return {
         "enabled": True,
         "default_permission": "allow",
-        "rules": [rule],
+        "rules": rules,
         "subjects": [{"id": "everybody"}],
-        "policies": [{"rules": [rule["id"]], "subjects": ["everybody"]}],
+        "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["everybody"]}],
     }
 
 

@@ -10,15 +10,38 @@ from motm_twin.model.names import hint
 
 MAX_SENDERS = 1000
 MAX_LIFETIME = 60.0  # [s] an expiry further away does not bound a replay
+ORDER = 16  # numbers below the last one of a sender that are refused, seen or not: they were overtaken
+MAX_SEEN = 4096  # numbers of one sender that have not expired
+
+
+class _Sender:
+    """Numbers that were admitted of one sender. One that is far off, a forgery perhaps, keeps no others out."""
+
+    def __init__(self) -> None:
+        self.last, self._seen = -1, dict[int, float]()  # until when [s] each could come again
+        self.forget_at = 0.0  # [s]
+
+    def check(self, seq: int, name: str, now: float) -> None:
+        """Raise Refused for a number that was seen, or overtaken."""
+        if seq in self._seen or self.last - ORDER < seq <= self.last:
+            raise Refused(f"replayed: seq {seq} of {name!r}, {self.last} was seen already")
+        if len(self._seen) >= MAX_SEEN:
+            self._seen = {number: until for number, until in self._seen.items() if until > now}
+            if len(self._seen) >= MAX_SEEN:
+                raise Refused(f"more than {MAX_SEEN} commands of {name!r} within {MAX_LIFETIME:.0f} s")
+
+    def admit(self, seq: int, expires: float, forget_at: float) -> None:
+        """Remember it."""
+        self.last, self._seen[seq], self.forget_at = seq, expires, forget_at
 
 
 class CommandGate:
-    """Checks envelopes; remembers the last sequence number of each sender. ``now`` is the server's clock [s]."""
+    """Checks envelopes; remembers the sequence numbers of each sender. ``now`` is the server's clock [s]."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
         self._decoder = msgspec.json.Decoder(Envelope, strict=True)
-        self._last: dict[str, tuple[int, float]] = {}
+        self._senders: dict[str, _Sender] = {}
 
     def admit(self, name: str, payload: bytes) -> Envelope:
         """The envelope of a command sent to ``cmd/<name>``. Raises Refused."""
@@ -48,11 +71,12 @@ class CommandGate:
             raise Refused(f"stale: expired {now - envelope.expires:.3f} s ago")
         if envelope.expires > now + MAX_LIFETIME:
             raise Refused(f"expires in {envelope.expires - now:.0f} s; at most {MAX_LIFETIME:.0f} s ahead is taken")
-        last = self._last.get(envelope.sender)
-        if last is not None and envelope.seq <= last[0]:
-            raise Refused(f"replayed: seq {envelope.seq} of {envelope.sender!r}, {last[0]} was seen already")
-        if last is None and len(self._last) >= MAX_SENDERS:
-            self._last = {sender: seen for sender, seen in self._last.items() if seen[1] > now}
-            if len(self._last) >= MAX_SENDERS:
-                raise Refused(f"more than {MAX_SENDERS} senders within {MAX_LIFETIME:.0f} s")
-        self._last[envelope.sender] = (envelope.seq, now + MAX_LIFETIME)
+        sender = self._senders.get(envelope.sender)
+        if sender is None:
+            if len(self._senders) >= MAX_SENDERS:
+                self._senders = {name: known for name, known in self._senders.items() if known.forget_at > now}
+                if len(self._senders) >= MAX_SENDERS:
+                    raise Refused(f"more than {MAX_SENDERS} senders within {MAX_LIFETIME:.0f} s")
+            sender = self._senders[envelope.sender] = _Sender()
+        sender.check(envelope.seq, envelope.sender, now)
+        sender.admit(envelope.seq, envelope.expires, now + MAX_LIFETIME)

@@ -9,10 +9,10 @@ import sys
 
 import msgspec
 
-from motm_twin.bus.keys import DEFAULT_TWIN, Keys
+from motm_twin.bus.keys import DEFAULT_TWIN, Keys, spoken_on
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.running import all_running
-from motm_twin.bus.session import LOOPBACK, open_client
+from motm_twin.bus.session import LOOPBACK, LOOPBACK_6, open_client
 
 TIMEOUT = 3.0  # [s]
 HEALTH_PATH = "/healthz"
@@ -23,13 +23,17 @@ def server_state(endpoint: str, twin: str) -> str | None:
     keys = Keys(twin)
     with open_client(endpoint) as session:
         for reply in session.get(keys.status, timeout=TIMEOUT):
-            if reply.ok is not None:
+            if reply.ok is not None and spoken_on(reply.ok, keys.status):
                 return msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage).state
     return None
 
 
-def page_answers(port: int, host: str = LOOPBACK) -> bool:
-    """Whether the page is being served."""
+def page_answers(port: int) -> bool:
+    """Whether the page is being served on this machine, by either version of IP."""
+    return any(_answers(host, port) for host in (LOOPBACK, LOOPBACK_6))
+
+
+def _answers(host: str, port: int) -> bool:
     connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
     try:
         connection.request("GET", HEALTH_PATH)

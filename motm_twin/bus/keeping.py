@@ -166,9 +166,9 @@ class Keeper:
         self._folder.mkdir(parents=True, exist_ok=True)
         if sum(1 for _ in self._folder.iterdir()) >= MAX_FILES:
             raise Refused(f"{self._folder} has {MAX_FILES} files already: remove some")
-        path = (self._folder / (name if name.endswith(suffix) else name + suffix)).resolve()
-        try:
-            path.touch(exist_ok=False)
+        path = self._folder.resolve() / (name if name.endswith(suffix) else name + suffix)
+        try:  # a link of this name is there already, wherever it leads
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644))
         except FileExistsError:
             raise Refused(f"{path} is there already: choose another name") from None
         return path
@@ -177,7 +177,7 @@ class Keeper:
 def _unused(path: Path) -> Path:
     """The path, or with the first number from 2 on that makes it one that is not there."""
     found, number = path, 1
-    while found.exists():
+    while os.path.lexists(found):
         number += 1
         found = path.with_name(f"{path.stem}-{number}{path.suffix}")
     return found

@@ -1,6 +1,7 @@
 """Zenoh keys of one twin: everything lives below ``motm/<twin>/``."""
 
 import re
+from typing import Any
 
 PREFIX = "motm"
 DEFAULT_TWIN = "frankie"
@@ -12,7 +13,7 @@ class Keys:
     """Key expressions of the twin with the given name."""
 
     def __init__(self, twin: str = DEFAULT_TWIN) -> None:
-        if not _NAME.match(twin):
+        if not is_name(twin):
             raise ValueError(f"twin name {twin!r}: use 1 to 40 letters, digits, '_' or '-'")
         self.twin = twin
         root = f"{PREFIX}/{twin}"
@@ -46,3 +47,16 @@ class Keys:
     def command_in(self, key: str) -> str:
         """The name of the command that is sent to this key, one of `commands`."""
         return key.removeprefix(f"{self._command}/")
+
+
+def is_name(text: str) -> bool:
+    """Whether a twin may be called so."""
+    return _NAME.match(text) is not None
+
+
+def spoken_on(heard: Any, key: str) -> bool:
+    """Whether a sample or query of Zenoh was sent to just this key.
+
+    One on a wildcard reaches everybody whose key it matches, and passes the access control of each of these keys.
+    """
+    return str(heard.key_expr) == key

@@ -6,8 +6,7 @@ from motm_twin.bus.messages import SceneChoice
 from motm_twin.model.names import hint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import SceneListing, list_scenes, listing, load_scene
-from motm_twin.model.scene_generate import is_generated
-from motm_twin.model.scene_load import find_scene, load_document
+from motm_twin.model.scene_load import find_scene, is_made, load_document
 
 Marks = dict[Path, tuple[int, int]]  # time of the last change [ns] and size [bytes] of each file
 
@@ -37,7 +36,7 @@ class FileLibrary:
         if scene not in self._paths:
             raise ValueError(f"no scene is called {scene[:64]!r}; {hint(scene, self._paths)}")
         path = self._paths[scene]
-        file = None if is_generated(path) else find_scene(path)[0]
+        file = None if is_made(path) else find_scene(path)[0]
         marks = {} if file is None else _marks(file)  # before it is read: a change in between must be seen
         resolved = load_scene(path, variant, seed)
         self._choices[scene] = _choice(listing(load_document(path)))

@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 
@@ -22,7 +23,7 @@ class Reporter:
         with self._lock:
             try:
                 print(json.dumps({"event": event, **details}), file=self._file, flush=True)
-            except (BrokenPipeError, ValueError):
+            except (OSError, ValueError):
                 return
 
 
@@ -61,6 +62,7 @@ def stop_event(with_parent: bool) -> threading.Event:
 
 def leave(code: int) -> None:
     """End now, without waiting for threads that compile or compute."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for file in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # full, closed, or nobody reads it
+            file.flush()
     os._exit(code)

@@ -15,6 +15,7 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
     twin: str
     endpoint: str  # of Zenoh
     page_port: int | None  # None: headless
+    page: str = ""  # its address, with the token
 
 
 def folder() -> Path:

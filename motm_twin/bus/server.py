@@ -22,6 +22,7 @@ from motm_twin.bus.ports import MakeTwin, Methods, SceneLibrary, TwinLike
 from motm_twin.bus.publisher import Publisher
 from motm_twin.bus.quiet import QuietQueryable
 from motm_twin.bus.session import LOOPBACK, free_port, open_server
+from motm_twin.external.keys import PlantKeys
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
 
@@ -71,7 +72,8 @@ class TwinServer:
         """``robot``: one in another program instead of the simulated one; ``make_twin`` is not used then."""
         self.keys = Keys(twin)
         self.port = port or free_port(host)
-        self._session = open_server(self.port, host, self.keys.own)
+        plant = PlantKeys(twin)
+        self._session = open_server(self.port, host, (*self.keys.own, *plant.told), plant.asked)
         clock = ServerClock()
         self._keeper = Keeper(
             data,

@@ -17,7 +17,7 @@ import zenoh
 
 from motm_twin.bus.config import session_config
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
 FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
 MAX_PORT = 65_535
 TRIES = 50  # ports that are tried
@@ -39,18 +39,25 @@ def require_free_port(host: str, port: int, use: str) -> None:
     """
     if not 0 <= port <= MAX_PORT:
         raise ValueError(f"port {port}: use 1 to {MAX_PORT} (0 takes any free one)")
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+    with socket.socket(family := _family(host), socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         try:
             probe.bind((host, port))
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
                 raise PortTaken(host, port, use) from error
             if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+                version, all_of_them = ("6", "::") if family == socket.AF_INET6 else ("4", "0.0.0.0")  # noqa: S104 - named
                 raise ValueError(
-                    f"{host} is no IPv4 address of this machine: give one of its own, or 0.0.0.0 for all"
+                    f"{host} is no IPv{version} address of this machine: give one of its own, or {all_of_them} for all"
                 ) from error
             raise ValueError(f"nothing can listen on port {port} of {host}: {error.strerror}; {use}") from error
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
 def free_port(host: str = LOOPBACK) -> int:
@@ -66,13 +73,15 @@ def free_port(host: str = LOOPBACK) -> int:
     raise PortTaken(host, port, f"so were {TRIES - 1} others")
 
 
-def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = ()) -> zenoh.Session:
-    """A session that listens on one TCP port, and alone speaks on the keys ``own``. Raises as `require_free_port`.
+def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = (), asks: Sequence[str] = ()) -> zenoh.Session:
+    """A session that listens on one TCP port, and alone speaks on the keys ``own`` and asks on ``asks``.
+
+    Raises as `require_free_port`.
 
     It connects to nobody, unless the configuration file names a router.
     """
     require_free_port(host, port, "choose another one with --zenoh-port (0 takes any free one)")
-    return zenoh.open(session_config(listen=[f"tcp/{host}:{port}"], connect=[], mode="peer", own=own))
+    return zenoh.open(session_config(listen=[f"tcp/{host}:{port}"], connect=[], mode="peer", own=own, asks=asks))
 
 
 def open_client(endpoint: str) -> zenoh.Session:

@@ -8,7 +8,7 @@ import msgspec
 import zenoh
 
 from motm_twin.bus.config import configured_endpoint
-from motm_twin.bus.keys import PREFIX, Keys
+from motm_twin.bus.keys import PREFIX, Keys, is_name, spoken_on
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.running import all_running
 from motm_twin.bus.session import open_client
@@ -31,6 +31,7 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
     twin: str
     endpoint: str
     page_port: int | None = None  # on this machine
+    page: str = ""  # its address there, with the token
     alive: bool = False  # whether its server answers
     state: str = ""
     scene: str = ""
@@ -50,7 +51,7 @@ def running_twins(endpoint: str | None = None) -> list[Found]:
     found = []
     for note in all_running():
         with opened(note.endpoint) as session:
-            known = Found(twin=note.twin, endpoint=note.endpoint, page_port=note.page_port)
+            known = Found(twin=note.twin, endpoint=note.endpoint, page_port=note.page_port, page=note.page)
             found.append(_asked(session, known))
     return found
 
@@ -104,15 +105,17 @@ def _alive(session: zenoh.Session) -> list[str]:
 
     def look() -> list[str]:
         replies = session.liveliness().get(f"{PREFIX}/*/alive", timeout=TIMEOUT)
-        return sorted({str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None})
+        names = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
+        return sorted(name for name in names if is_name(name))  # anybody may declare a token, of any name
 
     return _until_connected(look) or []
 
 
 def _asked(session: zenoh.Session, found: Found, within: float = TIMEOUT) -> Found:
     def ask() -> StatusMessage | None:
-        for reply in session.get(Keys(found.twin).status, timeout=TIMEOUT):
-            if reply.ok is not None:
+        key = Keys(found.twin).status
+        for reply in session.get(key, timeout=TIMEOUT):
+            if reply.ok is not None and spoken_on(reply.ok, key):
                 return msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage)
         return None
 

@@ -76,7 +76,7 @@ class ControlLoop(Stateful[LoopState]):
         self.plant = plant
         self.settings = settings or Settings()
         self.mapper = Mapper(known)
-        self.movers = MoverTracker()
+        self.movers = MoverTracker(robot=known.robot)
         self.tracker = ObjectTracker(known)
         self.self_check = SelfCheck(known, self.tracker)
         self.targets = Targets(known, self.tracker)

@@ -22,7 +22,7 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.floor import STALE, UNSEEN, Floor
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
-_DEEP = 0.03  # [m] inside the footprint: three standard deviations of a range, so that it is no noise
+_SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
 _NO_SCAN = Scan(
     stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
@@ -160,8 +160,9 @@ class Monitor(Stateful[MonitorState]):
         scan = observation.scan
         assert scan is not None
         ranges, v, base = scan.ranges, abs(float(twist[0])), self.profile.base
-        overlap = deepest(
-            near_points(ranges, scan.angle_min, scan.angle_step, scan.origin, self._corner), self._rectangle
+        points = near_points(ranges, scan.angle_min, scan.angle_step, scan.origin, self._corner)
+        overlap = float(
+            _depths(points, _bodies(points, self._rectangle), 0.0, 0.0, 0.0, self._rectangle).max(initial=0.0)
         )
         if overlap > 0.0:
             return f"stopped: something that the lidar sees is {overlap:.2f} m inside the base, which may only leave it"
@@ -279,16 +280,19 @@ def points_in_stop(
 ) -> int:
     """Most points that the footprint comes too near to at once while the base stops from (v, w).
 
-    A point outside the margin [m] may not come inside it. A point inside the margin, or inside the footprint, may not
-    come any deeper: only motion that makes an overlap smaller is free. The stop: constant twist for the lag, then
-    deceleration at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the turn goes on until the base has come to rest.
-    `rectangle`: half length, half width, offset of the footprint [m].
+    A point outside the margin [m] may not come inside it, one inside the margin no nearer. What is in the footprint
+    already may not get deeper into it: then all points count. The stop: constant twist for the lag, then deceleration
+    at a [m/s^2] and b [rad/s^2]; with `hold_yaw_rate` the turn goes on until the base has come to rest. `rectangle`:
+    half length, half width, offset of the footprint [m].
     """
     dt = 0.05
     half_length, half_width, offset = rectangle[0], rectangle[1], rectangle[2]
     allowed = np.empty(points.shape[0])
     for i in range(points.shape[0]):
-        allowed[i] = min(margin, _room(points[i, 0] - offset, points[i, 1], half_length, half_width) - _ROUNDING)
+        room = _room(points[i, 0] - offset, points[i, 1], half_length, half_width)
+        allowed[i] = min(margin, room - _ROUNDING)
+    body = _bodies(points, rectangle)
+    deep = _depths(points, body, 0.0, 0.0, 0.0, rectangle) + _ROUNDING
     worst = 0
     x = 0.0
     y = 0.0
@@ -307,8 +311,12 @@ def points_in_stop(
         time += dt
         c = math.cos(heading)
         s = math.sin(heading)
+        if (_depths(points, body, x, y, heading, rectangle) > deep).any():
+            return points.shape[0]
         count = 0
         for i in range(points.shape[0]):
+            if body[i] >= 0:
+                continue
             dx = points[i, 0] - x
             dy = points[i, 1] - y
             if _room(c * dx + s * dy - offset, c * dy - s * dx, half_length, half_width) < allowed[i]:
@@ -359,23 +367,42 @@ def unseen_in_stop(
 
 @njit(cache=True)
 def _room(x: float, y: float, half_length: float, half_width: float) -> float:
-    """Room [m] between a point and a rectangle about the origin, by its nearest side; negative inside.
-
-    Deep inside it is the way out along both axes, which also falls while a base drives on along its nearest side.
-    """
-    along, across = abs(x) - half_length, abs(y) - half_width
-    nearest = max(along, across)
-    return nearest if nearest > -_DEEP else along + across
+    """Room [m] between a point and a rectangle about the origin, by its nearest side; negative inside."""
+    return max(abs(x) - half_length, abs(y) - half_width)
 
 
 @njit(cache=True)
-def deepest(points: Array, rectangle: Array) -> float:
-    """How deep [m] the second deepest of the points (m, 2) is inside the footprint; one alone may be noise."""
-    first, second = 0.0, 0.0
+def _bodies(points: Array, rectangle: Array) -> NDArray[np.int64]:
+    """Which body in the footprint each of the points (m, 2), in the order of the beams, belongs to; -1: none."""
+    body = np.full(points.shape[0], -1)
+    count = 0
     for i in range(points.shape[0]):
-        depth = -max(abs(points[i, 0] - rectangle[2]) - rectangle[0], abs(points[i, 1]) - rectangle[1])
-        if depth > first:
-            first, second = depth, first
-        elif depth > second:
-            second = depth
-    return second
+        if _room(points[i, 0] - rectangle[2], points[i, 1], rectangle[0], rectangle[1]) >= 0.0:
+            continue
+        same = i > 0 and body[i - 1] >= 0
+        if same:
+            same = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]) < _SAME_BODY
+        if not same:
+            count += 1
+        body[i] = count - 1
+    return body
+
+
+@njit(cache=True)
+def _depths(points: Array, body: NDArray[np.int64], x: float, y: float, heading: float, rectangle: Array) -> Array:
+    """How far [m] the footprint at a pose must be shifted, square to a side, to be clear of each body, shape (k,)."""
+    c, s = math.cos(heading), math.sin(heading)
+    sides = np.zeros((max(body.max() + 1, 0) if body.shape[0] else 0, 4))
+    for i in range(points.shape[0]):
+        if body[i] < 0:
+            continue
+        dx, dy = points[i, 0] - x, points[i, 1] - y
+        along, across = c * dx + s * dy - rectangle[2], c * dy - s * dx
+        if abs(along) < rectangle[0] and abs(across) < rectangle[1]:
+            side = sides[body[i]]
+            side[0], side[1] = max(side[0], rectangle[0] - along), max(side[1], rectangle[0] + along)
+            side[2], side[3] = max(side[2], rectangle[1] - across), max(side[3], rectangle[1] + across)
+    depths = np.empty(sides.shape[0])
+    for k in range(sides.shape[0]):
+        depths[k] = sides[k].min()
+    return depths

@@ -75,6 +75,8 @@ def _inserted(now: TaskList, edit: InsertTask, known: KnownWorld, *, engaged: bo
     if len(now.tasks) + len(edit.tasks) > MOST_TASKS:
         raise ValueError(f"the list has {len(now.tasks)} tasks and may have {MOST_TASKS}: remove some first")
     for task in edit.tasks:
+        if not (known.robot.has_arm or isinstance(task, DriveTo)):
+            raise ValueError(f"{titled(task)}: the robot has no arm, it can only drive")
         _check_task(task, known)
     at = _open_place(now, len(now.tasks) if edit.index is None else edit.index)
     if engaged and at == now.index:

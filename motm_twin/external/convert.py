@@ -13,7 +13,7 @@ from motm_twin.external.messages import (
     TruthData,
     Vector,
 )
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, compose
 from motm_twin.model.plant import Detection, Scan, Truth
 
 _CLEARANCES = ("min_base_clearance", "min_arm_clearance", "min_ee_obstacle", "ee_obstacle")
@@ -108,3 +108,15 @@ def truth_of(data: TruthData) -> Truth:
         fields[name] = math.inf if fields[name] is None else fields[name]
     fields["pose"] = array(data.pose, 3, "true pose")
     return Truth(**fields)
+
+
+def moved(detection: Detection, T_run_odometry: Array) -> Detection:
+    """The same detection in another odometry: that of a robot that was started again, in the run's."""
+    return Detection(
+        stamp=detection.stamp,
+        name=detection.name,
+        p_base=detection.p_base,
+        yaw_base=detection.yaw_base,
+        position_sd=detection.position_sd,
+        odometry=compose(T_run_odometry, detection.odometry),
+    )

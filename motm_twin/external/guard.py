@@ -17,7 +17,8 @@ MAX_HEARD = 50  # arrivals that are told at once
 MAX_WAITING = 200  # commands
 MAX_AHEAD = 1.0  # [s] that a command may be given ahead
 MAX_LATE = 0.30  # [s] after which one that comes late is not taken at all
-SILENCE = 1.0  # [s] of silence after which somebody else may command
+SILENCE = 1.0  # [s] of silence after which somebody else may command, and numbers begin again
+MAX_JUMP = 1000  # between the numbers of two commands: 10 s of them lost at once
 SLACK = 1e-6  # rounding of limits
 
 
@@ -36,6 +37,7 @@ class CommandGuard:
         self._gripper = "open"
         self._decode = msgspec.json.Decoder(RobotCommand).decode
         self.commander, self._last_sign = "", -math.inf
+        self._newest, self._acted = -1, -1  # numbers of the commander's: the highest that was taken, and that acted
         self._heard: list[tuple[int, float]] = []
         self.refused, self.refusal = 0, ""
 
@@ -50,6 +52,7 @@ class CommandGuard:
         """What to do now [s]: base and arm come to rest when no command is fresh; the gripper stays as it was told."""
         while self._waiting and self._waiting[0].act_at <= now + SLACK:
             self._acting = self._waiting.pop(0)
+            self._acted = self._acting.seq
             if now - self._acting.act_at < self._acting.lifetime - SLACK:  # else the hand may be elsewhere by now
                 self._gripper = self._acting.gripper
         acting = self._acting
@@ -81,14 +84,20 @@ class CommandGuard:
             raise RefusedCommand(f"{self.commander!r} commands: it must be silent for {SILENCE:.0f} s first")
         self._heard = [*self._heard, (command.seq, now)][-MAX_HEARD:]
         self._check_time(command, now)
-        if command.sender == self.commander:
+        if command.sender == self.commander and now - self._last_sign < SILENCE:
             self._check_order(command)
         else:
-            self._waiting.clear()
+            self._begin()
         if len(self._waiting) >= MAX_WAITING:
             raise RefusedCommand(f"{MAX_WAITING} commands wait already")
         self.commander, self._last_sign = command.sender, now
+        self._newest = max(self._newest, command.seq)
         bisect.insort(self._waiting, command, key=lambda item: item.act_at)
+
+    def _begin(self) -> None:
+        """Another sender, or the same one after a silence: old commands of its own are refused by their times."""
+        self._waiting.clear()
+        self._newest, self._acted = -1, -1
 
     def _check(self, command: RobotCommand) -> None:
         limits = self._limits
@@ -120,8 +129,12 @@ class CommandGuard:
             raise RefusedCommand(f"stale: it was for {now - command.act_at:.2f} s ago")
 
     def _check_order(self, command: RobotCommand) -> None:
-        acting = self._acting
-        if acting is not None and acting.sender == command.sender and command.seq <= acting.seq:
-            raise RefusedCommand(f"number {command.seq} comes after {acting.seq} has acted: it is old or a duplicate")
+        if command.seq <= self._acted:
+            raise RefusedCommand(f"number {command.seq} comes after {self._acted} has acted: it is old or a duplicate")
         if any(other.seq == command.seq for other in self._waiting):
             raise RefusedCommand(f"number {command.seq} was taken already: a duplicate")
+        if command.seq > self._newest + MAX_JUMP:
+            raise RefusedCommand(
+                f"number {command.seq} jumps by {command.seq - self._newest} from {self._newest}, "
+                f"by {MAX_JUMP} at most within {SILENCE:.0f} s"
+            )

@@ -23,3 +23,13 @@ class PlantKeys:
         self.reset = f"{root}/reset"  # ? ResetRequest -> PlantAnswer
         self.edit = f"{root}/edit"  # ? EditRequest -> PlantAnswer
         self.tasks = f"{root}/tasks"  # ? TaskNotice -> PlantAnswer
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Those on which nobody but the twin says anything."""
+        return self.command, self.grant
+
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """Those that nobody but the twin asks."""
+        return self.reset, self.edit, self.tasks

@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from motm_twin.external.checks import NAMES
-from motm_twin.external.convert import array, detection_of, scan_of, vector
+from motm_twin.external.convert import array, detection_of, moved, scan_of, vector
 from motm_twin.external.messages import (
     HOLD,
     VERSION,
@@ -14,6 +14,7 @@ from motm_twin.external.messages import (
     RobotCommand,
     RobotState,
 )
+from motm_twin.external.obedience import Obedience
 from motm_twin.external.predictor import Motion, Predictor
 from motm_twin.external.robot_link import RESET_ANSWER, RobotLink
 from motm_twin.external.timing import ClockOffset, Lead
@@ -55,6 +56,7 @@ class ZenohPlant(RemoteWorld):
         self._sent: dict[int, float] = {}
         self._scan: tuple[object, Scan | None] = (None, None)
         self._detections: tuple[object, tuple[Detection, ...]] = (None, ())
+        self._obedience = Obedience()
         link.on_state = self._on_state
 
     @property
@@ -91,13 +93,16 @@ class ZenohPlant(RemoteWorld):
         if self._info is None or self._origin is None:
             return f"waiting for robot on {self.link.keys.root}/**{self._lacking()}"
         state: RobotState | None = self.link.newest("state")
-        quiet = time.monotonic() - self.link.last_sign
+        now = time.monotonic()
+        quiet = now - self.link.last_sign
         if quiet > GONE and (self._silent_since or self.mirror or not self.shared):
             return f"waiting for robot {self._info.name!r}{self._refused() or ': nothing is heard of it'}"
         what = "shown only, not commanded" if self.mirror else f"commands are given {self._ahead() * 1e3:.0f} ms ahead"
         if state is not None and not self.mirror and state.commander not in ("", self._sender):
-            what = f"obeys somebody else: {state.commander}"
-        return f"robot {self._info.name!r}, {self._info.clock} clock: {what}{self._refused()}"
+            what = f"obeys somebody else: {state.commander[:80]}"
+        return (
+            f"robot {self._info.name!r}, {self._info.clock} clock: {what}{self._refused()}{self._obedience.text(now)}"
+        )
 
     def _lacking(self) -> str:
         """What a robot that is heard has not said yet; "" for one that is not heard."""
@@ -216,6 +221,8 @@ class ZenohPlant(RemoteWorld):
             return
         self._clock.state(state.stamp, received)
         now = received
+        if not self.mirror:
+            self._obedience.state(state, received, self._seq)
         for seq, at in state.heard:
             self._arrived.append((seq, at))
             sent = self._sent.get(seq)
@@ -268,7 +275,7 @@ class ZenohPlant(RemoteWorld):
         if data is not None and data is not self._detections[0]:
             seen = tuple(detection_of(one, origin) for one in data.detections)
             if self._to_odometry is not None:
-                seen = tuple(_moved(one, self._to_odometry) for one in seen)
+                seen = tuple(moved(one, self._to_odometry) for one in seen)
             self._detections = (data, seen)
         return self._detections[1]
 
@@ -338,6 +345,7 @@ class ZenohPlant(RemoteWorld):
         """What was known about a robot that is gone."""
         assert self._info is not None
         self._predictor.clear()
+        self._obedience = Obedience()
         self._clock, self._lead = ClockOffset(), Lead(self._info.step)
         self._arrived, self._sent, self._silent_since = [], {}, 0.0
         self._scan, self._detections = (None, None), (None, ())
@@ -384,14 +392,3 @@ class ZenohPlant(RemoteWorld):
 
     def _shown(self) -> bool:
         return all(self.link.newest(name) is not None for name in ("state", "scan"))
-
-
-def _moved(detection: Detection, T_run_odometry: Array) -> Detection:
-    return Detection(
-        stamp=detection.stamp,
-        name=detection.name,
-        p_base=detection.p_base,
-        yaw_base=detection.yaw_base,
-        position_sd=detection.position_sd,
-        odometry=compose(T_run_odometry, detection.odometry),
-    )

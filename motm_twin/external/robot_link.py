@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 import zenoh
 
+from motm_twin.bus.keys import spoken_on
 from motm_twin.external.checks import MAX_AHEAD, NAMES, Message, RefusedMessage, read
 from motm_twin.external.keys import PlantKeys
 from motm_twin.external.messages import (
@@ -106,7 +107,7 @@ class RobotLink:
     def info(self) -> Info | None:
         """What the robot says that it is; None without an answer."""
         for payload in self._ask(self.keys.info, b"", ANSWER):
-            with suppress(msgspec.DecodeError):
+            with suppress(msgspec.DecodeError, UnicodeDecodeError):
                 info = msgspec.json.decode(payload, type=Info)
                 if info.version == VERSION:
                     return info
@@ -115,7 +116,7 @@ class RobotLink:
     def ask(self, key: str, request: msgspec.Struct, timeout: float = ANSWER) -> PlantAnswer:
         """Send a request; no answer is an answer that is not ok."""
         for payload in self._ask(key, self._encode(request), timeout):
-            with suppress(msgspec.DecodeError):
+            with suppress(msgspec.DecodeError, UnicodeDecodeError):
                 return msgspec.json.decode(payload, type=PlantAnswer)
         return PlantAnswer(version=VERSION, ok=False, reason="the robot does not answer")
 
@@ -135,7 +136,8 @@ class RobotLink:
     def _ask(self, key: str, payload: bytes, timeout: float) -> list[bytes]:
         try:
             replies = self.session.get(key, payload=payload, timeout=timeout)
-            return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+            good = [reply.ok for reply in replies if reply.ok is not None]
+            return [sample.payload.to_bytes() for sample in good if spoken_on(sample, key)]
         except zenoh.ZError:
             return []
 
@@ -146,7 +148,11 @@ class RobotLink:
         self.last_sign = own["state"][1] if "state" in own else -1e9
 
     def _reader(self, name: str) -> Callable[[zenoh.Sample], None]:
+        key = getattr(self.keys, name)
+
         def on_sample(sample: zenoh.Sample) -> None:
+            if not spoken_on(sample, key):
+                return
             received = time.monotonic()
             try:
                 self._keep(name, read(name, sample.payload.to_bytes()), received)

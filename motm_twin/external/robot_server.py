@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import zenoh
 
+from motm_twin.bus.keys import spoken_on
 from motm_twin.bus.session import open_member
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.keys import PlantKeys
@@ -137,13 +138,16 @@ class RobotServer:
             self._queue.put_nowait(work)
 
     def _on_command(self, sample: zenoh.Sample) -> None:
-        payload = sample.payload.to_bytes()
-        self._post(lambda: self.robot.command(payload))
+        if spoken_on(sample, self.keys.command):
+            payload = sample.payload.to_bytes()
+            self._post(lambda: self.robot.command(payload))
 
     def _on_grant(self, sample: zenoh.Sample) -> None:
+        if not spoken_on(sample, self.keys.grant):
+            return
         try:
             grant = msgspec.json.decode(sample.payload.to_bytes(), type=ClockGrant)
-        except msgspec.DecodeError:
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             return
         self._post(lambda: self._grant(grant))
 
@@ -165,6 +169,8 @@ class RobotServer:
         """Answer questions on this key, in the robot's thread."""
 
         def on_query(query: zenoh.Query) -> None:
+            if kind is not None and not spoken_on(query, key):
+                return  # whoever asks for everything does not ask for a change
             payload = b"" if query.payload is None else query.payload.to_bytes()
             self._post(lambda: _reply(query, key, payload, kind, answer))
 

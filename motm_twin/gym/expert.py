@@ -55,7 +55,7 @@ class Expert:
     def _of_base(self, twist: Array) -> tuple[float, float]:
         base = self._known.robot.base
         speed = base.forward_speed if twist[0] > 0.0 else base.reverse_speed
-        return float(twist[0]) / speed, float(twist[1]) / base.yaw_rate
+        return float(twist[0]) / speed if speed > 0.0 else 0.0, float(twist[1]) / base.yaw_rate
 
 
 def _of_arm(step: ArmStep) -> Array:

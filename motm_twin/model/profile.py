@@ -19,6 +19,11 @@ class Footprint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     height: float = 0.38  # [m] top of the body above the floor
     offset_x: float = 0.0  # [m]
 
+    @property
+    def outer(self) -> float:
+        """Radius [m] of the circle about the base frame that holds the whole rectangle."""
+        return math.hypot(0.5 * self.length + abs(self.offset_x), 0.5 * self.width)
+
 
 class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Limits of the differential drive, and the lag of its velocity loop."""
@@ -29,6 +34,12 @@ class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     linear_acceleration: float = 0.5  # [m/s^2]
     yaw_acceleration: float = 1.75  # [rad/s^2]
     velocity_lag: float = 0.1  # [s] first-order time constant, known to the controller
+
+    @property
+    def stopping_way(self) -> float:
+        """Way [m] from full speed to rest: v lag + v^2 / 2a."""
+        v = self.forward_speed
+        return v * self.velocity_lag + v * v / (2.0 * self.linear_acceleration)
 
 
 class ArmSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -80,6 +91,9 @@ class RobotProfile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     footprint: Footprint = Footprint()
     base: BaseLimits = BaseLimits()
     arm: ArmSpec = ArmSpec()
+    has_arm: bool = (
+        True  # without one, `arm`, `gripper` and `camera` mean nothing, and all its numbers stay as they are
+    )
     gripper: Gripper = Gripper()
     lidar: Lidar = Lidar()
     camera: GripperCamera = GripperCamera()

@@ -48,12 +48,18 @@ def check_robot(scene: Scene, root: Node) -> None:
     body = robot.footprint
     if abs(body.offset_x) >= body.length / 2.0:
         raise node.at("footprint", "offset_x").error("the base frame lies outside the footprint: make it smaller")
+    if not robot.has_arm:
+        return _check_lidar(scene, node)
     if abs(robot.arm.mount_x - body.offset_x) > body.length / 2.0 or abs(robot.arm.mount_y) > body.width / 2.0:
         raise node.at("arm").error(
             f"the arm stands at ({robot.arm.mount_x:g}, {robot.arm.mount_y:g}) m, outside the footprint of "
             f"{body.length:g} x {body.width:g} m: set arm.mount_x and arm.mount_y"
         )
-    if robot.lidar.range_min >= robot.lidar.range_max:
+    return _check_lidar(scene, node)
+
+
+def _check_lidar(scene: Scene, node: Node) -> None:
+    if scene.robot.lidar.range_min >= scene.robot.lidar.range_max:
         raise node.at("lidar").error("range_min must be below range_max")
 
 
@@ -168,6 +174,10 @@ def check_tasks(scene: Scene, root: Node) -> None:
     held, picked = "", set()
     for index, task in enumerate(scene.tasks):
         node = root.at("tasks", index)
+        if not scene.robot.has_arm and not isinstance(task, DriveTo):
+            raise (node if deliver is None else deliver).error(
+                "the robot has no arm (arm: none): it can only drive_to; leave the others out, or give it an arm"
+            )
         if isinstance(task, Pick):
             if task.object not in objects:
                 raise node.at("pick").error(f"there is no object '{task.object}'; {near(task.object, objects)}")

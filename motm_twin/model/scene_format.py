@@ -260,7 +260,7 @@ class RobotFile(Part, frozen=True, kw_only=True):
     name: Name = "frankie"
     footprint: FootprintFile | None = None
     base: BaseFile | None = None
-    arm: ArmFile | None = None
+    arm: ArmFile | Literal["none"] | None = None
     gripper: GripperFile | None = None
     lidar: LidarFile | None = None
     camera: CameraFile | None = None
@@ -272,11 +272,11 @@ class Content(Part, frozen=True, kw_only=True):
     title: Text | None = None
     robot: Literal["frankie"] | RobotFile | None = None
     start: PoseFile | None = None
-    furniture: Annotated[dict[Name, Furniture | None], Meta(max_length=200)] = {}
+    furniture: Annotated[dict[Name, Furniture | None], Meta(max_length=2000)] = {}
     slots: Annotated[dict[Name, SlotFile | None], Meta(max_length=100)] = {}
     objects: Annotated[dict[Name, ObjectFile | None], Meta(max_length=100)] = {}
     bins: Annotated[dict[Name, BinFile | None], Meta(max_length=20)] = {}
-    agents: Annotated[dict[Name, AgentFile | None], Meta(max_length=20)] = {}
+    agents: Annotated[dict[Name, AgentFile | None], Meta(max_length=100)] = {}
     deliver: DeliverFile | None = None
     tasks: Annotated[tuple[TaskFile, ...], Meta(min_length=1, max_length=200)] | None = None
     noise: NoiseFile | None = None

@@ -5,6 +5,7 @@ import difflib
 from pathlib import Path
 
 from motm_twin.model.data_dirs import scenes_dir
+from motm_twin.model.scene_barn import barn, is_barn, parse_barn
 from motm_twin.model.scene_error import SceneError, near
 from motm_twin.model.scene_format import FORMAT, SceneFile
 from motm_twin.model.scene_generate import generate, is_generated, name_of, parse_name
@@ -54,7 +55,7 @@ def find_scene(name_or_path: str) -> tuple[Path, str]:
         shipped = f"; the shipped scene '{close[0]}' is called without folder and ending" if close else ""
         raise SceneError(f"no such scene file{shipped}", file=show(text))
     raise SceneError(
-        f"no scene is called {show(text)} (a path to your own .yaml file works too, and generated:SEED); "
+        f"no scene is called {show(text)} (a path to your own .yaml file works too, generated:SEED and barn:SEED); "
         f"{near(text, names)}"
     )
 
@@ -67,17 +68,26 @@ def _is_file(path: Path) -> bool:
 
 
 def load_document(name_or_path: str) -> Document:
-    """Read a scene file and all that it extends, or make a generated scene; raises SceneError."""
-    if is_generated(name_or_path):
-        return _generated(name_or_path)
+    """Read a scene file and all that it extends, or make a scene from a seed; raises SceneError."""
+    if is_made(name_or_path):
+        return _made(name_or_path)
     path, shown = find_scene(name_or_path)
     return Document(path.stem, shown, _read_chain(path, shown, (path.resolve(),)))
 
 
-def _generated(text: str) -> Document:
-    seed, difficulty = parse_name(text)
-    name = name_of(seed, difficulty)
-    root = parse_yaml(generate(seed, difficulty), name)
+def is_made(name: str) -> bool:
+    """Whether a scene is made from a seed: there is no file of it."""
+    return is_generated(name) or is_barn(name)
+
+
+def _made(asked: str) -> Document:
+    if is_barn(asked):
+        seed = parse_barn(asked)
+        name, text = f"barn:{seed}", barn(seed)
+    else:
+        seed, difficulty = parse_name(asked)
+        name, text = name_of(seed, difficulty), generate(seed, difficulty)
+    root = parse_yaml(text, name)
     check_types(root, SceneFile)
     return Document(name, name, merge(Node({}, name, root.line, ""), root))
 

@@ -119,10 +119,11 @@ class Resolver:
         parts = {
             key: msgspec.structs.replace(getattr(default, key), **_plain_units(getattr(given, key)))
             for key in ("footprint", "base", "arm", "gripper", "lidar", "camera")
-            if getattr(given, key) is not None
+            if isinstance(getattr(given, key), msgspec.Struct)
         }
-        name = given.name if given.name != "frankie" or not parts else "frankie_modified"
-        return msgspec.structs.replace(default, name=name, **parts)
+        changed = parts or given.arm == "none"
+        name = given.name if given.name != "frankie" or not changed else "frankie_modified"
+        return msgspec.structs.replace(default, name=name, has_arm=given.arm != "none", **parts)
 
     def surface(self, name: str, node: Node) -> Solid:
         """The furniture called so; a group stands for its highest piece."""

@@ -63,7 +63,9 @@ def check_arm_start(scene: Scene, root: Node) -> None:
 
 
 def _arm_points(scene: Scene) -> list[tuple[float, float, float]]:
-    """Points along the arm in its start pose, at most `LINK_RADIUS` apart, world [m]."""
+    """Points along the arm in its start pose, at most `LINK_RADIUS` apart, world [m]; none without an arm."""
+    if not scene.robot.has_arm:
+        return []
     arm, pose = scene.robot.arm, np.array(scene.start, dtype=float)
     joints = fk_arm(READY)[_ARM_LINE, :3, 3] + np.array([arm.mount_x, arm.mount_y, arm.mount_z])
     points = []
@@ -137,8 +139,13 @@ def check_reach(scene: Scene, root: Node, object_node: Callable[[Node, str], Nod
     """Objects, bins and places to drive to can be reached from the start."""
     free = free_space(scene)
     arm = scene.robot.arm
-    targets = [("object", i.name, i.position, object_node(root, i.name)) for i in scene.objects]
-    targets += [("bin", i.name, (*i.centre, i.rim_z), root.at("bins", i.name)) for i in scene.bins]
+    targets = (
+        []
+        if not scene.robot.has_arm
+        else [("object", i.name, i.position, object_node(root, i.name)) for i in scene.objects]
+    )
+    if scene.robot.has_arm:
+        targets += [("bin", i.name, (*i.centre, i.rim_z), root.at("bins", i.name)) for i in scene.bins]
     for kind, name, (x, y, z), node in targets:
         radius = reach(scene, z)
         low, high = arm.mount_z + SHOULDER - ARM_REACH, arm.mount_z + SHOULDER + ARM_REACH

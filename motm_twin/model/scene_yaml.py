@@ -15,7 +15,7 @@ from motm_twin.model.scene_error import SceneError
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 24
-MAX_VALUES = 20_000
+MAX_VALUES = 100_000
 MAX_KEY = 80
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # only its parser is used, never its constructors

@@ -1,5 +1,9 @@
 """Outlines of seen obstacles: cells that lie close together become one convex polygon, or several when it would lie.
 
+A hull lies when a base that keeps off it by g, by which planning grows it, could come nearer to the cells: it closes a
+way that is there. Then the cells are parted, until what is lost is less than `LOST`. Only where the lidar looks at it
+was tried (nobody has seen what is behind): posts that were passed close the way between them, and the robot stands.
+
 The polygons feed the visibility graph only; collision is decided by the distance field, which keeps every cell.
 """
 
@@ -9,11 +13,13 @@ import numpy as np
 from numba import njit
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.profile import Footprint, RobotProfile
 
-MERGE_CELLS = 6  # 0.3 m: no base fits through a narrower gap, and grazing beams leave gaps like this on one face
-SPLIT_AREA = 0.4  # [m^2] a hull larger than this ...
-SPLIT_RATIO = 4.0  # ... and than this many times the cells in it covers floor that may be free (an L of two walls)
-MIN_SPLIT = 6  # cells; smaller clusters stay whole
+MERGE_CELLS = 6  # 0.3 m: grazing beams leave gaps like this on one face; where a base fits through, they are parted
+LOST = 0.05  # [m] of a way beside a hull that may be lost
+MARGIN = 0.08  # [m] beyond half the width of the base by which planning grows outlines
+GROWTH = 0.5 * RobotProfile().footprint.width + MARGIN  # [m] g of Frankie
+BETWEEN = 2.0  # cells between two places beside a hull at which it is tried
 MAX_CORNERS = 8
 FLAT = 0.02  # [m] corners that stand out less than this are left out
 CALM = 0.075  # [m] an outline is kept while no corner of the new one is further than this from it (1.5 cells)
@@ -150,11 +156,35 @@ def _by_label(labels, count):
 
 
 @njit(cache=True)
-def _outline_of(cells, resolution, cell_area, origin):
+def _lies(hull, cells, g, lost):
+    """Whether somewhere g beside the hull (n, 2) all cells (m, 2) are more than g + ``lost`` away; all in cells."""
+    far = (g + lost) ** 2
+    for i in range(hull.shape[0]):
+        j = i + 1 if i + 1 < hull.shape[0] else 0
+        dx, dy = hull[j, 0] - hull[i, 0], hull[j, 1] - hull[i, 1]
+        length = math.hypot(dx, dy)
+        if math.hypot(g, 0.5 * length) <= g + lost:  # both ends are corners of cells
+            continue
+        steps = math.ceil(length / BETWEEN)
+        for k in range(1, steps):
+            x, y = hull[i, 0] + k / steps * dx + g * dy / length, hull[i, 1] + k / steps * dy - g * dx / length
+            near = False
+            for c in range(cells.shape[0]):
+                away_x = max(0.0, cells[c, 1] - x, x - cells[c, 1] - 1)
+                away_y = max(0.0, cells[c, 0] - y, y - cells[c, 0] - 1)
+                if away_x * away_x + away_y * away_y <= far:
+                    near = True
+                    break
+            if not near:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _outline_of(cells, resolution, g, origin):
     """Convex outline [m], counter-clockwise, (n, 2), of cells sorted by row and column; none when it would lie."""
     hull = hull_of_cells(cells)
-    area = area_of(hull) * cell_area
-    if cells.shape[0] >= MIN_SPLIT and area > max(SPLIT_AREA, SPLIT_RATIO * cells.shape[0] * cell_area):
+    if _lies(hull, cells, g / resolution, LOST / resolution):
         return hull[:0]
     corners = drop_flat_corners(hull, FLAT / resolution, MAX_CORNERS)
     for i in range(corners.shape[0]):
@@ -163,8 +193,16 @@ def _outline_of(cells, resolution, cell_area, origin):
     return corners
 
 
-def seen_outlines(cells: np.ndarray, resolution: float, origin: Array) -> list[Array]:
-    """Convex outlines [m], counter-clockwise, each shape (n, 2), of seen cells (row, col) sorted by row and column."""
+def growth_of(footprint: Footprint) -> float:
+    """g [m]: by how much planning grows outlines for a base, when nobody has changed that."""
+    return 0.5 * footprint.width + MARGIN
+
+
+def seen_outlines(cells: np.ndarray, resolution: float, origin: Array, g: float = GROWTH) -> list[Array]:
+    """Convex outlines [m], counter-clockwise, each shape (n, 2), of seen cells (row, col) sorted by row and column.
+
+    ``g`` [m]: by how much planning grows them.
+    """
     order, ends = _by_label(*label_cells(cells, MERGE_CELLS))
     by_label, start = cells[order], 0
     outlines: list[Array] = []
@@ -172,7 +210,7 @@ def seen_outlines(cells: np.ndarray, resolution: float, origin: Array) -> list[A
         pending = [by_label[start:end]]
         while pending:
             part = pending.pop()
-            outline = _outline_of(part, resolution, resolution**2, origin)
+            outline = _outline_of(part, resolution, g, origin)
             if len(outline):
                 outlines.append(outline)
             else:

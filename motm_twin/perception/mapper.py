@@ -9,9 +9,10 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Scan
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import BaseMap, base_map, read_only
-from motm_twin.perception.clusters import calm, seen_outlines
+from motm_twin.perception.clusters import calm, growth_of, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.floor import floor_round, mark_seen, sight_radius
 from motm_twin.perception.occupancy import (
@@ -23,7 +24,7 @@ from motm_twin.perception.occupancy import (
     settle,
 )
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
-from motm_twin.perception.window import WHOLE, Window, occupied_cells, whole, window_of
+from motm_twin.perception.window import AROUND, WHOLE, Window, occupied_cells, whole, window_of
 from motm_twin.perception.world_map import WorldMap
 
 NO_CELLS = np.zeros((0, 2), np.int32)
@@ -33,13 +34,18 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Parameters of the map. Choices of this project unless a source is named."""
 
     resolution: float = 0.05  # [m] (STAA*)
-    lidar_reach: float = 8.0  # [m] hits and free space further away are left for later: 16 s of driving
+    lidar_reach: float = 8.0  # [m] hits and free space further away are left for later, but not what the base stops for
     explained_margin: float = 0.08  # [m] a hit this close to furniture the lidar can see is that furniture: 3 sd of
     explained_per_range: float = 0.025  # [m/m] position and range noise, plus 3 sd (1.5 deg) of heading noise
     forget: float = 3.0  # [s] what was not static and is not seen again goes: the trail of an agent out of sight
     proximity_width: float = 0.12  # [m] penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)
     proximity_blur: int = 1  # [cells] each way
     body_shrink: float = 0.05  # [m] cells this far inside the robot's own footprint are under it
+
+
+def reach_of(robot: RobotProfile) -> float:
+    """How far [m] a base must see to stop from full speed, turn aside or back: three stopping ways and its own size."""
+    return 3.0 * robot.base.stopping_way + 2.0 * robot.footprint.outer
 
 
 @dataclass
@@ -60,6 +66,8 @@ class Mapper(Stateful[MapperState]):
     def __init__(self, known: KnownWorld, settings: MapSettings | None = None) -> None:
         self._known = known
         self._settings = settings or MapSettings()
+        self._g = growth_of(known.robot.footprint)
+        self._reach = max(self._settings.lidar_reach, reach_of(known.robot))
         self.base: BaseMap = base_map(known, self._settings.resolution)
         grid = self.base.grid
         self._origin = read_only(np.array(grid.origin))
@@ -92,12 +100,12 @@ class Mapper(Stateful[MapperState]):
         """Go on from the state of a mapper with another pre-made map: what this map explains is forgotten."""
         self.restore(state)
         settings, own = self._settings, self._state
-        margin = settings.explained_margin + settings.explained_per_range * settings.lidar_reach
+        margin = settings.explained_margin + settings.explained_per_range * self._reach
         own.evidence.level[self._inside | (self.base.visible_distance < margin)] = 0
         keep = own.evidence.level[own.cells[:, 0], own.cells[:, 1]] > 0
         if not keep.all():
             own.cells, own.static = own.cells[keep], own.static[keep]
-            outlines = seen_outlines(own.cells, self.base.grid.resolution, self._origin)
+            outlines = seen_outlines(own.cells, self.base.grid.resolution, self._origin, self._g)
             own.outlines = tuple(read_only(corners) for corners in outlines)
 
     def update(self, observation: Observation, targets: Sequence[Array] = ()) -> WorldMap:
@@ -108,7 +116,7 @@ class Mapper(Stateful[MapperState]):
         state = self._state
         if observation.scan is not None and observation.scan.stamp != state.scan_stamp:
             self._take(observation.scan, observation.time)
-        self._look_at(window_of(self.base.grid, [observation.pose[:2], *targets]))
+        self._look_at(window_of(self.base.grid, [observation.pose[:2], *targets], max(AROUND, self._reach + 1.0)))
         rows, columns = self._window
         cells, static = state.cells, state.static
         if (rows.stop - rows.start, columns.stop - columns.start) != self.base.grid.shape:
@@ -153,7 +161,7 @@ class Mapper(Stateful[MapperState]):
         state.refusal, state.scan_stamp = "", checked.stamp
         cells, static = self._integrate(checked)
         if not np.array_equal(cells, state.cells):
-            outlines = seen_outlines(cells, self.base.grid.resolution, self._origin)
+            outlines = seen_outlines(cells, self.base.grid.resolution, self._origin, self._g)
             state.outlines = tuple(read_only(corners) for corners in calm(outlines, state.outlines))
         state.cells, state.static = cells, static
 
@@ -161,7 +169,7 @@ class Mapper(Stateful[MapperState]):
         """Hits, then free space, then memory; the seen cells and whether each is static."""
         evidence, settings, body = self._state.evidence, self._settings, self._known.robot.footprint
         now_ms = round(scan.stamp * 1000.0)
-        reach = min(settings.lidar_reach, scan.range_max)
+        reach = min(self._reach, scan.range_max)
         hit = scan.ranges < reach
         ends = scan.origin + np.minimum(scan.ranges, reach)[:, None] * scan.directions
         hit_now, passed_now = self._blank(scan.origin, reach)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.perception.belonging import touching
 from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of
@@ -18,7 +19,11 @@ from motm_twin.perception.world_map import NO_AGES, NO_MOVERS, NO_POINTS, WorldM
 
 
 class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
-    """How moving obstacles are told from standing ones. Choices of this project."""
+    """How moving obstacles are told from standing ones. Choices of this project.
+
+    Sizes, speeds and times are those of persons and Temis, of the lidar and the map, whatever the robot is; only how
+    near is near depends on it.
+    """
 
     join_cells: int = 2  # cells at most this far apart belong to one thing
     smallest: int = 3  # cells of a thing: less is noise
@@ -44,8 +49,9 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     now: float = 0.06  # [s] since it was hit last, up to which a cell says where a thing is: two scans, one may miss it
     fresh: float = 0.5  # [s] since it was hit last, up to which something static shows where its sides are
     remembers: float = 3.0  # [s] free of it after which a static cell is no longer one: as long as it takes to be one
-    near: float = 2.0  # [m] from the viewpoint to the middle of a mover, up to which it is in the way as it is
-    parted: float = 2.6  # [m] and beyond which it no longer is
+    near_time: float = 4.0  # [s] of driving at full speed up to which a mover is in the way as it is: until the base
+    near_more: float = 0.45  # [m] comes there it may not have moved on; more than a base that stops before it needs,
+    parted: float = 1.3  # times as far, beyond which it no longer is
     edge: float = 0.12  # [m] round a mover that seen cells belong to it
 
 
@@ -101,8 +107,11 @@ Cells = NDArray[np.int32]  # row and column, shape (m, 2)
 class MoverTracker(Stateful[MoverState]):
     """Follows what is not static from map to map."""
 
-    def __init__(self, parameters: MoverParameters | None = None) -> None:
-        self.parameters = parameters or MoverParameters()
+    def __init__(self, parameters: MoverParameters | None = None, robot: RobotProfile | None = None) -> None:
+        robot, self.parameters = robot or RobotProfile(), parameters or MoverParameters()
+        p = self.parameters
+        stops = robot.footprint.outer + p.radius_max + robot.base.stopping_way + p.near_more
+        self.near = max(p.near_time * robot.base.forward_speed, stops)  # [m] from the viewpoint; 2.0 m for Frankie
         self._state = MoverState()
 
     def sort(self, world: WorldMap, viewpoint: Array) -> WorldMap:
@@ -273,7 +282,7 @@ class MoverTracker(Stateful[MoverState]):
     def _part(self, viewpoint: Array) -> None:
         """Say which are near, with a hysteresis."""
         for track in self._state.tracks:
-            limit = self.parameters.parted if track.near else self.parameters.near
+            limit = self.parameters.parted * self.near if track.near else self.near
             track.near = math.dist(track.position, viewpoint) <= limit
 
     def _clusters(self, world: WorldMap, grid: Cells, young: NDArray[np.int64], viewpoint: Array) -> list[Seen]:

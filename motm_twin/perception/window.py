@@ -13,7 +13,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.perception.grid import Grid
 
 WHOLE = 600_000  # cells: 1,500 m^2 at 5 cm
-AROUND = 9.0  # [m] kept round the robot and its targets: lidar reach and a way round
+AROUND = 9.0  # [m] kept round the robot and its targets: lidar reach and a way round, for most robots
 STEP = 4.0  # [m] to which the rectangle is snapped
 
 Window = tuple[slice, slice]  # rows, columns
@@ -24,13 +24,13 @@ def whole(grid: Grid) -> Window:
     return slice(0, grid.shape[0]), slice(0, grid.shape[1])
 
 
-def window_of(grid: Grid, points: Sequence[Array]) -> Window:
+def window_of(grid: Grid, points: Sequence[Array], around: float = AROUND) -> Window:
     """The part of the grid that holds the points (2,) [m] and what is round them."""
     if grid.shape[0] * grid.shape[1] <= WHOLE:
         return whole(grid)
     inside = [np.clip(point, grid.origin, np.array(grid.origin) + grid.resolution * np.array(grid.shape[::-1]))
               for point in points]  # fmt: skip
-    low, high = np.min(inside, axis=0) - AROUND, np.max(inside, axis=0) + AROUND
+    low, high = np.min(inside, axis=0) - around, np.max(inside, axis=0) + around
     cells = max(1, round(STEP / grid.resolution))
     first, last = grid.cell_of(low), grid.cell_of(high)
     rows, columns = (

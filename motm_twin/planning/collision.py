@@ -17,6 +17,8 @@ SLOPE, ROUNDING = 1.4143, 1e-4
 # [m] Between points that are d apart it changes by sqrt(d^2 + cell^2) at most: the mean distance of two points, each
 # drawn from the corners of its cell with the weights of the interpolation, is not more. Cells up to this size.
 COARSEST = 0.1
+DENT = 0.02  # [m] that the circles of a footprint leave out of its sides at most; beside the corners it is a quarter of
+LARGEST = 0.125  # [m] the radius of the smaller ones, which is that of Frankie at most: larger bases have more of them
 BORDER = 0.1  # [m] this near to the border of the map, where the distance jumps, nothing is taken from that
 
 
@@ -41,6 +43,8 @@ class Body(NamedTuple):
     outer: float  # circumscribed
     inner: float  # inscribed
     slack: float  # by which the largest reach is more than `outer`
+    reach: float  # furthest point from the base frame
+    length: float  # along the way
 
 
 def field_of(world: WorldMap) -> Field:
@@ -61,13 +65,16 @@ def _to_border(rows: int, columns: int, resolution: float) -> NDArray[np.float32
 
 
 def body_of(footprint: Footprint) -> Body:
-    """Covering circles of a rectangle: exact at corners, less than 2 cm short of the sides between circles."""
+    """Covering circles of a rectangle: exact at corners, short of the sides by `DENT` between circles at most."""
     half_l, half_w = footprint.length / 2, footprint.width / 2
     half_l, half_w, upright = (half_l, half_w, False) if half_l >= half_w else (half_w, half_l, True)
-    r = half_w / 2
-    along = np.linspace(-(half_l - r), half_l - r, 1 + math.ceil(2 * (half_l - r) / (0.95 * r)))
-    circles = [(x, side * (half_w - r), r) for x in along for side in (-1, 1)]
-    circles += [(end * (half_l - r), 0.0, r) for end in (-1, 1)]
+    r = min(half_w / 2, LARGEST)
+    apart = 2.0 * math.sqrt(2.0 * r * DENT - DENT * DENT) if r > DENT else r
+    along = np.linspace(-(half_l - r), half_l - r, 1 + math.ceil(2 * (half_l - r) / min(0.95 * r, apart)))
+    across = np.linspace(-(half_w - r), half_w - r, 1 + math.ceil(2 * (half_w - r) / min(r, apart)))
+    inside = range(2, len(across) - 2) if r < half_w / 2 else ()
+    circles = [(x, y, r) for x in along for y in across[[0, *inside, -1]].tolist()]
+    circles += [(end * (half_l - r), y, r) for end in (-1, 1) for y in across[1:-1].tolist()]
     circles += [(x, 0.0, half_w) for x in {-(half_l - half_w), 0.0, half_l - half_w}]
     circles += [(end * half_l, side * half_w, 0.0) for end in (-1, 1) for side in (-1, 1)]
     table = np.array(sorted(circles))
@@ -79,7 +86,8 @@ def body_of(footprint: Footprint) -> Body:
     corner = np.array([(x, y) for x in (-1, 1) for y in (-1, 1)]) * (footprint.length / 2, footprint.width / 2)
     corner[:, 0] += footprint.offset_x
     outer = math.hypot(half_l, half_w)
-    return Body(table, corner, footprint.offset_x, outer, half_w, float(reach.max()) - outer)
+    slack = float(reach.max()) - outer
+    return Body(table, corner, footprint.offset_x, outer, half_w, slack, footprint.outer, footprint.length)
 
 
 @kernel

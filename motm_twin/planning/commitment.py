@@ -21,22 +21,23 @@ from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.controller import ESCAPING, StaaController
 from motm_twin.planning.kernel import kernel
-from motm_twin.planning.pocket import NO_POCKET, in_pocket, settle_pocket
+from motm_twin.planning.pocket import NO_POCKET, half_width, in_pocket, settle_pocket
 from motm_twin.planning.prediction import at_half_steps, gap_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.search_memory import CellSights, Memory, Pocket, Settings, World
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
 
-STEP = 0.15  # [s] between two tests on the way: half a node
 TINY = 1e-6  # [s]
 LATE = 0.1  # [s] that a job may end after its plan, the target in reach: poses are known to 1 cm
-MOVES_NEAR = 1.5  # [m] of a robot that moves within which nothing is a pocket: the lattice, and a radius
-CREEPS = 0.15  # [m/s] below which a robot whose plans do not arrive may be in a pocket; one under way is not
+MOVES_RADIUS = 0.25  # [m] beyond the lattice of a pocket within which nothing may move: of a person, or a Temi
+CREEPS = 0.3  # of the top speed, below which a robot whose plans do not arrive may be in a pocket; one under way is not
 MOVED = 0.1  # [m] from which on the target is no longer where the plan goes
-# From where a plan says that the robot is now: m, m, rad, m/s, rad/s. Who follows it is 0.06 m and 0.04 rad off at most
-# (localisation) and drives as told to 0.01; a robot that was stopped, slowed or pushed is not on the plan any more, and
-# what is left of that tells nothing.
-FOLLOWS = (0.15, 0.15, 0.15, 0.05, 0.1)
+# From where a plan says that the robot is now: m, m, rad. Who follows it is 0.06 m and 0.04 rad off at most
+# (localisation) and drives as told to 2 % of its top speeds; a robot that was stopped, slowed or pushed is not on the
+# plan any more, and what is left of that tells nothing.
+FOLLOWS = (0.15, 0.15, 0.15)
+FOLLOWS_SPEED = (0.05, 0.1)  # [m/s], [rad/s] at least,
+FOLLOWS_SHARE = (0.1, 0.057)  # and these shares of the top speeds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +95,8 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         self._state = CommitmentState()
         self._in_pocket = self._loaded = False  # the first only while a plan is made
         self._rest: Rest | None = None  # of this period
+        speeds = np.array([self._limits.forward_speed, self._limits.yaw_rate])
+        self._follows = np.array([*FOLLOWS, *np.maximum(FOLLOWS_SPEED, np.array(FOLLOWS_SHARE) * speeds)])
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """The plan of this period, or what is left of the one before when that is not dearer."""
@@ -118,7 +121,10 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         pose, kept = np.array(problem.pose, dtype=np.float64), self._state.kept
         held_up = kept is not None and not kept.arrives and kept.targets == _targets(problem)
         self._in_pocket = (
-            held_up and abs(problem.twist[0]) < CREEPS and in_pocket(pose, s, world) and _for_good(problem.world, pose)
+            held_up
+            and abs(problem.twist[0]) < CREEPS * self._limits.forward_speed
+            and in_pocket(pose, s, world)
+            and _for_good(problem.world, pose, half_width(self._body) + MOVES_RADIUS)
         )
         if self._loaded and not self._in_pocket:
             return NO_POCKET
@@ -137,7 +143,7 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         node = int(np.searchsorted(kept.times, since + TINY)) - 1
         if node + 1 >= len(kept.times):
             return None
-        if not _followed(kept, problem, since):
+        if not _followed(kept, problem, since, self._follows):
             return None
         to_go = float(np.interp(since, kept.times, kept.to_go))
         times = np.concatenate(([0.0], kept.times[node + 1 :] - since))
@@ -157,17 +163,17 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
         return Rest(kept, states, times, np.concatenate(([to_go], kept.to_go[node + 1 :])), job)
 
 
-def _followed(kept: Kept, problem: BaseProblem, since: float) -> bool:
+def _followed(kept: Kept, problem: BaseProblem, since: float, most: Array) -> bool:
     """Whether the robot is where the plan says, and drives as it says."""
     off = [np.interp(since, kept.times, column) for column in kept.states.T]
     off = np.array(off) - (*problem.pose, *problem.twist)
     off[2] = math.remainder(off[2], 2.0 * math.pi)
-    return bool((np.abs(off) <= FOLLOWS).all())
+    return bool((np.abs(off) <= most).all())
 
 
-def _for_good(world: WorldMap, pose: Array) -> bool:
-    """Whether nothing about the robot moves, or has lately: a pocket that it makes is gone before the robot is out."""
-    return not len(world.movers) or bool(np.hypot(*(world.movers[:, :2] - pose[:2]).T).min() > MOVES_NEAR)
+def _for_good(world: WorldMap, pose: Array, around: float) -> bool:
+    """Whether nothing moves within ``around`` [m], or has lately: its pocket is gone before the robot is out."""
+    return not len(world.movers) or bool(np.hypot(*(world.movers[:, :2] - pose[:2]).T).min() > around)
 
 
 def _targets(problem: BaseProblem) -> tuple[str, str]:
@@ -219,7 +225,7 @@ class Bounds(NamedTuple):
     margin: float
     margin_floor: float
     braking: float  # [s] from now on, in which the robot must be able to stop
-    half_node: float  # [s] between the discs of what moves
+    half_node: float  # [s] between two tests on the way, and the discs of what moves
 
 
 @kernel
@@ -242,7 +248,7 @@ def follow(
     for i in range(durations.shape[0]):
         rest = durations[i]
         while rest > TINY:
-            dt = min(rest, STEP)
+            dt = min(rest, bounds.half_node)
             if job.kind == MANIPULATE and left > TINY:
                 dt = min(dt, left)
             v_end = min(bounds.v_f, max(-bounds.v_r, v + accelerations[i, 0] * dt))

@@ -17,7 +17,7 @@ from motm_twin.planning.collision import Field, body_of, clearances
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
-from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.parameters import PlanningParameters, fitted
 from motm_twin.planning.pocket import NO_POCKET
 from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
@@ -50,7 +50,7 @@ class StaaController:
         self._still = still
         self._profile = profile
         self._limits = profile.base
-        self._parameters, self._p = parameters, parameters.staa
+        self._parameters, self._p = parameters, fitted(parameters.staa, profile)
         self._next_weight = parameters.placement.next_weight
         self._reach = ReachModel(profile, parameters.reach)
         self._body = body_of(profile.footprint)
@@ -81,8 +81,8 @@ class StaaController:
             return self._idle(problem, field, placement.reason.replace("driving to", "waiting at"))
         next_table = self._next_table(graph, placement)
         settings = search_settings(
-            self._p, self._limits, problem, placement, goal, has_next=next_table is not None, bound=self._bound(),
-            next_weight=self._next_weight, margin=room.margin,
+            self._p, self._limits, self._body, problem, placement, goal, has_next=next_table is not None,
+            next_weight=self._next_weight, bound=self._bound(), margin=room.margin,
         )  # fmt: skip
         still, proximity, moving = self._ahead(problem)
         world = search_memory.World(
@@ -148,7 +148,7 @@ class StaaController:
 
     def _margins(self, problem: BaseProblem) -> Room:
         """The room that plans of this period keep."""
-        return room_for(self._parameters, self._body, problem.recovery.tightness)
+        return room_for(self._parameters, self._profile.footprint, problem.recovery.tightness)
 
     def _sight(self, problem: BaseProblem) -> search_memory.Sight:
         """The floor that has been seen, for a lidar that does not see all round."""

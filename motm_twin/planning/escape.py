@@ -4,16 +4,20 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array, drive, to_frame
 from motm_twin.model.profile import BaseLimits
+from motm_twin.perception.clusters import label_cells
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import Body, Field, clearances
 from motm_twin.planning.kernel import kernel
 
+IntArray = NDArray[np.int32]
 STEPS = 40  # of each motion that is tried
 TURN = 0.5 * math.pi  # [rad] the farthest turn in place that is tried
-DEEP = 0.03  # [m] inside the footprint: no noise
+SAME_BODY = 2  # cells apart at most: what lies together is one body
+LESS = 0.9  # of the depth: a motion that leaves more is not worth it
 TOLERANCE = 0.01  # [m] a cell may come deeper: its centre is known no better
 MORE_ROOM = 0.05  # [m] that backing off must bring
 SPEED_SHARE = 0.5  # of the reverse speed (without one, of the forward speed), and of the yaw rate
@@ -41,9 +45,7 @@ def overlapping_cells(world: WorldMap, pose: Array, body: Body) -> Array:
 
 def depth_of(cells: Array, pose: Array, body: Body) -> float:
     """Depth [m] of the deepest cell centre (m, 2) inside the footprint, by its nearest side; negative: its distance."""
-    half, turned = half_sizes(body), to_frame(pose, cells)
-    nearest = np.maximum(np.abs(turned[:, 0] - half[2]) - half[0], np.abs(turned[:, 1]) - half[1])
-    return -float(nearest.min(initial=math.inf))
+    return -float(rooms(pose, cells, half_sizes(body)).min(initial=math.inf))
 
 
 def half_sizes(body: Body) -> Array:
@@ -55,17 +57,21 @@ def half_sizes(body: Body) -> Array:
 def find_escape(world: WorldMap, pose: Array, body: Body, limits: BaseLimits) -> Escape | None:
     """The quickest arc or turn that leaves every occupied cell, else the one that leaves most; None: none does."""
     cells, sizes, pad = overlapping_cells(world, pose, body), half_sizes(body), 0.5 * world.resolution
-    start = rooms(pose, cells, sizes)
-    overlap = float(np.maximum(0.0, pad - start).sum())
-    if overlap == 0.0:
+    inside = rooms(pose, cells, sizes) < pad
+    if not inside.any():
         return None
+    part_of = np.full(len(cells), -1, np.int32)
+    numbers = np.floor((cells[inside, ::-1] - world.origin[::-1]) / world.resolution).astype(np.int32)
+    part_of[inside], count = label_cells(numbers, SAME_BODY)
+    least = np.empty((count, 5))
     best: tuple[bool, float, float] | None = None
     found: Escape | None = None
     path = np.empty((STEPS + 1, 3))
     for twist in _twists(body, limits):
         duration = TURN / abs(twist[1]) if twist[0] == 0.0 else 2.0 * body.outer / abs(twist[0])
-        steps, left = follow_escape(pose, twist, duration / STEPS, cells, start, sizes, pad, path)
-        if steps == 0 or left > 0.9 * overlap:
+        _, overlap = follow_escape(pose, twist, 0.0, cells, part_of, sizes, pad, least, path[:1])
+        steps, left = follow_escape(pose, twist, duration / STEPS, cells, part_of, sizes, pad, least, path)
+        if steps <= 0 or left > LESS * overlap:
             continue
         rank = (left > 0.0, left, steps * duration)
         if best is None or rank < best:
@@ -119,57 +125,54 @@ def _twists(body: Body, limits: BaseLimits) -> list[Array]:
     return [np.array(twist) for twist in (*arcs, (0.0, turning), (0.0, -turning))]
 
 
-@kernel
-def _room(px: float, py: float, x: float, y: float, c: float, s: float, sizes: Array) -> float:
-    """Room [m] between a point and the footprint at (x, y), by its nearest side; negative inside.
-
-    Deep inside it is the way out along both axes, which also falls while the base drives on along its nearest side.
-    """
-    dx, dy = px - x, py - y
-    along, across = abs(c * dx + s * dy - sizes[2]) - sizes[0], abs(c * dy - s * dx) - sizes[1]
-    nearest = max(along, across)
-    return nearest if nearest > -DEEP else along + across
-
-
-@kernel
-def _fill_rooms(pose: Array, points: Array, sizes: Array, room: Array) -> None:
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    for i in range(points.shape[0]):
-        room[i] = _room(points[i, 0], points[i, 1], pose[0], pose[1], c, s, sizes)
-
-
 def rooms(pose: Array, points: Array, sizes: Array) -> Array:
-    """Room [m] between points (m, 2) and the footprint at a pose (3,), negative inside; shape (m,)."""
-    room = np.empty(len(points))
-    _fill_rooms(np.asarray(pose, dtype=np.float64), points, sizes, room)
-    return room
+    """Room [m] between points (m, 2) and the footprint at a pose (3,), by its nearest side; negative inside; (m,)."""
+    turned = to_frame(pose, points)
+    return np.maximum(np.abs(turned[:, 0] - sizes[2]) - sizes[0], np.abs(turned[:, 1]) - sizes[1])
 
 
 @kernel
 def follow_escape(
-    pose: Array, twist: Array, dt: float, points: Array, start: Array, sizes: Array, pad: float, path: Array
-) -> tuple[int, float]:
-    """Drive a twist until nothing overlaps, or something would get deeper: steps, and the sum of what is left [m].
+    pose: Array, twist: Array, dt: float, points: Array, body: IntArray, sizes: Array, pad: float, least: Array,
+    path: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Drive a twist until nothing overlaps, or something gets deeper or new in: steps, and the depth that is left [m].
 
-    ``start``: room of the points at the pose; ``path``, shape (n, 3), is filled in.
+    ``body``: number of the body in the footprint that each point belongs to, -1: none. The depth of a body is how far
+    the footprint must be shifted, square to a side, to be clear of those of its points that are nearer than ``pad``
+    [m]. ``least``, shape (bodies, 5): room for it; ``path``, shape (n, 3), is filled in.
     """
     x, y, heading = pose[0], pose[1], pose[2]
-    path[0, 0], path[0, 1], path[0, 2] = x, y, heading
     left = math.inf
-    for step in range(1, path.shape[0]):
-        heading += 0.5 * twist[1] * dt
-        x += twist[0] * dt * math.cos(heading)
-        y += twist[0] * dt * math.sin(heading)
-        heading += 0.5 * twist[1] * dt
+    least[:, 4] = math.inf
+    for step in range(path.shape[0]):
+        if step > 0:
+            heading += 0.5 * twist[1] * dt
+            x += twist[0] * dt * math.cos(heading)
+            y += twist[0] * dt * math.sin(heading)
+            heading += 0.5 * twist[1] * dt
         c, s = math.cos(heading), math.sin(heading)
-        total = 0.0
+        least[:, :4] = 0.0
         for i in range(points.shape[0]):
-            room = _room(points[i, 0], points[i, 1], x, y, c, s, sizes)
-            if room < min(pad, start[i]) - TOLERANCE:
+            dx, dy = points[i, 0] - x, points[i, 1] - y
+            along, across = c * dx + s * dy - sizes[2], c * dy - s * dx
+            room = max(abs(along) - sizes[0], abs(across) - sizes[1])
+            if body[i] < 0:
+                if room < pad - TOLERANCE:
+                    return step - 1, left
+            elif room < pad:
+                side = least[body[i]]
+                side[0], side[1] = max(side[0], sizes[0] + pad - along), max(side[1], sizes[0] + pad + along)
+                side[2], side[3] = max(side[2], sizes[1] + pad - across), max(side[3], sizes[1] + pad + across)
+        depth = 0.0
+        for k in range(least.shape[0]):
+            deep = min(least[k, 0], least[k, 1], least[k, 2], least[k, 3])
+            if deep > least[k, 4] + TOLERANCE:
                 return step - 1, left
-            total += max(0.0, pad - room)
+            least[k, 4] = min(least[k, 4], deep)
+            depth += deep
         path[step, 0], path[step, 1], path[step, 2] = x, y, heading
-        left = total
-        if total == 0.0:
-            return step, left
+        left = depth
+        if depth == 0.0:
+            return step, 0.0
     return path.shape[0] - 1, left

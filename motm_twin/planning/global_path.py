@@ -21,6 +21,7 @@ from motm_twin.planning.kernel import kernel
 from motm_twin.planning.least_cost import Sights, costs_from, sights_of
 from motm_twin.planning.visibility import Graph, build_graph
 
+NEVER = 1e6  # [s/m] less than no path: costs stay finite
 KEPT = 8  # tables of costs to goals: those of a period, goal and next targets do not change in most
 
 
@@ -63,9 +64,12 @@ class GraphCache:
 
 
 def rates_of(limits: BaseLimits, *, rotation_cost: bool = True) -> Rates:
-    """Seconds per metre and radian at the speed limits; without rotation cost turning is free (STAA*)."""
+    """Seconds per metre and radian at the speed limits; without rotation cost turning is free (STAA*).
+
+    A base that cannot reverse needs `NEVER` seconds per metre: it turns instead.
+    """
     turn_rate = 1.0 / limits.yaw_rate if rotation_cost else 0.0
-    return Rates(1.0 / limits.forward_speed, 1.0 / limits.reverse_speed, turn_rate)
+    return Rates(1.0 / limits.forward_speed, min(1.0 / max(limits.reverse_speed, 1e-9), NEVER), turn_rate)
 
 
 class Poses(NamedTuple):

@@ -6,9 +6,12 @@
 import dataclasses
 import math
 
+from motm_twin.model.profile import Footprint, RobotProfile
+
 DEG = math.pi / 180.0
 TERMINATIONS = ("task", "pass", "reach_goal")
 PENALTIES = ("clearance", "grid")
+SHORTEST_NODE = 0.05  # [s] between nodes of the local search: a control period
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,7 +53,7 @@ class StaaParameters:
     speed_bins: int = 4  # own: two nodes in one cell are not the same when one drives and one stands
     yaw_rate_bins: int = 4  # own: the same
     epsilon: float = 1.0  # STAA*: weight of the heuristic
-    growth: float = 0.33  # [m] own g: half the width and 8 cm
+    growth_margin: float = 0.08  # [m] own: the global path grows obstacles by g, half the base's width and this much
     margin: float = 0.05  # [m] own: clearance that every node keeps
     margin_floor: float = 0.01  # [m] own: a robot that is inside the margin may come this near while it leaves,
     margin_cost: float = 3.0  # [s] own: and pays up to this per node for it; without a way back it would be stuck
@@ -81,10 +84,32 @@ class StaaParameters:
             raise ValueError(f"penalty {self.penalty!r}: use one of {PENALTIES}")
         if self.notches < 3 or self.notches % 2 == 0:
             raise ValueError(f"notches {self.notches}: need an odd number of at least 3, so that 0 is one of them")
-        if self.node_duration <= 0.0 or self.cell <= 0.0 or self.growth <= 0.0 or self.local_radius <= 0.0:
-            raise ValueError("node_duration, cell, growth and local_radius must be positive")
+        if self.node_duration <= 0.0 or self.cell <= 0.0 or self.growth_margin <= 0.0 or self.local_radius <= 0.0:
+            raise ValueError("node_duration, cell, growth_margin and local_radius must be positive")
         if min(self.prediction, self.moving_weight, self.steadiness) < 0.0:
             raise ValueError("prediction, moving_weight and steadiness must not be negative")
+
+
+def growth(footprint: Footprint, p: StaaParameters) -> float:
+    """g [m]: obstacles grown by it leave those ways that the base can drive along, 0.33 m for Frankie.
+
+    Half of the width, which is across the way, and what the search keeps, localisation errs and outlines simplify away.
+    """
+    return 0.5 * footprint.width + p.growth_margin
+
+
+def fitted(p: StaaParameters, robot: RobotProfile) -> StaaParameters:
+    """The parameters of the local search for a robot; for Frankie they are as they were.
+
+    A node is tested in its middle and at its end: between two tests the base drives its own length at most, so that
+    the footprint there covers the way. The local region is left at full speed only where the base can stop after it.
+    """
+    body, limits = robot.footprint, robot.base
+    return dataclasses.replace(
+        p,
+        node_duration=max(SHORTEST_NODE, min(p.node_duration, 2.0 * body.length / limits.forward_speed)),
+        local_radius=max(p.local_radius, limits.stopping_way + 2.0 * body.outer),
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

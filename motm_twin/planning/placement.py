@@ -26,7 +26,17 @@ from motm_twin.planning.global_path import (
 )
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import NO_PATH, OUTSIDE, REASONS, Here, in_sight, leaves_room, may_move, rejections
+from motm_twin.planning.rejections import (
+    HIDDEN,
+    NO_PATH,
+    OUTSIDE,
+    REASONS,
+    Here,
+    in_sight,
+    leaves_room,
+    may_move,
+    rejections,
+)
 from motm_twin.planning.rings import ring, spokes
 from motm_twin.planning.room import room_for
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path
@@ -34,7 +44,8 @@ from motm_twin.planning.visibility import Graph
 
 SAME_PLACE, SAME_HEADING = 0.06, 0.15  # [m], [rad] a candidate this near to the last choice is the same choice
 CLEARLY_CLOSER = 0.5  # [m] by which a free place must be closer to the target to take the place of the one chosen
-CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position
+CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position: what stands about is as large,
+CLOSEST_ROUND = 3.5  # [m] and a base that is larger than Frankie needs this much round itself
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -76,6 +87,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
 
     def __init__(self, profile: RobotProfile, parameters: PlanningParameters, graphs: GraphCache | None = None) -> None:
         self._body = body_of(profile.footprint)
+        self._footprint = profile.footprint
         self._mount_offset = math.hypot(profile.arm.mount_x, profile.arm.mount_y)
         self._parameters = parameters
         self._reach = ReachModel(profile, parameters.reach)
@@ -87,7 +99,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
         self._radii = np.linspace(p.radius_min, p.radius_max, steps + 1)
         self._kept: tuple[Graph, Field, tuple[object, ...], Array | None] | None = None  # of `_next_poses`
         self._served: tuple[Graph, Array, Poses] | None = None  # the poses of the next target, and what they see
-        self._room = room_for(parameters, self._body, 0.0)
+        self._room = room_for(parameters, profile.footprint, 0.0)
         self._last: Searched | None = None  # only to explain the last period: no decision reads it
 
     def place(self, problem: BaseProblem) -> Placement:
@@ -97,7 +109,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             self._state = PlacementState()
             return _nothing_to_do(problem.pose)
         target = problem.target
-        self._room = room_for(self._parameters, self._body, problem.recovery.tightness)
+        self._room = room_for(self._parameters, self._footprint, problem.recovery.tightness)
         graph = self._graphs.graph(problem.world, self._room.growth)
         here = Here(problem.world, self._graphs.field(problem.world), self._body, graph, problem.pose)
         from_robot = robot_table(graph, problem.pose, self._rates)
@@ -238,9 +250,9 @@ class NextTargetPlacement(Stateful[PlacementState]):
         """Rooms [m] to be left where the base waits, the wanted one first."""
         return (self._parameters.placement.room, 0.0) if len(may_move(here.world)) else (0.0,)
 
-    def _closest(self, target: Target, here: Here, room: float, within: float = CLOSEST_MAX, *, sight: bool = False):
+    def _closest(self, target: Target, here: Here, room: float, within: float = math.inf, *, sight: bool = False):
         p = self._parameters.placement
-        for radius in np.arange(0.0, CLOSEST_MAX, CLOSEST_STEP):
+        for radius in np.arange(0.0, max(CLOSEST_MAX, self._body.reach + CLOSEST_ROUND), CLOSEST_STEP):
             if radius > within:
                 return
             pose, place, place_of = spokes(target.position, radius, p.positions, 4)
@@ -260,9 +272,12 @@ class NextTargetPlacement(Stateful[PlacementState]):
         pose[:, 2] = 0.0 if target.heading is None else target.heading
         pose[:, 2] += np.arange(count) * (2.0 * math.pi / count)
         pose[:, 2] = angle_of(np.sin(pose[:, 2]), np.cos(pose[:, 2]))
-        return Candidates(
-            "drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejections(pose, self._room.clearance, here)
-        )
+        rejected = rejections(pose, self._room.clearance, here)
+        if self._state.closest and self._state.target == (target.kind, target.name):
+            # It was not free: what hides it now may have been seen there before, and forgotten.
+            seen = in_sight(pose, here)
+            rejected = [why or ("" if ok else HIDDEN) for why, ok in zip(rejected, seen, strict=True)]
+        return Candidates("drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejected)
 
     def _costs(
         self, candidates: Candidates, graph: Graph, from_robot: Table, to_next: Table | None

@@ -24,7 +24,7 @@ from motm_twin.planning.search_memory import CellSights, Pocket, Settings, World
 
 IntArray = NDArray[np.int32]
 CELL = 0.1  # [m] of the lattice
-CELLS = 25  # each way, the robot in the middle: more than its length of 0.7 m all round
+ROUND = 0.5  # [m] of the lattice beyond the longer side of the base, each way: 25 x 25 cells for Frankie
 BLUR = 0.02  # [m] that a rounded pose may be nearer than the search keeps; 0 to 0.08 made no difference
 STEPS = np.array(
     [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
@@ -42,21 +42,32 @@ def swept_radius(body: Body) -> float:
     return float(np.hypot(body.corner[:, 0], body.corner[:, 1]).max())
 
 
+def cells_of(body: Body) -> int:
+    """Cells of the lattice each way, the robot in the middle."""
+    across = body.corner[3] - body.corner[0]
+    return 1 + 2 * math.ceil((float(across.max()) + ROUND) / CELL - 1e-9)
+
+
+def half_width(body: Body) -> float:
+    """Half of the lattice [m]."""
+    return 0.5 * CELL * cells_of(body)
+
+
 def in_pocket(pose: Array, s: Settings, world: World) -> bool:
     """Whether the robot cannot turn on the spot at a pose (3,), and the goal is not in such a place beside it."""
     wide = swept_radius(world.body) + s.margin
     here = distance_at(float(pose[0]), float(pose[1]), world.field)
     goal = distance_at(s.goal_x, s.goal_y, world.field)
-    beside = max(abs(s.goal_x - pose[0]), abs(s.goal_y - pose[1])) < 0.5 * CELL * CELLS
+    beside = max(abs(s.goal_x - pose[0]), abs(s.goal_y - pose[1])) < half_width(world.body)
     return here < wide and not (beside and goal < wide)
 
 
 def settle_pocket(pose: Array, s: Settings, world: World, cells: CellSights, scratch: IntArray) -> Pocket:
     """The costs round a pose (3,)."""
-    count = CELLS * CELLS * HEADINGS
-    half = 0.5 * CELL * CELLS
-    pocket = Pocket(np.full((CELLS, CELLS, HEADINGS), FAR), float(pose[0]) - half, float(pose[1]) - half)
-    kind = np.zeros((CELLS, CELLS), np.int32)
+    cells_each, half = cells_of(world.body), half_width(world.body)
+    count = cells_each * cells_each * HEADINGS
+    pocket = Pocket(np.full((cells_each, cells_each, HEADINGS), FAR), float(pose[0]) - half, float(pose[1]) - half)
+    kind = np.zeros((cells_each, cells_each), np.int32)
     key, item = np.empty(6 * count), np.empty(6 * count, np.int32)
     root = clearance(float(pose[0]), float(pose[1]), float(pose[2]), 1.0, world.field, world.body)
     allowed = (s.margin if root >= s.margin else min(s.margin_floor, root)) - BLUR

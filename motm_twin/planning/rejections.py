@@ -15,6 +15,7 @@ from motm_twin.planning.visibility import Graph
 REASONS = ("", "outside the map", "collision with a seen obstacle", "collision with mapped furniture")
 OUTSIDE, SEEN, MAPPED = 1, 2, 3
 NO_PATH = "no path"
+HIDDEN = "was not free, and is not in sight"
 BESIDE = 0.1  # [m] a seen point this near to the footprint is what it collides with
 
 

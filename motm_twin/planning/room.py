@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from motm_twin.planning.collision import Body
-from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.model.profile import Footprint
+from motm_twin.planning.parameters import PlanningParameters, growth
 
 LEAST = 0.02  # [m] beyond half the width of the footprint that a way must have, however tight
 
@@ -16,9 +16,10 @@ class Room(NamedTuple):
     clearance: float
 
 
-def room_for(parameters: PlanningParameters, body: Body, tightness: float) -> Room:
+def room_for(parameters: PlanningParameters, footprint: Footprint, tightness: float) -> Room:
     """The room of a period: 0 as the parameters say, 1 down to the true footprint."""
     staa, placement = parameters.staa, parameters.placement
-    least = Room(min(staa.growth, body.inner + LEAST), min(staa.margin, staa.margin_floor), LEAST)
-    most = Room(staa.growth, staa.margin, placement.clearance)
+    wide = growth(footprint, staa)
+    least = Room(min(wide, 0.5 * footprint.width + LEAST), min(staa.margin, staa.margin_floor), LEAST)
+    most = Room(wide, staa.margin, placement.clearance)
     return Room(*(a + tightness * (b - a) for a, b in zip(most, least, strict=True)))

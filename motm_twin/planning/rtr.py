@@ -25,7 +25,8 @@ def path_rtr_both(
 ) -> tuple[float, float]:
     """Times [s] of a path driven forwards and in reverse: h_front, h_back.
 
-    path: shape (n, 2) [m]; headings [rad], a goal heading of nan is free; v_f, v_r [m/s], w_max [rad/s].
+    path: shape (n, 2) [m]; headings [rad], a goal heading of nan is free; v_f, v_r [m/s], w_max [rad/s]. A base
+    with a v_r of 0 cannot reverse.
     """
     length, bends = 0.0, 0.0
     first, last = math.nan, math.nan
@@ -48,7 +49,7 @@ def path_rtr_both(
     a_g = 0.0 if math.isnan(goal_heading) else turn(last, goal_heading)
     a_g_back = 0.0 if math.isnan(goal_heading) else math.pi - a_g
     front = (a_0 + bends + a_g) / w_max + length / v_f
-    back = (math.pi - a_0 + bends + a_g_back) / w_max + length / v_r
+    back = (math.pi - a_0 + bends + a_g_back) / w_max + (length / v_r if v_r > 0.0 else math.inf)
     return front, back
 
 

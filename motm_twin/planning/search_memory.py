@@ -36,6 +36,7 @@ class Settings(NamedTuple):
     margin_floor: float
     margin_cost: float
     brake_depth: int
+    free: float  # [m] of clearance at its end: half way a node is not looked at
     grid_weight: float
     grid_range: float
     grid_map: bool

@@ -5,10 +5,15 @@ from typing import NamedTuple
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
 from motm_twin.planning import staa, stuck
+from motm_twin.planning.collision import Body
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.parameters import StaaParameters
 from motm_twin.planning.search_memory import Settings
 from motm_twin.planning.types import BaseProblem, Placement
+
+FREE = (
+    0.25  # [m] of clearance at the end of a node, from which on it is free half way: no point of Frankie moves so far
+)
 
 
 class LocalGoal(NamedTuple):
@@ -25,7 +30,7 @@ class LocalGoal(NamedTuple):
 
 
 def search_settings(
-    p: StaaParameters, limits: BaseLimits, problem: BaseProblem, placement: Placement, goal: LocalGoal, *,
+    p: StaaParameters, limits: BaseLimits, body: Body, problem: BaseProblem, placement: Placement, goal: LocalGoal, *,
     has_next: bool, next_weight: float, bound: float, margin: float,
 ) -> Settings:  # fmt: skip
     """The numbers of one search. ``bound`` [s]: a plan that costs as much is of no use; ``margin`` [m] is kept."""
@@ -52,6 +57,7 @@ def search_settings(
         margin_floor=p.margin_floor,
         margin_cost=p.margin_cost,
         brake_depth=p.brake_depth,
+        free=max(FREE, 0.5 * p.node_duration * (limits.forward_speed + body.reach * limits.yaw_rate)),
         grid_weight=p.grid_weight,
         grid_range=p.grid_range,
         grid_map=p.penalty == "grid",

@@ -61,7 +61,6 @@ MID_WAY_C, MID_WAY_S, MID, MID_C, MID_S, HALF_WAY, WHOLE_WAY, HEADING_BIN, YAW_R
     24,
 )
 ALL_ROUND = 3.1  # [rad] half a field of view from which on the lidar sees where the base reverses to
-FREE = 0.25  # [m] of clearance at its end: half way it is not looked at
 BEZIER_GAIN = 0.05  # [s] a curve that cannot save more than this is not looked at
 
 
@@ -276,7 +275,7 @@ def _child(
         return
     depth = memory.link[node, DEPTH] + 1
     # Costs count clearance up to `counts`; how much more there is matters only where the way is not free, or short.
-    enough = FREE if depth <= s.brake_depth else min(FREE, _counts(s) + world.body.slack)
+    enough = s.free if depth <= s.brake_depth else min(s.free, _counts(s) + world.body.slack)
     free = clearance_from(pose[0], pose[1], row[FACING_C], row[FACING_S], enough, allowed, world.field, world.body)
     if free < allowed:
         return
@@ -285,7 +284,7 @@ def _child(
             return
     v_m = 0.75 * v_0 + 0.25 * v_end
     mx, my, m_heading = x + 0.5 * v_m * dt * row[MID_WAY_C], y + 0.5 * v_m * dt * row[MID_WAY_S], row[MID]
-    if free < FREE:
+    if free < s.free:
         away = length_of(pose[0] - mx, pose[1] - my)
         away += (world.body.outer + abs(world.body.centre_x)) * abs(pose[2] - m_heading)
         if allowed <= 0.0 or free - SLOPE * away < allowed + ROUNDING:
@@ -294,12 +293,12 @@ def _child(
             if middle < allowed and (
                 free < enough
                 or clearance_from(
-                    pose[0], pose[1], row[FACING_C], row[FACING_S], FREE, allowed, world.field, world.body
-                ) < FREE
+                    pose[0], pose[1], row[FACING_C], row[FACING_S], s.free, allowed, world.field, world.body
+                ) < s.free
             ):  # fmt: skip
                 return
     if depth <= s.brake_depth and not can_stop(
-        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < FREE else math.inf, v_end, w_end,
+        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < s.free else math.inf, v_end, w_end,
         s.a_max, s.b_max, allowed, world.field, world.body,
     ):  # fmt: skip
         return

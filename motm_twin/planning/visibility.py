@@ -78,9 +78,10 @@ def inside(px: float, py: float, rings: Rings) -> bool:
 
 @kernel
 def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float, float, float]:
-    """Nearest point outside the grown polygons, and how far it is [m]: 0 for a point that is outside.
+    """Nearest point outside all grown polygons, and how far it is [m]: 0 for a point that is outside.
 
-    A way out that would lead through a solid is taken only when there is no other.
+    A way out that would lead through a solid is taken only when there is no other. Where no side of a polygon has a
+    point outside behind it, the point itself is returned, infinitely far.
     """
     if not inside(px, py, outline):
         return px, py, 0.0
@@ -101,9 +102,12 @@ def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float
                 distance = length_of(nx - px, ny - py)
                 if distance >= nearest or (direct == 0 and not segment_free(px, py, nx, ny, solids)):
                     continue
-                nearest = distance
                 ux, uy = (nx - px) / max(distance, 1e-9), (ny - py) / max(distance, 1e-9)
-                qx, qy = nx + SHRINK * ux, ny + SHRINK * uy
+                if distance < 1e-9 and squared > 0.0:  # on the side itself: straight out
+                    ux, uy = fy / math.sqrt(squared), -fx / math.sqrt(squared)
+                ox, oy = nx + SHRINK * ux, ny + SHRINK * uy
+                if not inside(ox, oy, outline):  # two polygons may be less than `SHRINK` apart
+                    qx, qy, nearest = ox, oy, distance
         if nearest < math.inf:
             break
     return qx, qy, nearest

@@ -30,7 +30,8 @@ from motm_twin.planning.rejections import Here, rejections
 from motm_twin.planning.rings import rings
 from motm_twin.planning.types import Target
 
-BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more
+BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more,
+BESIDE_ROUND = 2.0  # [m] and beyond the circle about a base that is larger than Frankie
 PLACES = 72  # to wait at that are kept, the best: as many as candidates on a ring
 KEEP_CLEARANCE = 0.0  # [m] of the chosen pose: a cell at the edge of what the lidar sees comes and goes
 
@@ -89,7 +90,7 @@ class WidePlacement(NextTargetPlacement):
         wanted = self._every_ring(target, there)
         pose = wanted.pose[wanted.viable()]
         for room in self._rooms(here):
-            places = list(self._closest(target, here, room, BESIDE))
+            places = list(self._closest(target, here, room, max(BESIDE, self._body.reach + BESIDE_ROUND)))
             if places:
                 break
         if not len(pose) or not places:

@@ -4,6 +4,7 @@ import json as json_module
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
+from motm_twin.console import plain_console
 from motm_twin.record.session import SessionError
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
@@ -53,7 +55,7 @@ def record(
         return BAD_INPUT
     arguments = ["--twin", twin, "--endpoint", endpoint, "--out", out, "--wait", str(wait), "--answer", str(ANSWER)]
     arguments += [] if seconds is None else ["--seconds", str(seconds)]
-    console = Console(highlight=False, soft_wrap=True)
+    console = plain_console()
     command = [sys.executable, "-m", "motm_twin.record.recorder_process", *arguments]
     code = FAILED
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own module
@@ -63,7 +65,8 @@ def record(
         signal.signal(signal.SIGTERM, lambda *_: process.terminate())
         assert process.stdout is not None
         for line in process.stdout:
-            _tell(console, json_module.loads(line))
+            with suppress(OSError):  # it is recorded also when nobody reads this
+                _tell(console, json_module.loads(line))
         code = process.wait()
     finally:
         for number, handler in handlers.items():
@@ -83,13 +86,13 @@ def _tell(console: Console, event: dict) -> None:
             console.print(f"recorded {event['file']}, {size}{lost}", markup=False)
         case "failed":
             text = f"the recording has stopped: {event['text']}; the {size} before can be read"
-            Console(stderr=True, highlight=False, soft_wrap=True).print(text, style="red", markup=False)
+            plain_console(stderr=True).print(text, style="red", markup=False)
         case "refused":
             _tell_refused(event["text"])
 
 
 def _tell_refused(text: str) -> None:
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = plain_console(stderr=True)
     console.print(f"motm-twin record: {text}", style="red", markup=False)
 
 
@@ -103,6 +106,8 @@ def replay(
     headless: _Flag = False,
     host: str = "127.0.0.1",
     token: str | None = None,
+    no_token: _Flag = False,
+    name: tuple[str, ...] = (),
     zenoh_port: int = 7447,
     twin: str = "frankie",
 ) -> int:
@@ -117,13 +122,16 @@ def replay(
         paused: Wait for play.
         port: TCP port of the page.
         headless: Only on Zenoh, no page.
-        host: Address of the page; anything but loopback needs a token.
-        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN).
+        host: Address of the page.
+        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN, which `ps` does not show);
+            without it one of your own, that the printed address carries.
+        no_token: Anybody with an account on this machine may look. On loopback only.
+        name: Further names under which browsers may ask for the page, such as that of a proxy.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         twin: Name in the Zenoh keys.
     """
     from motm_twin.bus.commands import SPEED_MAX, SPEED_MIN
-    from motm_twin.cli_serve import serve_recording
+    from motm_twin.cli_serve import PageChoice, serve_recording
 
     if not file.endswith(".mcap"):
         raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
@@ -133,7 +141,11 @@ def replay(
         raise SessionError(f"--speed {speed:g}: use {SPEED_MIN:g} to {SPEED_MAX:g}")
     player = [file, "--speed", str(speed), *(["--loop"] if loop else []), *(["--paused"] if paused else [])]
     return serve_recording(
-        player, port=port, headless=headless, host=host, token=token, zenoh_port=zenoh_port, twin=twin
+        player,
+        headless=headless,
+        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name),
+        zenoh_port=zenoh_port,
+        twin=twin,
     )
 
 
@@ -191,7 +203,7 @@ def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-
     left_out = [f"{found.lost_bytes} bytes of an unfinished end"] if found.lost_bytes else []
     if found.broken_chunks:
         left_out.append(f"{found.broken_chunks} broken {'chunk' if found.broken_chunks == 1 else 'chunks'}")
-    Console(highlight=False, soft_wrap=True).print(
+    plain_console().print(
         f"{found.file}: {found.messages} messages, {found.seconds:.1f} s, verified; "
         + f"left out: {' and '.join(left_out) or 'nothing'}"
         + (" (the file was complete already)" if found.was_complete else ""),

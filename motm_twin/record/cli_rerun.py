@@ -1,10 +1,9 @@
 """`motm-twin rerun`: compute a saved session or a recording again and compare, bit for bit."""
 
-import sys
-
 import msgspec
 from rich.console import Console
 
+from motm_twin.console import plain_console
 from motm_twin.methods.method import Method
 from motm_twin.methods.registry import find_method
 from motm_twin.record.outputs import refuse_unwritable, write_json
@@ -39,7 +38,7 @@ def rerun_file(file: str, *, update: bool = False, report: str | None = None, me
     if update:
         save_session(updated(session, again), file)
         if report != "-":
-            Console(highlight=False, soft_wrap=True).print(f"{file} was written with this run's state.", markup=False)
+            plain_console().print(f"{file} was written with this run's state.", markup=False)
     if report is not None:
         write_json({"file": file, "updated": update, **msgspec.to_builtins(again)}, report)
     return OK if again.ok or update else DIFFERENT
@@ -55,7 +54,7 @@ class NotComputed(msgspec.Struct, frozen=True, kw_only=True):
 def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
     """Every run of a recording that can be computed. Raises SessionError when none can."""
     recording = load_recording(file)
-    console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
+    console = plain_console()
     if not recording.runs:
         raise SessionError("holds no period of a twin", file=file)
     found: list[RunReport] = []
@@ -94,7 +93,8 @@ def _print_not_computed(console: Console, run: NotComputed) -> None:
 def _print_run(console: Console, run: RunReport) -> None:
     console.print(f"run {run.run}: {run.scene}", style="bold", markup=False)
     if run.text:
-        console.print(f"[yellow]note[/yellow]: {run.text}")
+        console.print("[yellow]note[/yellow]: ", end="")
+        console.print(run.text, markup=False)
     if run.ok:
         compared = f"{run.compared} of {run.periods} periods and {run.hashes} states compared"
         console.print(f"[green]equal[/green] bit for bit: {compared}; ends in state {run.state_hash[:12]}")
@@ -115,13 +115,14 @@ def explain(again: Rerun) -> str:
 
 
 def _print(session: Session, again: Rerun) -> None:
-    console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
+    console = plain_console()
     scene = session.scene
     name = f"{scene.name} / {scene.variant}, seed {scene.seed}" + (f": {session.title}" if session.title else "")
     console.print(name, style="bold", markup=False)
     console.print(
         f"method {session.method}, time {again.time_s:.2f} s, {again.periods} periods ({again.periods / 20:.2f} s of "
-        f"recording), {len(session.edits)} edits, {len(session.cuts)} searches cut by the clock"
+        f"recording), {len(session.edits)} edits, {len(session.cuts)} searches cut by the clock",
+        markup=False,
     )
     if again.ok:
         console.print(f"[green]equal[/green] bit for bit: state {again.state_hash[:12]}")

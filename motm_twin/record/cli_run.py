@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from motm_twin import interrupts
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.methods.fast import FAST
@@ -39,6 +40,8 @@ def run_headless(
 
     def on_tick(tick: Tick) -> None:
         nonlocal periods
+        if not periods:
+            interrupts.loaded()  # all is compiled: from now on there is something to keep
         periods = tick.index + 1
         if save is not None:
             tracker.add(tick)

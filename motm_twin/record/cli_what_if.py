@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from motm_twin.console import table_console
+from motm_twin.console import plain_console, table_console
 from motm_twin.record.changes import PERIODS_PER_SECOND, parse_changes, start_period
 from motm_twin.record.outputs import refuse_unwritable, write_json
 from motm_twin.record.session import SessionError, load_session
@@ -38,12 +38,12 @@ def what_if(
     session = load_session(file)
     values, start = parse_changes(changes), start_period(session, seconds)
     try:
-        console = Console(stderr=True, highlight=False, soft_wrap=True) if report == "-" else table_console()
+        console = plain_console(stderr=True) if report == "-" else table_console()
         ends = _run_both(compare(session, values, start, method), session.periods / PERIODS_PER_SECOND, console)
     except SessionError as error:
         raise SessionError(error.problem, file=file) from error
     except RunBroke as error:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin what-if: {error}", markup=False)
+        plain_console(stderr=True).print(f"motm-twin what-if: {error}", markup=False)
         return FAILED
     was, changed = ends[AS_IT_WAS], ends[CHANGED]
     if report is not None:

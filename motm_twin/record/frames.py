@@ -16,6 +16,7 @@ from motm_twin.record.recording import RunKey, TickPart
 from motm_twin.record.session import SessionError
 
 _LEVEL = 1  # of zlib
+MOST_AT_ONCE = 64 * 1024 * 1024  # bytes that come within one period
 _PLAYED = (ch.ROBOT.topic, ch.SCAN.topic, ch.EVENT.topic, ch.METRICS.topic)
 
 Sent = tuple[str, bytes, bytes | None]  # topic, payload as on the bus, attachment
@@ -68,13 +69,14 @@ class Frames:
         self._frames: list[Frame] = []
         self._open: tuple[TickPart, list[Sent]] | None = None
         self._before: list[Sent] = []  # what came before the first tick
+        self._held = 0  # bytes of what came since the last tick
         self._scene = self._grid = -1
         self._method, self._methods = UNNAMED_METHOD, dict[RunKey, str]()
         self._decode = msgspec.json.Decoder(TickPart).decode
         try:
             for entry in read(path, self.health):
                 self._take(entry)
-        except (msgspec.MsgspecError, ValueError) as error:
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             problem = error.problem if isinstance(error, SessionError) else f"a message in it is broken: {error}"
             raise SessionError(problem, file=str(path)) from error
         self._close()
@@ -109,13 +111,16 @@ class Frames:
             self._close()
             self._methods.setdefault(part.key, self._method)
             self._open = part, [(ch.TICK.topic, entry.data, None), *self._before]
-            self._before = []
+            self._before, self._held = [], 0
         elif entry.topic == ch.STATUS.topic:
             self._method = msgspec.json.decode(entry.data, type=_Driven).method
         elif entry.topic == ch.SESSION.topic:
             kept = msgspec.json.decode(entry.data, type=_SessionText)
             self._methods[kept.began, kept.run] = kept.session.method
         elif (sent := _sent(entry)) is not None:
+            self._held += len(sent[1])
+            if self._held > MOST_AT_ONCE:
+                raise SessionError(f"more than {MOST_AT_ONCE / 1e6:.0f} MB came within one period")
             (self._before if self._open is None else self._open[1]).append(sent)
 
     def _close(self) -> None:

@@ -1,16 +1,22 @@
 """Writes an MCAP file so that hardly anything is lost, whatever ends the program: small chunks, each forced to disk."""
 
 import os
+import struct
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
+from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
 from motm_twin.record.channels import Channel
 from motm_twin.record.session import SessionError
 
 CHUNK_BYTES = 1024 * 1024
+_END = b"".join(  # of a file without an index: end of data, footer, and the magic
+    (struct.pack("<BQI", Opcode.DATA_END, 4, 0), struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0), b"\x89MCAP0\r\n")
+)
 PROFILE = "motm"
 LIBRARY = "motm-twin"
 
@@ -54,8 +60,10 @@ class _Raw:
         self._written.set()
 
     def cut(self, length: int) -> None:
-        """Forget what comes after."""
+        """Forget what comes after, and go on there."""
         os.ftruncate(self._descriptor, length)
+        os.lseek(self._descriptor, length, os.SEEK_SET)
+        self._position = length
 
     def close(self) -> None:
         """Close it, with all of it on the disk."""
@@ -100,7 +108,13 @@ class McapFile:
         self._sequences: dict[str, int] = {}
         self._whole = 0  # bytes up to the end of the last chunk on the disk
         self._failed = False
-        self._do(lambda: self._writer.start(PROFILE, LIBRARY))
+        try:
+            self._do(lambda: self._writer.start(PROFILE, LIBRARY))
+        except RecordingFailed as error:
+            with suppress(RecordingFailed):
+                self._close_raw()
+            self.path.unlink(missing_ok=True)
+            raise SessionError(f"cannot be written: {_reason(error.__cause__)}", file=str(path)) from error
 
     @property
     def size(self) -> int:
@@ -125,13 +139,15 @@ class McapFile:
         self._whole = self._raw.tell()
 
     def close(self) -> None:
-        """Write the index and close the file; after a failure only what is whole stays."""
+        """Write the index and close the file; after a failure only what is whole stays, if anything is."""
         try:
             if not self._failed:
                 self._do(self._writer.finish)
                 self._whole = self._raw.tell()
         finally:
             self._close_raw()
+            if self._failed and not self._whole:
+                self.path.unlink(missing_ok=True)
 
     def _close_raw(self) -> None:
         try:
@@ -157,5 +173,21 @@ class McapFile:
             work()
         except OSError as error:
             self._failed = True
-            self._raw.cut(self._whole)  # half a chunk is of no use, and a full disk can do with the room
+            self._end_early()
             raise RecordingFailed(f"{self.path}: {error.strerror or error}") from error
+
+    def _end_early(self) -> None:
+        """Half a chunk is of no use, and a full disk can do with the room; a few bytes make the rest a whole file."""
+        with suppress(OSError):
+            self._raw.cut(self._whole)
+            if not self._whole:
+                return
+            try:
+                self._raw.write(_END)
+                self._whole += len(_END)
+            except OSError:
+                self._raw.cut(self._whole)
+
+
+def _reason(error: BaseException | None) -> str:
+    return (isinstance(error, OSError) and error.strerror) or str(error)

@@ -116,6 +116,7 @@ class RecordedPlant:
             if message.restarted:
                 self._restarts.add(len(self._samples))
             for sample in message.samples:
+                _check(sample, expected)
                 scan = scan if sample.scan is None else _scan(sample.scan)
                 if sample.detections is not None:
                     detections = tuple(_detection(one) for one in sample.detections)
@@ -193,6 +194,23 @@ def _arrays(sample: msgspec.Struct, **others: Any) -> dict[str, Any]:
     names = [name for name in sample.__struct_fields__ if name not in others]
     values = {name: getattr(sample, name) for name in names}
     return {name: _array(value) if isinstance(value, list) else value for name, value in values.items()} | others
+
+
+_LENGTHS = {"pose": 3, "odometry": 3, "twist": 2, "q": 7, "dq": 7}
+_LENGTHS_SEEN = {"p_base": 3, "odometry": 3}
+_LARGEST = 1e6  # of any number of a pose, a joint or a rate: what is more was not measured
+
+
+def _check(sample: Sample, period: int) -> None:
+    """Raise ValueError for numbers that no robot reports: a recording may come from anybody. Control checks scans."""
+    seen = [(part, _LENGTHS_SEEN) for part in sample.detections or ()]
+    for part, lengths in [(sample, _LENGTHS), *seen]:
+        for name, length in lengths.items():
+            values = getattr(part, name)
+            if len(values) != length or any(abs(value) > _LARGEST for value in values):
+                raise ValueError(f"period {period}: {name} has {len(values)} numbers, or one that cannot be")
+    if not abs(sample.time) <= _LARGEST or not abs(sample.gripper_width) <= 1.0:
+        raise ValueError(f"period {period}: its time or the gripper's width cannot be")
 
 
 def _scan(sample: ScanSample) -> Scan:

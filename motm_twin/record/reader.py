@@ -16,8 +16,14 @@ from mcap.records import Channel, Chunk, Message, Schema
 from motm_twin.record.session import SessionError
 
 MAGIC = b"\x89MCAP0\r\n"
-MAX_RECORD = 256 * 1024 * 1024  # bytes; a longer one is a broken length
-MAX_CHUNK = 256 * 1024 * 1024  # bytes, decompressed
+MAX_RECORD = 64 * 1024 * 1024  # bytes; a longer one is a broken length
+MAX_CHUNK = 64 * 1024 * 1024  # bytes, decompressed
+# What a file may hold, by its size: a small one that unpacks to much was made to fill memory, or to take hours. A
+# recording has 16 bytes of index for each message, and unpacks to ten or twenty times its size.
+FREE_MESSAGES, BYTES_PER_MESSAGE = 10_000, 16
+FREE_BYTES, MOST_UNPACKED = 64 * 1024 * 1024, 40
+MAX_NAMES = 1000  # schemas and channels
+MAX_DESCRIBED = 16 * 1024 * 1024  # bytes in all schemas and channels
 _HEAD = struct.Struct("<BQ")
 
 
@@ -45,6 +51,34 @@ class Health:
     text: str = ""  # why it is not complete
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    messages: int = 0
+    unpacked: int = 0  # bytes
+    described: int = 0  # bytes of schemas and channels
+
+    def count(self, messages: int, unpacked: int) -> None:
+        """Take these into account. Raises Overfull when the file holds more than one of its size can."""
+        self.messages, self.unpacked = self.messages + messages, self.unpacked + unpacked
+        if self.messages > FREE_MESSAGES + self.size // BYTES_PER_MESSAGE:
+            raise Overfull(f"holds more than {self.messages - 1:,} messages in {_megabytes(self.size)}")
+        if self.unpacked > FREE_BYTES + MOST_UNPACKED * self.size:
+            raise Overfull(f"unpacks to more than {_megabytes(self.unpacked)} from {_megabytes(self.size)}")
+
+    def describe(self, size: int) -> None:
+        """Take a schema or channel of so many bytes into account. Raises Overfull."""
+        self.described += size
+        if len(self.schemas) + len(self.channels) >= MAX_NAMES or self.described > MAX_DESCRIBED:
+            raise Overfull(f"describes more than {MAX_NAMES} topics, or with more than {_megabytes(MAX_DESCRIBED)}")
+
+
+class Overfull(SessionError):
+    """A file that was made to fill memory."""
+
+    def __init__(self, problem: str) -> None:
+        super().__init__(f"{problem}: it is no recording of a twin")
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.3g} MB"
 
 
 def read(path: str | Path, health: Health | None = None) -> Iterator[Entry]:
@@ -57,6 +91,8 @@ def read(path: str | Path, health: Health | None = None) -> Iterator[Entry]:
                 raise SessionError("is no recording: it does not begin as an MCAP file does", file=str(path))
             health.whole = len(MAGIC)
             yield from _records(file, health)
+    except Overfull as error:
+        raise SessionError(error.problem, file=str(path)) from error
     except OSError as error:
         raise SessionError(f"cannot be read: {error.strerror or error}", file=str(path)) from error
 
@@ -88,6 +124,9 @@ def _records(file: BinaryIO, health: Health) -> Iterator[Entry]:
 def _loose(record: bytes, health: Health) -> Iterator[Entry]:
     try:
         entries = list(_inside(record, health))
+        health.count(len(entries), len(record))
+    except Overfull:
+        raise
     except Exception as error:  # as in `_chunk`
         health.text = f"the record at byte {health.whole} is broken: {error}"
         return
@@ -95,7 +134,7 @@ def _loose(record: bytes, health: Health) -> Iterator[Entry]:
 
 
 def _chunk(body: bytes, health: Health) -> Iterator[Entry]:
-    """The messages of a chunk; none of one that is broken, because none of it can be trusted."""
+    """The messages of a chunk, one after the other; none of one that is broken: none of it can be trusted."""
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(body)))
         if chunk.uncompressed_size > MAX_CHUNK:
@@ -110,17 +149,23 @@ def _chunk(body: bytes, health: Health) -> Iterator[Entry]:
             raise ValueError(f"compressed with {chunk.compression!r}")
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
             raise ValueError("the checksum differs")
-        entries = list(_inside(data, health))
+        if len(data) > MAX_CHUNK:
+            raise ValueError("too large")
+        health.count(0, len(data))
+        for _ in _inside(data, health):  # all of it is read before any of it is given
+            health.count(1, 0)
+    except Overfull:
+        raise
     except Exception as error:  # whatever random bytes make the libraries raise
         health.broken_chunks += 1
         health.text = f"the chunk at byte {health.whole} is broken: {error}"
         return
     health.chunks += 1
-    yield from entries
+    yield from _inside(data, health)
 
 
 def _inside(data: bytes, health: Health) -> Iterator[Entry]:
-    """Messages of bytes that are whole; schemas and channels are remembered."""
+    """Messages of bytes that are whole; schemas and channels are remembered. Raises Overfull for too many of those."""
     at = 0
     while at < len(data):
         opcode, length = _HEAD.unpack_from(data, at)
@@ -129,9 +174,11 @@ def _inside(data: bytes, health: Health) -> Iterator[Entry]:
         at += length
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
+            health.describe(length if health.schemas.get(schema.id) != schema else 0)
             health.schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(stream)
+            health.describe(length if health.channels.get(channel.id) != channel else 0)
             health.channels[channel.id] = channel
         elif opcode == Opcode.MESSAGE:
             message = Message.read(stream, length)

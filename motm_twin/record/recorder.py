@@ -139,8 +139,8 @@ class Recorder:
             self._listened.set()
 
     def _on_sample(self, sample: zenoh.Sample, asked: bool = False) -> None:
-        """In Zenoh's thread."""
-        if self._waiting.qsize() < WAITING_MOST:
+        """In Zenoh's thread. What was sent to a wildcard is not the twin's."""
+        if self._waiting.qsize() < WAITING_MOST and "*" not in str(sample.key_expr):
             attachment = sample.attachment
             attached = None if attachment is None else attachment.to_bytes()
             self._waiting.put((str(sample.key_expr), sample.payload.to_bytes(), attached, asked))

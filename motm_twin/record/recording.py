@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
@@ -14,27 +15,33 @@ from motm_twin.record import channels as ch
 from motm_twin.record.channels import RecordedScene, RecordedSession
 from motm_twin.record.observations import ObservationsMessage
 from motm_twin.record.reader import Entry, Health, read
-from motm_twin.record.session import Cut, LoggedEdit, Session, SessionError
+from motm_twin.record.session import MAX_PERIODS, Cut, LoggedEdit, Session, SessionError
+
+MAX_EDITS = 500_000  # in one file: hours of dragging
 
 RunKey = tuple[float, int]  # server time of the load or reset, number
 
 
+_Number = Annotated[int, msgspec.Meta(ge=-(2**53), le=2**53)]
+_Period = Annotated[int, msgspec.Meta(ge=-1, le=MAX_PERIODS)]
+
+
 class _PlanPart(msgspec.Struct, frozen=True):
-    expansions: int
+    expansions: _Number
     cut_by_clock: bool
 
 
 class TickPart(msgspec.Struct, frozen=True):
     """What is needed of a tick to repeat its period."""
 
-    run: int
-    index: int
+    run: _Number
+    index: _Period
     time: float
     plan: _PlanPart
     edits: list[Edit] = []
     began: float = 0.0
-    first: int = 0
-    past: int = -1
+    first: _Period = 0
+    past: _Number = -1
     preview: bool = False
 
     @property
@@ -121,8 +128,12 @@ def load_recording(path: str | Path) -> Recording:
     try:
         for entry in read(path, health):
             builder.take(entry)
-    except msgspec.MsgspecError as error:
+    except SessionError as error:
+        raise SessionError(error.problem, file=str(path)) from error
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise SessionError(f"a message in it is not one of this version: {error}", file=str(path)) from error
+    except RecursionError as error:
+        raise SessionError("a message in it is nested too deeply", file=str(path)) from error
     return Recording(Path(path), health, list(builder.runs.values()))
 
 
@@ -166,6 +177,7 @@ class _Builder:
         self._scene: Scene | None = None
         self._plant, self._method = "simulated", UNNAMED_METHOD
         self._tick = msgspec.json.Decoder(TickPart).decode
+        self._edits = 0
 
     def take(self, entry: Entry) -> None:
         match entry.topic:
@@ -188,6 +200,9 @@ class _Builder:
             self.runs[tick.key] = run
         if run.indices and tick.index <= run.indices[-1]:
             return  # sent again: something else was asked to be shown
+        self._edits += len(tick.edits)
+        if self._edits > MAX_EDITS:
+            raise SessionError(f"has more than {MAX_EDITS:,} edits: it is no recording of a twin")
         run.indices.append(tick.index)
         run.edits += [LoggedEdit(index=tick.index, edit=edit) for edit in tick.edits]
         if tick.plan.cut_by_clock:

@@ -37,10 +37,14 @@ def recover(path: str | Path, out: str | Path | None = None) -> Recovered:
     except OSError as error:
         target.unlink(missing_ok=True)
         raise SessionError(f"cannot be written: {error.strerror or error}", file=str(target)) from error
-    except SessionError:
+    except BaseException:
         target.unlink(missing_ok=True)
         raise
-    _verify(target, messages)
+    try:
+        _verify(target, messages)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
     return Recovered(
         file=str(target),
         messages=messages,
@@ -60,11 +64,12 @@ def _copy(path: Path, file: BinaryIO, health: Health) -> tuple[int, int, int]:
     for entry in read(path, health):
         if entry.topic not in channels:
             found = next(channel for channel in health.channels.values() if channel.topic == entry.topic)
-            if entry.schema not in schemas:
-                schema = health.schemas[found.schema_id]
+            # A file may name one that it does not hold, and one topic may have several channels.
+            schema = next((schema for schema in health.schemas.values() if schema.name == entry.schema), None)
+            if schema is not None and entry.schema not in schemas:
                 schemas[entry.schema] = writer.register_schema(schema.name, schema.encoding, schema.data)
             channels[entry.topic] = writer.register_channel(
-                entry.topic, found.message_encoding, schemas[entry.schema], found.metadata
+                entry.topic, found.message_encoding, schemas.get(entry.schema, 0), found.metadata
             )
         writer.add_message(
             channels[entry.topic], entry.log_time, entry.data, entry.publish_time, sequence=entry.sequence

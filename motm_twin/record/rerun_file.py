@@ -14,7 +14,7 @@ from motm_twin.record.made_with import differences
 from motm_twin.record.observations import ObservationsMessage, RecordedPlant
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
 from motm_twin.record.replay import begin
-from motm_twin.record.session import Session, SessionError
+from motm_twin.record.session import Session, SessionError, check_session
 
 # Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
 # run itself.
@@ -51,6 +51,7 @@ def rerun_run(recording: Recording, run: Run, method: Method | None = None) -> R
     """
     robot = _robot_of(recording, run)
     session = recording.session_of(run)
+    check_session(session)
     end, why = _known_end(session, robot)
     _require_comparable(run, end)
     twin, log = (
@@ -102,10 +103,16 @@ def _robot_of(recording: Recording, run: Run) -> RecordedPlant | None:
         return None
     if run.plant == "recording":
         raise SessionError("a recording was played, no robot was driven: the file that was played can be computed")
-    robot = RecordedPlant(_from_the_start(observations_of(recording.path, run)))
+    try:
+        robot = RecordedPlant(_from_the_start(observations_of(recording.path, run)))
+        first = next(observations_of(recording.path, run), None)
+    except RecursionError as error:
+        raise SessionError("what its robot saw is nested too deeply") from error
+    except (msgspec.MsgspecError, UnicodeDecodeError, ValueError) as error:
+        problem = error.problem if isinstance(error, SessionError) else f"what its robot saw is broken: {error}"
+        raise SessionError(problem) from error
     if robot.ready():
         return robot
-    first = next(observations_of(recording.path, run), None)
     told = "nothing of what that saw" if first is None else f"what that saw only from period {first.index} on"
     raise SessionError(f"its robot was in another program, and the file tells {told}")
 
@@ -154,10 +161,15 @@ def _differing(payload: bytes, tick: Tick, *, of_truth: bool) -> list[str]:
 
 def _bare(message: Json, of_truth: bool) -> Json:
     if not of_truth:
-        robot = {name: value for name, value in message["robot"].items() if name != "true_pose"}
+        robot = {name: value for name, value in _object(message, "robot").items() if name != "true_pose"}
         message = {**{name: value for name, value in message.items() if name not in _OF_TRUTH}, "robot": robot}
-    plan = {name: value for name, value in message["plan"].items() if name not in _NOT_COMPARED_OF_PLAN}
+    plan = {name: value for name, value in _object(message, "plan").items() if name not in _NOT_COMPARED_OF_PLAN}
     return {**{name: value for name, value in message.items() if name not in _NOT_COMPARED}, "plan": plan}
+
+
+def _object(message: Json, name: str) -> Json:
+    found = message.get(name)
+    return found if isinstance(found, dict) else {}
 
 
 def _compare(then: Any, now: Any, place: str, found: list[str]) -> None:

@@ -21,6 +21,7 @@ from motm_twin.record.made_with import made_with
 SESSION_VERSION = "motm.session/1"
 MCAP_MAGIC = b"\x89MCAP"  # with which every recording begins
 MAX_BYTES = 50 * 1024 * 1024
+MAX_VALUES = 1_000_000  # numbers, texts, lists and objects; an hour of dragging has half of it
 MAX_PERIODS = 20 * 7 * 86_400  # a week
 MAX_EXPANSIONS = 10_000
 MAX_TEXT = 2_000  # characters of the title
@@ -119,17 +120,17 @@ def encode_session(session: Session) -> bytes:
 
 def decode_session(data: bytes, *, file: str = "") -> Session:
     """The session in these bytes, checked. Raises SessionError; ``file`` is how its message calls them."""
-    from motm_twin.record.session_check import check_scene  # shapely: only where a file is read
-
     if len(data) > MAX_BYTES:
         raise SessionError(f"{len(data) / 1e6:.0f} MB is no session: at most {MAX_BYTES / 1e6:.0f} MB", file=file)
+    values = sum(data.count(mark) for mark in (b",", b"[", b"{"))
+    if values > MAX_VALUES:  # each takes some hundred bytes of memory
+        raise SessionError(f"has {values:,} values: at most {MAX_VALUES:,} are taken", file=file)
     try:
         raw = msgspec.json.decode(data)
         _check_version(raw)
         session = msgspec.convert(raw, Session)
         _refuse_unknown(raw, msgspec.to_builtins(session), "session")
-        _check_numbers(session)
-        check_scene(session.scene)
+        check_session(session)
     except SessionError as error:
         raise SessionError(error.problem, file=file) from error
     except RecursionError as error:
@@ -139,6 +140,14 @@ def decode_session(data: bytes, *, file: str = "") -> Session:
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise SessionError(f"is neither a session nor a recording: {error}", file=file) from error
     return session
+
+
+def check_session(session: Session) -> None:
+    """Raise SessionError for numbers out of bounds or order, or a scene that no scene file could have made."""
+    from motm_twin.record.session_check import check_scene  # shapely: only where a file is read
+
+    _check_numbers(session)
+    check_scene(session.scene)
 
 
 def _check_version(raw: Any) -> None:

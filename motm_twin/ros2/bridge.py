@@ -9,7 +9,7 @@ import msgspec
 import zenoh
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.keys import Keys, spoken_on
 from motm_twin.bus.messages import (
     GRID_VERSION,
     ROBOT_VERSION,
@@ -81,7 +81,9 @@ class Bridge:
 
     def _direct(self, handle: Callable[..., None]) -> zenoh.handlers.Callback:
         def take(sample: zenoh.Sample) -> None:
-            self._tell(handle, str(sample.key_expr), sample.payload.to_bytes())
+            key = str(sample.key_expr)
+            if "*" not in key:  # else it is not the twin who speaks
+                self._tell(handle, key, sample.payload.to_bytes())
 
         return zenoh.handlers.Callback(take, indirect=False)
 
@@ -132,7 +134,7 @@ class Bridge:
         handlers = {keys.robot: self._robot, keys.scan: self._scan, keys.tick: self._tick, keys.grid: self._grid}
         for key, handle in handlers.items():
             for reply in self._twin.get(key, timeout=ANSWER):
-                if reply.ok is not None and key not in self._told:
+                if reply.ok is not None and spoken_on(reply.ok, key) and key not in self._told:
                     attached = reply.ok.attachment
                     self._put(handle, key, reply.ok.payload.to_bytes(), *([attached.to_bytes()] if attached else []))
 

@@ -43,11 +43,10 @@ def security(
         passwords: User and password within TLS, instead of a certificate for each (make).
         days: How long certificates are valid.
     """
-    from rich.console import Console
-
+    from motm_twin.console import plain_console
     from motm_twin.security.folder import Folder, People, SecurityError
 
-    console, place = Console(highlight=False, soft_wrap=True), Folder(folder)
+    console, place = plain_console(), Folder(folder)
     named = {"viewer": list(viewer), "driver": list(driver), "robot": list(robot), "twin": list(twin)}
     each = [(role, name) for role, names in named.items() for name in names]
     try:
@@ -71,7 +70,7 @@ def security(
                 else:
                     place.remove(role, name)
     except (SecurityError, OSError) as error:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(f"motm-twin security: {error}", markup=False)
+        plain_console(stderr=True).print(f"motm-twin security: {error}", markup=False)
         return 2
     if place.router.is_file():
         console.print(f"The router: zenohd --config {place.router}", markup=False)

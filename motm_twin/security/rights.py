@@ -22,6 +22,8 @@ STATE = (
 )
 READABLE = tuple(f"motm/*/{key}" for key in STATE)
 COMMANDS = ("motm/*/cmd/**",)
+OF_THE_TWIN = ("motm/*/plant/command", "motm/*/plant/grant")  # which a robot only hears
+ASKED_BY_THE_TWIN = ("motm/*/plant/reset", "motm/*/plant/edit", "motm/*/plant/tasks")
 # Key chunks that begin with @ are matched by no wildcard. Those of ROS 2: tokens of its two forms, and what advanced
 # publishers (latched topics) keep and say of themselves.
 ROS2 = ("@/*/@ros2_lv/**", "@ros2_lv/**", "**/@adv/**")
@@ -48,11 +50,12 @@ def access_control(people: Named, *, by: str, local: str | None = None) -> dict[
     rules = [
         _rule("everything", ["ingress", "egress"], EVERYTHING, ["**", *ROS2]),
         *_of_people(),
-        _rule("forge", ["ingress"], TOLD, (*READABLE, *COMMANDS), permission="deny"),  # only the server says these
+        _rule("forge", ["ingress"], TOLD, (*READABLE, *COMMANDS, *OF_THE_TWIN), permission="deny"),  # only the server
+        _rule("ask a robot", ["ingress"], ["query"], ASKED_BY_THE_TWIN, permission="deny"),
     ]
     here: dict[str, Any] = {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"]}
     subjects = [here if local is None else {**here, "usernames": [local]}]
-    policies = [{"subjects": ["here"], "rules": ["everything", "forge"]}]
+    policies = [{"subjects": ["here"], "rules": ["everything", "forge", "ask a robot"]}]
     _grant(people, by, rules, subjects, policies)
     return _denying(rules, subjects, policies)
 
@@ -94,8 +97,10 @@ def _grant(
     for twin in people.get("robot", ()):
         known = identity("robot", twin)
         rules.append(_rule(known, ["ingress", "egress"], EVERYTHING, [f"motm/{twin}/plant/**"]))
+        rules.append(_rule(f"{known} obeys", ["ingress"], ["put", "delete"], OF_THE_TWIN, permission="deny"))
+        rules.append(_rule(f"{known} answers", ["ingress"], ["query"], ASKED_BY_THE_TWIN, permission="deny"))
         subjects.append({"id": known, by: [known]})
-        policies.append({"subjects": [known], "rules": [known]})
+        policies.append({"subjects": [known], "rules": [known, f"{known} obeys", f"{known} answers"]})
 
 
 def _denying(

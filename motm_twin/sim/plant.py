@@ -312,7 +312,7 @@ class SimulatedPlant(Stateful[PlantState]):
     def _shadow(self, frames: Array) -> RobotShadow:
         base, foot = self._state.base, self.scene.robot.footprint
         corners = shadow_corners(base.pose, base.v, base.w, _SHADOW_TIMES, foot.length, foot.width, foot.offset_x)
-        discs = np.column_stack([frames[_SHADOW_LINKS, :2, 3], _SHADOW_RADII])
+        discs = np.column_stack([frames[_SHADOW_LINKS, :2, 3], _SHADOW_RADII])[: len(frames) * self.scene.robot.has_arm]
         return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs)
 
     def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:

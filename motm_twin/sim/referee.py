@@ -105,7 +105,7 @@ class Referee:
         self.dt = dt
         self.robot = RobotShapes(scene.robot)
         self.check = PlantCheck(scene.robot, dt)
-        self._foot = scene.robot.footprint
+        self._foot, self._has_arm = scene.robot.footprint, scene.robot.has_arm
         self._tasks = scene.tasks
         self._surroundings: Surroundings | None = None
         self._bodies: tuple[tuple[str, float, float], ...] | None = None
@@ -256,6 +256,8 @@ class Referee:
             self._measure(state, world, placed, around, pairs)
         if state.episodes:
             self._end_episodes(state, world.time)
+        if not self._has_arm:
+            return
         x, y, _ = world.tcp.tolist()
         state.ee_obstacle = clearance(x, y, around.unmapped_corners, around.unmapped_first, around.unmapped_discs)
         state.min_ee_obstacle = min(state.min_ee_obstacle, state.ee_obstacle)

@@ -30,6 +30,10 @@ class RobotShapes:
         geometry = pin.buildGeomFromUrdfString(
             self._model, xml, pin.GeometryType.COLLISION, package_dirs=[str(web_assets_dir().parent)]
         )
+        if not profile.has_arm:
+            frames = self._model.frames
+            for item in [i.name for i in geometry.geometryObjects if frames[i.parentFrame].name != "base_link"]:
+                geometry.removeGeometryObject(item)
         self._data, self._geometry, self._geometry_data = self._model.createData(), geometry, geometry.createData()
         self._rotations, self._translations = _placements(self._geometry_data)
         self._configuration = pin.neutral(self._model)
@@ -76,6 +80,8 @@ def _placements(data: pin.GeometryData) -> tuple[Array, Array]:
 
 def _row(items: Sequence[Array]) -> Array:
     """One view of arrays that lie at equal distances in memory."""
+    if len(items) == 1:
+        return items[0][None]
     places = [item.__array_interface__["data"][0] for item in items]
     step = places[1] - places[0]
     assert all(place == places[0] + i * step for i, place in enumerate(places))

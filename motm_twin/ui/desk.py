@@ -76,6 +76,8 @@ class Desk:
     def update(self, shown: Shown) -> None:
         """Show this."""
         note = shown.status.text if shown.status is not None else f"no twin server at {self._hub.client.endpoint} yet"
+        if not note and shown.status is not None and shown.status.plant in ("zenoh", "mirror"):
+            note = shown.status.plant_text  # what the robot in another program does, and what it refuses
         if shown.state == "done" and shown.newest is not None and shown.newest.success:
             note = ""  # the headline of the tab says so
         if shown.state == "lost":

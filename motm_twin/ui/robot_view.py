@@ -38,11 +38,14 @@ class RobotView:
         ]
         self._ghosts = [self._add_ghost(scene, link) for link in GHOST_LINKS]
         self.ghosts_on = True
+        self._shown, self._shadows_shown = [True] * len(LINKS), [True, True]
         self.hand = np.eye(4)  # transform to the world, for a camera that rides on it
 
     def configure(self, profile: RobotProfile) -> None:
-        """Another robot profile."""
+        """Another robot profile; of one without an arm only the base is drawn."""
         self._kinematics = Frankie(profile)
+        self._shown = [profile.has_arm or link == LINKS[0] for link in LINKS]
+        self._shadows_shown = [True, profile.has_arm]
 
     def update(self, tick: TickMessage) -> None:
         """Move the links to the pose of the tick."""
@@ -52,15 +55,15 @@ class RobotView:
         T = self._kinematics.link_transforms(np.array(robot.true_pose), np.array(robot.q), robot.gripper_width)
         self.hand = T[LINKS.index("panda_hand")]
         quaternions = matrices_wxyz(T[:, :3, :3])
-        for handle, wxyz, position in zip(self._links, quaternions, T[:, :3, 3], strict=True):
+        for handle, wxyz, position, shown in zip(self._links, quaternions, T[:, :3, 3], self._shown, strict=True):
             handle.wxyz, handle.position = wxyz, position
-            if not handle.visible:
-                handle.visible = True
+            if handle.visible != shown:
+                handle.visible = shown
         x, y, heading = robot.true_pose
-        for shadow in self._shadows:
+        for shadow, shown in zip(self._shadows, self._shadows_shown, strict=True):
             shadow.position = (x, y, LYING)
-            if not shadow.visible:
-                shadow.visible = True
+            if shadow.visible != shown:
+                shadow.visible = shown
         self._shadows[0].wxyz = yaw_wxyz(heading)
 
     def update_ghosts(self, tick: TickMessage) -> None:
@@ -76,7 +79,8 @@ class RobotView:
         for index, pose in enumerate(poses):
             T = self._kinematics.link_transforms(pose, np.array(tick.robot.q), tick.robot.gripper_width)
             T = T[: len(GHOST_LINKS)]
-            positions[:, index], quaternions[:, index] = T[:, :3, 3], matrices_wxyz(T[:, :3, :3])
+            shown = self._shown[: len(GHOST_LINKS)]
+            positions[shown, index], quaternions[:, index] = T[shown, :3, 3], matrices_wxyz(T[:, :3, :3])
         for handle, place, turn in zip(self._ghosts, positions, quaternions, strict=True):
             handle.batched_positions, handle.batched_wxyzs = place, turn
 

@@ -12,6 +12,7 @@ from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.session import LOOPBACK
 from motm_twin.memory import share_arenas
 from motm_twin.ui.guard import open_page, page_url
+from motm_twin.ui.page_token import VARIABLE, chosen_token
 from motm_twin.ui.viewer import Viewer
 
 BAD_INPUT = 2
@@ -22,12 +23,13 @@ def main() -> None:
     """Run until a signal or the end of the parent."""
     options = _options()
     report, stop = Reporter(options.report), stop_event(options.report is not None)
-    token = os.environ.pop("MOTM_TOKEN", None) or None
+    given = os.environ.pop(VARIABLE, None) or None  # no child of this program needs it
     os.nice(NICENESS)
     share_arenas()
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no news
     try:
-        server = open_page(options.host, options.port, token)
+        token = chosen_token(None if options.no_token else given, none=options.no_token)
+        server = open_page(options.host, options.port, token, options.name)
         client = TwinClient(options.endpoint, options.twin)
     except (OSError, ValueError) as error:
         report("refused", text=str(error))
@@ -49,7 +51,9 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m motm_twin.ui.viewer_process", description=__doc__)
     parser.add_argument("--endpoint", default=f"tcp/{LOOPBACK}:{DEFAULT_PORT}", help="where the twin server listens")
     parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
-    parser.add_argument("--host", default=LOOPBACK, help="address of the page; others than loopback need MOTM_TOKEN")
+    parser.add_argument("--host", default=LOOPBACK, help="address of the page")
+    parser.add_argument("--no-token", action="store_true", help="anybody on this machine may look and drive")
+    parser.add_argument("--name", action="append", default=[], help="further name under which browsers may ask")
     parser.add_argument("--port", type=int, default=8080, help="TCP port of the page, 0 takes any free one")
     parser.add_argument("--own-method", nargs=2, metavar=("NAME", "FILE.py:NAME"), help="method that is not shipped")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)

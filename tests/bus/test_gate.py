@@ -18,7 +18,7 @@ from motm_twin.bus.commands import (
     Speed,
     command_name,
 )
-from motm_twin.bus.gate import MAX_SENDERS, CommandGate
+from motm_twin.bus.gate import MAX_SEEN, MAX_SENDERS, CommandGate
 from motm_twin.bus.ranges import MAX_TASKS, MAX_THROW
 
 
@@ -136,6 +136,27 @@ def test_a_replayed_command_is_refused_and_others_of_the_sender_pass():
     assert "replayed" in refusal(gate, "play", envelope({"type": "play"}, seq=4))
     gate.admit("play", envelope({"type": "play"}, seq=6))
     gate.admit("play", envelope({"type": "play"}, seq=1, sender="another"))
+
+
+@pytest.mark.parametrize("jump", [100, 10**6, 2**62])
+def test_a_number_that_jumps_keeps_the_others_of_its_sender_in(jump):
+    """It may be a forgery: the sender whose name it has goes on, and neither it nor the forgery comes twice."""
+    gate = CommandGate(Clock())
+    gate.admit("play", envelope({"type": "play"}, seq=5))
+    gate.admit("play", envelope({"type": "play"}, seq=5 + jump))
+    gate.admit("play", envelope({"type": "play"}, seq=6))
+    for seq in (5, 6, 5 + jump):
+        assert "replayed" in refusal(gate, "play", envelope({"type": "play"}, seq=seq))
+
+
+def test_the_numbers_of_one_sender_that_are_remembered_are_bounded():
+    clock = Clock()
+    gate = CommandGate(clock)
+    for seq in range(MAX_SEEN):
+        gate.admit("play", envelope({"type": "play"}, seq=seq))
+    assert f"more than {MAX_SEEN} commands" in refusal(gate, "play", envelope({"type": "play"}, seq=MAX_SEEN))
+    clock.now += 2.0
+    gate.admit("play", envelope({"type": "play"}, seq=MAX_SEEN, expires=clock.now + 1.0))
 
 
 def test_a_refused_command_does_not_use_up_its_number():

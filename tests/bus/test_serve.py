@@ -180,7 +180,7 @@ def test_a_taken_port_is_exit_code_2_with_advice(option):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--host", "0.0.0.0"], "--token"),
+        (["--host", "0.0.0.0", "--no-token"], "--no-token is for this machine only"),
         (["--host", "0.0.0.0", "--token", "short"], "too weak"),
         (["--host", "0.0.0.0", "--token", "a" * 64], "too weak"),
         (["--twin", "no/slash"], "twin name"),

@@ -273,3 +273,11 @@ def test_a_mirror_shows_the_robot_and_never_says_anything(router: Router, scene:
     assert ticks[-1].time > ticks[0].time
     assert len(ticks[-1].beliefs) == len(scene.objects)
     assert ticks[-1].observation.scan is not None
+
+
+def test_a_robot_without_an_arm_is_driven_over_a_link_as_in_one_program(router: Router) -> None:
+    scene = load_scene("barn:0")
+    inside = Twin(scene)
+    with running_robot(router, scene), driven(router, scene) as outside:
+        for _ in range(20):
+            assert same(inside.advance(), outside.advance())

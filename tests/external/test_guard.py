@@ -116,6 +116,27 @@ def test_duplicates_and_old_numbers_are_refused(guard: CommandGuard) -> None:
     assert guard.refused == 3
 
 
+def test_a_number_that_jumps_is_refused_and_keeps_nobody_out(guard: CommandGuard) -> None:
+    guard.offer(payload(seq=5, act_at=1.0), 1.0)
+    guard.offer(payload(seq=5 + 10**6, act_at=1.0), 1.0)
+    assert "jumps by 1000000" in guard.refusal
+    guard.offer(payload(seq=6, act_at=1.01, twist=[0.2, 0.0]), 1.01)
+    assert guard.refused == 1
+    assert guard.actuation(1.01).twist[0] == 0.2
+
+
+def test_after_a_silence_numbers_begin_again(guard: CommandGuard) -> None:
+    """A sender that was started again, or one that somebody else has spoken for."""
+    guard.offer(payload(seq=500, act_at=1.0), 1.0)
+    guard.actuation(1.0)
+    later = 1.0 + SILENCE
+    guard.offer(payload(seq=7, act_at=later, twist=[0.2, 0.0]), later)
+    assert guard.refused == 0
+    assert guard.actuation(later).twist[0] == 0.2
+    guard.offer(payload(seq=10**9, act_at=2.0 * later), 2.0 * later)
+    assert guard.refused == 0
+
+
 def test_one_commands_until_it_is_silent(guard: CommandGuard) -> None:
     guard.offer(payload(), 1.0)
     guard.offer(payload(sender="other", act_at=1.1, twist=[-0.1, 0.0]), 1.1)

@@ -13,7 +13,7 @@ from motm_twin.planning.commitment import CommittedController
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.pocket import ANGLES, BLUR, CELL, CELLS, HEADINGS, LENGTHS, NO_POCKET, STEPS, pocket_cost
+from motm_twin.planning.pocket import ANGLES, BLUR, CELL, HEADINGS, LENGTHS, NO_POCKET, STEPS, cells_of, pocket_cost
 from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
 from motm_twin.planning.wide_placement import WidePlacement
 
@@ -93,7 +93,8 @@ def test_its_costs_are_those_of_free_ways_on_the_lattice(pocket):
                 for way, rate in ((1, rates.front), (-1, rates.back))]  # fmt: skip
         for c in ((k + 1) % HEADINGS, (k - 1) % HEADINGS):
             ways.append((i, j, c, abs(math.remainder(ANGLES[c] - ANGLES[k], 2.0 * math.pi)) * rates.turn))
-        inside = [way for way in ways if 0 <= way[0] < CELLS and 0 <= way[1] < CELLS]
+        count = cells_of(given.body)
+        inside = [way for way in ways if 0 <= way[0] < count and 0 <= way[1] < count]
         onward = min((cost + found.value[b, a, c] for a, b, c, cost in inside), default=FAR)
         assert found.value[j, i, k] <= onward + 1e-9
         first += found.value[j, i, k] < onward - 1e-9

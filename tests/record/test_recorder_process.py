@@ -16,7 +16,9 @@ from motm_twin.bus.commands import Load, Step
 from motm_twin.bus.latest import LatestValues
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port
+from motm_twin.record.channels import STATUS
 from motm_twin.record.info import info
+from motm_twin.record.mcap_file import McapFile, RecordingFailed
 from motm_twin.record.reader import Health, read
 
 MOST_LOST = 1.0  # [s]
@@ -85,7 +87,31 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(server, client, tmp_pat
     health = Health()
     assert list(read(tmp_path / "x.mcap", health))
     assert health.whole == health.size  # nothing half is left
+    assert health.complete
     assert last["bytes"] == health.size <= limit
+
+
+def test_a_disk_that_is_full_from_the_start_is_said_and_nothing_is_left(server, tmp_path):
+    def nothing():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4, 4))
+
+    code, last = Recording(server.endpoint, tmp_path / "x.mcap", preexec_fn=nothing).wait()
+    assert (code, last["event"]) == (2, "refused")
+    assert last["text"].endswith("x.mcap: cannot be written: File too large")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_is_full_before_anything_is_whole_leaves_nothing(tmp_path):
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    file = McapFile(tmp_path / "x.mcap")
+    file.add(STATUS, 1.0, b"{}")
+    file._raw.write = full
+    with pytest.raises(RecordingFailed, match="No space left on device"):
+        file.save()
+    file.close()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_cannot_be_written_is_refused_before_it_begins(server, tmp_path):

@@ -96,7 +96,7 @@ class Visitor:
         visitor = cls(page, twin)
         if not fine:
             page.add_init_script(path=LIGHTLY)
-        page.goto(twin.url if fine else f"{twin.url}?fixedDpr=1")
+        page.goto(twin.url if fine else f"{twin.url}&fixedDpr=1")
         visitor.button("Play", "Pause", "Restart").wait_for(timeout=SHOWN * 1000)
         visitor.close_notes()
         until(visitor.overlooks, SHOWN, "its camera does not find the overview")

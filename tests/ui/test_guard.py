@@ -12,9 +12,10 @@ from websockets.asyncio.client import connect
 
 from motm_twin.bench.page_client import PageReader
 from motm_twin.bus.session import PortTaken, free_port
-from motm_twin.ui.guard import check_token, open_page, page_url
+from motm_twin.ui.guard import Guard, check_token, open_page, page_url
 
 TOKEN = "0123456789abcdef0123456789abcdef"
+OTHER_TOKEN = TOKEN[::-1]
 
 
 @pytest.fixture
@@ -116,6 +117,7 @@ def test_the_token_in_the_address_becomes_a_cookie_that_opens_page_and_websocket
     port = secret.get_port()
     answer = get(secret, f"/?token={TOKEN}")
     assert (answer.status, answer.getheader("Location")) == (303, "/")
+    assert get(secret, f"/?a=1&token={TOKEN}&b=x%26y").getheader("Location") == "/?a=1&b=x%26y"
     cookie = answer.getheader("Set-Cookie")
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
@@ -123,6 +125,47 @@ def test_the_token_in_the_address_becomes_a_cookie_that_opens_page_and_websocket
     assert get(secret, Cookie=pair).status == 200
     assert websocket_opens(secret, origin=f"http://127.0.0.1:{port}", cookie=pair)
     assert not websocket_opens(secret, origin="http://evil.example", cookie=pair)
+
+
+@pytest.mark.parametrize("path", ["/", "/healthz", "/nothing", f"/?token={TOKEN}"])
+def test_no_other_page_can_show_this_one_in_a_frame(secret, local, path):
+    """A click into a frame that cannot be seen would drive the robot."""
+    port = secret.get_port()
+    cookie = {"Cookie": f"motm_token_{port}={TOKEN}"}
+    for answer in (get(local, path), get(secret, path), get(secret, path, **cookie)):
+        assert answer.headers.get_all("Content-Security-Policy") == ["frame-ancestors 'none'"]
+        assert answer.headers.get_all("X-Frame-Options") == ["DENY"]
+        assert answer.headers.get_all("Referrer-Policy") == ["no-referrer"]  # the address may carry the token
+
+
+def test_a_foreign_name_is_refused_with_a_token_too(secret):
+    cookie = f"motm_token={TOKEN}"
+    for host in ("evil.example", "localhost.evil.example", f"evil.example:{secret.get_port()}", "10.0.0.7", "[::1"):
+        assert get(secret, Host=host, Cookie=cookie).status == 403
+        assert get(secret, f"/?token={TOKEN}", Host=host).status == 403
+
+
+@pytest.mark.parametrize(
+    ("host", "asked", "served"),
+    [("0.0.0.0", "10.0.0.7:8080", True), ("0.0.0.0", "[fe80::1]:8080", True), ("0.0.0.0", "localhost", True),
+     ("0.0.0.0", f"{socket.gethostname()}:8080", True), ("0.0.0.0", "evil.example:8080", False),
+     ("0.0.0.0", "Lab.Example", True), ("lab2.example", "lab2.example:80", True), ("127.0.0.1", "10.0.0.7", False),
+     ("127.0.0.1", "lab.example:443", True), ("0.0.0.0", "10.0.0.7.evil.example", False)],
+)  # fmt: skip
+def test_the_page_goes_by_addresses_and_by_names_of_its_own(host, asked, served):
+    """An address is nobody's domain; a name is, and may be led here."""
+    assert Guard(TOKEN, host, ["lab.example"])._serves(asked) is served
+
+
+def test_the_cookies_of_two_pages_of_one_machine_are_two(secret):
+    other = open_page("127.0.0.1", 0, OTHER_TOKEN)
+    pairs = [get(page, f"/?token={token}").getheader("Set-Cookie").split(";")[0]
+             for page, token in ((secret, TOKEN), (other, OTHER_TOKEN))]  # fmt: skip
+    both = "; ".join(pairs)
+    assert get(secret, Cookie=both).status == get(other, Cookie=both).status == 200
+    assert len({pair.split("=")[0] for pair in pairs}) == 2
+    assert get(other, Cookie=pairs[0]).status == 401
+    other.stop()
 
 
 def test_the_public_tunnel_is_switched_off(local, monkeypatch):
@@ -161,3 +204,64 @@ def test_an_open_page_needs_a_strong_token(host, token):
 def test_the_printed_address_carries_the_token():
     assert page_url("0.0.0.0", 8080, TOKEN) == f"http://127.0.0.1:8080/?token={TOKEN}"
     assert page_url("127.0.0.1", 8080, None) == "http://127.0.0.1:8080/"
+
+
+def get_at(address, port):
+    connection = http.client.HTTPConnection(address, port, timeout=10)
+    connection.request("GET", "/")
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+@pytest.fixture
+def version_6():
+    """Whether this machine has it; where it has not, that is said."""
+    with socket.socket(socket.AF_INET6) as probe:
+        try:
+            probe.bind(("::1", 0))
+        except OSError:
+            with pytest.raises(ValueError, match="::1 is no IPv6 address of this machine"):
+                open_page("::1", 0)
+            return False
+    return True
+
+
+def test_the_page_is_served_by_version_6_of_ip(version_6):
+    if not version_6:
+        return
+    server = open_page("::1", 0)
+    port = server.get_port()
+    assert get_at("::1", port) == 200
+    with pytest.raises(ConnectionRefusedError):
+        get_at("127.0.0.1", port)
+    assert page_url("::1", port, None) == f"http://[::1]:{port}/"
+    with pytest.raises(PortTaken):
+        open_page("::1", port)
+    server.stop()
+
+
+def test_all_addresses_are_those_of_both_versions(version_6):
+    if not version_6:
+        return
+    server = open_page("::", 0, TOKEN)
+    port = server.get_port()
+    assert [get_at(address, port) for address in ("::1", "127.0.0.1")] == [401, 401]
+    assert page_url("::", port, TOKEN).startswith("http://127.0.0.1:")
+    server.stop()
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        with pytest.raises(PortTaken):
+            open_page("::", holder.getsockname()[1], TOKEN)
+
+
+def test_an_address_of_another_machine_is_told():
+    with pytest.raises(ValueError, match="2001:db8::1 is no IPv6 address of this machine: give one of its own, or ::"):
+        open_page("2001:db8::1", 0, TOKEN)
+
+
+def test_every_address_of_the_loopback_is_this_machine():
+    server = open_page("127.0.0.2", 0)
+    assert get_at("127.0.0.2", server.get_port()) == 200
+    server.stop()

@@ -58,7 +58,7 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
 
 @pytest.mark.timeout(600)
 def test_every_variant_of_every_shipped_scene_can_be_chosen_and_stays_paused():
-    with serving("exp1") as twin, PageReader(twin.port) as page:
+    with serving("exp1") as twin, PageReader(twin.port, token=twin.token) as page:
         client = twin.client
         assert page.wait(lambda page: page.find("Load") and page.find("Variant"), 60.0)
         assert page.wait(lambda page: page.find("Pause"), 60.0)

@@ -11,7 +11,7 @@ from motm_twin.bench.paper.standing import Standing, standing
 from motm_twin.bench.paper.style import BLACK, ONE_COLUMN, figure, styled
 from motm_twin.model.geometry import Array
 from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path
-from motm_twin.planning.parameters import DEG, StaaParameters
+from motm_twin.planning.parameters import DEG, StaaParameters, growth
 from motm_twin.planning.rtr import path_rtr, turn
 
 START = np.array([4.05, 0.75, 10.0 * DEG])  # in front of the table, the heading away from the nearer end
@@ -22,7 +22,7 @@ RED, YELLOW = "#E3000F", "#FFE600"
 def paths(here: Standing) -> dict[str, Array]:
     """Both global paths, shape (m, 2) [m]: with the cost of rotation, and the shortest."""
     limits = here.scene.robot.base
-    graph = GraphCache().graph(here.world, StaaParameters().growth)
+    graph = GraphCache().graph(here.world, growth(here.scene.robot.footprint, StaaParameters()))
     with_rotation = path_to_goal(graph, goal_table(graph, GOAL, rates_of(limits)), START)[0]
     return {"with rotation cost": with_rotation, "without (STAA*)": shortest_path(graph, START, GOAL, limits)}
 

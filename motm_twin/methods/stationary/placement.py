@@ -137,7 +137,7 @@ class StationaryPlacement(NextTargetPlacement):
 
     def _decide(self, problem: BaseProblem, target: Target, refused: Array) -> Placement | None:
         """The cheapest candidate, with those of the other directions; None when none is free."""
-        self._room = room_for(self._parameters, self._body, problem.recovery.tightness)
+        self._room = room_for(self._parameters, self._footprint, problem.recovery.tightness)
         graph = self._graphs.graph(problem.world, self._room.growth)
         here = Here(problem.world, field_of(problem.world), self._body, graph, problem.pose)
         from_robot = robot_table(graph, problem.pose, self._rates)

@@ -1,0 +1,136 @@
+"""Somebody on the same machine speaks in the twin's name to its robot: nothing of it arrives, and the work goes on."""
+
+import functools
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import pytest
+import zenoh
+from meeting import DeafenedRobot, Router, driven, running_robot, until
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import COMMAND_NAMES, Load
+from motm_twin.bus.keys import Keys
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.server import RobotChoice, TwinServer
+from motm_twin.bus.server_process import make_external_twin
+from motm_twin.bus.session import open_member
+from motm_twin.external.checks import NAMES
+from motm_twin.external.guard import MAX_JUMP, SILENCE
+from motm_twin.external.keys import PlantKeys
+from motm_twin.external.messages import VERSION, ClockGrant, RobotCommand
+from motm_twin.model.scene import Scene
+from motm_twin.planning.types import SearchBudget
+
+KEYS = PlantKeys()
+WILD = ("motm/**", "**", "motm/*/plant/*", "motm/frankie/plant/comm$*", "motm/frankie/plant/gr$*")
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwinServer]:
+    """A server whose robot comes to its own port."""
+    make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
+    with TwinServer(
+        library=FileLibrary("exp1"),
+        make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
+        first=Load(scene="exp1", variant="trial1"),
+        data=tmp_path_factory.mktemp("data"),
+        robot=RobotChoice(make_twin=make),
+    ) as server:
+        yield server
+
+
+def forged(life: str, seq: int, act_at: float) -> bytes:
+    return msgspec.json.encode(
+        RobotCommand(
+            version=VERSION, life=life, sender="twin", seq=seq, act_at=act_at, twist=[0.5, 0.0],
+            joint_velocity=[0.5] * 7, gripper="open", lifetime=0.3,
+        )
+    )  # fmt: skip
+
+
+def forge(session: zenoh.Session, robot: DeafenedRobot) -> None:
+    """What drove the robot past the monitor: on every key, and on wildcards that match it."""
+    mine: Any = robot.robot
+    newest = mine._guard._acting.seq if mine._guard._acting is not None else 0
+    for ahead in (0.0, 0.05, 0.2):
+        for key in (KEYS.command, *WILD):
+            session.put(key, forged(mine.life, newest + 10**6, mine.time + ahead))
+    for key in (KEYS.grant, *WILD):
+        session.put(key, msgspec.json.encode(ClockGrant(version=VERSION, life=mine.life, until=mine.time + 0.9)))
+    request = msgspec.json.encode({"version": VERSION, "check": False})
+    for key in (KEYS.reset, KEYS.edit, KEYS.tasks, *WILD[:3]):
+        session.get(key, zenoh.handlers.Callback(lambda reply: None), payload=request, timeout=0.2)
+
+
+def test_forged_commands_do_not_reach_the_robot_and_it_goes_on(served: TwinServer, scene: Scene) -> None:
+    heard: list[str] = []
+    met: Any = type("Met", (), {"endpoint": served.endpoint})
+    with running_robot(met, scene) as robot, TwinClient(served.endpoint) as client:
+        until(lambda: client.tick() and client.tick().index > 3)
+        mine: Any = robot.robot
+        life, offer, run = mine.life, mine.command, client.tick().run
+        mine.command = lambda payload: (heard.append(msgspec.json.decode(payload)["seq"]), offer(payload))
+        with open_member(served.endpoint, wait=5.0) as forger:
+            for _ in range(3):
+                forge(forger, robot)
+                at = client.tick().index
+                until(lambda at=at: client.tick().index > at + 3)
+        assert (mine.life, mine._guard.refused, client.tick().run) == (life, 0, run)
+        assert heard == sorted(heard)
+        assert max(heard) - min(heard) < MAX_JUMP  # all are the twin's
+
+
+def test_nobody_else_speaks_for_the_twin_or_its_robot_through_a_wildcard(served: TwinServer) -> None:
+    """A put and an answer on a wildcard pass the access control of the keys that it matches."""
+    keys = Keys("frankie")
+    with open_member(served.endpoint, wait=5.0) as forger, TwinClient(served.endpoint) as client:
+        until(lambda: client.status() is not None)
+        for name in ("robot", "metrics", "scan"):
+            client.follow(getattr(keys, name))
+        false = forger.declare_queryable("motm/**", lambda query: query.reply("motm/**", b"false"))
+        for _ in range(5):
+            for key in ("motm/**", "motm/*/*", "motm/frankie/*"):
+                forger.put(key, b"false")
+        answers = [client.query(name, b"") for name in COMMAND_NAMES[:3]]
+        assert all(b"false" not in found for found in answers)
+        assert client.events(0) is not None
+        assert client.malformed == 0
+        assert client.status().twin == "frankie"
+        false.undeclare()
+
+
+def test_what_is_put_on_a_wildcard_is_not_taken_for_the_robots(router: Router, scene: Scene) -> None:
+    with running_robot(router, scene), driven(router, scene) as twin:
+        plant: Any = twin.external
+        before = plant.link.unreadable
+        for name in NAMES:
+            router.session.put(f"motm/frankie/*/{name}", b"false")
+        twin.advance()
+        assert plant.link.unreadable == before
+
+
+def test_the_twin_tells_what_its_robot_refuses_and_who_speaks_in_its_name(router: Router, scene: Scene) -> None:
+    """At a router without an access control."""
+    with running_robot(router, scene) as robot, driven(router, scene) as twin:
+        plant: Any = twin.external
+        mine: Any = robot.robot
+        twin.advance()
+        assert "refuses" not in plant.text()
+        with open_member(router.endpoint, wait=5.0) as forger:
+            forger.put(KEYS.command, forged(mine.life, plant._seq + 10**6, mine.time + 0.02))
+            until(lambda: not robot._queue.empty() or mine._up._under_way)
+            for _ in range(3):
+                twin.advance()
+        assert mine._guard.refused == 1
+        assert "it refuses commands, 1 so far: number" in plant.text()
+        assert "somebody else commands in this twin's name" in plant.text()
+        assert mine._guard.commander == plant._sender
+        assert mine._guard._acting.seq == plant._seq - 1 or mine._guard._acting.seq <= plant._seq
+
+
+def test_silence_lasts_as_long_as_a_robot_is_waited_for() -> None:
+    from motm_twin.external.plant import GONE
+
+    assert SILENCE <= GONE

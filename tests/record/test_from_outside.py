@@ -1,0 +1,270 @@
+"""Files from anybody: what they hold is bounded by their size, and what is broken is said to be that."""
+
+import json
+import random
+import struct
+
+import msgspec
+import pytest
+from mcap.writer import CompressionType, IndexType, Writer
+
+from motm_twin.bus.commands import Refused
+from motm_twin.bus.encode import tick_message
+from motm_twin.bus.keeping import Keeper
+from motm_twin.console import plain_console, printable, table_console
+from motm_twin.record import channels as ch
+from motm_twin.record import session as session_module
+from motm_twin.record.cli_rerun import rerun_file
+from motm_twin.record.frames import Frames
+from motm_twin.record.info import info, show
+from motm_twin.record.mcap_file import McapFile
+from motm_twin.record.observations import ObservationEncoder, RecordedPlant
+from motm_twin.record.reader import FREE_MESSAGES, MAX_NAMES, read
+from motm_twin.record.recording import load_recording
+from motm_twin.record.recover import recover
+from motm_twin.record.session import SessionError, decode_session, encode_session, load_session, save_session
+from motm_twin.twin import Twin
+
+DEEP = b"[" * 5_000 + b"]" * 5_000
+
+
+def written(path, messages, topic=ch.TICK.topic, topics=1):
+    """A file of these payloads, whatever they are, as another program writes it."""
+    with path.open("wb") as file:
+        options = {"compression": CompressionType.ZSTD, "chunk_size": 64 * 1024 * 1024, "index_types": IndexType.NONE}
+        writer = Writer(file, **options)
+        writer.start("", "somebody")
+        numbers = [writer.register_channel(topic + "x" * k, "json", 0) for k in range(topics)]
+        for payload in messages:
+            writer.add_message(numbers[0], 1, payload, 1)
+        writer.finish()
+    return path
+
+
+@pytest.fixture(scope="module")
+def ticks(recorded):
+    """The payloads of some ticks of a run, and its scene."""
+    twin = Twin(recorded.session.scene)
+    return [msgspec.json.encode(tick_message(twin.advance(), 1, 5.0 + 0.05 * k, began=1.0)) for k in range(6)]
+
+
+@pytest.fixture
+def good(recorded, ticks, tmp_path):
+    """A small whole recording."""
+    file = McapFile(tmp_path / "good.mcap")
+    file.add(ch.SCENE, 4.0, msgspec.json.encode(ch.RecordedScene(scene=recorded.session.scene)))
+    for payload in ticks:
+        file.add(ch.TICK, 5.0, payload)
+    file.close()
+    return tmp_path / "good.mcap"
+
+
+def uses(path, tmp_path):
+    """Everything that reads a recording, one after the other."""
+    out = tmp_path / "out.mcap"
+    for use in (info, load_recording, Frames, lambda file: recover(file, out)):
+        yield use, path
+        out.unlink(missing_ok=True)
+
+
+def test_a_small_file_that_unpacks_to_millions_of_messages_is_refused_as_it_is_read(tmp_path):
+    bomb = written(tmp_path / "bomb.mcap", [b""] * (10 * FREE_MESSAGES), topic="/x")
+    for use, path in uses(bomb, tmp_path):
+        with pytest.raises(
+            SessionError, match=r"bomb\.mcap: holds more than [0-9,]+ messages in .* MB: it is no recording"
+        ):
+            use(path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["bomb.mcap"]
+    seen = 0
+    with pytest.raises(SessionError):
+        for _ in read(bomb):
+            seen += 1
+    assert seen <= 2 * FREE_MESSAGES  # none of a chunk is kept in a list, or given before it is known to be whole
+
+
+def test_a_file_that_unpacks_to_more_than_its_size_can_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("motm_twin.record.reader.FREE_BYTES", 1_000_000)
+    bomb = written(tmp_path / "bomb.mcap", [bytes(1_000_000)] * 8, topic="/x")
+    with pytest.raises(SessionError, match=r"unpacks to more than .* MB from .* MB"):
+        info(bomb)
+
+
+def test_a_file_with_more_topics_than_a_twin_has_is_refused(tmp_path):
+    with pytest.raises(SessionError, match=f"describes more than {MAX_NAMES} topics"):
+        info(written(tmp_path / "many.mcap", [b"{}"], topics=MAX_NAMES + 1))
+
+
+def test_a_file_with_more_edits_than_anybody_makes_is_refused(ticks, tmp_path, monkeypatch):
+    monkeypatch.setattr("motm_twin.record.recording.MAX_EDITS", 10)
+    tick = json.loads(ticks[0]) | {"edits": [{"type": "remove_body", "name": "x"}] * 11}
+    with pytest.raises(SessionError, match=r"odd\.mcap: has more than 10 edits"):
+        info(written(tmp_path / "odd.mcap", [json.dumps(tick).encode()]))
+
+
+def test_a_file_that_names_a_schema_that_it_does_not_hold_is_recovered(tmp_path):
+    """Two channels of one topic: the schema of the first is missing."""
+    path = tmp_path / "odd.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, use_chunking=False)
+        writer.start("", "")
+        schema = writer.register_schema("motm.Event", "jsonschema", b"{}")
+        writer.register_channel("/x", "json", schema)
+        writer.add_message(writer.register_channel("/x", "json", schema), 1, b"{}", 1)
+        writer.finish()
+    data = bytearray(path.read_bytes())
+    first = data.index(b"\x04" + struct.pack("<QHH", 2 + 2 + 4 + 2 + 4 + 4 + 4, 1, schema))
+    data[first + 11 : first + 13] = struct.pack("<H", 77)
+    path.write_bytes(bytes(data))
+    assert recover(path).messages == 1
+
+
+@pytest.mark.parametrize("payload", [DEEP, b'{"run":' + DEEP + b"}", b"\xff\xfe", b"null", b'{"plan": 1}'])
+def test_a_message_that_cannot_be_read_is_said_to_be_that(payload, tmp_path):
+    path = written(tmp_path / "odd.mcap", [payload])
+    for use in (info, Frames, rerun_file):
+        with pytest.raises(SessionError) as refusal:
+            use(str(path))
+        assert str(refusal.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("field", ["plan", "robot", "tasks"])
+def test_a_tick_without_what_is_compared_is_a_difference(good, ticks, field, tmp_path, capsys):
+    def change(payload):
+        tick = json.loads(payload)
+        tick[field] = {"expansions": 1, "cut_by_clock": False} if field == "plan" else 7
+        return json.dumps(tick).encode()
+
+    file = McapFile(tmp_path / "changed.mcap")
+    for entry in read(good):
+        data = change(entry.data) if entry.topic == ch.TICK.topic else entry.data
+        file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, data)
+    file.close()
+    assert rerun_file(str(tmp_path / "changed.mcap")) == 1
+    assert "different first in period 0" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("name", "value"), [("index", 10**400), ("index", -5), ("run", 2**60), ("first", 10**9)])
+def test_numbers_that_no_twin_gives_are_refused(ticks, name, value, tmp_path):
+    path = written(tmp_path / "odd.mcap", [json.dumps(json.loads(ticks[0]) | {name: value}).encode()])
+    with pytest.raises(SessionError, match="is not one of this version"):
+        info(path)
+
+
+def test_a_scene_in_a_recording_is_checked_as_that_of_a_session(recorded, ticks, tmp_path, capsys):
+    scene = json.loads(msgspec.json.encode(recorded.session.scene))
+    scene["robot"]["lidar"]["beams"] = 10**9
+    file = McapFile(tmp_path / "large.mcap")
+    file.add(ch.SCENE, 4.0, json.dumps({"scene": scene}).encode())
+    file.add(ch.TICK, 5.0, ticks[0])
+    file.close()
+    with pytest.raises(SessionError, match="beams"):
+        rerun_file(str(tmp_path / "large.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("q", [0.0] * 3), ("pose", [1e300, 0.0, 0.0]), ("twist", []), ("time", 1e30), ("dq", [1e9] * 7)]
+)
+def test_what_no_robot_reports_is_not_computed_with(recorded, name, value):
+    twin = Twin(recorded.session.scene)
+    message = ObservationEncoder().message(twin.advance(), 1, 0.0)
+    sample = msgspec.structs.replace(message.samples[0], **{name: value})
+    with pytest.raises(ValueError, match="period 0: "):
+        RecordedPlant([msgspec.structs.replace(message, samples=[sample])])
+
+
+def test_a_session_of_more_values_than_memory_is_for_is_refused_before_it_is_read(recorded, monkeypatch):
+    monkeypatch.setattr(session_module, "MAX_VALUES", 50_000)
+    with pytest.raises(SessionError, match="values: at most 50,000 are taken"):
+        decode_session(b'{"version": [' + b"[]," * 60_000 + b"[]]}")
+    assert decode_session(encode_session(recorded.session)) == recorded.session
+
+
+ODD = "a\x1b]0;owned\x07\x1b[2J\u202eb\x00\x9b31m [red]c"
+
+
+def test_no_control_character_of_a_file_reaches_the_terminal(recorded, ticks, tmp_path, capsys):
+    session = msgspec.structs.replace(recorded.session, title=ODD, method="motm", edits=(), cuts=(), periods=0)
+    save_session(session, tmp_path / "odd.json")
+    rerun_file(str(tmp_path / "odd.json"))
+    scene = msgspec.structs.replace(recorded.session.scene, name=ODD, variant=ODD)
+    file = McapFile(tmp_path / "odd.mcap")
+    file.add(ch.SCENE, 4.0, msgspec.json.encode(ch.RecordedScene(scene=scene)))
+    file.add(ch.TICK, 5.0, ticks[0])
+    file.close()
+    show(info(tmp_path / "odd.mcap"))
+    said = capsys.readouterr().out
+    assert printable(said) == said
+    assert "[red]c" in said
+
+
+def test_what_is_styled_or_in_a_table_is_cleaned_too(capsys):
+    from rich.table import Table
+
+    table = Table("a\x1b[31m")
+    table.add_row("b\x9b")
+    for console in (plain_console(), table_console()):
+        console.print("x\x1b[2J", style="bold")
+        console.print(table)
+    said = capsys.readouterr().out
+    assert printable(said) == said
+
+
+@pytest.mark.parametrize("suffix", [".json", ".mcap"])
+@pytest.mark.parametrize("there", [False, True])
+def test_save_and_record_follow_no_link_out_of_their_folder(tmp_path, suffix, there):
+    folder, elsewhere = tmp_path / "data", tmp_path / "elsewhere"
+    folder.mkdir()
+    if there:
+        elsewhere.write_text("mine")
+    (folder / f"run{suffix}").symlink_to(elsewhere)
+    keeper = Keeper(folder, "tcp/127.0.0.1:1", "frankie", lambda: None)
+    with pytest.raises(Refused, match="is there already"):
+        keeper._new("run", suffix)
+    assert elsewhere.exists() is there
+    keeper.close()
+
+
+def mutated(data, rng):
+    """One value of a JSON message is another one."""
+    tree = json.loads(data)
+    owner, key = tree, rng.choice(list(tree))
+    while isinstance(owner[key], dict | list) and owner[key] and rng.random() < 0.8:
+        owner = owner[key]
+        key = rng.choice(list(owner)) if isinstance(owner, dict) else rng.randrange(len(owner))
+    owner[key] = rng.choice([None, -1, 1e300, 10**30, "", ODD, [], {}, [[]], True, 0.5, {"type": "pick"}])
+    return json.dumps(tree).encode()
+
+
+def test_mutated_recordings_are_read_or_refused_with_a_sentence(good, tmp_path):
+    rng, whole = random.Random(5), good.read_bytes()
+    entries = list(read(good))
+    for number in range(60):
+        path = tmp_path / "mutated.mcap"
+        path.unlink(missing_ok=True)
+        if number % 2:
+            broken = bytearray(whole)
+            for _ in range(rng.randint(1, 8)):
+                broken[rng.randrange(len(broken))] = rng.randrange(256)
+            path.write_bytes(bytes(broken[: rng.randint(1, len(broken))] if number % 4 == 1 else broken))
+        else:
+            file = McapFile(path)
+            victim = rng.randrange(len(entries))
+            for place, entry in enumerate(entries):
+                data = mutated(entry.data, rng) if place == victim else entry.data
+                file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, data)
+            file.close()
+        for use, file in uses(path, tmp_path):
+            try:
+                use(file)
+            except SessionError as refusal:
+                assert str(refusal).isprintable()
+        if number % 10 == 0:
+            try:
+                rerun_file(str(path), report=str(tmp_path / "report.json"))
+            except SessionError as refusal:
+                assert str(refusal).isprintable()
+
+
+def test_a_saved_session_is_still_loaded(recorded, tmp_path):
+    save_session(recorded.session, tmp_path / "run.json")
+    assert load_session(tmp_path / "run.json") == recorded.session
