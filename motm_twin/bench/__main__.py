@@ -4,8 +4,8 @@
 `fast`, the paper's method beside it. The others run only when they are named: "page" measures the served page and needs
 Chromium, "bus" measures what goes over Zenoh, "soak" treats a server badly for long, "scale" loads a router,
 "efficiency" tells what more processes are worth, "growth" makes the world larger, "anytime" the search shorter and
-longer, "solvers" compares those of the QP, "faults" lets sensors and robot fail. "barn" stands first and alone: worlds of
-the BARN challenge follow it, as scene files or as barn:SEED, or --worlds of the latter.
+longer, "solvers" compares those of the QP, "faults" lets sensors and robot fail. "barn" stands first and alone: worlds
+of the BARN challenge follow it, as scene files or as barn:SEED, or --worlds of the latter.
 
 With --methods, --trials, --backend, --address or --retry-failed a name is that of an experiment instead: any methods,
 any number of trials, kept on disk and gone on with, compared in a table. Some names are experiments only.
