@@ -3,13 +3,15 @@
     motm-twin serve exp1 --plant zenoh &
     python examples/robot_skeleton.py tcp/127.0.0.1:7447
 
-Replace `Drives` by your robot. Its joints follow at once, its base slips never, its lidar sees nothing.
+Replace `Drives` by your robot. Its joints follow at once, its base slips never, its lidar sees a round
+wall 10 m away.
 """
 
 import itertools
 import json
 import math
 import queue
+import random
 import signal
 import sys
 import threading
@@ -92,8 +94,9 @@ def drive(
                  "dq": rates, "gripper_width": drives.width, "gripper_moving": False, "heard": heard}  # fmt: skip
         session.put(KEY + "state", json.dumps(base | state))
         if seq % 5 == 0:
+            wall = [random.gauss(10.0, 0.01) for _ in range(721)]  # a lidar that says nothing, or never changes, fails
             scan = {"stamp": now, "pose": drives.pose, "origin": [0.0, 0.0], "angle_min": -math.pi, "range_min": 0.05,
-                    "angle_step": 2 * math.pi / 720, "range_max": 15.0, "ranges": [None] * 721}  # fmt: skip
+                    "angle_step": 2 * math.pi / 720, "range_max": 15.0, "ranges": wall}  # fmt: skip
             session.put(KEY + "scan", json.dumps(base | scan))
 
 

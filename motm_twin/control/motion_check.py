@@ -197,7 +197,7 @@ def findings(state: MotionState, now: Observation, base: BaseLimits, settings: M
             Finding(
                 kind="fingers_stuck", subject="fingers", value=now.gripper_width, limit=state.width, unit="m",
                 base=0.0, arm=0.0,
-                text=f"stopped: the fingers are told to {state.gripper} and stand at {1e3 * state.width:.0f} mm",
+                text=f"stopped: the fingers should {state.gripper} and stand at {1e3 * state.width:.0f} mm",
             )
         )  # fmt: skip
     return found
@@ -218,7 +218,7 @@ def joint_shares(state: MotionState, settings: MotionSettings, *, stands: bool) 
 def _of_base(state: MotionState, measured: float, axis: int, base: BaseLimits, settings: MotionSettings) -> Finding:
     expected, unit = float(state.expected[axis]), ("m/s", "rad/s")[axis]
     if state.base == "base_stuck":
-        text = f"the base does not follow: it is told {state.told[axis]:.2f} {unit} and does {measured:.2f} {unit}"
+        text = f"the base does not follow: it does {measured:.2f} {unit} where {expected:.2f} {unit} were due"
         return Finding(
             kind="base_stuck", subject="wheels", value=measured, limit=expected, unit=unit, base=settings.creep,
             text=text,
