@@ -40,9 +40,7 @@ def test_obstacles_are_grown_by_half_the_width_of_the_base_and_8_cm():
     assert growth(FRANKIE.footprint, StaaParameters()) == 0.33
     assert growth(JACKAL.footprint, StaaParameters()) == pytest.approx(0.295)
     for tightness, room in ((0.0, 0.08), (1.0, 0.02)):
-        assert room_for(PlanningParameters(), body_of(JACKAL.footprint), tightness).growth == pytest.approx(
-            0.215 + room
-        )
+        assert room_for(PlanningParameters(), JACKAL.footprint, tightness).growth == pytest.approx(0.215 + room)
 
 
 def test_frankie_searches_with_the_parameters_as_they_are():
