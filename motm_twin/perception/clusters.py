@@ -1,8 +1,9 @@
 """Outlines of seen obstacles: cells that lie close together become one convex polygon, or several when it would lie.
 
 A hull lies when a base that keeps off it by g, by which planning grows it, could come nearer to the cells: it closes a
-way that is there. Then the cells are parted, until what is lost is less than `LOST`. Only where the lidar looks at it
-was tried (nobody has seen what is behind): posts that were passed close the way between them, and the robot stands.
+way that is there; and when the base fits into it, as between the walls of a room. Then the cells are parted, until what
+is lost is less than `LOST`. Only where the lidar looks at it was tried (nobody has seen what is behind): posts that
+were passed close the way between them, and the robot stands.
 
 The polygons feed the visibility graph only; collision is decided by the distance field, which keeps every cell.
 """
@@ -181,10 +182,37 @@ def _lies(hull, cells, g, lost):
 
 
 @njit(cache=True)
+def _encloses(hull, cells, far):
+    """Whether a place inside the hull (n, 2) is farther than ``far`` from all cells (m, 2); all in cells."""
+    low_x, high_x, low_y, high_y = hull[:, 0].min(), hull[:, 0].max(), hull[:, 1].min(), hull[:, 1].max()
+    if min(high_x - low_x, high_y - low_y) <= 2.0 * far:
+        return False
+    across, up = math.ceil((high_x - low_x) / BETWEEN), math.ceil((high_y - low_y) / BETWEEN)
+    for n in range(across * up):  # from the middle on: in most of those that enclose something it is free
+        at = (n + across * up // 2 + across // 2) % (across * up)
+        x, y = low_x + (at % across + 0.5) * BETWEEN, low_y + (at // across + 0.5) * BETWEEN
+        within = True
+        for i in range(hull.shape[0]):
+            j = i + 1 if i + 1 < hull.shape[0] else 0
+            if (hull[j, 0] - hull[i, 0]) * (y - hull[i, 1]) - (hull[j, 1] - hull[i, 1]) * (x - hull[i, 0]) < 0.0:
+                within = False
+                break
+        for c in range(cells.shape[0] if within else 0):
+            away_x = max(0.0, cells[c, 1] - x, x - cells[c, 1] - 1)
+            away_y = max(0.0, cells[c, 0] - y, y - cells[c, 0] - 1)
+            if away_x * away_x + away_y * away_y <= far * far:
+                within = False
+                break
+        if within:
+            return True
+    return False
+
+
+@njit(cache=True)
 def _outline_of(cells, resolution, g, origin):
     """Convex outline [m], counter-clockwise, (n, 2), of cells sorted by row and column; none when it would lie."""
     hull = hull_of_cells(cells)
-    if _lies(hull, cells, g / resolution, LOST / resolution):
+    if _lies(hull, cells, g / resolution, LOST / resolution) or _encloses(hull, cells, (g + LOST) / resolution):
         return hull[:0]
     corners = drop_flat_corners(hull, FLAT / resolution, MAX_CORNERS)
     for i in range(corners.shape[0]):

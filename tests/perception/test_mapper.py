@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
@@ -209,3 +210,13 @@ def test_an_agent_that_drives_straight_at_the_robot_leaves_no_trail_in_its_own_s
         world = look(mapper, turn * PERIOD, [agent])
         assert occupied_near(world, agent, 0.3) == len(world.seen_points)
         assert not world.seen_static.any()
+
+
+def test_a_fence_round_the_robot_is_no_solid_block(mapper):
+    """Its hull held the robot, which was then thought to stand outside, and saw a way through the fence."""
+    fence = [shapely.affinity.rotate(shapely.box(0.95, -0.5, 1.1, 0.5), 45.0 * k, origin=(0.0, 0.0)) for k in range(8)]
+    for turn in range(8):  # it looks all round
+        world = look(mapper, turn * PERIOD, fence, pose=(0.0, 0.0, turn * np.pi / 4))
+    seen = [shapely.Polygon(corners) for corners in world.polygons]
+    assert not any(polygon.contains(shapely.Point(0.0, 0.0)) for polygon in seen)
+    assert len(seen) > 8
