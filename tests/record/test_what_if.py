@@ -16,6 +16,7 @@ from rich.console import Console
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
+from motm_twin.record import what_if_run
 from motm_twin.record.changes import parse_changes, start_period
 from motm_twin.record.replay import rerun
 from motm_twin.record.session import LoggedEdit, Session, SessionError, save_session
@@ -163,17 +164,29 @@ def test_a_run_waits_for_tasks_that_a_person_adds_later():
     assert end.time_s > 6.0
 
 
-def test_a_run_that_gets_nowhere_ends_with_the_reason(session):
+def fenced(session):
+    """The session with walls round the robot."""
+    walls = [(0.85, 0.0, 0.3, 1.8), (-0.85, 0.0, 0.3, 1.8), (0.0, 0.8, 1.3, 0.3), (0.0, -0.8, 1.3, 0.3)]
     crowd = [
         LoggedEdit(index=0, edit=AddObstacle(name=f"wall{i}", x=x, y=y, size=(sx, sy, 0.8)))
-        for i, (x, y, sx, sy) in enumerate(
-            [(0.85, 0.0, 0.3, 1.8), (-0.85, 0.0, 0.3, 1.8), (0.0, 0.8, 1.3, 0.3), (0.0, -0.8, 1.3, 0.3)]
-        )
+        for i, (x, y, sx, sy) in enumerate(walls)
     ]
-    _, end = ends(replace(session, edits=tuple(crowd)), {})
+    return replace(session, edits=tuple(crowd))
+
+
+def test_a_run_whose_tasks_are_given_up_ends_with_their_reasons(session):
+    _, end = ends(fenced(session), {})
     assert not end.success
-    assert "nothing was achieved for 30 s during drive_to" in end.reason
-    assert end.time_s == pytest.approx(32.0, abs=0.2)
+    assert end.reason.count("not free for 10 s") == 2  # one drive after the other
+    assert end.time_s < 25.0
+
+
+def test_a_run_that_gets_nowhere_ends_with_the_reason(session, monkeypatch):
+    monkeypatch.setattr(what_if_run, "PATIENCE", 5.0)
+    _, end = ends(fenced(session), {})
+    assert not end.success
+    assert "nothing was achieved for 5 s during drive_to" in end.reason
+    assert end.time_s == pytest.approx(7.0, abs=0.2)
 
 
 @pytest.mark.parametrize(
