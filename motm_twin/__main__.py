@@ -22,7 +22,7 @@ def main() -> None:
 
 
 def _open_standard_files() -> None:
-    """Where one was closed, nobody reads it; else the next file that is opened would take its place."""
+    """Open the null device in place of a closed stream: the next file that is opened would take its place."""
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         if getattr(sys, name) is None:
             descriptor = os.open(os.devnull, os.O_RDWR)

@@ -276,7 +276,7 @@ def main() -> None:
 
 
 def _output_fails() -> bool:
-    """Whether it is standard output that cannot be written, as on a full disk."""
+    """It is standard output that cannot be written, as on a full disk."""
     try:
         sys.stdout.flush()
         return os.write(sys.stdout.fileno(), b"") < 0

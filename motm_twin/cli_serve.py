@@ -37,7 +37,7 @@ WATCH = 0.1  # [s] between looks at the children
 
 @dataclass(frozen=True, kw_only=True)
 class PageChoice:
-    """Where the page is served, and to whom."""
+    """Address of the page, and who may open it."""
 
     port: int = 8080
     host: str = LOOPBACK

@@ -1,4 +1,4 @@
-"""What is written to a terminal: as wide as it needs, and without control characters of files and of other programs."""
+"""Output to a terminal: as wide as it needs, and without control characters of files and of other programs."""
 
 import os
 import sys

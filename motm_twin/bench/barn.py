@@ -105,7 +105,7 @@ def optimal_time(scene: Scene, text: str = "") -> float:
 
 
 def goal_of(scene: Scene) -> DriveTo:
-    """Where the robot is to go: the scene's last task. Raises ValueError when that is none to drive."""
+    """Goal of the scene: its last task. Raises ValueError when that is no drive."""
     goal = scene.tasks[-1]
     if not isinstance(goal, DriveTo):
         raise ValueError(f"{scene.name} is no BARN world: its last task is not drive_to")

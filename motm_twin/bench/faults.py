@@ -93,7 +93,7 @@ def matters(kind: str) -> Callable[[Tick], bool]:
 
 @dataclass
 class Seen:
-    """What was found out about one injection."""
+    """Findings after one injection."""
 
     at: float  # [s]
     named: float | None = None  # [s] after it

@@ -29,7 +29,7 @@ def server_state(endpoint: str, twin: str) -> str | None:
 
 
 def page_answers(port: int) -> bool:
-    """Whether the page is being served on this machine, by either version of IP."""
+    """The page is served on this machine, by either version of IP."""
     return any(_answers(host, port) for host in (LOOPBACK, LOOPBACK_6))
 
 

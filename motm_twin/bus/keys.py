@@ -50,12 +50,12 @@ class Keys:
 
 
 def is_name(text: str) -> bool:
-    """Whether a twin may be called so."""
+    """The name is allowed for a twin."""
     return _NAME.match(text) is not None
 
 
 def spoken_on(heard: Any, key: str) -> bool:
-    """Whether a sample or query of Zenoh was sent to just this key.
+    """The sample or query of Zenoh was sent to just this key.
 
     One on a wildcard reaches everybody whose key it matches, and passes the access control of each of these keys.
     """

@@ -49,7 +49,7 @@ _PALM = (0.104, 0.0320, 0.0374)  # half width, half depth, bottom over the tool 
 
 
 class Room(NamedTuple):
-    """What a grasp of two faces has beside it."""
+    """Room beside a grasp of two faces."""
 
     cost: float  # [rad] of turning that is worth as much, `BLOCKED` and more when there is no room
     what: str  # the nearest thing, when it is nearer than the arm keeps from it; else ""

@@ -390,7 +390,7 @@ def _bodies(points: Array, rectangle: Array) -> NDArray[np.int64]:
 
 @njit(cache=True)
 def _depths(points: Array, body: NDArray[np.int64], x: float, y: float, heading: float, rectangle: Array) -> Array:
-    """How far [m] the footprint at a pose must be shifted, square to a side, to be clear of each body, shape (k,)."""
+    """Least shift [m] of the footprint at a pose, square to a side, that clears each body; shape (k,)."""
     c, s = math.cos(heading), math.sin(heading)
     sides = np.zeros((max(body.max() + 1, 0) if body.shape[0] else 0, 4))
     for i in range(points.shape[0]):

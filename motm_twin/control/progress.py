@@ -47,7 +47,7 @@ class Progress:
         self.state, self._period = state, period
 
     def recovery(self, time: float) -> Recovery:
-        """How hard this period tries."""
+        """Recovery of this period."""
         state = self.state
         stalled = time - state.since
         if time - state.eased < KEEPS:

@@ -30,7 +30,7 @@ STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 
 
 class Trust(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """How much of its speed the robot keeps, and why."""
+    """Share of its speed that the robot keeps, and the reason."""
 
     base: float = 1.0
     joints: Array | None = None  # shares of the joints' rates, shape (7,); None: all of them
@@ -83,7 +83,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         return self._state.findings
 
     def observed(self, now: Observation, held: str | None) -> Observation:
-        """What may be relied on of an observation; the same object when nothing is wrong with it."""
+        """The part of an observation that can be relied on; the same object when nothing is wrong with it."""
         if not _finite(now):
             return now  # the monitor stops the robot, and says so
         state, settings, robot = self._state, self._settings, self._known.robot
@@ -128,7 +128,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         motion_check.told(self._state.motion, actuation, now)
 
     def events(self, time: float) -> list[Event]:
-        """What was found since the last period, and what is over."""
+        """Findings that are new since the last period, and those that are over."""
         state = self._state
         now = {(one.kind, one.subject): one for one in state.findings}
         events = [Event(time=time, kind="fault", text=one.text) for key, one in now.items() if key not in state.told]
@@ -186,7 +186,7 @@ class SelfCheck(Stateful[SelfCheckState]):
 
 
 def _shifted(now: Observation, believed: Observation) -> Observation:
-    """What is believed of an observation, with its detections in the odometry that is believed."""
+    """The observation as it is believed, with its detections in the odometry that is believed."""
     if believed.odometry is now.odometry or not now.detections:
         return believed
     shift = compose(believed.odometry, inverse(now.odometry))

@@ -1,4 +1,4 @@
-"""What the robot refuses of the twin's commands, and whether somebody else commands in the twin's name."""
+"""Commands of the twin that the robot refuses, and whether somebody else commands in the twin's name."""
 
 from motm_twin.external.messages import RobotState
 
@@ -22,7 +22,7 @@ class Obedience:
             self._forged_at = received
 
     def text(self, now: float) -> str:
-        """What to say after a sentence about the robot; "" when it obeys."""
+        """The clause after a sentence about the robot; "" when it obeys."""
         said = ""
         if now - self._refused_at < TOLD_FOR:
             said = f"; it refuses commands, {self._count} so far: {self._reason[:_LONGEST]}"

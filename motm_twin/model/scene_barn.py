@@ -43,7 +43,7 @@ Cells = NDArray[np.bool_]
 
 
 def is_barn(name: str) -> bool:
-    """Whether a scene's name asks for a world like those of BARN."""
+    """The name of a scene asks for a world like those of BARN."""
     return name.startswith(PREFIX)
 
 
@@ -79,7 +79,7 @@ def field(rng: np.random.Generator, fill: float, smoothings: int) -> Cells:
 
 
 def has_way(cells: Cells) -> bool:
-    """Whether the robot's square of cells gets from before the field to behind it, also diagonally."""
+    """The robot's square of cells gets from before the field to behind it, also diagonally."""
     rows, columns = cells.shape
     taken, beside = np.zeros_like(cells), np.pad(cells, HALF_ROBOT)
     for i in range(2 * HALF_ROBOT + 1):

@@ -76,7 +76,7 @@ def load_document(name_or_path: str) -> Document:
 
 
 def is_made(name: str) -> bool:
-    """Whether a scene is made from a seed: there is no file of it."""
+    """The scene is made from a seed: there is no file of it."""
     return is_generated(name) or is_barn(name)
 
 

@@ -264,7 +264,7 @@ def _pose(pose: fmt.PoseFile) -> PlanarPose:
 
 
 def _faults(part: fmt.FaultsFile | None) -> Faults:
-    """What goes wrong, and when."""
+    """Faults of a run, and their times."""
     if part is None:
         return Faults()
     timed = tuple(TimedFault(**_plain_units(item)) for item in part.inject or ())

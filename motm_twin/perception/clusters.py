@@ -158,7 +158,7 @@ def _by_label(labels, count):
 
 @njit(cache=True)
 def _lies(hull, cells, g, lost):
-    """Whether somewhere g beside the hull (n, 2) all cells (m, 2) are more than g + ``lost`` away; all in cells."""
+    """Somewhere g beside the hull (n, 2) all cells (m, 2) are more than g + ``lost`` away; all in cells."""
     far = (g + lost) ** 2
     for i in range(hull.shape[0]):
         j = i + 1 if i + 1 < hull.shape[0] else 0
@@ -183,7 +183,7 @@ def _lies(hull, cells, g, lost):
 
 @njit(cache=True)
 def _encloses(hull, cells, far):
-    """Whether a place inside the hull (n, 2) is farther than ``far`` from all cells (m, 2); all in cells."""
+    """A place inside the hull (n, 2) is farther than ``far`` from all cells (m, 2); all in cells."""
     low_x, high_x, low_y, high_y = hull[:, 0].min(), hull[:, 0].max(), hull[:, 1].min(), hull[:, 1].max()
     if min(high_x - low_x, high_y - low_y) <= 2.0 * far:
         return False

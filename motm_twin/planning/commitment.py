@@ -172,7 +172,7 @@ def _followed(kept: Kept, problem: BaseProblem, since: float, most: Array) -> bo
 
 
 def _for_good(world: WorldMap, pose: Array, around: float) -> bool:
-    """Whether nothing moves within ``around`` [m], or has lately: its pocket is gone before the robot is out."""
+    """Nothing moves within ``around`` [m], or has lately: its pocket is gone before the robot is out."""
     return not len(world.movers) or bool(np.hypot(*(world.movers[:, :2] - pose[:2]).T).min() > around)
 
 

@@ -294,7 +294,7 @@ class StaaController:
         )
 
     def _overlap_depth(self, problem: BaseProblem, field: Field) -> float:
-        """How deep [m] the deepest occupied cell is inside the footprint; negative or 0 when none is."""
+        """Depth [m] of the deepest occupied cell inside the footprint; negative or 0 when none is."""
         pose = np.array(problem.pose, dtype=np.float64)
         if clearances(pose[None], 1.0, field, self._body)[0] >= problem.world.resolution:
             return 0.0

@@ -50,7 +50,7 @@ def may_move(world: WorldMap) -> Array:
 
 
 def in_sight(pose: Array, here: Here) -> Array:
-    """Whether nothing that the lidar sees hides a corner of the footprint at each pose (m, 3), shape (m,) of bool.
+    """Nothing that the lidar sees hides a corner of the footprint at each pose (m, 3), shape (m,) of bool.
 
     Beyond what it sees there may be more of the same: the far side of a box is not free floor.
     """
@@ -77,7 +77,7 @@ def _mark_in_sight(
 
 @kernel
 def _hidden(ax: float, ay: float, bx: float, by: float, seen: Array, resolution: float) -> bool:
-    """Whether a seen point (m, 2) is on the line from a to b."""
+    """A seen point (m, 2) is on the line from a to b."""
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
     for k in range(seen.shape[0]):

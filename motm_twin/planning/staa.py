@@ -153,7 +153,7 @@ def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world
 
 @kernel
 def _backs_into_the_unknown(before: Array, x: float, y: float, c: float, si: float, sight: Sight, body: Body) -> bool:
-    """Whether the rear of a base that reverses to (x, y) comes over floor not seen by then; c, si of its heading.
+    """The rear of a base that reverses to (x, y) comes over floor not seen by then; c, si of its heading.
 
     ``before``: the pose it comes from, whose lidar sees some more. Floor beyond what is kept will be seen on the way.
     """

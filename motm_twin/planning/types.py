@@ -23,7 +23,7 @@ class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Recovery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """How hard the base tries to get on, when it has made no progress for some time."""
+    """Measures of a base that has made no progress for some time."""
 
     back_off: bool = False  # where it stands, it may drive back to where there is more room
     look: bool = False  # where it stands, it may turn to see what its lidar does not

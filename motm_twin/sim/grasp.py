@@ -92,7 +92,7 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
 
 
 def under(rotation: Array, hand: Array, item: ObjectState, width: float, *, sunk: float) -> bool:
-    """Whether a finger stands on a cube: it came down on it by ``sunk`` [m] in this substep; inf: it did before."""
+    """A finger stands on a cube: it came down on it by ``sunk`` [m] in this substep; inf: it did before."""
     local = transposed_times(rotation, item.position - hand)
     for out, deep in _overlaps(rotation, local, item, width):
         if deep < sunk + FROM_ABOVE and (sunk == math.inf or math.hypot(out[0], out[1]) > EDGE):

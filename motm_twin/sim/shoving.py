@@ -62,7 +62,7 @@ def _aside(item: ObjectState, mover: ObjectState) -> Array | None:
 
 
 def _in_solid(item: ObjectState, solids: Solids) -> bool:
-    """Whether a cube overlaps furniture beside it."""
+    """The cube overlaps furniture beside it."""
     half, low, high = 0.5 * item.side - _CONTACT, item.bottom + SUPPORT_SLACK, item.bottom + item.side - SUPPORT_SLACK
     corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
     points = from_frame(np.array([item.position[0], item.position[1], item.yaw]), corners)

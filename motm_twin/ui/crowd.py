@@ -1,4 +1,4 @@
-"""How many may look at once, and how much each may send: one page must not cost the others theirs.
+"""Number of pages at once, and data that each may send: one page must not cost the others theirs.
 
 A page sends its camera sixty times a second at most, and a picture of some megabytes when it is asked for one. What
 comes faster waits in the browser: it is read later, by TCP's own control of the flow.
@@ -43,7 +43,7 @@ class Crowd:
 
     @property
     def full(self) -> bool:
-        """Whether nobody else may come now."""
+        """Nobody else may come now."""
         return self.here >= self.most
 
     def text(self) -> str:

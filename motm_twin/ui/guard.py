@@ -95,7 +95,7 @@ class Guard:
         return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, self._crowd.text(), {"Retry-After": "10"})
 
     def _serves(self, host: str) -> bool:
-        """Whether the page goes by this name. An address is nobody's domain, which could be led here."""
+        """The page goes by this name. An address is nobody's domain, which could be led here."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
