@@ -25,7 +25,7 @@ class Floor(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def sight_radius(robot: RobotProfile) -> float:
-    """Radius [m] about the base's centre within which floor is kept: footprint, stopping distance at full speed, and `ROOM`."""
+    """Radius [m] about the base of the floor that is kept: footprint, stopping distance at full speed, and `ROOM`."""
     base, body = robot.base, robot.footprint
     speed = max(base.forward_speed, base.reverse_speed)
     corner = math.hypot(0.5 * body.length + abs(body.offset_x), 0.5 * body.width)

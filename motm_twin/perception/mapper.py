@@ -44,7 +44,7 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def reach_of(robot: RobotProfile) -> float:
-    """Distance [m] that a base must see to stop from full speed, turn aside or back: three stopping ways and its own size."""
+    """Distance [m] that a base must see to stop, turn aside or back: three stopping ways and its own size."""
     return 3.0 * robot.base.stopping_way + 2.0 * robot.footprint.outer
 
 
