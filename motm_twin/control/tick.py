@@ -31,7 +31,7 @@ class ObjectBelief(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
-    """Something worth telling: picked, placed, missed, lost, arrived, fault, contact."""
+    """Something worth telling: picked, placed, missed, lost, arrived, postponed, failed, fault, contact."""
 
     time: float
     kind: str
