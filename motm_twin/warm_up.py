@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from motm_twin.bench.measures.encounters import compile_gaps
+from motm_twin.control.arm_monitor import ArmMonitor
 from motm_twin.control.arm_reference import rotation_error
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
@@ -74,10 +75,14 @@ def _perception() -> None:
 
 def _arm() -> None:
     known = known_world(load_scene("exp1a"))
-    manipulator, monitor = Manipulator(known), Monitor(known.robot)
+    manipulator, monitor, arm_monitor = Manipulator(known), Monitor(known.robot), ArmMonitor(known)
     for k in range(PERIODS):
         observation = _observation(known.robot.lidar, ARM_STEP * k)
-        actuation = manipulator.step(_arm_inputs(observation)).actuation
+        inputs = _arm_inputs(observation)
+        actuation = manipulator.step(inputs).actuation
+        arm_monitor.check(
+            actuation, observation, np.zeros(2), ARM_STEP, T_odom_world=inputs.T_odom_world, held_side=0.0
+        )
         monitor.check(actuation, observation, ARM_STEP, scan_stamp=observation.time)
     narrow = _observation(known.robot.lidar, ARM_STEP * PERIODS, radius=0.5, speed=0.5)
     fast = Actuation(twist=np.array([0.5, 0.1]), joint_velocity=np.zeros(7), gripper="open")

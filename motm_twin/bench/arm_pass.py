@@ -156,7 +156,7 @@ class Driver:
     def _note(self, step: ArmStep, observation: Observation, goal: ArmGoal) -> None:
         result = self.result
         result.time = observation.time
-        result.stops += step.qp_status != "solved"
+        result.stops += step.qp_status.startswith("damped stop")
         if step.reason and (not result.reasons or result.reasons[-1] != step.reason):
             result.reasons.append(step.reason)
         result.missed += step.outcome == "missed"

@@ -19,7 +19,7 @@ from motm_twin.model.known import KnownWorld
 
 _SLACKS = SLACK.start, SLACK.stop - SLACK.start
 _SWINGING = ("stow", "carry", "transit")
-_TOUCHING = ("final", "closing", "lift", "retry")  # phases in which the fingers are at the supporting surface
+AT_SUPPORT = ("final", "closing", "lift", "retry")  # phases in which the fingers are at the supporting surface
 
 
 class Rows(NamedTuple):
@@ -60,7 +60,7 @@ class ArmProgram:
         count, tightest, allowed = _fill(
             slate.record, inputs.obstacles.points, inputs.obstacles.static, relaxing, state.twist, state.rates, cost,
             view.manipulability, view.beta, inputs.dt, self._lag, view.width, state.side if state.holding else 0.0,
-            state.phase in _TOUCHING, swinging, *self._arrays,
+            state.phase in AT_SUPPORT, swinging, *self._arrays,
         )  # fmt: skip
         program = Program(
             P=cost, c=slate.c, A=slate.A, b=slate.b, G=self._G[:count], h=self._h[:count], lower=slate.lower,

@@ -84,6 +84,19 @@ def own_body(known: KnownWorld) -> Solids:
     )
 
 
+def own_body_and_floor(known: KnownWorld) -> Solids:
+    """The same, and the floor round the robot."""
+    own, reach = own_body(known), 3.0
+    floor = _arrays([("floor", Box(centre=(0.0, 0.0), size=(reach, reach)), -1.0, 0.0)])
+    return Solids(
+        names=own.names + floor.names,
+        first=np.concatenate((own.first, own.first[-1] + floor.first[1:])),
+        vertices=np.concatenate((own.vertices, floor.vertices)),
+        radius=np.concatenate((own.radius, floor.radius)),
+        z=np.concatenate((own.z, floor.z)),
+    )
+
+
 def arm_balls() -> Balls:
     """Balls of elbow, forearm, wrist, hand and fingers; finger tips and the held object are placed at run time."""
     frames, centres, radii, bodies = [], [], [], []

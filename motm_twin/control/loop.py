@@ -7,6 +7,8 @@ import msgspec
 import numpy as np
 
 from motm_twin.control import by_hand
+from motm_twin.control.arm_monitor import ArmMonitor
+from motm_twin.control.arm_program import AT_SUPPORT
 from motm_twin.control.lag import dwell_to_plan, followed
 from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
@@ -84,6 +86,7 @@ class ControlLoop(Stateful[LoopState]):
         self.planner = planner
         self.manipulator = manipulator
         self.monitor = Monitor(known.robot)
+        self.arm_monitor = ArmMonitor(known)
         self.by_hand = by_hand.ByHand(known.robot, PERIOD)
         self._truth = truth
         self._clock = clock
@@ -263,12 +266,16 @@ class ControlLoop(Stateful[LoopState]):
                 step = self.manipulator.step(inputs)
             with stages.measure("monitor"):
                 trust, floor = self.self_check.trust(), world.floor
+                kept = self.arm_monitor.check(
+                    step.actuation, observation, self.monitor.twist, dt, T_odom_world=T_odom_world,
+                    held_side=inputs.goal.side if step.holding and step.phase not in AT_SUPPORT else 0.0,
+                )  # fmt: skip
                 verdict = self.monitor.check(
-                    step.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, floor=floor, trust=trust
+                    kept.actuation, observation, dt, scan_stamp=self.mapper.scan_stamp, floor=floor, trust=trust
                 )
             steps.append(step)
             samples.append(observation)
-            reason = verdict.reason or reason
+            reason = verdict.reason or kept.reason or reason
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
                 held = self.sequence.held

@@ -15,7 +15,7 @@ from motm_twin.control.furniture import IntArray
 from motm_twin.control.grasp_room import GraspRoom
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp import Program, load, solve
-from motm_twin.control.qp_rows import ARM, BASE, SLACK, joint_limits, lag_factor
+from motm_twin.control.qp_rows import ARM, BASE, FURNITURE_ELASTIC, SLACK, joint_limits, lag_factor
 from motm_twin.control.slate import Slate
 from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.transit import TransitRule
@@ -28,6 +28,7 @@ from motm_twin.model.state import Stateful
 _STOWED = 0.25  # [rad] joints this near to the stow pose are there
 _TURNED = 0.8  # [rad] and joint 1, which may turn a little towards the target
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
+_GIVES_WAY = 0.02  # [m/s] by which rows of furniture give way before that is a fault
 _LIMITERS = ("moving obstacle", "static obstacle", "")  # by `Rows.tightest`
 _GRASPING = ("transit", "final", "closing", "lift", "retry")
 
@@ -86,6 +87,8 @@ class Manipulator(Stateful[ManipulatorState]):
         x.setflags(write=False)
         twist, rates = x[BASE], x[ARM]
         self._state.twist, self._state.rates, self._state.stop_rates = twist.copy(), rates.copy(), None
+        active = self._active(rows, answer.active)
+        gave = _gave_way(x[FURNITURE_ELASTIC], active)
         return self._report(
             view,
             inputs,
@@ -93,12 +96,12 @@ class Manipulator(Stateful[ManipulatorState]):
             rates=rates,
             motion=motion,
             slack=x[SLACK],
-            active=self._active(rows, answer.active),
+            active=active,
             limiter=_LIMITERS[rows.tightest],
             allowed=rows.allowed,
-            status="solved",
+            status=gave or "solved",
             outcome=outcome,
-            reason=reason,
+            reason=reason or gave,
         )
 
     def _look(self, inputs: ArmInputs) -> View:
@@ -218,6 +221,14 @@ class Manipulator(Stateful[ManipulatorState]):
             outcome=outcome,
             reason=reason,
         )
+
+
+def _gave_way(speed: float, active: tuple[str, ...]) -> str:
+    """The fault of a program whose rows of furniture gave way by a speed [m/s]; "" as long as they hold."""
+    if speed < _GIVES_WAY:
+        return ""
+    rows = [name for name in active if " - " in name and not name.endswith("lidar")]
+    return f"gave way by {speed:.2f} m/s: {rows[0] if rows else 'furniture'} is nearer than the joints can brake"
 
 
 def _not_finite(inputs: ArmInputs) -> str:

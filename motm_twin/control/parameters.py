@@ -68,6 +68,7 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     static_link_d_i: float = 0.12  # [m]
     furniture_d_s: float = 0.02  # [m] mapped furniture at its true height, whole arm
     furniture_d_i: float = 0.12  # [m]
+    furniture_lead: float = 0.1  # [m] by which the line goes on beyond d_i: a hand at 1 m/s does not brake at once
     fingers_d_s: float = 0.006  # [m] fingers over the surface that carries the object
     fingers_d_i: float = 0.05  # [m]
     blind: float = 0.15  # [s] over a link: what is left alone acts on, and then its joints come to rest, in such a time

@@ -102,7 +102,7 @@ def fill_rows(
         dx, dy = s.mount[0] - s.T_odom_world[0], s.mount[1] - s.T_odom_world[1]
         there = np.array([c * dx + sine * dy, -sine * dx + c * dy, s.pose[2] - turn])
         distance, away, ball = body_distances(
-            s.T, frame, centre, ball_radius, body, len(BODIES), d_i, there, s.base_mount[2],
+            s.T, frame, centre, ball_radius, body, len(BODIES), d_i + a.furniture_lead, there, s.base_mount[2],
             first, vertices, radius, z, bounds, np.int64(-1),
         )  # fmt: skip
         new, most, names = damper_rows(

@@ -123,7 +123,7 @@ def arm_card(
     step = tick.arm[-1]
     solved = step.qp_status == "solved"
     title = f'<div style="display:flex;justify-content:space-between">{heading("Arm")}'
-    title += chip("solved" if solved else "damped stop", GREEN if solved else RED) + "</div>"
+    title += chip(step.qp_status.split(":")[0], GREEN if solved else RED) + "</div>"
     parts = [title]
     if not solved:
         parts.append(sentence(step.qp_status, RED))

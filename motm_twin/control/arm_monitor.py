@@ -1,0 +1,215 @@
+"""The arm's monitor: the last word on the arm before the plant. It knows limits and mapped furniture, and no goals.
+
+No body of the arm may come to a solid faster than it can brake before it:
+
+    approach speed  <=  sqrt(2 a (d - d_0)),      d_0 = `KEPT`, a = `BRAKING`
+
+whatever moves it, base or joints. Below d_0 it may only move away. What the base brings that joints near their limits
+cannot take up may be no faster than the base can brake. A command that breaks this loses as much of its approach as
+the joints can brake, and the base brakes. So staying clear does not rest on the rows of the arm's program alone, which
+give way rather than leave no answer.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from motm_twin.control.furniture import (
+    BODIES,
+    Balls,
+    IntArray,
+    Solids,
+    arm_balls,
+    body_distances,
+    mapped_solids,
+    own_body_and_floor,
+    placed,
+    solid_bounds,
+)
+from motm_twin.control.qp_rows import approach_row
+from motm_twin.model.arm_kernels import fk_arm
+from motm_twin.model.geometry import Array, frozen, to_frame
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.plant import Actuation, Observation
+
+KEPT = 0.003  # [m] that every body of the arm keeps from mapped furniture
+BRAKING = 5.0  # [m/s^2] with which a body can brake before a solid: half of what the joints can with a stretched arm
+OWN_KEPT = 0.015  # [m] the same from floor and own base
+OWN_BRAKING = 2.5  # [m/s^2] the same before its own base: a folded arm has short levers
+_LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that anything further off matters yet
+_ROUNDS = 4  # of holding back the body that is most above its speed: a wedged arm has several
+_ENOUGH = 1e-3  # [m/s] over the line that is left alone
+_TAKING = 0.5  # [s] in which joints get to their limits while the arm takes up the way of a base that brakes
+_ORIGIN = frozen(np.zeros(3))
+_COLUMN = 1  # of the robot's own solids the arm's column: elbow, forearm and wrist belong to it
+
+
+class Answer(NamedTuple):
+    """The command that passes, and why it differs from what was asked; "" when it does not."""
+
+    actuation: Actuation
+    reason: str
+
+
+class _Furniture(NamedTuple):
+    """Mapped solids as `body_distances` has them."""
+
+    first: IntArray
+    vertices: Array
+    radius: Array
+    z: Array
+    bounds: Array
+
+
+class ArmMonitor:
+    """Keeps the arm off mapped furniture, bins, floor and its own base, whatever its program says. It has no state."""
+
+    def __init__(self, known: KnownWorld) -> None:
+        """The robot and the furniture of its map."""
+        mapped, own = mapped_solids(known), own_body_and_floor(known)
+        self._names = (*mapped.names, *own.names)
+        self._furniture, self._own = _arrays(mapped), _arrays(own)
+        self._balls = arm_balls()
+        arm, self._base = known.robot.arm, known.robot.base
+        self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
+        self._has_arm = known.robot.has_arm
+
+    def check(
+        self, actuation: Actuation, observation: Observation, twist: Array, dt: float, *,
+        T_odom_world: Array, held_side: float,
+    ) -> Answer:  # fmt: skip
+        """The actuation for the next dt [s], slowed where the arm would come too near to a solid.
+
+        ``twist`` (2,) is that commanded last: the base brakes from there. ``held_side`` [m] of a cube in the hand that
+        is clear of what it lay on, 0: none.
+        """
+        rates = actuation.joint_velocity
+        if not self._has_arm or not (np.isfinite(rates).all() and np.isfinite(observation.odometry).all()):
+            return Answer(actuation, "")
+        there = np.append(to_frame(T_odom_world, observation.odometry[:2]), observation.odometry[2] - T_odom_world[2])
+        centre, radius = placed(self._balls.centre, self._balls.radius, observation.gripper_width, held_side)
+        balls = self._balls._replace(centre=centre, radius=radius)
+        kept = rates.copy()
+        body, solid, distance, speed = _hold_back(
+            observation.q, observation.dq, there, observation.twist, kept, dt, self._mount, balls,
+            self._furniture, self._own, self._base.linear_acceleration,
+        )  # fmt: skip
+        if body < 0:
+            return Answer(actuation, "")
+        limits = np.array([self._base.linear_acceleration, self._base.yaw_acceleration]) * dt
+        slower = twist - np.clip(twist, -limits, limits) if solid < len(self._furniture.z) else actuation.twist
+        why = (
+            f"braking: the {BODIES[body]} would come to {self._names[solid]} at {speed:.2f} m/s, "
+            f"{max(distance, 0.0):.3f} m before it"
+        )
+        return Answer(Actuation(twist=slower, joint_velocity=kept, gripper=actuation.gripper), why)
+
+
+def _arrays(solids: Solids) -> _Furniture:
+    return _Furniture(solids.first, solids.vertices, solids.radius, solids.z, solid_bounds(solids))
+
+
+@njit(cache=True)
+def _hold_back(
+    q: Array, dq: Array, pose: Array, twist: Array, rates: Array, dt: float, mount: Array, balls: Balls,
+    furniture: _Furniture, own: _Furniture, braking: float,
+) -> tuple[int, int, float, float]:  # fmt: skip
+    """Lower arm rates (7,) for dt [s], in place, until no body is above its speed, or the joints brake all they can.
+
+    ``pose`` (3,) of the base in the frame of the furniture, ``twist`` (2,) its own now, ``braking`` [m/s^2] what it
+    can. Returns body and solid, furniture first and then its ``own``, that were most above it, their distance [m] and
+    speed [m/s]; body -1: none was.
+    """
+    T = fk_arm(q)
+    seen, own_seen = _near(T, pose, mount, balls, furniture, -1), _near(T, _ORIGIN, mount, balls, own, _COLUMN)
+    solids = furniture.z.shape[0]
+    found, solid, near, speed = -1, 0, np.inf, 0.0
+    row, own_row = np.empty(9), np.empty(9)
+    for _ in range(_ROUNDS):
+        excess, b, k, fast = _worst(T, q, pose, twist, rates, mount, balls, seen, (KEPT, BRAKING, braking), row)
+        own_excess, own_b, own_k, own_fast = _worst(
+            T, q, _ORIGIN, _ORIGIN, rates, mount, balls, own_seen, (OWN_KEPT, OWN_BRAKING, braking), own_row
+        )
+        if max(excess, own_excess) < _ENOUGH:
+            break
+        if own_excess > excess:
+            excess, b, k, fast = own_excess, own_b, own_k + solids, own_fast
+            row[:] = own_row
+        if found < 0:
+            found, solid, speed = b, k, fast
+            near = seen[0][b, k] if k < solids else own_seen[0][b, k - solids]
+        _slow(rates, dq, row, excess, dt)
+    return found, solid, near, speed
+
+
+@njit(cache=True)
+def _near(
+    T: Array, pose: Array, mount: Array, balls: Balls, solids: _Furniture, column: int
+) -> tuple[Array, Array, IntArray]:
+    """`body_distances` of solids in whose frame the base is at a pose (3,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    there = np.array([pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1], pose[2]])
+    return body_distances(
+        T, balls.frame, balls.centre, balls.radius, balls.body, len(BODIES), np.full(len(BODIES), _LOOK), there,
+        mount[2], solids.first, solids.vertices, solids.radius, solids.z, solids.bounds, np.int64(column),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _worst(
+    T: Array, q: Array, pose: Array, twist: Array, rates: Array, mount: Array, balls: Balls,
+    seen: tuple[Array, Array, IntArray], line: tuple[float, float, float], worst: Array,
+) -> tuple[float, int, int, float]:  # fmt: skip
+    """Excess [m/s] of the body that is most above its speed, body and solid, its speed; fills in its row (9,).
+
+    ``seen`` is from `_near`; ``line``: the distance [m] kept, and the braking [m/s^2]
+    of the arm, and of the base for what the arm cannot take up.
+    """
+    distance, away, ball = seen
+    excess, b, k, fast, row = 0.0, -1, 0, 0.0, np.empty(9)
+    for i in range(distance.shape[0]):
+        for n in range(distance.shape[1]):
+            d = distance[i, n]
+            if not d < _LOOK:
+                continue
+            to, normal = ball[i, n], away[i, n]
+            approach_row(T, balls.frame[to], balls.centre[to], pose, mount, normal[0], normal[1], normal[2], row)
+            carried = row[0] * twist[0] + row[1] * twist[1]
+            approach = carried
+            for joint in range(7):
+                approach += row[2 + joint] * rates[joint]
+            room = max(d - line[0], 0.0)
+            over = approach - math.sqrt(2.0 * line[1] * room)
+            if carried > 0.0:
+                over = max(over, carried - _taken_up(q, row) - math.sqrt(2.0 * line[2] * room))
+            if over > excess:
+                excess, b, k, fast = over, i, n, approach
+                worst[:] = row
+    return excess, b, k, fast
+
+
+@njit(cache=True)
+def _taken_up(q: Array, row: Array) -> float:
+    """Speed [m/s] of the base along a row (9,) that the arm can take up before its joints are at their limits."""
+    total = 0.0
+    for k in range(7):
+        room = q[k] - Q_MIN[k] if row[2 + k] > 0.0 else Q_MAX[k] - q[k]
+        total += abs(row[2 + k]) * min(DQ_MAX[k], max(room, 0.0) / _TAKING)
+    return total
+
+
+@njit(cache=True)
+def _slow(rates: Array, dq: Array, row: Array, excess: float, dt: float) -> None:
+    """Take a speed [m/s] along a row off the rates (7,), by each joint as it can brake in dt [s] from its own (7,)."""
+    able = 0.0
+    for k in range(7):
+        able += abs(row[2 + k]) * DDQ_MAX[k] * dt
+    share = min(1.0, excess / max(able, 1e-9))
+    for k in range(7):
+        most = DDQ_MAX[k] * dt
+        rate = rates[k] - share * math.copysign(most, row[2 + k])
+        rate = min(max(rate, dq[k] - most), dq[k] + most)
+        rates[k] = min(max(rate, -DQ_MAX[k]), DQ_MAX[k])
