@@ -2,8 +2,10 @@
 
 import pytest
 
+from motm_twin.control.targets import odometry_to_world
 from motm_twin.methods.registry import find_method
-from motm_twin.model.edits import AddObstacle
+from motm_twin.model.edits import AddObstacle, RemoveBody
+from motm_twin.model.geometry import to_frame
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
 
@@ -40,4 +42,28 @@ def test_a_base_that_touches_a_box_stops_within_its_stopping_distance_and_goes_r
     speed = base.forward_speed
     assert 0.2 < touching < speed**2 / (2 * base.linear_acceleration) + speed * (0.05 + base.velocity_lag) + 0.02
     assert "escaping" in said
+    assert tick.success
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("phase", ["final", "lift"])
+def test_an_arm_into_which_a_box_is_put_stands_draws_back_and_goes_on(phase):
+    """It went on with its pick inside the box."""
+    twin = Twin(load_scene("exp1", "trial1", 0), method=find_method("fast"))
+    put, said = None, set()
+    while True:
+        tick = twin.advance()
+        if put is None and tick.arm[-1].phase == phase:
+            put = tick.time
+            x, y = to_frame(odometry_to_world(tick.observation), tick.arm[-1].reference[:2]).tolist()
+            twin.post(AddObstacle(name="box", x=x, y=y, size=(0.3, 0.3, 1.2)))
+        if put is not None:
+            said.add(tick.arm[-1].qp_status.split(":")[0])
+            if tick.time > put + 6.0:
+                break
+    assert {"standing", "withdrawing"} <= said
+    assert not [contact for contact in tick.truth.contacts if contact.caused_by_robot]
+    twin.post(RemoveBody(name="box"))
+    while not tick.done:
+        tick = twin.advance()
     assert tick.success

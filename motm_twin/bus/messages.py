@@ -129,7 +129,7 @@ class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
     limiter: str  # obstacle that limits the gripper now; "": none
     obstacle_distance: MaybeNumber  # [m] of the gripper to it
     allowed_approach: MaybeNumber  # [m/s] towards it
-    qp_status: str  # solved | gave way by <speed>: <row> | damped stop: <reason>
+    qp_status: str  # solved | <gave way by .., standing, withdrawing or damped stop>: <why>
     holding: bool  # an object is in the gripper
     outcome: str  # picked | placed | missed | lost | stuck, when that was found in this step
     reason: str  # one sentence when the arm waits

@@ -107,6 +107,16 @@ def _rest(state: ManipulatorState, time: float) -> None:
     enter(state, "carry" if state.holding else "stow", time)
 
 
+def start_over(state: ManipulatorState, time: float) -> None:
+    """Leave what is under way, and begin again from the stow pose."""
+    if state.phase in ("stow", "carry"):
+        return
+    if not state.holding:
+        state.gripper = "open"
+    state.released, state.start_over = None, True
+    _rest(state, time)
+
+
 def _new_goal(state: ManipulatorState, view: View) -> None:
     state.tight_tries = 0
     if state.phase in ("transit", "final", "closing", "retry", "release"):

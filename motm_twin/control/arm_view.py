@@ -47,6 +47,7 @@ class ManipulatorState:
     tight: str = field(default="", metadata=LATER)  # what is nearer to the chosen faces than the arm keeps from it
     tight_tries: int = field(default=0, metadata=LATER)  # times that came to nothing with such faces
     no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
+    inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when something stands where the arm is
     late: float = field(default=0.0, metadata=LATER)  # [s] by which the fingers took longer than they should, lately
 
 

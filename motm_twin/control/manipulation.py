@@ -7,7 +7,8 @@ import numpy as np
 
 from motm_twin.control.arm_avoidance import nearest_static
 from motm_twin.control.arm_motion import Motion, hand_motion
-from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged, fingers_at_work
+from motm_twin.control.arm_overlap import STANDS, ArmOverlap, Overlap
+from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
 from motm_twin.control.arm_program import ArmProgram, Rows
 from motm_twin.control.arm_reference import planar_joints
 from motm_twin.control.arm_view import ManipulatorState, View, look
@@ -55,6 +56,7 @@ class Manipulator(Stateful[ManipulatorState]):
         self._slate = Slate(known.robot, p, joint_limits(p.qp.elbow_limit))
         self._programs = ArmProgram(known, p)
         self._stow_joints = planar_joints(p.stow_radius, p.stow_height, p.stow_tilt)
+        self._overlap = ArmOverlap(known.robot, self._stow_joints)
         self._state = ManipulatorState()
 
     @property
@@ -77,6 +79,10 @@ class Manipulator(Stateful[ManipulatorState]):
             bad = _not_finite(inputs)
             if view is None or bad:
                 return self._damped_stop(inputs, None, f"{bad} is not finite")
+        overlap = self._overlap.find(self._slate, inputs, self._state.side if self._state.holding else 0.0)
+        if overlap is not None:
+            return self._stand_clear(view, inputs, overlap)
+        self._state.inside_since = None
         outcome, reason = advance(self._state, view, inputs, self._rules)
         motion = self._motion(view, inputs)
         program, rows = self._program(view, inputs, motion)
@@ -155,6 +161,23 @@ class Manipulator(Stateful[ManipulatorState]):
         free[ARM] = 1.0
         c[ARM] = -p.qp.free_gain * error
         return msgspec.structs.replace(program, P=free, c=c)
+
+    def _stand_clear(self, view: View, inputs: ArmInputs, overlap: Overlap) -> ArmStep:
+        """Something stands where the arm is: it stands, and goes back to its stow pose when that lasts."""
+        state = self._state
+        if state.inside_since is None:
+            state.inside_since = view.time
+        withdraws = view.time - state.inside_since > STANDS
+        if withdraws:
+            start_over(state, view.time)
+        state.twist, state.rates = self._overlap.way_out(self._slate, inputs, state.twist, view.dq, withdraws=withdraws)
+        state.stop_rates = None
+        why = f"something that the lidar sees is {overlap.depth:.2f} m inside the {overlap.body}"
+        return self._report(
+            view, inputs, twist=frozen(state.twist), rates=frozen(state.rates), slack=frozen(np.zeros(6)), active=(),
+            status=f"{'withdrawing' if withdraws else 'standing'}: {why}", outcome="",
+            reason=f"{why}: {'the arm goes back slowly' if withdraws else 'the arm stands'}",
+        )  # fmt: skip
 
     def _damped_stop(self, inputs: ArmInputs, view: View | None, why: str, *, outcome: str = "") -> ArmStep:
         """Arm rates to zero within one control period, the base as fast as it may brake."""

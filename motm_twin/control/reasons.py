@@ -22,6 +22,8 @@ _DOING = {
 
 def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
     """Why the base stands or brakes; "" when it drives or is about to."""
+    if step.qp_status.startswith(("standing", "withdrawing")):
+        return step.reason
     task = sequence.active
     arm_s_turn = task is not None and not isinstance(task, DriveTo) and (plan.time_to_range == 0.0 or step.engaged)
     limit = WAITING if arm_s_turn and plan.status in ("goal", "aborted") else MOVING

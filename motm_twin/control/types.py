@@ -72,7 +72,7 @@ class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     limiter: str  # obstacle that limits the gripper now, "" when none
     obstacle_distance: float  # [m] gripper centre to the nearest seen obstacle, inf when none
     allowed_approach: float  # [m/s] damper line value, inf when not limited
-    qp_status: str  # "solved" | "gave way by <speed>: <row>" | "damped stop: <reason>"
+    qp_status: str  # "solved" | "<gave way .., standing, withdrawing or damped stop>: <why>"
     holding: bool  # the gripper believes that it holds the object
     engaged: bool  # final approach to lift: the base must keep the object in reach
     dwell: float  # [s] that the job still needs in reach

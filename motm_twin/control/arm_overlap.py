@@ -1,0 +1,90 @@
+"""Something stands where the arm is: a person put it there, or pushed the robot into it.
+
+The lidar sees its near side below the arm, and how far it reaches beyond nobody knows. So the arm stands, and the base
+with it, for `STANDS`; then the arm goes back to its stow pose by its joints, no faster than a touch does harm. It has
+no goal meanwhile.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from motm_twin.control.furniture import BODIES, arm_balls, placed
+from motm_twin.control.seen_rows import seen_distances
+from motm_twin.control.slate import Slate
+from motm_twin.control.types import ArmInputs
+from motm_twin.model.exact import norm, times
+from motm_twin.model.geometry import Array
+from motm_twin.model.joint_limits import DDQ_MAX
+from motm_twin.model.profile import RobotProfile
+
+DEPTH = 0.05  # [m] by which a seen cell must reach into a body of the arm: beside a post the forearm comes within half
+STANDS = 2.0  # [s] for which the arm stands before it goes back to its stow pose
+SLOW = 0.1  # [m/s] of the hand on that way: a touch at this speed does no harm
+_STOWED = 0.02  # [rad] joints this near to the stow pose are there
+
+
+class Overlap(NamedTuple):
+    """The body of the arm that is deepest in something seen, and how deep [m]."""
+
+    body: str
+    depth: float
+
+
+class ArmOverlap:
+    """Finds what is seen where the arm is, and tells the robot how to get out of it."""
+
+    def __init__(self, profile: RobotProfile, stow_joints: Array) -> None:
+        """The arm's way out leads to its stow joints (7,) [rad]."""
+        self._profile, self._stow = profile, stow_joints
+        self._balls = arm_balls()
+
+    def find(self, slate: Slate, inputs: ArmInputs, held_side: float) -> Overlap | None:
+        """What is deepest in something seen; ``held_side`` [m] of a held cube, 0: none."""
+        points = inputs.obstacles.points
+        if not len(points):
+            return None
+        centre, radius = placed(self._balls.centre, self._balls.radius, inputs.observation.gripper_width, held_side)
+        distance, _, _ = seen_distances(
+            slate.T, self._balls.frame, centre, radius, self._balls.body, len(BODIES), 0.0, points, slate.mount,
+            slate.pose[2],
+        )  # fmt: skip
+        deepest = int(distance.argmin())
+        depth = -float(distance[deepest, 0])
+        return Overlap(BODIES[deepest], depth) if depth > DEPTH else None
+
+    def way_out(
+        self, slate: Slate, inputs: ArmInputs, twist: Array, rates: Array, *, withdraws: bool
+    ) -> tuple[Array, Array]:
+        """Base twist (2,) and arm rates (7,) after those commanded last; the joints stop, or go to the stow pose.
+
+        The base stands, unless something is inside its own footprint: then it leaves that first, and the joints stop.
+        """
+        base, dt = self._profile.base, inputs.dt
+        leaving = self._inside_base(slate, inputs.obstacles.points)
+        limits = np.array([base.linear_acceleration, base.yaw_acceleration]) * dt
+        wanted = inputs.base_twist if leaving else np.zeros(2)
+        after = np.clip(wanted, twist - limits, twist + limits)
+        way = self._stow - inputs.observation.q
+        joints = np.zeros(7)
+        if withdraws and not leaving and float(np.abs(way).max()) > _STOWED:
+            hand = norm(times(slate.arm[:3], way))
+            joints = way * min(1.0, SLOW / max(hand, 1e-9), SLOW / max(float(np.abs(way).max()) * 0.5, 1e-9))
+        return after, np.clip(joints, rates - DDQ_MAX * dt, rates + DDQ_MAX * dt)
+
+    def _inside_base(self, slate: Slate, points: Array) -> bool:
+        body = self._profile.footprint
+        return _inside(slate.pose, points, 0.5 * body.length, 0.5 * body.width, body.offset_x)
+
+
+@njit(cache=True)
+def _inside(pose: Array, points: Array, half_length: float, half_width: float, offset: float) -> bool:
+    """Some of the points (m, 2) is in the rectangle of a base at a pose (3,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(points.shape[0]):
+        dx, dy = points[i, 0] - pose[0], points[i, 1] - pose[1]
+        if abs(c * dx + s * dy - offset) < half_length and abs(c * dy - s * dx) < half_width:
+            return True
+    return False
