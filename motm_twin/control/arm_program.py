@@ -81,7 +81,7 @@ def _fill(
     """`anchor`, `fill_rows` and `fill_program`; returns what `fill_rows` does."""
     anchor(slate, twist, rates, dt, lag)
     found = fill_rows(
-        slate, points, static, relaxing, width, held, touching, beta, G, h, which,
+        slate, points, static, relaxing, width, held, touching, swinging, beta, G, h, which,
         first, vertices, radius, z, bounds, own_first, own_vertices, own_radius, own_z, own_bounds,
         frame, centre, ball_radius, body,
     )  # fmt: skip

@@ -67,6 +67,7 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     static_link_d_s: float = 0.02  # [m] the same from a static one: the arm stays on its side of it
     static_link_d_i: float = 0.12  # [m]
     furniture_d_s: float = 0.02  # [m] mapped furniture at its true height, whole arm
+    swing_d_s: float = 0.035  # [m] the same on the way: localisation may be off by more than 0.02 m
     furniture_d_i: float = 0.12  # [m]
     furniture_lead: float = 0.1  # [m] by which the line goes on beyond d_i: a hand at 1 m/s does not brake at once
     fingers_d_s: float = 0.006  # [m] fingers over the surface that carries the object

@@ -68,7 +68,7 @@ def _arrays(solids: Solids) -> tuple[IntArray, Array, Array, Array, Array]:
 @njit(cache=True)
 def fill_rows(
     slate: Record, points: Array, static: NDArray[np.bool_], relaxing: Array, width: float, held: float,
-    touching: bool, beta: float, G: Array, h: Array, which: IntArray,
+    touching: bool, swinging: bool, beta: float, G: Array, h: Array, which: IntArray,
     first: IntArray, vertices: Array, radius: Array, z: Array, bounds: Array,
     own_first: IntArray, own_vertices: Array, own_radius: Array, own_z: Array, own_bounds: Array,
     frame: IntArray, centre: Array, ball_radius: Array, body: IntArray,
@@ -83,7 +83,7 @@ def fill_rows(
     avoidance = s.avoidance
     a = avoidance[0]
     centre, ball_radius = placed(centre, ball_radius, width, held)
-    d_s, d_i = _distances(avoidance, touching, s.blind[0])
+    d_s, d_i = _distances(avoidance, touching, swinging, s.blind[0])
 
     gripper = lidar_limits(s.p, points, static, relaxing, avoidance)
     count = nearby = len(gripper.allowed)
@@ -146,13 +146,13 @@ def _added(
 
 
 @njit(cache=True)
-def _distances(avoidance: Numbers, touching: bool, blind: float) -> tuple[Array, Array]:
-    """d_s and d_i of each body [m], shape (6,): smaller for what is at the supporting surface during a grasp.
+def _distances(avoidance: Numbers, touching: bool, swinging: bool, blind: float) -> tuple[Array, Array]:
+    """d_s and d_i of each body [m], shape (8,): on the way larger, at the supporting surface during a grasp smaller.
 
     An arm that goes on for ``blind`` [s] when it is left alone is slower: it shall come to d_s at most.
     """
     a = avoidance[0]
-    d_s, d_i = np.full(len(BODIES), a.furniture_d_s), np.full(len(BODIES), a.furniture_d_i)
+    d_s, d_i = np.full(len(BODIES), a.swing_d_s if swinging else a.furniture_d_s), np.full(len(BODIES), a.furniture_d_i)
     if touching:
         d_s[FINGERS:HELD], d_i[FINGERS:HELD] = a.fingers_d_s, a.fingers_d_i
         d_s[HELD], d_i[HELD] = -a.fingers_d_i, a.fingers_d_s
