@@ -221,8 +221,8 @@ def bench(
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency, growth, anytime, solvers, task, faults. Or barn, and after it scene files of worlds of that
-            challenge.
+            efficiency, growth, anytime, solvers, task, faults, surprise. Or barn, and after it scene files of worlds
+            of that challenge.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         workers: Processes.

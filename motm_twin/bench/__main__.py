@@ -4,8 +4,9 @@
 `fast`, the paper's method beside it. The others run only when they are named: "page" measures the served page and needs
 Chromium, "bus" measures what goes over Zenoh, "soak" treats a server badly for long, "scale" loads a router,
 "efficiency" tells what more processes are worth, "growth" makes the world larger, "anytime" the search shorter and
-longer, "solvers" compares those of the QP, "faults" lets sensors and robot fail. "barn" stands first and alone: worlds
-of the BARN challenge follow it, as scene files or as barn:SEED, or --worlds of the latter.
+longer, "solvers" compares those of the QP, "faults" lets sensors and robot fail, "surprise" puts things where the robot
+is. "barn" stands first and alone: worlds of the BARN challenge follow it, as scene files or as barn:SEED, or --worlds
+of the latter.
 
 With --methods, --trials, --backend, --address or --retry-failed a name is that of an experiment instead: any methods,
 any number of trials, kept on disk and gone on with, compared in a table. Some names are experiments only.
@@ -17,7 +18,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from motm_twin.bench import anytime, barn, bus, faults, growth, page, period, scale, soak, solvers, task
+from motm_twin.bench import anytime, barn, bus, faults, growth, page, period, scale, soak, solvers, surprise, task
 from motm_twin.bench.experiments import command, efficiency
 from motm_twin.bench.experiments.catalogue import EXPERIMENTS
 from motm_twin.bench.groups import GROUPS
@@ -28,7 +29,7 @@ from motm_twin.record.outputs import folder_problem
 
 KNOWN = (
     *GROUPS, page.NAME, bus.NAME, soak.NAME, scale.NAME, efficiency.NAME, growth.NAME, anytime.NAME, solvers.NAME,
-    task.NAME, faults.NAME,
+    task.NAME, faults.NAME, surprise.NAME,
 )  # fmt: skip
 ALL = (*GROUPS, task.NAME)
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in KNOWN)
@@ -145,6 +146,8 @@ def _reached(name: str, options: argparse.Namespace, console: Console) -> bool:
         return faults.bench_faults(
             options.out, options.share, options.workers, console, kinds=options.kinds, scenes=options.scenes
         )
+    if name == surprise.NAME:
+        return surprise.bench_surprise(options.out, options.workers, console)
     if name == task.NAME:
         return task.bench_task(options.out, options.share, options.workers, console)
     reached = bench(GROUPS[name], options.out, options.workers, console)

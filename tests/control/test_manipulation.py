@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motm_twin.bench.arm_pass import Pass, run_pick, run_place
-from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.manipulation import Manipulator, _gave_way
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
@@ -215,3 +215,9 @@ def test_the_stowed_arm_stays_over_the_base():
     assert low[0] >= -0.5 * foot.length and high[0] <= 0.5 * foot.length
     assert low[1] >= -0.5 * foot.width - 0.01 and high[1] <= 0.5 * foot.width + 0.01
     assert low[2] > foot.height + 0.02
+
+
+def test_a_program_whose_furniture_rows_give_way_names_the_row():
+    active = ("joint 4", "lidar static", "hand - table", "forearm - lidar")
+    assert _gave_way(0.0, active) == ""
+    assert _gave_way(0.05, active) == "gave way by 0.05 m/s: hand - table is nearer than the joints can brake"
