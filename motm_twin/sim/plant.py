@@ -36,7 +36,8 @@ from motm_twin.sim.meddling import Meddler
 from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
 from motm_twin.sim.overlap import compile_gaps
 from motm_twin.sim.plant_state import PlantState
-from motm_twin.sim.referee import Referee, World
+from motm_twin.sim.referee import Referee
+from motm_twin.sim.referee_state import World
 from motm_twin.sim.rehearsal import Rehearsal
 from motm_twin.sim.scenery import Scenery, build_scenery
 from motm_twin.sim.slides import RobotObstruction
