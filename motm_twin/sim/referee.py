@@ -90,9 +90,10 @@ class Referee:
         for name, shift in moved.items():
             known = state.edits.get(name, UNMOVED)
             state.edits[name] = shifted(known, world.time, shift)
+            state.in_way.pop(name, None)
         state.counts.disturbed = tuple(sorted({*state.counts.disturbed, *disturbed}))
         state.edits.update(dict.fromkeys(disturbed, appeared(world.time)))
-        state.gaps, state.trail, state.in_way = np.zeros((0, 0)), NO_TRAIL, {}
+        state.gaps = np.zeros((0, 0))
         state.agents_before = world.agents
         state.cubes_seen = poses_of(world.objects)
         state.cubes_at = array_of(state.cubes_seen)
@@ -104,7 +105,7 @@ class Referee:
         placed = self._place(world)
         before, after = (_planar(bodies[self._base_shape]) for bodies in (state.placed_before, placed))
         state.pushed = shifted(state.pushed, world.time, Shift(before, after))
-        state.placed_before = placed
+        state.placed_before, state.trail, state.in_way = placed, NO_TRAIL, {}
 
     def step(self, state: RefereeState, world: World) -> None:
         """Judge the substep that ended with this world."""

@@ -15,9 +15,7 @@ from motm_twin.sim.referee_state import RefereeState, World
 from motm_twin.sim.responsibility import MOVES, Responsibility, Touch, carried_along
 from motm_twin.sim.without import Placed, Without
 
-ROLLS_OUT = (
-    0.002  # [m] that a base whose motors have stopped it still rolls when it should stand (the lag of its drive)
-)
+ROLLS_OUT = 0.002  # [m] that a base may still roll, by the lag of its drive, when it has braked for a person's doing
 
 
 @dataclass(frozen=True, kw_only=True)
