@@ -2,11 +2,13 @@
 
 import math
 
+import coal
 import numpy as np
 import pytest
 from sim_hands import DOWN, act, move, over_a_cube, tcp
 from sim_scenes import box, scene
 
+from motm_twin.model.arm_kernels import HAND
 from motm_twin.model.edits import AddObstacle, MoveObject, PushRobot
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.scene import Agent, Bin, Cylinder, Pick, Place, SceneObject, Solid
@@ -114,7 +116,6 @@ def test_a_cube_that_stood_close_beside_another_and_is_swept_into_it_causes_the_
     hand, rotation = tcp()
     along = rotation @ np.array([1.0, 0.0, 0.0])
     beside = SceneObject(name="beside", position=tuple(float(v) for v in hand + 0.043 * along))
-    plant = over_a_cube()
     shelf = box("shelf", (hand[0], hand[1]), (0.3, 0.3), float(hand[2]) - 0.02)
     cube = SceneObject(name="cube", position=tuple(float(v) for v in hand))
     plant = SimulatedPlant(scene(solids=(shelf,), objects=(cube, beside)), arm_start=DOWN)
@@ -296,7 +297,7 @@ def test_driving_and_turning_with_the_arm_at_rest_touches_nothing_of_the_own_arm
 # --- cubes -----------------------------------------------------------------------------------------------------
 
 
-def shelf_of(*offsets, gripper_start=DOWN, side=0.04, shelf=True, **changes):
+def shelf_of(*offsets, gripper_start=DOWN, side=0.04):
     """Cubes a, b, ... at these offsets from the tool centre point, along the axes of the hand, on one shelf."""
     hand, rotation = tcp(q=gripper_start)
     yaw = math.atan2(rotation[1, 1], rotation[0, 1])
@@ -305,12 +306,12 @@ def shelf_of(*offsets, gripper_start=DOWN, side=0.04, shelf=True, **changes):
         for name, offset in zip("abcd", offsets, strict=False)
     )
     top = box("shelf", (hand[0], hand[1]), (0.5, 0.5), float(hand[2]) - 0.5 * side, z_min=float(hand[2]) - 0.05)
-    return SimulatedPlant(scene(solids=(top,) if shelf else (), objects=cubes, **changes), arm_start=gripper_start)
+    return SimulatedPlant(scene(solids=(top,), objects=cubes), arm_start=gripper_start)
 
 
-def along(plant_axis):
+def along(axis):
     _, rotation = tcp()
-    return rotation @ np.array(plant_axis)
+    return rotation @ np.array(axis)
 
 
 def test_a_base_that_runs_over_a_cube_on_the_floor_causes_the_contact():
@@ -328,8 +329,6 @@ def test_a_finger_that_pushes_a_cube_beside_causes_the_contact():
 
 
 def test_a_finger_that_comes_down_on_a_cube_causes_the_contact():
-    plant = shelf_of((0.0, 0.05, 0.05), shelf=False)
-    move(plant, (0.0, 0.0, 0.05), 0.2, gripper="open")
     plant = over_a_cube(offset=(0.0, 0.05, 0.045))
     move(plant, (0.0, 0.0, -0.05), 0.6, gripper="open")
     assert verdicts(plant, "cube") == [True]
@@ -403,12 +402,8 @@ def test_a_cube_that_the_robot_drops_into_another_is_a_contact_of_the_two_and_on
         hand, _ = tcp()
         floor = float(hand[2]) - 0.2
         frame = Bin(name="bin", centre=(float(hand[0]), float(hand[1])), floor_z=floor, rim_z=floor + 0.08)
-        turned = math.pi / 4
-        lying = SceneObject(
-            name="lying",
-            position=(float(hand[0]) + offset, float(hand[1]), floor + 0.02),
-            yaw=turned + math.atan2(0.0, 1.0),
-        )
+        place = (float(hand[0]) + offset, float(hand[1]), floor + 0.02)
+        lying = SceneObject(name="lying", position=place, yaw=math.pi / 4)
         cube = SceneObject(name="cube", position=tuple(float(v) for v in hand))
         plant = SimulatedPlant(scene(bins=(frame,), objects=(cube, lying)), arm_start=DOWN)
         item = next(item for item in plant._state.objects if item.name == "cube")
@@ -466,3 +461,45 @@ def test_a_dropped_cube_that_belongs_in_no_bin_is_put_right_by_picking_it_up():
     assert counts.dropped == ("cube",)
     lifted(counts, cube)
     assert counts.dropped == ()
+
+
+# --- what is not measured cannot touch -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_remembered_of_every_pair_is_never_more_than_its_distance(seed):
+    rng = np.random.default_rng(seed)
+    hand, _ = tcp()
+    spots = hand + rng.uniform((-0.15, -0.25, -0.1), (0.25, 0.25, 0.1), (4, 3))
+    cubes = tuple(SceneObject(name=f"c{k}", position=tuple(spot.tolist())) for k, spot in enumerate(spots))
+    plant = SimulatedPlant(scene(objects=cubes), arm_start=DOWN)
+    referee = plant._referee
+    for k in range(150):
+        if k % 30 == 0:
+            plant.command(act((0.3, 0.5 * rng.standard_normal()), rng.uniform(-1.5, 1.5, 7)))
+        plant.step(0.01)
+        state, around = plant._state.referee, referee._surroundings
+        placed = state.placed_before
+        for i in range(len(placed) - 1):
+            for j in range(around.first_cube, around.floor):
+                assert state.gaps[i, j] <= referee._distance(placed, around, i, j) + 1e-9
+        places = [coal.Transform3s(T[:3, :3], T[:3, 3]) for T in placed]
+        for p, (i, j) in enumerate(referee._self_pairs.tolist()):
+            if i < len(placed) - 1:
+                answer = coal.DistanceResult()
+                shapes = referee.robot.shapes
+                true = coal.distance(shapes[i], places[i], shapes[j], places[j], coal.DistanceRequest(), answer)
+                assert state.self_gaps[p] <= true + 1e-9
+
+
+def test_a_held_cube_that_touches_the_own_arm_is_a_contact():
+    plant = over_a_cube()
+    plant.command(act(gripper="close"))
+    plant.step(0.9)
+    held = plant._state.objects[0]
+    lower = plant._referee.robot.place(np.zeros(3), plant._state.arm.q, 0.04)[1, :3, 3]
+    hand = plant._frames(plant._state.base.pose, plant._state.arm.q)[HAND]
+    plant._state.gripper.position_in_hand = hand[:3, :3].T @ (lower + np.array([0.0, 0.0, 0.05]) - hand[:3, 3])
+    plant.step(0.01)
+    assert held.state == "held"
+    assert ("held:cube", "panda_link0") in {(body, item.other) for item in hits(plant) for body in item.bodies}
