@@ -110,12 +110,12 @@ class Referee:
     def step(self, state: RefereeState, world: World) -> None:
         """Judge the substep that ended with this world."""
         counts = state.counts
-        for name in world.slides:
+        for name in (*world.slides, *world.riders):
             state.edits[name] = appeared(world.time)
         self.check.step(state.check, world)
-        now, disturbed = poses_of(world.objects), counts.disturbed
-        shove = shoved(world.objects, now, state.cubes_seen, (*counts.falling_from, counts.held))
-        for name in disturbed:
+        now, disturbed = poses_of(world.objects), (*counts.disturbed, *world.riders)
+        shove = shoved(world.objects, now, state.cubes_seen, (*counts.falling_from, counts.held, *world.riders))
+        for name in counts.disturbed:
             if name in counts.falling_from:
                 state.edits[name] = appeared(world.time)
         if counts.step(world.objects, world.held):

@@ -38,6 +38,7 @@ class World:
     agent_states: list[AgentState]
     agent_bodies: tuple[tuple[str, float, float], ...]  # name, radius, height; the same object while nothing changes
     slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of bodies that a person threw
+    riders: tuple[str, ...] = ()  # objects that went along with those
 
 
 @dataclass

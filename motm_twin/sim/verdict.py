@@ -15,6 +15,7 @@ from motm_twin.sim.referee_state import RefereeState, World
 from motm_twin.sim.responsibility import MOVES, Responsibility, Touch, carried_along
 from motm_twin.sim.without import Placed, Without
 
+AGAINST = 0.2  # cosine of the angle between two motions, negative, from which one leads against the other
 ROLLS_OUT = 0.002  # [m] that a base may still roll, by the lag of its drive, when it has braked for a person's doing
 
 
@@ -99,8 +100,14 @@ class Verdicts:
     def _by_robot(
         self, state: RefereeState, world: World, placed: Array, met: Encounter, touch: Touch, *, begins: bool
     ) -> bool:
-        """The robot brought the contact about: now, or by where it went before, or by what it let fall."""
-        if met.falls or self._responsibility.by_own_motion(touch, begins=begins):
+        """The robot brought the contact about: now, or by where it went before, or by what it let fall.
+
+        While something that came to the robot goes on through it, the robot's motion counts only against that.
+        """
+        if met.falls:
+            return True
+        first = world.time == state.episodes[met.other].began
+        if (first or _against(touch)) and self._responsibility.by_own_motion(touch, begins=begins):
             return True
         if not begins or norm(met.other_velocity) <= MOVES:
             return False
@@ -122,6 +129,12 @@ class Verdicts:
         return self._without.persons_doing(
             _motions(state, met), world.time, robot=met.robot, other=met.against, closing=closing
         )
+
+
+def _against(touch: Touch) -> bool:
+    """The robot drives against what moves; or that rests, and so does not go on through it."""
+    speed, other = norm(touch.velocity), norm(touch.other_velocity)
+    return other <= MOVES or dot(touch.velocity, touch.other_velocity) < -AGAINST * speed * other
 
 
 def _motions(state: RefereeState, met: Encounter) -> tuple[Motion, Motion]:

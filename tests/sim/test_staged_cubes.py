@@ -8,7 +8,7 @@ from sim_contacts import drive, hits, verdicts
 from sim_hands import DOWN, act, move, over_a_cube, tcp
 from sim_scenes import box, scene
 
-from motm_twin.model.edits import MoveObject
+from motm_twin.model.edits import AddObstacle, MoveObject, ReleaseBody
 from motm_twin.model.scene import Bin, Pick, Place, SceneObject
 from motm_twin.sim.counts import Counts
 from motm_twin.sim.objects import ObjectState
@@ -194,3 +194,13 @@ def test_a_dropped_cube_that_belongs_in_no_bin_is_put_right_by_picking_it_up():
     assert counts.dropped == ("cube",)
     lifted(counts, cube)
     assert counts.dropped == ()
+
+
+def test_cubes_on_a_board_that_a_person_throws_ride_along_without_a_contact():
+    pair = [SceneObject(name=name, position=(2.0, 1.0 + k * 0.0402, 0.07)) for k, name in enumerate("ab")]
+    plant = SimulatedPlant(scene(objects=tuple(pair)))
+    plant.apply(AddObstacle(name="board", x=2.0, y=1.0, size=(0.4, 0.4, 0.05)))
+    plant.apply(ReleaseBody(name="board", velocity=(0.0, -1.0)))
+    plant.step(1.0)
+    assert plant.truth().objects[0].position[1] < 0.9
+    assert hits(plant) == []
