@@ -14,6 +14,7 @@ from motm_twin.sim.referee_geometry import set_upright
 
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
 SIDE_BY_SIDE = 2e-4  # [m] by which cubes that lie side by side may overlap: the simulation parts them to half of that
+EDGE = 0.003  # [m] of a cube below a fingertip, from which it does not slide off
 _FROM_THE_SIDE = math.sqrt(0.5)  # of the normal along the tool axis, up to which a pad touches, not a fingertip
 
 Pose = tuple[float, float, float, float]  # x, y, z [m], yaw [rad]
@@ -24,14 +25,28 @@ def poses_of(objects: Sequence[ObjectState]) -> tuple[Pose, ...]:
     return tuple((*item.position.tolist(), item.yaw) for item in objects)
 
 
-def between_pads(hand: Array, width: float, position: Array, normal: Array) -> bool:
-    """A finger touches from the side what stands between the pads: a cube that is being grasped or let go.
+def between_pads(hand: Array, width: float, cube: Array) -> bool:
+    """A finger that touches this cube is grasping it or letting it go: its centre is between the pads.
 
-    ``hand``: its transform; ``width`` [m] between the pads; centre of the cube [m] and normal of the touch, shape (3,).
+    ``hand``: its transform; ``width`` [m] between the pads; ``cube``: x, y, z, yaw, shape (4,).
     """
-    aside = float(transposed_times(hand[:3, :3], position - hand[:3, 3])[1])
+    return abs(_aside(hand, cube)) <= 0.5 * width
+
+
+def stands_on(hand: Array, width: float, cube: Array, side: float, normal: Array) -> bool:
+    """A fingertip presses on a cube between the pads from above, over more than it slides off from.
+
+    ``normal`` of the touch, shape (3,).
+    """
     steep = abs(float(transposed_times(hand[:3, :3], normal)[2]))
-    return abs(aside) <= 0.5 * width and steep <= _FROM_THE_SIDE
+    misfit = math.atan2(float(hand[1, 1]), float(hand[0, 1])) - float(cube[3])
+    half = 0.5 * side * (abs(math.cos(misfit)) + abs(math.sin(misfit)))
+    return steep > _FROM_THE_SIDE and half + abs(_aside(hand, cube)) - 0.5 * width > EDGE
+
+
+def _aside(hand: Array, cube: Array) -> float:
+    """Where the centre of a cube is along the closing axis [m]."""
+    return float(transposed_times(hand[:3, :3], cube[:3] - hand[:3, 3])[1])
 
 
 class Shove(NamedTuple):

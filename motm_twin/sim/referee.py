@@ -17,11 +17,11 @@ from motm_twin.model.plant import Contact
 from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.sim.blame import UNMOVED, Shift, appeared, remembered, shifted
 from motm_twin.sim.counts import Counts
-from motm_twin.sim.cube_contacts import FINGERS, CubePairs, Shove, array_of, between_pads, poses_of, shoved
+from motm_twin.sim.cube_contacts import FINGERS, CubePairs, Shove, array_of, between_pads, poses_of, shoved, stands_on
 from motm_twin.sim.cut_in import LOOKS, StoppingAreas
 from motm_twin.sim.episodes import contact_of, take_ended
 from motm_twin.sim.kernels import clearance
-from motm_twin.sim.objects import right_bins
+from motm_twin.sim.objects import ObjectState, right_bins
 from motm_twin.sim.plant_check import PlantCheck
 from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, update_gaps
 from motm_twin.sim.referee_state import RefereeState, World
@@ -294,10 +294,10 @@ class Referee:
         normal, other = self._result.normal, around.names[j]
         falls = False
         if around.first_cube <= j < around.floor:
-            k = j - around.first_cube
-            if i in self._fingers and between_pads(placed[self._hand], world.width, around.cubes[k, :3], normal):
+            item = world.objects[j - around.first_cube]
+            if i in self._fingers and self._handles(world, placed, around.cubes[j - around.first_cube], item, normal):
                 return
-            falls = world.objects[k].state == "falling" and other not in state.counts.disturbed
+            falls = item.state == "falling" and other not in state.counts.disturbed
         met = Encounter(
             i=i,
             other=other,
@@ -311,6 +311,13 @@ class Referee:
             falls=falls,
         )
         self._verdicts.touched(state, world, placed, met)
+
+    def _handles(self, world: World, placed: Array, cube: Array, item: ObjectState, normal: Array) -> bool:
+        """A finger that touches a cube grasps it, or lets it go."""
+        hand = placed[self._hand]
+        if not between_pads(hand, world.width, cube):
+            return False
+        return item.state == "falling" or not stands_on(hand, world.width, cube, item.side, normal)
 
     def _measure_itself(self, state: RefereeState, world: World, placed: Array) -> None:
         """The arm, and what it holds, against parts of the arm that are not beside it."""

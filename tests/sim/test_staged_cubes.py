@@ -52,6 +52,14 @@ def test_a_finger_that_comes_down_on_a_cube_causes_the_contact():
     assert verdicts(plant, "cube") == [True]
 
 
+def test_a_cube_that_brushes_a_finger_as_it_falls_out_of_the_opened_hand_is_let_go_without_a_contact():
+    plant = over_a_cube(offset=(0.0, 0.023, 0.023))
+    item = plant._state.objects[0]
+    item.state, item.velocity = "falling", np.array([0.0, 0.0, -0.8])
+    plant.step(0.01)
+    assert hits(plant) == []
+
+
 def test_a_hand_that_goes_down_round_a_cube_closes_lifts_and_lets_go_of_it_touches_nothing():
     plant = over_a_cube(offset=(0.004, 0.006, 0.06), turn=0.1)
     move(plant, (0.0, 0.0, -0.1), 0.6, gripper="open")
