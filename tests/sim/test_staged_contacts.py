@@ -5,15 +5,18 @@ import math
 import coal
 import numpy as np
 import pytest
+import shapely
+from shapely import affinity
 from sim_contacts import drive, hits, verdicts
 from sim_hands import DOWN, act, move, over_a_cube, tcp
 from sim_scenes import box, scene
 
 from motm_twin.model.arm_kernels import HAND
-from motm_twin.model.edits import AddObstacle, PushRobot
+from motm_twin.model.edits import AddObstacle
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.scene import Agent, Cylinder, SceneObject, Solid
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.solids import rectangle
 
 # --- by the robot's own motion ---------------------------------------------------------------------------------
 
@@ -234,10 +237,34 @@ def test_a_robot_that_drives_further_into_what_was_put_onto_it_or_along_it_cause
     assert verdicts(plant) == [True]
 
 
-def test_a_robot_that_is_pushed_into_a_wall_and_drives_back_out_causes_nothing():
-    plant = SimulatedPlant(scene(solids=(box("wall", (0.6, 0.0), (0.4, 2.0), 0.3),)))
-    with pytest.raises(ValueError):
-        plant.apply(PushRobot(dx=0.2, dy=0.0))
+@pytest.mark.parametrize("seed", range(16))
+def test_the_shorter_way_out_of_what_was_put_onto_the_robot_is_no_fault_and_the_longer_one_is(seed):
+    rng = np.random.default_rng(seed)
+    base = shapely.box(-0.35, -0.25, 0.35, 0.25)
+    ahead = back = 0.0
+    while abs(ahead - back) < 0.08:
+        length, width = rng.uniform(0.1, 0.9, 2).tolist()
+        x, y, heading = rng.uniform((-0.6, -0.5, 0.0), (0.6, 0.5, math.pi)).tolist()
+        it = shapely.Polygon(rectangle(x, y, heading, (length, width)))
+        ahead, back = (way_out(base, it, direction) for direction in (1, -1))
+    shorter = 1.0 if ahead < back else -1.0
+    for speed, seconds, caused in ((0.2 * shorter, 4.0, False), (-0.2 * shorter, 0.6, True)):
+        plant = SimulatedPlant(scene())
+        plant.apply(AddObstacle(name="it", x=x, y=y, heading=heading, size=(length, width, 0.3)))
+        plant.step(3.0)
+        drive(plant, speed, seconds)
+        assert verdicts(plant, "it") == [caused]
+
+
+def way_out(base, it, direction):
+    """How far the base has to go ahead or back until it is clear of a thing [m]."""
+    way = 0.0
+    while it.intersects(affinity.translate(base, direction * way, 0.0)):
+        way += 0.01
+    return way
+
+
+def test_a_robot_that_starts_in_a_wall_and_drives_back_out_causes_nothing():
     start = SimulatedPlant(scene(solids=(box("wall", (0.4, 0.0), (0.4, 2.0), 0.3),)))
     start.step(0.5)
     assert verdicts(start) == [False]
