@@ -66,7 +66,7 @@ class Referee:
         state = RefereeState(check=self.check.start(world), counts=Counts(right_bins=right_bins(self._tasks)))
         state.placed_before = self._place(world)
         state.agents_before = world.agents.copy()
-        state.self_gaps = np.full(len(self._self_pairs), -1.0)
+        state.self_gaps = np.where(self._pairs_of_held, math.inf, -1.0)  # no cube is in the hand
         state.cubes_seen = poses_of(world.objects)
         state.cubes_at = array_of(state.cubes_seen)
         everything = tuple(item.name for item in world.objects)

@@ -15,6 +15,7 @@ from motm_twin.model.arm_kernels import HAND
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.scene import Agent, Cylinder, SceneObject, Solid
+from motm_twin.model.state import state_hash
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.sim.solids import rectangle
 
@@ -333,6 +334,22 @@ def test_what_is_remembered_of_every_pair_is_never_more_than_its_distance(seed):
                 shapes = referee.robot.shapes
                 true = coal.distance(shapes[i], places[i], shapes[j], places[j], coal.DistanceRequest(), answer)
                 assert state.self_gaps[p] <= true + 1e-9
+
+
+def test_what_is_remembered_of_an_empty_hand_does_not_depend_on_what_it_held_later():
+    plant = over_a_cube()
+    plant.step(0.05)
+    before = plant.snapshot()
+    ends = []
+    for _ in range(2):
+        plant.restore(before)
+        drive(plant, -0.25, 4.0)
+        ends.append(state_hash(plant.snapshot()))
+        plant.restore(before)
+        plant.command(act(gripper="close"))
+        plant.step(1.0)
+        assert plant.truth().objects[0].state == "held"
+    assert ends[0] == ends[1]
 
 
 def test_a_held_cube_that_touches_the_own_arm_is_a_contact():
