@@ -75,8 +75,9 @@ def main():
         total, step, ended = total + reward, step + 1, terminated or truncated
     rate = step / (time.perf_counter() - began)
     print(
-        f"{options.policy}: {info['picks']} picked, {info['places']} placed, {info['contacts']} contacts caused "
-        f"in {info['time_s']:.1f} s; return {total:.1f}; {rate:.0f} steps/s"
+        f"{options.policy}: {info['picks']} picked, {info['places']} placed, "
+        f"{info['contacts_caused']} contacts caused in {info['time_s']:.1f} s "
+        f"(of {info['contacts']}); return {total:.1f}; {rate:.0f} steps/s"
     )
     if options.save:
         from PIL import Image

@@ -26,7 +26,7 @@ def main(arguments=None):
         print(f"{method.name + ':':16}", end="", flush=True)
         trial = run_scene(scene, method=method)
         print(f"{trial['places_done']} of {trial['places_total']} placed in {trial['time_s']:.2f} s, "
-              f"{trial['contacts_caused_by_robot']} contacts caused")  # fmt: skip
+              f"contacts {trial['contacts_caused_by_robot']} caused of {len(trial['contacts'])}")  # fmt: skip
     print(f"one trial tells little; ten of each: motm-twin bench exp1 --methods motm {options.method}")
 
 

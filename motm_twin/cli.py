@@ -332,6 +332,7 @@ def _print(result: dict) -> None:
         f"picked {result['picks_done']}/{result['picks_total']}, "
         f"placed {result['places_done']}/{result['places_total']}, "
         f"contacts {result['contacts_caused_by_robot']} caused of {len(result['contacts'])}"
+        + (f", cut in on agents {len(result['cut_ins'])} times" if result["cut_ins"] else "")
     )
     measures = result["measures"]
     parts = ", ".join(f"{name.replace('_', ' ')} {seconds:.1f}" for name, seconds in measures["parts_s"].items())

@@ -124,7 +124,7 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) ->
     caused = [contact for contact in truth.contacts if contact.caused_by_robot]
     held = sum(body.state == "held" for body in truth.objects)
     kept = _count(tick, "pick") - places_total  # a scene may end with an object in the gripper
-    completed = tick.success and truth.places == places_total and held >= kept
+    completed = tick.success and truth.places == places_total and held >= kept and not truth.dropped
     p50, p99 = np.percentile(tally.period_ms, [50, 99])
     attempts = sum(task.attempts for task in tick.tasks if task.kind == "pick")
     return {
@@ -141,8 +141,10 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) ->
         "places_done": truth.places,
         "places_total": places_total,
         "drops": truth.drops,
+        "dropped": list(truth.dropped),
         "contacts": [msgspec.to_builtins(contact) for contact in truth.contacts],
         "contacts_caused_by_robot": len(caused),
+        "cut_ins": [msgspec.to_builtins(cut_in) for cut_in in truth.cut_ins],
         "min_base_clearance_m": _finite(truth.min_base_clearance),
         "min_arm_clearance_m": _finite(truth.min_arm_clearance),
         "min_ee_obstacle_m": _finite(truth.min_ee_obstacle),
@@ -168,6 +170,8 @@ def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tupl
         return f"time limit {twin.scene.time_limit:.0f} s reached during {doing}" + (f": {why}" if why else "")
     if not completed:
         truth, places = tick.truth, _count(tick, "place")
+        if truth is not None and truth.dropped:
+            return f"dropped, and not picked up and placed again: {', '.join(truth.dropped)}"
         if truth is not None and truth.places == places:
             return "the referee sees nothing in the gripper, and the robot believes to hold an object"
         return "the referee counts fewer objects in their bins than the robot believes to have placed"

@@ -136,6 +136,7 @@ def cross(world: World) -> Result:
         if reached or tick.truth.contacts or tick.done or spent > LIMIT or tick.time >= scene.time_limit:
             break
     contacts = len(tick.truth.contacts)
+    caused = sum(contact.caused_by_robot for contact in tick.truth.contacts)
     success = reached and not contacts
     if contacts:
         why = f"contact with {tick.truth.contacts[0].other}"
@@ -144,6 +145,7 @@ def cross(world: World) -> Result:
         "method": world.method,
         "success": success,
         "contacts": contacts,
+        "contacts_caused_by_robot": caused,
         "time_s": round(spent, 3),
         "optimal_s": round(world.optimal, 4),
         "metric": round(metric(success, spent, world.optimal), 4),
@@ -189,6 +191,7 @@ def whole(results: Sequence[Result]) -> dict[str, dict[str, Any]]:
             "worlds": len(of),
             "success_percent": round(100.0 * len(crossed) / len(of), 1),
             "contacts": sum(result["contacts"] for result in of),
+            "contacts_caused_by_robot": sum(result["contacts_caused_by_robot"] for result in of),
             "time_s": round(float(np.mean(crossed)), 3) if crossed else None,
             "metric": round(float(np.mean([result["metric"] for result in of])), 4),
             "period_ms": spread([value for result in of for value in result["period_ms"]]),
@@ -204,6 +207,7 @@ def table(results: Sequence[Result]) -> Table:
         "method",
         "success",
         "contacts",
+        "caused",
         "time s",
         "OT s",
         "metric",
@@ -217,6 +221,7 @@ def table(results: Sequence[Result]) -> Table:
         times = spread(result["period_ms"]).values()
         grid.add_row(
             result["world"], result["method"], "yes" if result["success"] else "NO", str(result["contacts"]),
+            str(result["contacts_caused_by_robot"]),
             f"{result['time_s']:.2f}", f"{result['optimal_s']:.2f}", f"{result['metric']:.3f}",
             f"{result['clearance_m']:.3f}", *(f"{value:.1f}" for value in times),
             style=None if result["success"] else "red",
@@ -224,7 +229,8 @@ def table(results: Sequence[Result]) -> Table:
     for method, all_of in whole(results).items():
         mean = "-" if all_of["time_s"] is None else f"{all_of['time_s']:.2f}"
         grid.add_row(
-            f"all {all_of['worlds']}", method, f"{all_of['success_percent']:g} %", str(all_of["contacts"]), mean, "",
+            f"all {all_of['worlds']}", method, f"{all_of['success_percent']:g} %", str(all_of["contacts"]),
+            str(all_of["contacts_caused_by_robot"]), mean, "",
             f"{all_of['metric']:.3f}", "", *(f"{value:.1f}" for value in all_of["period_ms"].values()), style="bold",
         )  # fmt: skip
     return grid
@@ -233,7 +239,8 @@ def table(results: Sequence[Result]) -> Table:
 def _lost(world: World, reason: str) -> Result:
     """The result of a run whose process died."""
     return {
-        "world": world.scene.name, "method": world.method, "success": False, "contacts": 0, "time_s": 0.0,
+        "world": world.scene.name, "method": world.method, "success": False, "contacts": 0,
+        "contacts_caused_by_robot": 0, "time_s": 0.0,
         "optimal_s": world.optimal, "metric": 0.0, "clearance_m": math.nan, "period_ms": [0.0], "reason": reason,
         "state_hash": "",
     }  # fmt: skip

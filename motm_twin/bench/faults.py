@@ -165,6 +165,7 @@ def _result(watch: Watch, twin: Any, tick: Tick, scene: str, kind: str, seed: in
         "places": places,
         "time_s": round(tick.time, 2),
         "contacts": len(truth.contacts),
+        "dropped": list(truth.dropped),
         "caused": [f"{one.body} {one.other} {one.time:.2f} s {one.depth:.3f} m" for one in caused],
         "injected": [round(one.at, 2) for one in watch.seen],
         "named_s": [None if one is None else round(one, 2) for one in delays],
@@ -204,7 +205,7 @@ def bench_faults(
 
 def good(one: dict[str, Any]) -> bool:
     """Nothing was hit, every cause was found in time, and all was done."""
-    return bool(one["success"]) and not one["caused"] and all(map(in_time, one["named_s"]))
+    return bool(one["success"]) and not one["caused"] and not one["dropped"] and all(map(in_time, one["named_s"]))
 
 
 def in_time(delay: float | None) -> bool:
@@ -219,7 +220,7 @@ def told_of(one: dict[str, Any]) -> str:
     return f"{where}, named after {one['named_s']} s{caused}{'; ' + one['reason'] if one['reason'] else ''}"
 
 
-HEAD = ("fault", "trials", "done", "placed", "contacts caused", "named in time", "slowest", "false", "time")
+HEAD = ("fault", "trials", "done", "placed", "contacts", "caused", "named in time", "slowest", "false", "time")
 
 
 def rows_of(results: list[dict[str, Any]]) -> list[tuple[str, ...]]:
@@ -235,6 +236,7 @@ def rows_of(results: list[dict[str, Any]]) -> list[tuple[str, ...]]:
                 str(len(these)),
                 str(sum(one["success"] for one in these)),
                 f"{sum(one['placed'] for one in these)}/{sum(one['places'] for one in these)}",
+                str(sum(one["contacts"] for one in these)),
                 str(sum(len(one["caused"]) for one in these)),
                 f"{sum(map(in_time, named))}/{len(named)}" if named else "",
                 f"{max((delay for delay in named if delay is not None), default=math.nan):.2f} s" if named else "",

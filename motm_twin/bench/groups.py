@@ -85,6 +85,11 @@ def _contacts(results: list[Result]) -> float:
     return float(sum(len(result["contacts"]) for result in results))
 
 
+def caused(results: list[Result]) -> int:
+    """Contacts that the robot caused."""
+    return sum(hit["caused_by_robot"] for result in results for hit in result["contacts"])
+
+
 def drove_into(results: list[Result]) -> int:
     """Contacts in which our robot was moving into the other."""
     hits = (contact for result in results for contact in result["contacts"])

@@ -141,7 +141,9 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
         "factor": round(count * PERIOD / seconds, 2),
         "periods": count,
         "time_s": round(tick.time, 2) if tick.done else None,
-        "success": bool(tick.success and not caused) if tick.done else None,
+        "contacts": len(tick.truth.contacts),
+        "contacts_caused_by_robot": caused,
+        "success": bool(tick.success and not caused and not tick.truth.dropped) if tick.done else None,
     }
 
 

@@ -9,13 +9,13 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.bench.groups import Goal, Group, Result
+from motm_twin.bench.groups import Goal, Group, Result, caused
 from motm_twin.bench.machine import machine
 from motm_twin.bench.runner import run_group
 
 COLUMNS = (
-    "trial", "seed", "time s", "tour s", "picked", "placed", "contacts", "base m", "arm m", "path m", "closing m/s",
-    "p50 ms", "p99 ms", "x real", "done",
+    "trial", "seed", "time s", "tour s", "picked", "placed", "contacts", "caused", "base m", "arm m", "path m",
+    "closing m/s", "p50 ms", "p99 ms", "x real", "done",
 )  # fmt: skip
 
 
@@ -79,6 +79,7 @@ def row(result: Result) -> list[str]:
         f"{result['picks_done']}/{result['picks_total']}",
         str(result["places_done"]),
         str(len(result["contacts"])),
+        str(caused([result])),
         _number(result["min_base_clearance_m"], 3),
         _number(result["min_arm_clearance_m"], 3),
         _number(result["path_length_m"], 1),

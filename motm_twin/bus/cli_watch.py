@@ -108,7 +108,8 @@ def _metrics(message: dict[str, Any]) -> str:
     times = f"period p50 {period['p50']:.1f} p99 {period['p99']:.1f} ms" if period else "no periods"
     return (
         f"{message['time']:8.2f} s  {message['tasks_done']}/{message['tasks_total']} tasks  "
-        f"{message['contacts_caused_by_robot']} contacts caused  {times}  {message['actual_speed']:g} x real time  "
+        f"contacts {message['contacts_caused_by_robot']} caused of {message['contacts']}  {times}  "
+        f"{message['actual_speed']:g} x real time  "
         f"{message['memory_mb']:.0f} MB"
     )
 

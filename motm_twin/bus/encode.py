@@ -14,6 +14,7 @@ from motm_twin.bus.messages import (
     BeliefMessage,
     BodyMessage,
     ContactMessage,
+    CutInMessage,
     EventMessage,
     GridInfo,
     PlacementMessage,
@@ -141,6 +142,8 @@ def _score(truth: Truth) -> ScoreMessage:
         min_ee_obstacle=float(truth.min_ee_obstacle),
         ee_obstacle=float(truth.ee_obstacle),
         path_length=float(truth.path_length),
+        cut_ins=[msgspec.convert(cut_in, CutInMessage, from_attributes=True) for cut_in in truth.cut_ins],
+        dropped=list(truth.dropped),
     )
 
 

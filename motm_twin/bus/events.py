@@ -11,6 +11,7 @@ from motm_twin.bus.messages import (
     EVENT_VERSION,
     EVENTS_VERSION,
     ContactMessage,
+    CutInMessage,
     EventsMessage,
     NumberedEvent,
     StatusMessage,
@@ -97,6 +98,7 @@ class EventWatch:
         self._state = ""
         self._stopped = ""  # reason, without its numbers
         self._contacts: set[tuple[float, str, str]] = set()
+        self._cut_ins: set[tuple[float, str]] = set()
         self._dragged: dict[str, float] = {}  # body, "" for the robot: [s] of the last move while held
 
     def scene(self, name: str) -> None:
@@ -122,6 +124,8 @@ class EventWatch:
             self._add(message, event.kind, event.text, time=event.time, other=_named(event.text, message))
         for contact in () if message.score is None else message.score.contacts:
             self._contact(message, contact)
+        for cut_in in () if message.score is None else message.score.cut_ins:
+            self._cut_in(message, cut_in)
         self._stop(message)
 
     def _new_run(self, message: TickMessage) -> None:
@@ -135,6 +139,8 @@ class EventWatch:
         self._loaded, self._stopped, self._dragged = None, "", {}
         past = [] if message.score is None else message.score.contacts
         self._contacts = {_key(contact) for contact in past if contact.time < message.first * PERIOD}
+        earlier = [] if message.score is None else message.score.cut_ins
+        self._cut_ins = {(cut_in.time, cut_in.agent) for cut_in in earlier if cut_in.time < message.first * PERIOD}
 
     def _contact(self, message: TickMessage, contact: ContactMessage) -> None:
         if _key(contact) in self._contacts:
@@ -150,6 +156,14 @@ class EventWatch:
             other=contact.other,
             caused_by_robot=contact.caused_by_robot,
         )
+
+    def _cut_in(self, message: TickMessage, cut_in: CutInMessage) -> None:
+        key = (cut_in.time, cut_in.agent)
+        if key in self._cut_ins:
+            return
+        self._cut_ins.add(key)
+        text = f"cut in on {cut_in.agent}, {cut_in.gap:.2f} m before it"
+        self._add(message, "cut_in", text, time=cut_in.time, other=cut_in.agent)
 
     def _stop(self, message: TickMessage) -> None:
         reason = _DIGITS.sub("#", message.stop_reason)  # a distance that changes is no other reason

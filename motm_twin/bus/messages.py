@@ -147,13 +147,24 @@ class ContactMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One contact, as the referee saw it."""
 
     time: float  # [s] when it began
-    body: str  # of the robot: base, panda_link5, panda_hand, held:<cube>, ...
-    other: str  # what it touched
+    body: str  # that touched first: base, panda_link5, panda_hand, held:<cube>, ..., or a cube that the robot moved
+    other: str  # what it touched; an own link where the robot touched itself
     depth: float  # [m] largest
     closing_speed: float  # [m/s] of the robot towards the other, when it began
     other_speed: float  # [m/s] of the other towards the robot
     caused_by_robot: bool
     duration: float  # [s]
+    bodies: list[str] = []  # all that touched it in this episode, in order
+
+
+class CutInMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """The robot moved into the area that an agent needs to stop."""
+
+    time: float  # [s]
+    agent: str
+    gap: float  # [m] between them then
+    stopping_way: float  # [m] of the agent: reaction and braking
+    speed: float  # [m/s] of the agent
 
 
 class ScoreMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -168,6 +179,8 @@ class ScoreMessage(msgspec.Struct, frozen=True, kw_only=True):
     min_ee_obstacle: MaybeNumber  # [m] gripper to anything that is not in the map, so far
     ee_obstacle: MaybeNumber  # [m] the same now
     path_length: float = 0.0  # [m] driven by the base so far
+    cut_ins: list[CutInMessage] = []  # so far
+    dropped: list[str] = []  # objects that the robot dropped and has not picked up and placed since
 
 
 class TickMessage(msgspec.Struct, frozen=True, kw_only=True):

@@ -89,7 +89,7 @@ def robot(
         print(text, flush=True)
     else:
         Path(json).write_text(text + "\n", encoding="utf-8")
-    leave(FAILED if counted["contacts_caused_by_robot"] else OK)
+    leave(FAILED if counted["contacts_caused_by_robot"] or counted["dropped"] else OK)
     return OK
 
 

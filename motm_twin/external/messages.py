@@ -7,7 +7,7 @@ two lives have nothing to do with each other. Infinite numbers are ``null``. Fie
 import msgspec
 
 from motm_twin.model.edits import WorldEdit
-from motm_twin.model.plant import BodyTruth, Contact
+from motm_twin.model.plant import BodyTruth, Contact, CutIn
 from motm_twin.model.scene import PlanarPose, Scene, Task
 
 VERSION = "motm.plant/1"
@@ -137,6 +137,8 @@ class TruthData(msgspec.Struct, frozen=True, kw_only=True):
     removed: tuple[str, ...]
     faults: tuple[str, ...]
     path_length: float
+    cut_ins: tuple[CutIn, ...] = ()
+    dropped: tuple[str, ...] = ()
 
 
 class ResetRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

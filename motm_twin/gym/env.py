@@ -175,7 +175,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
 
     def _ended(self, tick: Tick, truth: Truth) -> bool:
         """The list is worked through and what was dropped has landed, or a contact ends it."""
-        if self._stop_on_contact and self._score.contacts:
+        if self._stop_on_contact and self._score.caused:
             return True
         ended = tick.done and (truth.places >= _places(tick) or self._settle == 0)
         self._settle -= int(tick.done)
@@ -194,13 +194,16 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
             "picks": len(score.picked),
             "places": len(score.placed),
             "drops": score.drops,
+            "dropped": sorted(score.dropped),
             "contacts": score.contacts,
+            "contacts_caused": score.caused,
             "given_up": score.given_up,
             "stop_reason": "" if tick is None else tick.stop_reason,
             "is_success": tick is not None
             and tick.success
             and len(score.placed) == _places(tick)
-            and not score.contacts,
+            and not score.caused
+            and not score.dropped,
         }
 
 

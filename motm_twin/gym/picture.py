@@ -151,7 +151,7 @@ class TopView:
         phase = "" if view.tick is None else f" ({view.tick.arm[-1].phase})"
         text = (
             f"{view.observation.time:6.2f} s   {task}{phase}   picked {len(score.picked)}, placed {len(score.placed)}, "
-            f"contacts {score.contacts}"
+            f"contacts {score.caused} caused of {score.contacts}"
         )
         pen.rectangle((0, 0, self._size[0], FINER * HEADER), fill=(255, 255, 255))
         pen.text((FINER * 8, FINER * 4), text, fill=INK, font=self._font)

@@ -28,7 +28,9 @@ class Score:
     lifts: int = 0
     landings: int = 0
     drops: int = 0
-    contacts: int = 0  # caused by the robot
+    contacts: int = 0
+    caused: int = 0  # of the contacts, by the robot
+    dropped: frozenset[str] = frozenset()  # objects that fell elsewhere and were not picked up and placed since
     given_up: int = 0
 
 
@@ -43,7 +45,9 @@ def score_of(before: Score, tick: Tick, truth: Truth, time: float) -> Score:
         lifts=truth.picks,
         landings=truth.places,
         drops=truth.drops,
-        contacts=sum(contact.caused_by_robot for contact in truth.contacts),
+        contacts=len(truth.contacts),
+        caused=sum(contact.caused_by_robot for contact in truth.contacts),
+        dropped=frozenset(truth.dropped),
         given_up=sum(task.status == "failed" for task in tick.tasks),
     )
 
@@ -55,6 +59,6 @@ def reward(weights: RewardWeights, before: Score, now: Score) -> float:
         + weights.pick * (len(now.picked) - len(before.picked))
         + weights.place * (len(now.placed) - len(before.placed))
         + weights.drop * (now.drops - before.drops)
-        + weights.contact * (now.contacts - before.contacts)
+        + weights.contact * (now.caused - before.caused)
         + weights.given_up * (now.given_up - before.given_up)
     )

@@ -93,16 +93,27 @@ class BodyTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Contact(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """One contact episode, as the referee saw it."""
+    """One contact episode with one thing, as the referee saw it."""
 
     time: float  # [s] when it began
-    body: str  # robot body: base, panda_link5, panda_hand, held:<cube>, ...
-    other: str
+    body: str  # that touched first: base, panda_link5, panda_hand, held:<cube>, ..., or a cube that the robot moved
+    other: str  # an own link where the robot touched itself
     depth: float  # [m] largest
     closing_speed: float  # [m/s] of the contact point of the robot body towards the other, when it began
     other_speed: float  # [m/s] of the other towards the robot body
     caused_by_robot: bool
     duration: float  # [s]
+    bodies: tuple[str, ...] = ()  # all that touched it in this episode, in order
+
+
+class CutIn(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The robot moved into the area that an agent needs to stop."""
+
+    time: float  # [s]
+    agent: str
+    gap: float  # [m] between them then
+    stopping_way: float  # [m] of the agent: reaction and braking
+    speed: float  # [m/s] of the agent
 
 
 class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -125,3 +136,5 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     removed: tuple[str, ...] = ()  # pieces, loose solids and agents of the scene that a person took away
     faults: tuple[str, ...] = ()  # injected faults that last, one phrase each: "lidar off for 0.6 s"
     path_length: float = 0.0  # [m] driven by the base so far (pushes by a person not counted)
+    cut_ins: tuple[CutIn, ...] = ()  # so far
+    dropped: tuple[str, ...] = ()  # objects that fell by the robot's doing and were not picked up and placed since

@@ -75,6 +75,7 @@ def _print(was: Outcome, changed: Outcome, title: str) -> None:
     table.add_row(escape("forecast from [s]"), *(_since(end.forecast_from_s) for end in (was, changed)), "")
     table.add_row("picks", *_numbers(was.picks, changed.picks, 0))
     table.add_row("places", *_numbers(was.places, changed.places, 0))
+    table.add_row("contacts", *_numbers(was.all_contacts, changed.all_contacts, 0))
     table.add_row("contacts caused", *_numbers(was.contacts, changed.contacts, 0))
     table.add_row(escape("distance driven [m]"), *_numbers(was.path_length, changed.path_length, 2))
     table.add_row("success", *("yes" if end.success else "no" for end in (was, changed)), "")

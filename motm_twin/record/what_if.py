@@ -2,10 +2,10 @@
 
 As a program, ``python -m motm_twin.record.what_if FILE --set next_weight=0 --from 12.5`` writes JSON lines: samples
 ``{"run", "time", "pose", "q", "gripper"}`` of the runs "as it was" and "changed", and for each a last line
-``{"run", "done": true, "time_s", "picks", "places", "contacts", "path_length", "success", "reason", "skipped",
-"forecast_from_s"}``: the time is a forecast from that time on, where the recording ends or the change begins; null when
-the run ended as recorded. What cannot be run gives one line ``{"error"}`` and exit code 2. The program ends with
-whoever started it: when its standard input is a pipe that closes, or nobody reads its output.
+``{"run", "done": true, "time_s", "picks", "places", "contacts", "all_contacts", "path_length", "success", "reason",
+"skipped", "forecast_from_s"}``: the time is a forecast from that time on, where the recording ends or the change
+begins; null when the run ended as recorded. What cannot be run gives one line ``{"error"}`` and exit code 2. The
+program ends with whoever started it: when its standard input is a pipe that closes, or nobody reads its output.
 """
 
 import argparse

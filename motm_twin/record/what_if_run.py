@@ -43,6 +43,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     picks: int
     places: int
     contacts: int  # caused by the robot
+    all_contacts: int = 0  # whoever caused them
     path_length: float  # [m] driven by the base
     success: bool
     reason: str  # why not, one sentence; "" after success
@@ -138,6 +139,8 @@ class _Side:
         reason = reason or "; ".join(self._twin.loop.sequence.failures)
         if not reason and not all_placed(tick):
             reason = "the referee counts fewer cubes in their bins than the robot believes to have placed"
+        if not reason and truth.dropped:
+            reason = f"dropped, and not picked up and placed again: {', '.join(truth.dropped)}"
         if not reason and caused:
             reason = f"{caused} contact(s) caused by the robot"
         time = self._finish.time_s
@@ -148,6 +151,7 @@ class _Side:
             picks=truth.picks,
             places=truth.places,
             contacts=caused,
+            all_contacts=len(truth.contacts),
             path_length=round(truth.path_length, 3),
             success=not reason,
             reason=reason,

@@ -14,6 +14,7 @@ from motm_twin.sim.solids import Solids
 
 GRAVITY = 9.81  # [m/s^2]
 FLOOR_LEVEL = 0.05  # [m] a support below this is the floor: what lies there is "dropped"
+BESIDE = 1e-4  # [m] by which cubes that lie side by side may overlap
 SUPPORT_SLACK = 0.005  # [m] by which a support may stick into an object from below and still carry it
 
 
@@ -67,8 +68,8 @@ class ObjectWorld:
         self.dt = dt
 
     @staticmethod
-    def support(item: ObjectState, objects: Sequence[ObjectState], solids: Solids) -> Support:
-        """What would carry the object from below."""
+    def support(item: ObjectState, objects: Sequence[ObjectState], solids: Solids, *, firm: bool = False) -> Support:
+        """What would carry the object from below; ``firm``: not by a corner of another object only."""
         x, y = float(item.position[0]), float(item.position[1])
         limit = item.bottom + SUPPORT_SLACK
         best, where, carrier = 0.0, "", "floor"
@@ -89,7 +90,7 @@ class ObjectWorld:
             top = other.bottom + other.side
             if other is item or other.state in ("held", "falling") or not best <= top <= limit:
                 continue
-            if math.hypot(x - other.position[0], y - other.position[1]) < 0.5 * (item.side + other.side):
+            if over_each_other(item, other, firm=firm):
                 best, carrier = top, other.name
                 where = other.state.removeprefix("binned:") if other.state.startswith("binned:") else ""
         return Support(best, where, carrier)
@@ -116,6 +117,24 @@ class ObjectWorld:
             item.state = f"binned:{where}"
         else:
             item.state = "dropped" if height < FLOOR_LEVEL else "resting"
+
+
+def over_each_other(one: ObjectState, other: ObjectState, *, firm: bool) -> bool:
+    """Seen from above, two upright cubes overlap by more than what lies side by side may.
+
+    ``firm``: the circles in them do.
+    """
+    dx, dy = float(one.position[0] - other.position[0]), float(one.position[1] - other.position[1])
+    away, reach = math.hypot(dx, dy), 0.5 * (one.side + other.side)
+    if firm or away < reach - BESIDE or away > math.sqrt(2.0) * reach:
+        return away < reach
+    turn = one.yaw - other.yaw
+    spread = abs(math.cos(turn)) + abs(math.sin(turn))
+    for own, far in ((one, other), (other, one)):
+        c, s = math.cos(own.yaw), math.sin(own.yaw)
+        if max(abs(c * dx + s * dy), abs(c * dy - s * dx)) >= 0.5 * (own.side + far.side * spread) - BESIDE:
+            return False
+    return True
 
 
 def over(box: Bin, item: ObjectState) -> bool:

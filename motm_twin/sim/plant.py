@@ -36,7 +36,8 @@ from motm_twin.sim.meddling import Meddler
 from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
 from motm_twin.sim.overlap import compile_gaps
 from motm_twin.sim.plant_state import PlantState
-from motm_twin.sim.referee import Referee, World
+from motm_twin.sim.referee import Referee
+from motm_twin.sim.referee_state import World
 from motm_twin.sim.rehearsal import Rehearsal
 from motm_twin.sim.scenery import Scenery, build_scenery
 from motm_twin.sim.slides import RobotObstruction
@@ -228,7 +229,7 @@ class SimulatedPlant(Stateful[PlantState]):
         s.substep += 1
         frames = self._frames(s.base.pose, s.arm.q)
         s.tcp = frames[TCP, :3, 3].copy()
-        slides = self._slide() if s.slides else _NO_SLIDES
+        slides, riding = self._slide() if s.slides else (_NO_SLIDES, ())
         velocity = (s.tcp - old_tcp) / SUBSTEP
         rotation, hand = frames[TCP, :3, :3], frames[HAND, :3, 3]
         self._gripper.step(
@@ -246,18 +247,19 @@ class SimulatedPlant(Stateful[PlantState]):
         self._localisation.step(s.localisation, s.base.pose, mean_twist, (s.base.v, s.base.w))
         self._sense(frames)
         world = self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents, slides)
+        world.riders = riding
         self._referee.step(s.referee, world)
 
-    def _slide(self) -> Mapping[str, Point]:
-        """Move what was thrown; velocities in this substep."""
+    def _slide(self) -> tuple[Mapping[str, Point], tuple[str, ...]]:
+        """Move what was thrown; velocities in this substep, and the objects that went along."""
         s = self._state
         shapes = self._referee.robot
         robot = RobotObstruction(shapes, shapes.place(s.base.pose, s.arm.q, s.gripper.width))
-        slides = dict(s.slides)
+        slides, riding = dict(s.slides), []
         for name in slides:
-            slide_body(s, self._scenery.solids, name, robot, SUBSTEP)
+            riding += slide_body(s, self._scenery.solids, name, robot, SUBSTEP)
             self._scenery = self._effects.scenery(s, self._scenery)
-        return slides
+        return slides, tuple(riding)
 
     def _sense(self, frames: Array) -> None:
         s = self._state

@@ -12,7 +12,7 @@ from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.profile import RobotProfile
 
 if TYPE_CHECKING:
-    from motm_twin.sim.referee import World
+    from motm_twin.sim.referee_state import World
 
 SLACK = 1e-6  # by which a limit may be exceeded
 OBJECT_JUMP = 0.08  # [m] per axis and substep that only a teleported object moves

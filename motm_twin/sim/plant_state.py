@@ -17,7 +17,7 @@ from motm_twin.sim.layout import Layout
 from motm_twin.sim.lidar import LidarState
 from motm_twin.sim.localisation import LocalisationState
 from motm_twin.sim.objects import ObjectState
-from motm_twin.sim.referee import RefereeState
+from motm_twin.sim.referee_state import RefereeState
 
 
 @dataclass

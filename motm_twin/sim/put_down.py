@@ -21,11 +21,11 @@ def put_down(objects: Sequence[ObjectState], solids: Solids, edit: MoveObject) -
     item.state, item.velocity = "resting", np.zeros(3)
     item.position = np.array([edit.x, edit.y, max(tops, default=0.0) + item.side])
     item.turn_to(item.yaw)
-    below = ObjectWorld.support(item, others, solids)
+    below = ObjectWorld.support(item, others, solids, firm=True)
     for box in solids.bins:
         if box.name == below.bin:
             keep_inside(box, item)
-    below = ObjectWorld.support(item, others, solids)
+    below = ObjectWorld.support(item, others, solids, firm=True)
     item.position[2] = below.height + 0.5 * item.side
     item.state = f"binned:{below.bin}" if below.bin else "resting"
     return item, below.bin

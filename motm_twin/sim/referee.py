@@ -1,100 +1,41 @@
 """Ground truth at every substep: contacts, clearances, picks, places, drops, and whether the plant kept its limits.
 
-Shares no code with perception, planning or control.
+Everything is looked at: the robot against the world and against itself, what it holds, cubes, and cubes against each
+other. Shares no code with perception, planning or control.
 """
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
 
 import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.exact import dot, times, transposed_times
+from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
 from motm_twin.model.scene import PlanarPose, Scene, Task
-from motm_twin.sim.agents import AgentState
-from motm_twin.sim.blame import (
-    NOT_BY_PUSH,
-    UNMOVED,
-    Motion,
-    Shift,
-    appeared,
-    remembered,
-    shifted,
-    still_persons_doing,
-)
-from motm_twin.sim.episodes import Episode, contact_of
+from motm_twin.sim.blame import UNMOVED, Shift, appeared, remembered, shifted
+from motm_twin.sim.counts import Counts
+from motm_twin.sim.cube_contacts import FINGERS, CubePairs, Shove, array_of, between_pads, poses_of, shoved, stands_on
+from motm_twin.sim.cut_in import LOOKS, StoppingAreas
+from motm_twin.sim.episodes import contact_of, take_ended
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState, right_bins
-from motm_twin.sim.plant_check import PlantCheck, PlantCheckState
+from motm_twin.sim.plant_check import PlantCheck
 from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, update_gaps
-from motm_twin.sim.solids import Solids
-from motm_twin.sim.without import Without
+from motm_twin.sim.referee_state import RefereeState, World
+from motm_twin.sim.responsibility import NO_TRAIL, TOUCH, followed, stopping_time
+from motm_twin.sim.self_contacts import self_pairs, update_self_gaps
+from motm_twin.sim.verdict import Encounter, Verdicts
 
-TOUCH = 1e-5  # [m] of penetration that counts as contact
-ROBOT_MOVES = 0.02  # [m/s] towards the other, from which the robot caused a contact
-EPISODE_END = 0.1  # [s] apart after which a contact episode has ended
-LIFTED = 0.02  # [m] above where it was taken: the cube counts as picked
-SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it was taken from
-DROP_HEIGHT = 0.01  # [m] of fall that makes a drop
+SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it was taken from, and as deep in it
 NEVER_SELF = ("base", "panda_link0", "panda_link1")  # fixed to the own base, or always beside it
 _NEVER, _CONTACT, _ARM, _BASE, _HELD = range(5)  # kinds of pairs: which distance makes an exact measurement worth it
 
 
-@dataclass
-class World:
-    """What the referee looks at after a substep."""
-
-    time: float
-    pose: Array
-    twist: Array
-    q: Array
-    dq: Array
-    width: float
-    held: str
-    tcp: Array
-    objects: list[ObjectState]
-    solids: Solids
-    agents: Array  # x, y, radius, height, shape (n, 4)
-    agent_states: list[AgentState]
-    agent_bodies: tuple[tuple[str, float, float], ...]  # name, radius, height; the same object while nothing changes
-    slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of bodies that a person threw
-
-
-@dataclass
-class RefereeState:
-    """Everything the referee remembers."""
-
-    check: PlantCheckState
-    gaps: Array = field(default_factory=lambda: np.zeros((0, 0)))  # lower bounds of distances [m]
-    placed_before: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
-    agents_before: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    episodes: dict[tuple[str, str], Episode] = field(default_factory=dict)
-    contacts: list[Contact] = field(default_factory=list)  # ended
-    edits: dict[str, Motion] = field(default_factory=dict)  # body: how persons moved it lately
-    pushed: Motion = UNMOVED  # how persons pushed the robot lately
-    disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing: no place, no drop
-    held: str = ""
-    held_from_z: float = 0.0
-    resting_on: tuple[str, ...] = ()  # what the held cube touched when it was taken, until clear of it
-    picked: bool = False  # the held cube has been counted
-    falling_from: dict[str, float] = field(default_factory=dict)
-    right_bins: dict[str, tuple[str, ...]] = field(default_factory=dict)  # where each object belongs
-    inside: tuple[str, ...] = ()  # objects counted as placed, until they are picked again
-    placed: tuple[str, ...] = ()
-    picks: int = 0
-    drops: int = 0
-    min_base_clearance: float = math.inf
-    min_arm_clearance: float = math.inf
-    min_ee_obstacle: float = math.inf
-    ee_obstacle: float = math.inf
-
-
 class Referee:
-    """Watches one scene. Clearances: base body and arm (links, hand, fingers) to everything but floor and itself.
+    """Watches one scene. Clearances: base body and arm (links, hand, fingers) to all but floor, cubes and itself.
 
     The distance of the gripper centre to what is not in the map is taken in the plane, the other as tall, as in the
     paper (Sec. V).
@@ -105,27 +46,37 @@ class Referee:
         self.dt = dt
         self.robot = RobotShapes(scene.robot)
         self.check = PlantCheck(scene.robot, dt)
-        self._foot, self._has_arm = scene.robot.footprint, scene.robot.has_arm
+        self._limits, self._foot, self._has_arm = scene.robot.base, scene.robot.footprint, scene.robot.has_arm
         self._tasks = scene.tasks
         self._surroundings: Surroundings | None = None
         self._bodies: tuple[tuple[str, float, float], ...] | None = None
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self._transform = coal.Transform3s()
-        self._without = Without()
-        self._base_shape = self.robot.bodies.index("base")
+        self._transform, self._own_transform = coal.Transform3s(), coal.Transform3s()
+        self._verdicts, self._areas, self._cube_pairs = Verdicts(self.robot, dt), StoppingAreas(self.robot), CubePairs()
+        bodies = self.robot.bodies
+        self._base_shape = bodies.index("base")
         self._base_reach = math.hypot(0.5 * self._foot.length + abs(self._foot.offset_x), 0.5 * self._foot.width)
+        self._hand = bodies.index("panda_hand") if self._has_arm else -1
+        self._fingers = frozenset(i for i, body in enumerate(bodies) if body in FINGERS)
+        self._self_pairs = self_pairs(bodies)
+        self._pairs_of_held = self._self_pairs[:, 0] == len(bodies) - 1
 
     def start(self, world: World) -> RefereeState:
-        """State before the first substep; the start itself is judged too."""
-        state = RefereeState(check=self.check.start(world), right_bins=right_bins(self._tasks))
+        """State before the first substep; the start itself is judged too, as nobody's doing."""
+        state = RefereeState(check=self.check.start(world), counts=Counts(right_bins=right_bins(self._tasks)))
         state.placed_before = self._place(world)
         state.agents_before = world.agents.copy()
-        self._judge(state, world, state.placed_before)
+        state.self_gaps = np.where(self._pairs_of_held, math.inf, -1.0)  # no cube is in the hand
+        state.cubes_seen = poses_of(world.objects)
+        state.cubes_at = array_of(state.cubes_seen)
+        everything = tuple(item.name for item in world.objects)
+        shove = Shove(state.cubes_seen, pushed=(), moved=everything)
+        self._judge(state, world, state.placed_before, shove, disturbed=everything)
         return state
 
     def expect(self, state: RefereeState, tasks: Sequence[Task]) -> None:
         """The task list is another one now: objects belong where it says."""
-        state.right_bins = right_bins(tasks)
+        state.counts.right_bins = right_bins(tasks)
 
     def edited(
         self, state: RefereeState, world: World, *, moved: Mapping[str, Shift], disturbed: Collection[str]
@@ -139,9 +90,13 @@ class Referee:
         for name, shift in moved.items():
             known = state.edits.get(name, UNMOVED)
             state.edits[name] = shifted(known, world.time, shift)
-        state.disturbed = tuple(sorted({*state.disturbed, *disturbed}))
+            state.in_way.pop(name, None)
+        state.counts.disturbed = tuple(sorted({*state.counts.disturbed, *disturbed}))
+        state.edits.update(dict.fromkeys(disturbed, appeared(world.time)))
         state.gaps = np.zeros((0, 0))
         state.agents_before = world.agents
+        state.cubes_seen = poses_of(world.objects)
+        state.cubes_at = array_of(state.cubes_seen)
         self.check.edited(state.check, world)
 
     def pushed(self, state: RefereeState, world: World) -> None:
@@ -150,21 +105,30 @@ class Referee:
         placed = self._place(world)
         before, after = (_planar(bodies[self._base_shape]) for bodies in (state.placed_before, placed))
         state.pushed = shifted(state.pushed, world.time, Shift(before, after))
-        state.placed_before = placed
+        state.placed_before, state.trail, state.in_way = placed, NO_TRAIL, {}
 
     def step(self, state: RefereeState, world: World) -> None:
         """Judge the substep that ended with this world."""
-        for name in world.slides:
+        counts = state.counts
+        for name in (*world.slides, *world.riders):
             state.edits[name] = appeared(world.time)
         self.check.step(state.check, world)
-        self._objects(state, world)
+        now, disturbed = poses_of(world.objects), (*counts.disturbed, *world.riders)
+        shove = shoved(world.objects, now, state.cubes_seen, (*counts.falling_from, counts.held, *world.riders))
+        for name in counts.disturbed:
+            if name in counts.falling_from:
+                state.edits[name] = appeared(world.time)
+        if counts.step(world.objects, world.held):
+            state.resting_on = (HELD,) if world.held else ()  # to be replaced by names at the first look
         placed = self._place(world)
-        self._judge(state, world, placed)
-        state.placed_before, state.agents_before = placed, world.agents
+        if world.agent_states and round(world.time / self.dt) % LOOKS == 0:
+            self._watch_agents(state, world, placed)
+        self._judge(state, world, placed, shove, disturbed)
+        state.placed_before, state.agents_before, state.cubes_seen = placed, world.agents, now
 
     def contacts(self, state: RefereeState) -> tuple[Contact, ...]:
         """All contacts so far, those that go on included, by time."""
-        going_on = [contact_of(pair, episode) for pair, episode in state.episodes.items()]
+        going_on = [contact_of(other, episode) for other, episode in state.episodes.items()]
         return tuple(sorted([*state.contacts, *going_on], key=lambda contact: contact.time))
 
     def _place(self, world: World) -> Array:
@@ -174,41 +138,22 @@ class Referee:
             placed[-1, :3, :3], placed[-1, :3, 3] = item.rotation, item.position
         return placed
 
-    def _objects(self, state: RefereeState, world: World) -> None:
-        for item in world.objects:
-            if item.state == "falling":
-                state.falling_from.setdefault(item.name, item.bottom)
-                continue
-            fell_from = state.falling_from.pop(item.name, None)
-            binned = item.state.startswith("binned:")
-            if item.name in state.disturbed:
-                if not binned:
-                    state.disturbed = tuple(name for name in state.disturbed if name != item.name)
-            elif binned:
-                bin_name = item.state.removeprefix("binned:")
-                if item.name not in state.inside and bin_name in state.right_bins.get(item.name, ()):
-                    state.inside, state.placed = (*state.inside, item.name), (*state.placed, item.name)
-            elif fell_from is not None and item.state != "held" and fell_from - item.bottom > DROP_HEIGHT:
-                state.drops += 1
-        if not world.held and not state.held:
-            return
-        held = next((item for item in world.objects if item.name == world.held), None)
-        if world.held != state.held:
-            state.held, state.picked, state.resting_on = world.held, False, ()
-            state.held_from_z = float(held.position[2]) if held is not None else 0.0
-            if held is not None:
-                state.gaps[-1:] = -1.0
-                state.resting_on = (HELD,)  # to be replaced by names at the first look
-        elif held is not None and not state.picked and held.position[2] > state.held_from_z + LIFTED:
-            state.picked = True
-            state.picks += 1
-            state.inside = tuple(name for name in state.inside if name != world.held)
+    def _watch_agents(self, state: RefereeState, world: World, placed: Array) -> None:
+        """Who has the robot in its way, and by whose motion; and where the robot is."""
+        trail = state.trail
+        before = self.robot.place(trail[-1, 1:4], trail[-1, 4:11], float(trail[-1, 11])) if len(trail) else None
+        state.cut_ins += self._areas.look(state.in_way, world.agent_states, world.time, placed, before)
+        stop = stopping_time(self._limits, world.twist, world.dq)
+        here = np.array([world.time, *world.pose.tolist(), *world.q.tolist(), world.width, stop])
+        state.trail = followed(trail, here)
 
     def _look_around(self, world: World) -> Surroundings:
         known = self._surroundings
-        if known is None or known.solids is not world.solids or self._bodies is not world.agent_bodies:
+        same = known is not None and known.solids is world.solids and self._bodies is world.agent_bodies
+        if known is None or not same or known.floor - known.first_cube != len(world.objects):
             base = (self.robot.shapes[self._base_shape], self._foot.height)
-            self._surroundings = Surroundings(world.solids, world.agent_bodies, base, known)
+            cubes = [(item.name, item.side) for item in world.objects]
+            self._surroundings = Surroundings(world.solids, world.agent_bodies, cubes, base, known)
             self._bodies = world.agent_bodies
             self._kind = self._kinds(self._surroundings)
             return self._surroundings
@@ -220,22 +165,25 @@ class Referee:
         kind[:, (around.own_base, around.floor)] = _CONTACT
         kind[self._base_shape] = _BASE
         kind[self._base_shape, around.floor] = _NEVER
+        kind[:, around.first_cube : around.floor] = _CONTACT
         kind[[body in NEVER_SELF for body in self.robot.bodies], around.own_base] = _NEVER
         kind[-1] = _HELD
         return kind
 
-    def _judge(self, state: RefereeState, world: World, placed: Array) -> None:
+    def _judge(
+        self, state: RefereeState, world: World, placed: Array, shove: Shove, disturbed: Collection[str]
+    ) -> None:
         around = self._look_around(world)
         if state.gaps.shape != self._kind.shape:
             state.gaps = np.full(self._kind.shape, -1.0)
-        if world.held:
-            side = next(item.side for item in world.objects if item.name == world.held)
-            self.robot.shapes[-1], self.robot.radii[-1] = self.robot.cube(side), 0.5 * side * math.sqrt(3.0)
-            if state.resting_on == (HELD,):
-                state.placed_before[-1] = placed[-1]
+        self._take_or_leave(state, world, placed, around)
         for name in world.slides:
             state.gaps[:, [other == name for other in around.names]] = -1.0
-        around.move(world.pose, self._foot, self._base_motion(state, placed), world.agents, state.agents_before)
+        cubes = array_of(shove.places) if shove.moved else state.cubes_at
+        agents = (world.agents, state.agents_before)
+        were = state.cubes_at if len(state.cubes_at) == len(cubes) else cubes
+        around.move(world.pose, self._foot, self._base_motion(state, placed), agents, (cubes, were))
+        state.cubes_at = cubes
         held_limit = (SUPPORT_CLEAR * 1.01 if state.resting_on else 0.0) if world.held else -math.inf
         pairs = update_gaps(
             state.gaps,
@@ -254,13 +202,33 @@ class Referee:
         )
         if len(pairs) or state.resting_on:
             self._measure(state, world, placed, around, pairs)
+        if self._has_arm:
+            self._measure_itself(state, world, placed)
+        if shove.moved:
+            now = poses_of(world.objects)
+            for meeting in self._cube_pairs.meetings(world.objects, now, shove):
+                self._verdicts.met(state, world.time, meeting, by_robot=meeting.comes not in disturbed)
         if state.episodes:
-            self._end_episodes(state, world.time)
+            state.contacts += take_ended(state.episodes, world.time)
         if not self._has_arm:
             return
         x, y, _ = world.tcp.tolist()
         state.ee_obstacle = clearance(x, y, around.unmapped_corners, around.unmapped_first, around.unmapped_discs)
         state.min_ee_obstacle = min(state.min_ee_obstacle, state.ee_obstacle)
+
+    def _take_or_leave(self, state: RefereeState, world: World, placed: Array, around: Surroundings) -> None:
+        """An object that is held is part of the robot and none of its surroundings."""
+        if world.held != state.carried:
+            state.gaps[:, [name == state.carried for name in around.names]] = -1.0
+            state.gaps[-1] = -1.0
+            state.self_gaps[self._pairs_of_held] = -1.0 if world.held else math.inf
+            state.carried = world.held
+            if world.held:
+                state.placed_before[-1] = placed[-1]
+        if world.held:
+            item = next(item for item in world.objects if item.name == world.held)
+            state.gaps[:, around.first_cube + world.objects.index(item)] = math.inf
+            self.robot.shapes[-1], self.robot.radii[-1] = self.robot.cube(item.side), 0.5 * item.side * math.sqrt(3.0)
 
     def _base_motion(self, state: RefereeState, placed: Array) -> float:
         """Distance [m] that no point of the base body has moved beyond in the last substep."""
@@ -273,16 +241,17 @@ class Referee:
     def _measure(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, pairs: NDArray[np.int64]
     ) -> None:
-        touching: list[str] = []
+        held = []
         for i, j in pairs.tolist():
             distance = self._distance(placed, around, i, j)
             state.gaps[i, j] = distance
             self._clearance(state, i, j, distance, around)
-            if i == len(placed) - 1 and distance < SUPPORT_CLEAR:
-                touching.append(around.names[j])
+            if i == len(placed) - 1:
+                held.append((j, distance))
             elif distance < -TOUCH:
                 self._touch(state, world, placed, around, i, j, distance)
-        self._rest(state, world, placed, around, touching)
+        if held or state.resting_on:
+            self._rest(state, world, placed, around, held)
 
     def _distance(self, placed: Array, around: Surroundings, i: int, j: int) -> float:
         """Exact distance [m] of a pair, negative when they overlap; normal and nearest points are in the result."""
@@ -294,20 +263,23 @@ class Referee:
         )
 
     def _rest(
-        self, state: RefereeState, world: World, placed: Array, around: Surroundings, touching: list[str]
+        self, state: RefereeState, world: World, placed: Array, around: Surroundings, held: list[tuple[int, float]]
     ) -> None:
-        """What the held cube touches: no contact as long as it is what the cube was taken from."""
+        """What the held cube touches: no contact as long as it is what the cube was taken from.
+
+        It is that until the cube is clear of it, or has been pressed or swept into it as far.
+        """
+        touching = {around.names[j] for j, distance in held if distance < SUPPORT_CLEAR}
         if state.resting_on == (HELD,):
-            state.resting_on = tuple(sorted(set(touching)))
-        else:
-            state.resting_on = tuple(name for name in state.resting_on if name in touching)
-        last = len(placed) - 1
-        for j in np.flatnonzero(state.gaps[last] < -TOUCH) if touching else ():
-            if around.names[j] in touching and around.names[j] not in state.resting_on:
-                self._touch(state, world, placed, around, last, int(j), float(state.gaps[last, j]))
+            state.resting_on = tuple(sorted(touching))
+        deep = {around.names[j] for j, distance in held if distance < -SUPPORT_CLEAR}
+        state.resting_on = tuple(name for name in state.resting_on if name in touching and name not in deep)
+        for j, distance in held:
+            if distance < -TOUCH and around.names[j] not in state.resting_on:
+                self._touch(state, world, placed, around, len(placed) - 1, j, distance)
 
     def _clearance(self, state: RefereeState, i: int, j: int, distance: float, around: Surroundings) -> None:
-        if j in (around.own_base, around.floor):
+        if j == around.own_base or j >= around.first_cube:
             return
         if i == self._base_shape:
             state.min_base_clearance = min(state.min_base_clearance, max(0.0, distance))
@@ -317,67 +289,76 @@ class Referee:
     def _touch(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, i: int, j: int, distance: float
     ) -> None:
+        """A part overlaps something: an encounter, unless it is a finger at the cube between the pads."""
         self._distance(placed, around, i, j)
-        normal = self._result.normal
-        point = 0.5 * (self._result.getNearestPoint1() + self._result.getNearestPoint2())
-        closing = dot(self._velocity(state, placed, i, point), normal)
-        other_speed = -dot(self._other_velocity(state, world, placed, around, j, point), normal)
-        body = f"held:{world.held}" if self.robot.bodies[i] == HELD else self.robot.bodies[i]
-        pair = (body, around.names[j])
-        episode = state.episodes.get(pair)
-        if episode is None:
-            by_person = self._by_person(state, world, around, i, j, closing)
-            episode = Episode(world.time, world.time, 0.0, closing, other_speed, False, by_person)
-            state.episodes[pair] = episode
-        elif episode.by_person:  # for as long as the robot needs to stop; then it goes on into what stands still
-            motions = _motions(state, pair[1])
-            episode.by_person = any(still_persons_doing(motion, episode.began, world.time) for motion in motions)
-        episode.last = world.time
-        episode.depth = max(episode.depth, -distance)
-        episode.robot_moved |= closing > ROBOT_MOVES and not episode.by_person
-
-    def _by_person(
-        self, state: RefereeState, world: World, around: Surroundings, i: int, j: int, closing: float
-    ) -> bool:
-        """Whether a contact that begins now is a person's doing, or part of one that is and lasts."""
-        other = around.names[j]
-        if any(name == other and episode.by_person for (_, name), episode in state.episodes.items()):
-            return True
-        return self._without.persons_doing(
-            _motions(state, other),
-            world.time,
+        normal, other = self._result.normal, around.names[j]
+        falls = False
+        if around.first_cube <= j < around.floor:
+            item = world.objects[j - around.first_cube]
+            if i in self._fingers and self._handles(world, placed, around.cubes[j - around.first_cube], item, normal):
+                return
+            falls = item.state == "falling" and other not in state.counts.disturbed
+        met = Encounter(
+            i=i,
+            other=other,
             robot=(self.robot.shapes[i], self._transform),
-            other=(around.shapes[j], around.transforms[j]),
-            closing=closing,
+            against=(around.shapes[j], around.transforms[j]),
+            distance=distance,
+            normal=normal,
+            point=0.5 * (self._result.getNearestPoint1() + self._result.getNearestPoint2()),
+            frame=self._base_shape if j == around.own_base else -1,
+            other_velocity=_velocity(world, around, j),
+            falls=falls,
         )
+        self._verdicts.touched(state, world, placed, met)
 
-    def _velocity(self, state: RefereeState, placed: Array, i: int, point: Array) -> Array:
-        """Velocity [m/s] of a point fixed to shape i, over the last substep, shape (3,)."""
-        now, before = placed[i], state.placed_before[i]
-        local = transposed_times(now[:3, :3], point - now[:3, 3])
-        return (point - (times(before[:3, :3], local) + before[:3, 3])) / self.dt
+    def _handles(self, world: World, placed: Array, cube: Array, item: ObjectState, normal: Array) -> bool:
+        """A finger that touches a cube grasps it, or lets it go."""
+        hand = placed[self._hand]
+        if not between_pads(hand, world.width, cube):
+            return False
+        return item.state == "falling" or not stands_on(hand, world.width, cube, item.side, normal)
 
-    def _other_velocity(
-        self, state: RefereeState, world: World, placed: Array, around: Surroundings, j: int, point: Array
-    ) -> Array:
-        if j == around.own_base:
-            return self._velocity(state, placed, self._base_shape, point)
-        slide = world.slides.get(around.names[j])
-        if slide is not None:
-            return np.append(slide, 0.0)
-        if around.first_agent <= j < around.floor:
-            agent = world.agent_states[j - around.first_agent]
-            return np.array([agent.v * math.cos(agent.pose[2]), agent.v * math.sin(agent.pose[2]), 0.0])
-        return np.zeros(3)
+    def _measure_itself(self, state: RefereeState, world: World, placed: Array) -> None:
+        """The arm, and what it holds, against parts of the arm that are not beside it."""
+        below = update_self_gaps(
+            state.self_gaps, self._self_pairs, placed, state.placed_before, self.robot.centres, self.robot.radii
+        )
+        for p in below.tolist():
+            i, k = self._self_pairs[p].tolist()
+            self._transform.setTransform(placed[i, :3, :3], placed[i, :3, 3])
+            self._own_transform.setTransform(placed[k, :3, :3], placed[k, :3, 3])
+            robot, own = (self.robot.shapes[i], self._transform), (self.robot.shapes[k], self._own_transform)
+            self._result.clear()
+            distance = coal.distance(*robot, *own, self._request, self._result)
+            state.self_gaps[p] = distance
+            if distance < -TOUCH:
+                met = Encounter(
+                    i=i,
+                    other=self.robot.bodies[k],
+                    robot=robot,
+                    against=own,
+                    distance=distance,
+                    normal=self._result.normal,
+                    point=0.5 * (self._result.getNearestPoint1() + self._result.getNearestPoint2()),
+                    frame=k,
+                    other_velocity=np.zeros(3),
+                )
+                self._verdicts.touched(state, world, placed, met)
 
-    def _end_episodes(self, state: RefereeState, now: float) -> None:
-        for pair in [pair for pair, episode in state.episodes.items() if now - episode.last > EPISODE_END]:
-            state.contacts.append(contact_of(pair, state.episodes.pop(pair)))
 
-
-def _motions(state: RefereeState, other: str) -> tuple[Motion, Motion]:
-    """What persons did to a body, and to the robot as far as it concerns a contact with that body."""
-    return state.edits.get(other, UNMOVED), UNMOVED if other in NOT_BY_PUSH else state.pushed
+def _velocity(world: World, around: Surroundings, j: int) -> Array:
+    """Velocity [m/s] of what is in column j, shape (3,)."""
+    slide = world.slides.get(around.names[j])
+    if slide is not None:
+        return np.append(slide, 0.0)
+    if around.first_agent <= j < around.first_cube:
+        agent = world.agent_states[j - around.first_agent]
+        return np.array([agent.v * math.cos(agent.pose[2]), agent.v * math.sin(agent.pose[2]), 0.0])
+    if around.first_cube <= j < around.floor:
+        item = world.objects[j - around.first_cube]
+        return item.velocity.copy() if item.state == "falling" else np.zeros(3)
+    return np.zeros(3)
 
 
 def _planar(transform: Array) -> PlanarPose:

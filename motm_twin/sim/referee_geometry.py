@@ -110,26 +110,29 @@ def _convex(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
 
 
 class Surroundings:
-    """Everything the robot may touch, one column each: polygons, its own base, discs, agents, the floor."""
+    """Everything the robot may touch, one column each: polygons, its own base, discs, agents, cubes, the floor."""
 
     def __init__(
         self,
         solids: Solids,
         agents: Sequence[tuple[str, float, float]],
+        cubes: Sequence[tuple[str, float]],
         base: tuple[coal.CollisionGeometry, float],
         previous: "Surroundings | None" = None,
     ) -> None:
-        """The world as it stands; agents are name, radius, height [m], base is its shape and its top [m].
+        """The world as it stands; agents are name, radius, height [m], cubes name and side [m].
 
-        Shapes of ``previous`` are used again where they are the same.
+        ``base``: its shape and its top [m]. Shapes of ``previous`` are used again where they are the same.
         """
         base_shape, base_top = base
         self.solids = solids
         polygons, discs = len(solids.names), len(solids.disc_names)
         self.own_base = polygons
         self.first_agent = polygons + 1 + discs
-        self.floor = self.first_agent + len(agents)
-        self.names = (*solids.names, "base", *solids.disc_names, *(agent[0] for agent in agents), "floor")
+        self.first_cube = self.first_agent + len(agents)
+        self.floor = self.first_cube + len(cubes)
+        moving = (*(agent[0] for agent in agents), *(cube[0] for cube in cubes))
+        self.names = (*solids.names, "base", *solids.disc_names, *moving, "floor")
         known = previous.prisms if previous is not None else {}
         keys = [(solids.polygon(i).tobytes(), *solids.z[i]) for i in range(polygons)]
         self.prisms = {key: known.get(key) or prism(solids.polygon(i), *solids.z[i]) for i, key in enumerate(keys)}
@@ -140,6 +143,9 @@ class Surroundings:
             self.transforms.append(coal.Transform3s(np.eye(3), np.array([x, y, 0.5 * (low + high)])))
         for _, radius, height in agents:
             self.shapes.append(coal.Cylinder(radius, height))
+            self.transforms.append(coal.Transform3s())
+        for _, side in cubes:
+            self.shapes.append(coal.Box(side, side, side))
             self.transforms.append(coal.Transform3s())
         self.shapes.append(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
         self.transforms.append(coal.Transform3s())
@@ -152,26 +158,49 @@ class Surroundings:
         self.corners = np.concatenate([solids.corners, np.zeros((4, 2))])
         self.first = np.append(solids.first, solids.first[-1] + 4)
         self.z = np.concatenate([solids.z, [[0.0, base_top]]])
-        self.discs = np.concatenate([solids.discs, np.zeros((len(agents), 3))])
+        self.discs = np.concatenate([solids.discs, np.zeros((len(agents) + len(cubes), 3))])
         heights = np.array([(0.0, agent[2]) for agent in agents], dtype=float).reshape(-1, 2)
-        self.disc_z = np.concatenate([solids.disc_z, heights])
+        self.disc_z = np.concatenate([solids.disc_z, heights, np.zeros((len(cubes), 2))])
         self.motion = np.zeros(len(self.names))
+        self.cubes = np.zeros((len(cubes), 4))
+        first = discs + len(agents)
+        self._agent_discs, self._agent_motion = self.discs[discs:first], self.motion[self.first_agent : self.first_cube]
+        self._cube_discs, self._cube_z = self.discs[first:], self.disc_z[first:]
+        self._cube_motion = self.motion[self.first_cube : self.floor]
+        self._cube_discs[:, 2] = [side * _ROOT_HALF for _, side in cubes]  # round it, however it is turned
+        self._sides = np.array([side for _, side in cubes])
 
-    def move(self, pose: Array, foot: Footprint, base_motion: float, agents: Array, agents_before: Array) -> None:
-        """Put base and agents (n, 4) where they are now, and note how far they came [m]."""
+    def move(
+        self, pose: Array, foot: Footprint, base_motion: float, agents: tuple[Array, Array], cubes: tuple[Array, Array]
+    ) -> None:
+        """Put the base, agents and cubes where they are, and note how far they came [m].
+
+        Agents and cubes: now and before, x, y, radius, height and x, y, z, yaw, shapes (n, 4).
+        """
         place_base(self.corners, pose, foot.length, foot.width, foot.offset_x)
         self.motion[self.own_base] = base_motion
-        if len(agents):
-            motion = self.motion[self.first_agent : self.floor]
-            place_agents(self.discs, self.unmapped_discs, motion, agents, agents_before)
+        if len(agents[0]):
+            place_agents(self._agent_discs, self.unmapped_discs, self._agent_motion, *agents)
+        self.cubes = cubes[0]
+        if len(cubes[0]):
+            place_cubes(self._cube_discs, self._cube_z, self._cube_motion, self._sides, *cubes)
 
     def settle(self, j: int, base: Array) -> None:
         """Bring the shape of column j to where it is now; base is the transform of the base body (4, 4)."""
         if j == self.own_base:
             self.transforms[j].setTransform(base[:3, :3], base[:3, 3])
-        elif self.first_agent <= j < self.floor:
+        elif self.first_agent <= j < self.first_cube:
             k = j - self.own_base - 1
             self.transforms[j].setTranslation(np.array([self.discs[k, 0], self.discs[k, 1], 0.5 * self.disc_z[k, 1]]))
+        elif self.first_cube <= j < self.floor:
+            set_upright(self.transforms[j], self.cubes[j - self.first_cube].tolist())
+
+
+def set_upright(transform: coal.Transform3s, pose: Sequence[float]) -> None:
+    """Put a transform to x, y, z [m] and yaw [rad]."""
+    x, y, z, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    transform.setTransform(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([x, y, z]))
 
 
 def prism(corners: Array, low: float, high: float) -> coal.Convex:
@@ -200,14 +229,26 @@ def place_base(corners: Array, pose: Array, length: float, width: float, offset_
 
 @njit(cache=True)
 def place_agents(discs: Array, unmapped: Array, motion: Array, agents: Array, before: Array) -> None:
-    """Agents [m], shape (n, 4), as the last n of both lists of discs, and how far each came [m], shape (n,)."""
+    """Agents [m], shape (n, 4), as discs, as the last n of the unmapped ones, and how far each came [m], shape (n,)."""
     n = agents.shape[0]
     for i in range(n):
         for k in range(3):
-            discs[discs.shape[0] - n + i, k] = agents[i, k]
+            discs[i, k] = agents[i, k]
             unmapped[unmapped.shape[0] - n + i, k] = agents[i, k]
         dx, dy = agents[i, 0] - before[i, 0], agents[i, 1] - before[i, 1]
         motion[i] = math.sqrt(dx * dx + dy * dy)
+
+
+@njit(cache=True)
+def place_cubes(discs: Array, z: Array, motion: Array, sides: Array, cubes: Array, before: Array) -> None:
+    """Cubes as x, y, z [m] and yaw, shape (n, 4), as upright cylinders round them, and how far each came [m]."""
+    for i in range(cubes.shape[0]):
+        discs[i, 0], discs[i, 1] = cubes[i, 0], cubes[i, 1]
+        z[i, 0], z[i, 1] = cubes[i, 2] - 0.5 * sides[i], cubes[i, 2] + 0.5 * sides[i]
+        way = 0.0
+        for k in range(3):
+            way += (cubes[i, k] - before[i, k]) ** 2
+        motion[i] = math.sqrt(way) + abs(cubes[i, 3] - before[i, 3]) * _ROOT_HALF * sides[i]
 
 
 @njit(cache=True)

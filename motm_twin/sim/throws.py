@@ -9,8 +9,8 @@ from motm_twin.sim.slides import Obstruction, RobotObstruction, slide
 from motm_twin.sim.solids import Solids
 
 
-def slide_body(state: PlantState, solids: Solids, name: str, robot: RobotObstruction, dt: float) -> None:
-    """Move a sliding body for dt [s], with what stands on it; ``solids`` are those of the state's layout."""
+def slide_body(state: PlantState, solids: Solids, name: str, robot: RobotObstruction, dt: float) -> list[str]:
+    """Move a sliding body for dt [s], with what stands on it: its names. ``solids`` are those of the state's layout."""
     agent = next((item for item in state.agents if item.agent.name == name), None)
     item = state.layout.obstacle(name)
     if agent is not None:
@@ -28,5 +28,8 @@ def slide_body(state: PlantState, solids: Solids, name: str, robot: RobotObstruc
     elif item is not None and way.any():
         after = placed(item, item.x + float(way[0]), item.y + float(way[1]), item.heading)
         here, there = np.array([item.x, item.y, item.heading]), np.array([after.x, after.y, after.heading])
-        carry(riders(state.objects, solids, (name,)), here, there)
+        riding = riders(state.objects, solids, (name,))
+        carry(riding, here, there)
         state.layout = state.layout.with_obstacle(after)
+        return [one.name for one in riding]
+    return []

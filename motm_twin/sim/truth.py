@@ -24,9 +24,9 @@ def truth_of(state: PlantState, furnishings: Furnishings, referee: Referee, subs
             *(_agent(item) for item in state.agents if item.added),
         ),
         contacts=referee.contacts(judged),
-        picks=judged.picks,
-        places=len(judged.placed),
-        drops=judged.drops,
+        picks=judged.counts.picks,
+        places=len(judged.counts.placed),
+        drops=judged.counts.drops,
         min_base_clearance=judged.min_base_clearance,
         min_arm_clearance=judged.min_arm_clearance,
         min_ee_obstacle=judged.min_ee_obstacle,
@@ -36,6 +36,8 @@ def truth_of(state: PlantState, furnishings: Furnishings, referee: Referee, subs
         removed=layout.removed,
         faults=phrases(state.faults, state.substep, substep),
         path_length=state.path_length,
+        cut_ins=tuple(judged.cut_ins),
+        dropped=judged.counts.dropped,
     )
 
 

@@ -59,7 +59,9 @@ def _count(tick: TickMessage, score: ScoreMessage) -> list[tuple[str, ...]]:
         ),
     ]
     if score.drops:
-        rows.append(("dropped", str(score.drops)))
+        rows.append(("dropped", str(score.drops) + (f", {len(score.dropped)} not put right" if score.dropped else "")))
+    if score.cut_ins:
+        rows.append(("cut in on agents", str(len(score.cut_ins))))
     return [
         *rows,
         ("least clearance, base", metres(score.min_base_clearance)),

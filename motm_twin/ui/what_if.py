@@ -51,6 +51,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     picks: int
     places: int
     contacts: int  # caused by the robot
+    all_contacts: int = 0  # whoever caused them
     path_length: float = 0.0  # [m]
     success: bool = False
     reason: str = ""

@@ -35,7 +35,7 @@ def result(state: State, earlier: str = "") -> str:
     if before is not None and after is not None:
         rows.append(_row("picked", f"{before.picks}", f"{after.picks}"))
         rows.append(_row("placed", f"{before.places}", f"{after.places}"))
-        rows.append(_row("contacts", f"{before.contacts}", f"{after.contacts}"))
+        rows.append(_row("contacts caused", *(f"{one.contacts} of {one.all_contacts}" for one in (before, after))))
         rows.append(_row("driven", f"{before.path_length:.1f} m", f"{after.path_length:.1f} m"))
         rows.append(_row("forecast", *(_forecast(outcome) for outcome in (before, after))))
     table = f'<table style="width:100%;border-collapse:collapse">{"".join(rows)}</table>'

@@ -17,7 +17,7 @@ from motm_twin.sim.world_edits import EditError
 
 
 def base_hits(plant):
-    return [item for item in plant.truth().contacts if item.body == "base"]
+    return [item for item in plant.truth().contacts if "base" in item.bodies]
 
 
 def driving(speed=0.4, **changes):

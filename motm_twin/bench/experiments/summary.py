@@ -13,7 +13,7 @@ from rich.text import Text
 from motm_twin.bench.experiments import statistics
 from motm_twin.bench.experiments.statistics import Estimate
 from motm_twin.bench.experiments.unseen import reasons, row_of
-from motm_twin.bench.groups import drove_into
+from motm_twin.bench.groups import caused, drove_into
 from motm_twin.bench.published import Published, published
 from motm_twin.methods.modifications import MOTM
 
@@ -23,7 +23,8 @@ TOUCHED = "A time got with contacts that the robot caused compares with nothing.
 CAPTION = (
     "Times are means over the trials that were completed, with 95 % intervals (Student's t); differences are paired by "
     f"arrangement and seed, over those that both completed. {COMPLETED} {TOUCHED} "
-    "Success: completed, and no contact that the robot caused; with Clopper and Pearson's interval. "
+    "Success: completed, nothing left dropped, and no contact that the robot caused; with Clopper and Pearson's "
+    "interval. "
     "'driven into': contacts in which the robot moved into the other."
 )
 
@@ -39,6 +40,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     placed: int
     places: int
     contacts: int
+    caused: int  # of the contacts, by the robot
     driven_into: int
     time: Estimate  # [s]
     median: Estimate  # [s]
@@ -77,6 +79,7 @@ def _row(name: tuple[str, str, str], results: list[Result], groups: dict[tuple[s
         placed=sum(result["places_done"] for result in results),
         places=sum(result["places_total"] for result in results),
         contacts=sum(len(result["contacts"]) for result in results),
+        caused=caused(results),
         driven_into=drove_into(results),
         time=statistics.mean(times.values()),
         median=statistics.median(times.values()),
@@ -113,8 +116,8 @@ def summary_table(found: Sequence[Row], beside: Sequence[Published] = ()) -> Tab
     """Rows, then the published times, marked as such."""
     table = Table(box=None, header_style="bold", pad_edge=False, caption=CAPTION, caption_justify="left")
     several = len({row.scene for row in found}) > 1
-    columns = ("scene", "method", "setting", "trials", "success", "placed", "contacts", "driven into", "time s")
-    columns += ("median s", "to motm s", "to exp1")
+    columns = ("scene", "method", "setting", "trials", "success", "placed", "contacts", "caused", "driven into")
+    columns += ("time s", "median s", "to motm s", "to exp1")
     shown = [name for name in columns if _wanted(name, found, several=several)]
     for name in shown:
         table.add_column(name, justify="left" if name in ("scene", "method", "setting") else "right")
@@ -167,6 +170,7 @@ def _cells(row: Row) -> dict[str, str]:
         "success": f"{done}/{row.trials} {interval}",
         "placed": f"{row.placed}/{row.places}",
         "contacts": str(row.contacts),
+        "caused": str(row.caused),
         "driven into": str(row.driven_into),
         "time s": row.time.text(),
         "median s": f"{row.median.value:.1f}" if math.isfinite(row.median.value) else "-",

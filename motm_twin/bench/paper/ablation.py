@@ -22,7 +22,7 @@ HEADER = (
     "Slower by, mean [95 % CI] [s]",
     "Pairs",
     "Objects placed",
-    "Contacts",
+    "Contacts, caused",
     "What it shows",
 )
 
@@ -115,7 +115,8 @@ def _row(found: Without) -> dict:
     return {
         "method": method, "experiment": group,
         "slower_s": slower.value, "low_s": slower.low, "high_s": slower.high, "pairs": slower.n,
-        "placed": placed, "wanted": wanted, "contacts": data.contacts(results), "verdict": verdict(slower, results),
+        "placed": placed, "wanted": wanted, "contacts": data.contacts(results),
+        "all_contacts": data.touches(results), "verdict": verdict(slower, results),
     }  # fmt: skip
 
 
@@ -124,7 +125,8 @@ def _cells(found: Without) -> tuple[str, ...]:
     placed, wanted = data.placed(results)
     source = METHODS[method].source if method in METHODS else ""
     return (
-        found.title, source, group, slower.text(1), str(slower.n), f"{placed}/{wanted}", str(data.contacts(results)),
+        found.title, source, group, slower.text(1), str(slower.n), f"{placed}/{wanted}",
+        f"{data.touches(results)}, {data.contacts(results)}",
         verdict(slower, results),
     )  # fmt: skip
 

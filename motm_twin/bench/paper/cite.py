@@ -64,6 +64,7 @@ def _counts(results: list[Result]) -> dict[str, Any]:
         "trials": len(results), "completed": sum(map(data.completed, results)),
         "success": sum(bool(result["success"]) for result in results),
         "placed": placed, "wanted": wanted, "contacts_caused": data.contacts(results),
+        "contacts": data.touches(results),
     }  # fmt: skip
 
 

@@ -23,7 +23,8 @@ HEADER = (
     "Reduction, mean [95 % CI]",
     "Seconds saved, mean [95 % CI]",
     "Pairs",
-    "Contacts of the rival, of ours",
+    "Contacts caused by the rival, by ours",
+    "All contacts",
     "Published reduction",
 )
 
@@ -38,6 +39,7 @@ class Compared(NamedTuple):
     saved: Estimate  # [s]
     contacts: int  # that it caused in the trials compared
     own: int  # that ours caused in them
+    touches: tuple[int, int] = (0, 0)  # all contacts, of the rival and of ours
 
     @property
     def clean(self) -> bool:
@@ -65,7 +67,8 @@ def _compared(experiment: str, group: str, rival: str, ours: list[Result], their
     own, other = data.times(ours), data.times(theirs)
     share, saved = turned(statistics.paired_ratio(own, other)), turned(statistics.paired_difference(own, other))
     ours, theirs = ([each for each in these if data.key(each) in own.keys() & other.keys()] for these in (ours, theirs))
-    return Compared(experiment, group, rival, share, saved, data.contacts(theirs), data.contacts(ours))
+    touches = data.touches(theirs), data.touches(ours)
+    return Compared(experiment, group, rival, share, saved, data.contacts(theirs), data.contacts(ours), touches)
 
 
 def turned(estimate: Estimate) -> Estimate:
@@ -130,7 +133,8 @@ def _row(each: Compared) -> dict:
     return {
         "experiment": each.group, "rival": each.rival, "reduction": share.value, "low": share.low, "high": share.high,
         "saved_s": saved.value, "saved_low_s": saved.low, "saved_high_s": saved.high, "pairs": share.n,
-        "contacts": each.contacts, "own_contacts": each.own, "comparable": each.clean,
+        "contacts": each.contacts, "own_contacts": each.own,
+        "all_contacts": each.touches[0], "own_all_contacts": each.touches[1], "comparable": each.clean,
         "published_reduction": each.published,
     }  # fmt: skip
 
@@ -138,7 +142,9 @@ def _row(each: Compared) -> dict:
 def _cells(each: Compared) -> tuple[str, ...]:
     return (
         each.group, data.title(each.rival), data.percent(each.share) + ("" if each.clean else ", with contacts"),
-        each.saved.text(1), str(each.share.n), f"{each.contacts}, {each.own}",
+        each.saved.text(1), str(each.share.n),
+        f"{each.contacts}, {each.own}",
+        f"{each.touches[0]}, {each.touches[1]}",
         "-" if each.published is None else f"{100 * each.published:.0f} %",
     )  # fmt: skip
 

@@ -1,0 +1,127 @@
+"""Contacts of cubes: those of the fingers that belong to grasping and letting go, and of cubes with each other."""
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from typing import NamedTuple
+
+import coal
+import numpy as np
+
+from motm_twin.model.exact import transposed_times
+from motm_twin.model.geometry import Array
+from motm_twin.sim.objects import ObjectState
+from motm_twin.sim.referee_geometry import set_upright
+
+FINGERS = ("panda_leftfinger", "panda_rightfinger")
+SIDE_BY_SIDE = 2e-4  # [m] by which cubes that lie side by side may overlap: the simulation parts them to half of that
+EDGE = 0.003  # [m] of a cube below a fingertip, from which it does not slide off
+_FROM_THE_SIDE = math.sqrt(0.5)  # of the normal along the tool axis, up to which a pad touches, not a fingertip
+
+Pose = tuple[float, float, float, float]  # x, y, z [m], yaw [rad]
+
+
+def poses_of(objects: Sequence[ObjectState]) -> tuple[Pose, ...]:
+    """Where all objects are."""
+    return tuple((*item.position.tolist(), item.yaw) for item in objects)
+
+
+def between_pads(hand: Array, width: float, cube: Array) -> bool:
+    """A finger that touches this cube is grasping it or letting it go: its centre is between the pads.
+
+    ``hand``: its transform; ``width`` [m] between the pads; ``cube``: x, y, z, yaw, shape (4,).
+    """
+    return abs(_aside(hand, cube)) <= 0.5 * width
+
+
+def stands_on(hand: Array, width: float, cube: Array, side: float, normal: Array) -> bool:
+    """A fingertip presses on a cube between the pads from above, over more than it slides off from.
+
+    ``normal`` of the touch, shape (3,).
+    """
+    steep = abs(float(transposed_times(hand[:3, :3], normal)[2]))
+    misfit = math.atan2(float(hand[1, 1]), float(hand[0, 1])) - float(cube[3])
+    half = 0.5 * side * (abs(math.cos(misfit)) + abs(math.sin(misfit)))
+    return steep > _FROM_THE_SIDE and half + abs(_aside(hand, cube)) - 0.5 * width > EDGE
+
+
+def _aside(hand: Array, cube: Array) -> float:
+    """Where the centre of a cube is along the closing axis [m]."""
+    return float(transposed_times(hand[:3, :3], cube[:3] - hand[:3, 3])[1])
+
+
+class Shove(NamedTuple):
+    """Where objects are to be looked for after a substep."""
+
+    places: tuple[Pose, ...]  # of one that was pushed where it stood before: there the fingers met it
+    pushed: tuple[str, ...]
+    moved: tuple[str, ...]  # those that lie or fall elsewhere than before, the pushed ones included
+
+
+def shoved(
+    objects: Sequence[ObjectState], now: tuple[Pose, ...], before: tuple[Pose, ...], loose: Collection[str]
+) -> Shove:
+    """What happened to objects that were elsewhere before; ``loose``: those that were held or fell then."""
+    if now == before:
+        return Shove(now, (), ())
+    if len(now) != len(before):
+        return Shove(now, (), tuple(item.name for item in objects))
+    places, pushed, moved = list(now), [], []
+    for k, item in enumerate(objects):
+        if now[k] == before[k] or item.state == "held":
+            continue
+        moved.append(item.name)
+        if item.name not in loose:
+            pushed.append(item.name)
+            places[k] = before[k]
+    return Shove(tuple(places), tuple(pushed), tuple(moved))
+
+
+class Meeting(NamedTuple):
+    """Two cubes that overlap: the one that came, the one that lay there, and how deep [m]."""
+
+    comes: str
+    lies: str
+    depth: float
+
+
+class CubePairs:
+    """Looks for cubes that overlap."""
+
+    def __init__(self) -> None:
+        """Room for the answers of the distance library."""
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._one, self._two = coal.Transform3s(), coal.Transform3s()
+        self._boxes: dict[float, coal.Box] = {}
+
+    def meetings(self, objects: Sequence[ObjectState], now: tuple[Pose, ...], shove: Shove) -> Iterator[Meeting]:
+        """Each of the moved cubes where it is now, against every other where that is to be looked for."""
+        for i, comes in enumerate(objects):
+            if comes.name not in shove.moved or comes.state == "held":
+                continue
+            for j, lies in enumerate(objects):
+                twice = lies.name in shove.moved and lies.name not in shove.pushed and j < i
+                if i == j or lies.state == "held" or twice:
+                    continue
+                depth = self._depth(comes, now[i], lies, shove.places[j])
+                if depth > SIDE_BY_SIDE:
+                    yield Meeting(comes.name, lies.name, depth)
+
+    def _depth(self, comes: ObjectState, here: Pose, lies: ObjectState, there: Pose) -> float:
+        reach = 0.5 * (comes.side + lies.side)
+        if abs(here[2] - there[2]) >= reach or math.hypot(here[0] - there[0], here[1] - there[1]) >= 1.5 * reach:
+            return 0.0
+        set_upright(self._one, here)
+        set_upright(self._two, there)
+        self._result.clear()
+        box, other = self._box(comes.side), self._box(lies.side)
+        return -coal.distance(box, self._one, other, self._two, self._request, self._result)
+
+    def _box(self, side: float) -> coal.Box:
+        if side not in self._boxes:
+            self._boxes[side] = coal.Box(side, side, side)
+        return self._boxes[side]
+
+
+def array_of(places: tuple[Pose, ...]) -> Array:
+    """Places as an array, shape (n, 4)."""
+    return np.array(places, dtype=float).reshape(-1, 4)

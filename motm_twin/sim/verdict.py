@@ -1,0 +1,144 @@
+"""From touches to episodes with one verdict each: the robot's doing, or that of a person, an agent or nobody."""
+
+from dataclasses import dataclass
+
+import coal
+
+from motm_twin.model.exact import dot, norm, times, transposed_times
+from motm_twin.model.geometry import Array
+from motm_twin.sim.blame import NOT_BY_PUSH, UNMOVED, Motion, still_persons_doing
+from motm_twin.sim.cube_contacts import Meeting
+from motm_twin.sim.cut_in import cuts_in
+from motm_twin.sim.episodes import Episode
+from motm_twin.sim.referee_geometry import HELD, RobotShapes
+from motm_twin.sim.referee_state import RefereeState, World
+from motm_twin.sim.responsibility import MOVES, Responsibility, Touch, carried_along
+from motm_twin.sim.without import Placed, Without
+
+AGAINST = 0.2  # cosine of the angle between two motions, negative, from which one leads against the other
+ROLLS_OUT = 0.002  # [m] that a base may still roll, by the lag of its drive, when it has braked for a person's doing
+
+
+@dataclass(frozen=True, kw_only=True)
+class Encounter:
+    """Part i of the robot overlaps something."""
+
+    i: int
+    other: str
+    robot: Placed
+    against: Placed
+    distance: float  # [m], negative
+    normal: Array  # from the part to the other, shape (3,)
+    point: Array  # between the nearest points of the two [m], shape (3,)
+    frame: int = -1  # part of the robot that the other is fixed to; -1: none
+    other_velocity: Array  # [m/s] of the other at the point, shape (3,)
+    falls: bool = False  # an object that falls by the robot's doing
+
+
+class Verdicts:
+    """Keeps the episodes of a referee."""
+
+    def __init__(self, robot: RobotShapes, dt: float) -> None:
+        """Shapes of the robot; substeps of dt [s]."""
+        self._robot, self._dt = robot, dt
+        self._responsibility, self._without = Responsibility(dt), Without()
+        self._unmoved, self._earlier = coal.Transform3s(), coal.Transform3s()
+        self._hand = robot.bodies.index("panda_hand") if "panda_hand" in robot.bodies else -1
+
+    def touched(self, state: RefereeState, world: World, placed: Array, met: Encounter) -> None:
+        """A part of the robot, all of which is ``placed`` (n, 4, 4), overlaps something after a substep."""
+        body = self._robot.bodies[met.i]
+        body = f"held:{world.held}" if body == HELD else body
+        touch = self._touch(state, placed, met)
+        closing = dot(touch.velocity, met.normal)
+        episode = state.episodes.get(met.other)
+        begins = episode is None or body not in episode.bodies
+        person = begins and self._by_person(state, world, met, closing)
+        if episode is None:
+            toward = -dot(met.other_velocity, met.normal)
+            episode = Episode(world.time, world.time, (body,), closing, toward, person, person, world.time)
+            state.episodes[met.other] = episode
+        elif person and not episode.by_person:
+            episode.by_person, episode.was_excused, episode.excused_from = True, True, world.time
+        elif episode.by_person:  # for as long as the robot needs to stop; then it goes on into what stands still
+            motions = _motions(state, met)
+            episode.by_person = any(still_persons_doing(each, episode.excused_from, world.time) for each in motions)
+        episode.touched(body, world.time, -met.distance)
+        if not episode.caused and not episode.by_person:
+            if self._by_robot(state, world, placed, met, touch, begins=begins):
+                episode.gone_on += norm(touch.velocity) * self._dt
+                episode.caused = not episode.was_excused or episode.gone_on > ROLLS_OUT
+
+    @staticmethod
+    def met(state: RefereeState, now: float, meeting: Meeting, *, by_robot: bool) -> None:
+        """One cube overlaps another that it has come to."""
+        episode = state.episodes.get(meeting.lies)
+        if episode is None:
+            episode = Episode(now, now, (meeting.comes,), 0.0, 0.0, False, False, now)
+            state.episodes[meeting.lies] = episode
+        episode.touched(meeting.comes, now, meeting.depth)
+        episode.caused |= by_robot and not episode.by_person
+
+    def _touch(self, state: RefereeState, placed: Array, met: Encounter) -> Touch:
+        """The touch, with the part's own motion: as seen from what the other is fixed to."""
+        before = state.placed_before[met.i]
+        if met.frame >= 0:
+            before = carried_along(before, state.placed_before[met.frame], placed[met.frame])
+        now = placed[met.i]
+        local = transposed_times(now[:3, :3], met.point - now[:3, 3])
+        velocity = (met.point - (times(before[:3, :3], local) + before[:3, 3])) / self._dt
+        self._unmoved.setTransform(before[:3, :3], before[:3, 3])
+        return Touch(
+            robot=met.robot,
+            other=met.against,
+            unmoved=self._unmoved,
+            distance=met.distance,
+            velocity=velocity,
+            other_velocity=met.other_velocity,
+        )
+
+    def _by_robot(
+        self, state: RefereeState, world: World, placed: Array, met: Encounter, touch: Touch, *, begins: bool
+    ) -> bool:
+        """The robot brought the contact about: now, or by where it went before, or by what it let fall.
+
+        While something that came to the robot goes on through it, the robot's motion counts only against that.
+        """
+        if met.falls:
+            return True
+        first = world.time == state.episodes[met.other].began
+        if (first or _against(touch)) and self._responsibility.by_own_motion(touch, begins=begins):
+            return True
+        if not begins or norm(met.other_velocity) <= MOVES:
+            return False
+        return cuts_in(state.in_way, met.other, world.time) or self._came_just_now(state, world, placed, met)
+
+    def _came_just_now(self, state: RefereeState, world: World, placed: Array, met: Encounter) -> bool:
+        """The other comes, but had the robot stayed where it could last have stopped, they would not touch."""
+        trail = state.trail
+        if not len(trail) or world.time - trail[0, 0] > trail[0, -1] + 1e-9 or trail[0, -1] == 0.0:
+            return False
+        then = self._robot.place(trail[0, 1:4], trail[0, 4:11], float(trail[0, 11]))
+        T = then[met.i]
+        if self._robot.bodies[met.i] == HELD:
+            T = carried_along(placed[-1], placed[self._hand], then[self._hand])
+        self._earlier.setTransform(T[:3, :3], T[:3, 3])
+        return not self._responsibility.touches((met.robot[0], self._earlier), met.against)
+
+    def _by_person(self, state: RefereeState, world: World, met: Encounter, closing: float) -> bool:
+        return self._without.persons_doing(
+            _motions(state, met), world.time, robot=met.robot, other=met.against, closing=closing
+        )
+
+
+def _against(touch: Touch) -> bool:
+    """The robot drives against what moves; or that rests, and so does not go on through it."""
+    speed, other = norm(touch.velocity), norm(touch.other_velocity)
+    return other <= MOVES or dot(touch.velocity, touch.other_velocity) < -AGAINST * speed * other
+
+
+def _motions(state: RefereeState, met: Encounter) -> tuple[Motion, Motion]:
+    """What persons did to what was met, and to the robot as far as it concerns a contact with that."""
+    if met.frame >= 0:
+        return UNMOVED, UNMOVED
+    return state.edits.get(met.other, UNMOVED), UNMOVED if met.other in NOT_BY_PUSH else state.pushed
