@@ -66,7 +66,7 @@ def test_an_arm_into_which_a_box_is_put_stands_draws_back_and_goes_on(phase):
             twin.post(AddObstacle(name="box", x=x, y=y, size=(0.3, 0.3, 1.2)))
         if put is not None:
             said.add(tick.arm[-1].qp_status.split(":")[0])
-            if tick.time > put + 6.0:
+            if tick.time > put + 14.0:
                 break
     assert {"standing", "withdrawing"} <= said
     assert not [contact for contact in tick.truth.contacts if contact.caused_by_robot]

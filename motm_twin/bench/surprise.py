@@ -48,6 +48,7 @@ _PUT_AT = 40  # period in which the base has its speed, but for quick ones
 _LAG = 0.05  # [s] a period: what is put is seen in the next
 _BOX_LENGTH = 1.5  # [m] along the way: more than a quick base needs to stop
 _MOVES = 0.03  # [m/s]
+_OUT = 0.6  # [m] from the middle of the base: the hand is beside it
 
 
 class Case(NamedTuple):
@@ -114,7 +115,7 @@ def _before(case: Case) -> dict[str, Any]:
             size = (_BOX_LENGTH, 1.2, 1.0)
             twin.post(AddObstacle(name="box", x=front + case.gap + 0.5 * _BOX_LENGTH, y=0.0, size=size))
         for contact in tick.truth.contacts:
-            if contact.body == "base" and contact.time + contact.duration >= tick.time - 1.01 * _LAG:
+            if "base" in contact.bodies and contact.time + contact.duration >= tick.time - 1.01 * _LAG:
                 went = max(went, x - start)
         if tick.done or tick.time >= scene.time_limit:
             break
@@ -152,8 +153,9 @@ def _hand(case: Case) -> dict[str, Any]:
     put, gone = math.nan, False
     while True:
         tick = twin.advance()
-        if math.isnan(put) and tick.arm[-1].phase == case.what:
-            hand = to_frame(odometry_to_world(tick.observation), tick.arm[-1].reference[:2])
+        hand = to_frame(odometry_to_world(tick.observation), tick.arm[-1].reference[:2])
+        out = math.dist(hand, tick.observation.pose[:2]) > _OUT
+        if math.isnan(put) and tick.arm[-1].phase == case.what and out:
             put = tick.time
             twin.post(AddObstacle(name="box", x=float(hand[0]), y=float(hand[1]), size=(0.3, 0.3, 1.2)))
         elif tick.time > put + STAYS and not gone:
@@ -166,7 +168,9 @@ def _hand(case: Case) -> dict[str, Any]:
 
 def _caused(tick: Tick) -> list[str]:
     assert tick.truth is not None
-    return [f"{one.body} {one.other} {one.time:.2f} s" for one in tick.truth.contacts if one.caused_by_robot]
+    return [
+        f"{' '.join(one.bodies)} - {one.other} {one.time:.2f} s" for one in tick.truth.contacts if one.caused_by_robot
+    ]
 
 
 def _ended(tick: Tick, *, good: bool, told: str) -> dict[str, Any]:

@@ -21,7 +21,8 @@ from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import RobotProfile
 
 DEPTH = 0.05  # [m] by which a seen cell must reach into a body of the arm: beside a post the forearm comes within half
-STANDS = 2.0  # [s] for which the arm stands before it goes back to its stow pose
+CLEAR = 0.0  # [m] down to which an overlap that was found lasts
+STANDS = 10.0  # [s] for which the arm stands before it goes back to its stow pose: who put it there may take it away
 SLOW = 0.1  # [m/s] of the hand on that way: a touch at this speed does no harm
 _STOWED = 0.02  # [rad] joints this near to the stow pose are there
 
@@ -41,8 +42,8 @@ class ArmOverlap:
         self._profile, self._stow = profile, stow_joints
         self._balls = arm_balls()
 
-    def find(self, slate: Slate, inputs: ArmInputs, held_side: float) -> Overlap | None:
-        """What is deepest in something seen; ``held_side`` [m] of a held cube, 0: none."""
+    def find(self, slate: Slate, inputs: ArmInputs, held_side: float, *, lasts: bool) -> Overlap | None:
+        """What is deepest in something seen; ``held_side`` [m] of a held cube, 0: none; ``lasts``: there was one."""
         points = inputs.obstacles.points
         if not len(points):
             return None
@@ -53,7 +54,7 @@ class ArmOverlap:
         )  # fmt: skip
         deepest = int(distance.argmin())
         depth = -float(distance[deepest, 0])
-        return Overlap(BODIES[deepest], depth) if depth > DEPTH else None
+        return Overlap(BODIES[deepest], depth) if depth > (CLEAR if lasts else DEPTH) else None
 
     def way_out(
         self, slate: Slate, inputs: ArmInputs, twist: Array, rates: Array, *, withdraws: bool

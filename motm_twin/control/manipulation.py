@@ -79,7 +79,8 @@ class Manipulator(Stateful[ManipulatorState]):
             bad = _not_finite(inputs)
             if view is None or bad:
                 return self._damped_stop(inputs, None, f"{bad} is not finite")
-        overlap = self._overlap.find(self._slate, inputs, self._state.side if self._state.holding else 0.0)
+        held_side = self._state.side if self._state.holding else 0.0
+        overlap = self._overlap.find(self._slate, inputs, held_side, lasts=self._state.inside_since is not None)
         if overlap is not None:
             return self._stand_clear(view, inputs, overlap)
         self._state.inside_since = None

@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from motm_twin.model.geometry import Array, compose, inverse
+from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import PlanarPose
 
 PERSON = 0.5  # [s] after a person moved a body (or the robot) within which a new contact with it can be their doing
-BRAKING = 1.2  # [s] after that motion for which such a contact stays the person's doing while it lasts: the robot stops
-FORGOTTEN = 2.0  # [s] after which a motion matters to nothing; more than the two above
+REACTION = 0.1  # [s] from a scan to a command that acts: what a robot takes before it brakes
+FORGOTTEN = 10.0  # [s] after which a motion matters to nothing; more than any base takes to stop
 OWN_MOTION = 0.03  # [m] that a person's motion must part the two by to explain their contact; less when as far as
 JITTER = 0.01  # [m] the robot went itself in PERSON, but never less than this: a hand that holds something trembles
 TURN_REACH = 0.3  # [m] from its centre: how far a turn moves a body
@@ -128,7 +129,13 @@ def explains(gap: float, closing: float) -> bool:
     return gap >= min(OWN_MOTION, max(JITTER, closing * PERSON))
 
 
-def still_persons_doing(motion: Motion, began: float, now: float) -> bool:
+def braking_time(limits: BaseLimits) -> float:
+    """Time [s] a base takes to stop from its full speed; so long a contact stays the person's doing while it lasts."""
+    straight = max(limits.forward_speed, limits.reverse_speed) / limits.linear_acceleration
+    return min(max(straight, limits.yaw_rate / limits.yaw_acceleration) + limits.velocity_lag + REACTION, FORGOTTEN)
+
+
+def still_persons_doing(motion: Motion, began: float, now: float, braking: float) -> bool:
     """Whether a contact that began [s] as the person's doing still is: not long after the body was really moved."""
     before = max((step.time for step in motion.steps if step.time <= began), default=-math.inf)
-    return now - max(motion.moved, motion.came, before) <= BRAKING
+    return now - max(motion.moved, motion.came, before) <= braking

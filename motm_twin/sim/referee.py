@@ -52,7 +52,11 @@ class Referee:
         self._bodies: tuple[tuple[str, float, float], ...] | None = None
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._transform, self._own_transform = coal.Transform3s(), coal.Transform3s()
-        self._verdicts, self._areas, self._cube_pairs = Verdicts(self.robot, dt), StoppingAreas(self.robot), CubePairs()
+        self._verdicts, self._areas, self._cube_pairs = (
+            Verdicts(self.robot, self._limits, dt),
+            StoppingAreas(self.robot),
+            CubePairs(),
+        )
         bodies = self.robot.bodies
         self._base_shape = bodies.index("base")
         self._base_reach = math.hypot(0.5 * self._foot.length + abs(self._foot.offset_x), 0.5 * self._foot.width)

@@ -6,7 +6,8 @@ import coal
 
 from motm_twin.model.exact import dot, norm, times, transposed_times
 from motm_twin.model.geometry import Array
-from motm_twin.sim.blame import NOT_BY_PUSH, UNMOVED, Motion, still_persons_doing
+from motm_twin.model.profile import BaseLimits
+from motm_twin.sim.blame import NOT_BY_PUSH, UNMOVED, Motion, braking_time, still_persons_doing
 from motm_twin.sim.cube_contacts import Meeting
 from motm_twin.sim.cut_in import cuts_in
 from motm_twin.sim.episodes import Episode
@@ -38,8 +39,9 @@ class Encounter:
 class Verdicts:
     """Keeps the episodes of a referee."""
 
-    def __init__(self, robot: RobotShapes, dt: float) -> None:
-        """Shapes of the robot; substeps of dt [s]."""
+    def __init__(self, robot: RobotShapes, limits: BaseLimits, dt: float) -> None:
+        """Shapes of the robot and limits of its base; substeps of dt [s]."""
+        self._braking = braking_time(limits)
         self._robot, self._dt = robot, dt
         self._responsibility, self._without = Responsibility(dt), Without()
         self._unmoved, self._earlier = coal.Transform3s(), coal.Transform3s()
@@ -62,7 +64,9 @@ class Verdicts:
             episode.by_person, episode.was_excused, episode.excused_from = True, True, world.time
         elif episode.by_person:  # for as long as the robot needs to stop; then it goes on into what stands still
             motions = _motions(state, met)
-            episode.by_person = any(still_persons_doing(each, episode.excused_from, world.time) for each in motions)
+            episode.by_person = any(
+                still_persons_doing(each, episode.excused_from, world.time, self._braking) for each in motions
+            )
         episode.touched(body, world.time, -met.distance)
         if not episode.caused and not episode.by_person:
             if self._by_robot(state, world, placed, met, touch, begins=begins):
