@@ -107,14 +107,23 @@ def _rest(state: ManipulatorState, time: float) -> None:
     enter(state, "carry" if state.holding else "stow", time)
 
 
-def start_over(state: ManipulatorState, time: float) -> None:
-    """Leave what is under way, and begin again from the stow pose."""
+def start_over(state: ManipulatorState, view: View, parameters: ArmParameters) -> str:
+    """Leave what is under way, and begin again from the stow pose; "picked" when that ends a lift."""
     if state.phase in ("stow", "carry"):
-        return
+        return ""
+    outcome = "" if state.phase != "lift" or state.reported else _picked(state, parameters)
     if not state.holding:
         state.gripper = "open"
     state.released, state.start_over = None, True
-    _rest(state, time)
+    _rest(state, view.time)
+    return outcome
+
+
+def _picked(state: ManipulatorState, p: ArmParameters) -> str:
+    state.reported = True
+    state.clear_z = float(state.anchor[2]) + p.transit_clearance
+    state.relaxed = state.anchor[None, :2].copy()
+    return "picked"
 
 
 def _new_goal(state: ManipulatorState, view: View) -> None:
@@ -331,10 +340,7 @@ def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, 
     risen = view.p[2] - state.anchor[2]
     outcome = ""
     if not state.reported and risen >= p.picked_height:
-        state.reported = True
-        state.clear_z = float(state.anchor[2]) + p.transit_clearance
-        state.relaxed = state.anchor[None, :2].copy()
-        outcome = "picked"
+        outcome = _picked(state, p)
     elif risen >= 0.8 * p.lift_height:
         _rest(state, view.time)
     return outcome, ""

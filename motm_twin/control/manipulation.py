@@ -169,14 +169,13 @@ class Manipulator(Stateful[ManipulatorState]):
         if state.inside_since is None:
             state.inside_since = view.time
         withdraws = view.time - state.inside_since > STANDS
-        if withdraws:
-            start_over(state, view.time)
+        outcome = start_over(state, view, self.parameters) if withdraws else ""
         state.twist, state.rates = self._overlap.way_out(self._slate, inputs, state.twist, view.dq, withdraws=withdraws)
         state.stop_rates = None
         why = f"something that the lidar sees is {overlap.depth:.2f} m inside the {overlap.body}"
         return self._report(
             view, inputs, twist=frozen(state.twist), rates=frozen(state.rates), slack=frozen(np.zeros(6)), active=(),
-            status=f"{'withdrawing' if withdraws else 'standing'}: {why}", outcome="",
+            status=f"{'withdrawing' if withdraws else 'standing'}: {why}", outcome=outcome,
             reason=f"{why}: {'the arm goes back slowly' if withdraws else 'the arm stands'}",
         )  # fmt: skip
 
