@@ -113,7 +113,8 @@ class ControlLoop(Stateful[LoopState]):
         """
         stages = Stages(self._clock)
         with stages.measure("observe"):
-            observation = self.self_check.observed(self.plant.observe(), self.sequence.held)
+            reported = self.plant.observe()
+            observation = self.self_check.observed(reported, self.sequence.held)
         if restarted:
             self.monitor.begin_from(observation.twist)
             self.self_check.begin_from(observation.twist)
@@ -137,7 +138,7 @@ class ControlLoop(Stateful[LoopState]):
             )
         )
         events += self._watch_progress(observation, placement, plan, busy=busy)
-        steps, samples, arm_events, reason = self._arm_steps(observation, world, plan, stages)
+        steps, samples, later, arm_events, reason = self._arm_steps(observation, world, plan, stages)
         events += arm_events + self.self_check.events(observation.time)
         truth = self._truth()
         state = self._state
@@ -161,6 +162,7 @@ class ControlLoop(Stateful[LoopState]):
             done=self.sequence.done,
             success=self.sequence.done and not self.sequence.failures,
             samples=samples,
+            reported=(reported, *later),
             restarted=restarted,
         )
         state.index += 1
@@ -240,8 +242,11 @@ class ControlLoop(Stateful[LoopState]):
 
     def _arm_steps(
         self, observation: Observation, world: WorldMap, plan: BasePlan, stages: Stages
-    ) -> tuple[list[ArmStep], tuple[Observation, ...], list[Event], str]:
-        """The arm steps of this period and what each saw; the plant moves on between them."""
+    ) -> tuple[list[ArmStep], tuple[Observation, ...], list[Observation], list[Event], str]:
+        """The arm steps of this period, what each saw, and what was reported from the second on.
+
+        The plant moves on between them.
+        """
         dt = PERIOD / self.settings.arm_steps
         T_odom_world = odometry_to_world(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
@@ -249,12 +254,14 @@ class ControlLoop(Stateful[LoopState]):
         start = self.monitor.twist
         steps: list[ArmStep] = []
         samples: list[Observation] = []
+        later: list[Observation] = []
         events: list[Event] = []
         reason = ""
         for k in range(self.settings.arm_steps):
             if k:
                 with stages.measure("observe"):
-                    observation = self.self_check.observed(self.plant.observe(), self.sequence.held)
+                    later.append(self.plant.observe())
+                    observation = self.self_check.observed(later[-1], self.sequence.held)
                 with stages.measure("map"):
                     self.tracker.update(observation, self.sequence.held)
             with stages.measure("arm"):
@@ -285,7 +292,7 @@ class ControlLoop(Stateful[LoopState]):
             self.self_check.told(verdict.actuation, observation)
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
-        return steps, tuple(samples), events, reason
+        return steps, tuple(samples), later, events, reason
 
     def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
         """Believe a lost object on the furniture below the hand, or else back where it was picked."""

@@ -18,6 +18,7 @@ from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_fra
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.state import Stateful
+from motm_twin.perception.association import Places
 
 QUARTER = 0.5 * math.pi  # a cube looks the same after a turn of 90 deg
 
@@ -87,6 +88,25 @@ class ObjectTracker(Stateful[TrackerState]):
             return track.position.copy(), track.yaw, math.sqrt(track.variance), track.last_seen
         position, yaw = self._prior_in_odometry(name, observation)
         return position, yaw, self._prior_sd, None
+
+    def places(self, observation: Observation) -> Places:
+        """Where all objects are believed, odometry frame, and how far a detection may be from there."""
+        settings, tracks = self._settings, self._state.tracks
+        positions, variances = [], []
+        for name in self._priors:
+            track = tracks.get(name)
+            if track is None:
+                positions.append(self._prior_in_odometry(name, observation)[0])
+                variances.append(self._prior_sd**2 + settings.localisation_sd**2)
+            else:
+                positions.append(track.position)
+                variances.append(track.variance + settings.drift**2 * max(0.0, observation.time - track.last_seen))
+        return Places(
+            names=tuple(self._priors),
+            positions=np.array(positions).reshape(-1, 3),
+            variances=np.array(variances),
+            seen=np.array([name in tracks for name in self._priors], dtype=bool),
+        )
 
     def knows(self, name: str) -> bool:
         """This is an object of the scene."""

@@ -80,7 +80,7 @@ class ObservationEncoder:
         """Of one period."""
         if run != self._run:
             self._run, self._scan, self._detections = run, None, None
-        samples = [self._sample(seen) for seen in tick.samples]
+        samples = [self._sample(seen) for seen in tick.reported or tick.samples]
         return ObservationsMessage(
             version=OBSERVATIONS_VERSION,
             run=run,
