@@ -15,7 +15,7 @@ from motm_twin.external.messages import (
     RobotState,
 )
 from motm_twin.external.obedience import Obedience
-from motm_twin.external.predictor import Motion, Predictor
+from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.external.robot_link import RESET_ANSWER, RobotLink
 from motm_twin.external.timing import ClockOffset, Lead
 from motm_twin.external.world import RemoteWorld
