@@ -1,9 +1,9 @@
 """How late the robot acts on its commands: found out from what it does, and looked past.
 
 Two numbers: the delay after which anything acts on a command, told by the joints, which follow theirs at once; and the
-lag of the base beyond that of its profile, told by its twist. Each is the one of a few whose model has fitted best for a
-while, by least squares. With a delay, an observation is moved on to when a command that is given now acts, as that of a
-robot on a slow link is; a lag becomes that of the profile (`Twin`).
+lag of the base beyond that of its profile, told by its twist. Each is the one of a few whose model has fitted best for
+a while, by least squares. With a delay, an observation is moved on to when a command that is given now acts, as that of
+a robot on a slow link is; a lag becomes that of the profile (`Twin`).
 """
 
 import math

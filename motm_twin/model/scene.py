@@ -131,23 +131,23 @@ USUAL_NOISE = Noise(base_speed_scale_sd=0.01, arm_rate_sd=0.1 * 3.14159265358979
 """What a scene file has that says nothing of an error.
 
 base_speed_scale_sd: Borenstein and Feng (Measurement and Correction of Systematic Odometry Errors in Mobile Robots,
-IEEE Transactions on Robotics and Automation 12(6), 1996) name an uncertain effective wheelbase, of the order of 1 % in
-commercial robots, and wheels of other diameters than nominal as the two systematic errors of a differential drive.
+IEEE Transactions on Robotics and Automation 12(6), 1996) name an uncertain effective wheelbase and wheels of other
+diameters than nominal as the two systematic errors of a differential drive; 1 % is a choice of this project.
 
-arm_rate_sd: ros2_controllers issue 649 shows a UR3e under a velocity controller whose measured tool speed has a very
-low signal-to-noise ratio at 1 mm/s: about 1 mm/s of noise, at a lever of 0.6 m some 0.1 deg/s of one joint. Of the Panda
-no figure was found (franka_ros issue 112 asks for one, without an answer).
+arm_rate_sd: ros2_controllers issue 649 shows a UR3e under a velocity controller whose measured tool speed is mostly
+noise at 1 mm/s; at a lever of 0.6 m that is some 0.1 deg/s of one joint. Of the Panda no figure was found (franka_ros
+issue 112 asks for one, without an answer).
 
-localisation_drift_sd: a map of 5 cm cells, as AMCL's usual ones, cannot tell places within a cell apart: 5 cm / sqrt(12).
-It comes on top of localisation_position_sd of 1 cm, which Costa et al. (Robust and Accurate Localization System for
-Mobile Manipulators in Cluttered Environments, IEEE ICIT 2015) report as the error of theirs: below 1 cm and 1 deg.
+localisation_drift_sd: a map of 5 cm cells, as AMCL's usual ones, cannot tell places within a cell apart, which is
+5 cm / sqrt(12). It comes on top of localisation_position_sd of 1 cm: Costa et al. (Robust and Accurate Localization
+System for Mobile Manipulators in Cluttered Environments, IEEE ICIT 2015) report errors below 1 cm and 1 deg.
 
-camera_latency: the documentation of librealsense (rs-latency-tool) has tens to hundreds of milliseconds for USB cameras;
-one frame of ours of 20 Hz is a choice of this project within that.
+camera_latency: the documentation of librealsense (rs-latency-tool) has tens to hundreds of milliseconds for USB
+cameras; one period of ours of 20 Hz is a choice of this project within that.
 
-camera_miss_probability, camera_false_probability: choices of this project. Published detectors miss a few per cent and
-more: Miller et al. (What's in the Black Box? The False Negative Mechanisms Inside Object Detectors, 2022) show that
-benchmarks understate it for robots. The paper detects cubes of one colour, and gives no rates.
+camera_miss_probability, camera_false_probability: choices of this project. Miller et al. (What's in the Black Box? The
+False Negative Mechanisms Inside Object Detectors, 2022) show that benchmarks say little of what a detector misses on a
+robot. The paper detects cubes of one colour, and gives no rates.
 """
 
 

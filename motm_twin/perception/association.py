@@ -178,9 +178,7 @@ def _candidate(state: AssociationState, picture: _Picture, k: int) -> Candidate:
     """What is detected here, seen once more or for the first time."""
     settings, at, stamp = picture.settings, picture.at[k], picture.found[k].stamp
     reach = settings.gate_floor + settings.gate * math.sqrt(2.0) * float(picture.sd[k])
-    near = [
-        one for one in state.candidates if one.stamp < stamp and float(np.abs(one.position - at).max()) <= reach
-    ]
+    near = [one for one in state.candidates if one.stamp < stamp and float(np.abs(one.position - at).max()) <= reach]
     if near:
         best = min(near, key=lambda one: math.dist(one.position.tolist(), at.tolist()))
         best.position, best.stamp, best.count = at.copy(), stamp, best.count + 1
@@ -190,9 +188,7 @@ def _candidate(state: AssociationState, picture: _Picture, k: int) -> Candidate:
     return new
 
 
-def _watch_absent(
-    state: AssociationState, picture: _Picture, match: dict[int, int], now: float, sight: Sight
-) -> None:
+def _watch_absent(state: AssociationState, picture: _Picture, match: dict[int, int], now: float, sight: Sight) -> None:
     """Since when each object is in view and not reported."""
     reported = set(match.values())
     for i, name in enumerate(picture.places.names):
@@ -242,7 +238,9 @@ def _forget(state: AssociationState, picture: _Picture, match: dict[int, int], n
     kept = []
     for one in state.candidates:
         explained = any(np.array_equal(one.position, at) for at in own)
-        limit = settings.keep if one.count >= settings.confirmed and not sight.in_view(one.position) else settings.forget
+        limit = (
+            settings.keep if one.count >= settings.confirmed and not sight.in_view(one.position) else settings.forget
+        )
         if not explained and now - one.stamp <= limit:
             kept.append(one)
     state.candidates = kept

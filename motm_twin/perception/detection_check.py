@@ -99,7 +99,8 @@ def checked(
 ) -> tuple[Detection, ...]:  # fmt: skip
     """The detections without those that cannot be, each with the name of its object."""
     if not now.detections:
-        _named(state, (), now, beliefs, held, settings)
+        if state.association.stamp > -math.inf:  # a camera that gives no names
+            _named(state, (), now, beliefs, held, settings)
         return now.detections
     eye = lens(now.q, profile)
     kept: list[Detection] = []

@@ -28,7 +28,8 @@ def test_methods_are_compared_on_the_same_seeds_and_levels():
 def test_each_sweep_of_errors_begins_with_none():
     assert all(levels[0] == 0.0 for levels in (*robustness.ERRORS.values(), *robustness.GRASP_FAULTS.values()))
     quiet = job_of(experiment("robustness", ["motm"], trials=1).specs[0]).scene.noise
-    assert not any(value for name, value in msgspec.structs.asdict(quiet).items() if name.endswith("_sd"))
+    kinds = ("_sd", "_latency", "_probability")
+    assert not any(value for name, value in msgspec.structs.asdict(quiet).items() if name.endswith(kinds))
 
 
 def test_the_tasks_of_failure_recovery_have_their_published_times():
