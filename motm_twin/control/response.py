@@ -20,6 +20,9 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 JOINTS = 7
+GAP = 0.06  # [s] between observations beyond which nothing is told from one to the next
+SLOW = 0.2  # share of the largest speed below which a scale is not reckoned
+STEADY = 0.02  # the same within which what the base is told does not change
 LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says
 
 
@@ -30,9 +33,12 @@ class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
     longest: float = 0.3  # [s]
     memory: float = 2.0  # [s] over which misfits are added up
     base_memory: float = 4.0  # [s] the same of the base, which changes its speed less often
+    explained: float = 0.2  # share of the square of what a model expects, that its misfit is at most
+    settles: float = 1.5  # [s] after which every base is at a speed that does not change
+    steady: float = 0.5  # [s] over which the scale of the base is reckoned while its speed is steady
     better: float = 3.0  # times as large as the best misfit is that of the one believed so far, before it is given up
     joints: float = 0.02  # [rad^2/s^2 s] by which a misfit of the joints is larger at least ...
-    base: float = 0.004  # [s] ... and one of the base, in shares of its largest speed squared
+    base: float = 0.001  # [s] ... and one of the base, in shares of its largest speed squared
     sure: float = 0.3  # [s] for which that has been so
     sure_base: float = 1.5  # [s] longer than a fault is told by another name first
 
@@ -46,9 +52,12 @@ class ResponseState:
     time: float | None = None
     commands: list[tuple[float, Actuation]] = field(default_factory=list)  # with when they were given [s], newest last
     rates: Array = field(default_factory=lambda: np.zeros((1, JOINTS)))  # of joints without a delay, newest first
-    of_delay: Array = field(default_factory=lambda: np.zeros(1))  # misfit of each
+    of_delay: Array = field(default_factory=lambda: np.zeros((2, 1)))  # misfit of each, and its square
     twists: Array = field(default_factory=lambda: np.zeros((len(LAGS), 2)))  # of a base with each lag
-    sums: Array = field(default_factory=lambda: np.zeros((len(LAGS), 3, 2)))  # model^2, model * measured, measured^2
+    of_lag: Array = field(default_factory=lambda: np.zeros((2, len(LAGS))))  # misfit of each, and its square
+    acting: Array = field(default_factory=lambda: np.zeros(2))  # twist that the base is told ...
+    settled: Array = field(default_factory=lambda: np.zeros(2))  # ... and for how long it has not changed [s]
+    scale: Array = field(default_factory=lambda: np.ones(2))  # what the base makes of a steady speed and yaw rate
     late: float = 0.0  # [s] that another delay has fitted better
     lagging: float = 0.0  # [s] that another lag has
 
@@ -60,7 +69,7 @@ class Response(Stateful[ResponseState]):
         """``profile``: what the robot was told of itself."""
         self._profile, self._settings = profile, settings or ResponseSettings()
         self._count = round(self._settings.longest / self._settings.step) + 1
-        self._state = ResponseState(rates=np.zeros((self._count, JOINTS)), of_delay=np.zeros(self._count))
+        self._state = ResponseState(rates=np.zeros((self._count, JOINTS)), of_delay=np.zeros((2, self._count)))
 
     @property
     def delay(self) -> float:
@@ -104,7 +113,10 @@ class Response(Stateful[ResponseState]):
         """One more comparison of the robot with its models."""
         state = self._state
         dt, state.time = 0.0 if state.time is None else now.time - state.time, now.time
-        if not (0.0 < dt <= 0.05) or now.ahead > 0.0 or now.age > 0.0 or not state.commands or not _finite(now):
+        if not _finite(now):
+            return
+        if not (0.0 < dt <= GAP) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
+            state.rates, state.twists = np.tile(now.dq, (self._count, 1)), np.tile(now.twist, (len(LAGS), 1))
             return
         self._joints(now, dt)
         self._base(now, dt)
@@ -116,14 +128,13 @@ class Response(Stateful[ResponseState]):
         newest = state.rates[0] + np.clip(share * (wanted - state.rates[0]), -DDQ_MAX * dt, DDQ_MAX * dt)
         state.rates = np.vstack([newest[None], state.rates[:-1]])
         off = now.dq[None] - state.rates
-        state.of_delay = math.exp(-dt / settings.memory) * state.of_delay + dt * (off * off).sum(axis=1)
-        believed, best = round(state.delay / settings.step), int(np.argmin(state.of_delay))
-        here, least = float(state.of_delay[believed]), float(state.of_delay[best])
-        other = best != believed and here > settings.better * least and here - least > settings.joints
-        state.late = state.late + dt if other else 0.0
-        if state.late > settings.sure:
-            state.delay, state.late = settings.step * best, 0.0
-            state.twists, state.sums = np.tile(now.twist, (len(LAGS), 1)), np.zeros_like(state.sums)
+        fresh = np.array([(off * off).sum(axis=1), (state.rates * state.rates).sum(axis=1)])
+        state.of_delay = math.exp(-dt / settings.memory) * state.of_delay + dt * fresh
+        best = self._better(state.of_delay, round(state.delay / settings.step), settings.joints)
+        state.late = 0.0 if best is None else state.late + dt
+        if best is not None and state.late > settings.sure:
+            state.delay, state.late, state.lagging = settings.step * best, 0.0, 0.0
+            state.twists, state.of_lag = np.tile(now.twist, (len(LAGS), 1)), np.zeros_like(state.of_lag)
 
     def _base(self, now: Observation, dt: float) -> None:
         state, settings, base = self._state, self._settings, self._profile.base
@@ -132,19 +143,31 @@ class Response(Stateful[ResponseState]):
         largest = np.array([base.forward_speed, base.yaw_rate])
         most = dt * np.array([base.linear_acceleration, base.yaw_acceleration])
         shares = np.array([_share(base.velocity_lag + lag, dt) for lag in LAGS])[:, None]
-        state.twists = state.twists + np.clip(shares * (acting[None] - state.twists), -most, most)
-        model, measured = state.twists / largest, (now.twist / largest)[None]
-        fresh = np.stack([model * model, model * measured, np.broadcast_to(measured * measured, model.shape)], axis=1)
-        state.sums = math.exp(-dt / settings.base_memory) * state.sums + dt * fresh
-        square, mixed, whole = state.sums[:, 0], state.sums[:, 1], state.sums[:, 2]
-        # a base that is faster or slower than told by a share is none that lags
-        misfit = (whole - mixed * mixed / np.maximum(square, 1e-9)).sum(axis=1)
-        believed, best = LAGS.index(state.lag), int(np.argmin(misfit))
-        here, least = float(misfit[believed]), float(misfit[best])
-        other = best != believed and here > settings.better * least and here - least > settings.base
-        state.lagging = state.lagging + dt if other else 0.0
-        if state.lagging > settings.sure_base:
+        wanted = state.scale * acting
+        state.twists = state.twists + np.clip(shares * (wanted[None] - state.twists), -most, most)
+        same = np.abs(acting - state.acting) < STEADY * largest
+        state.settled, state.acting = np.where(same, state.settled + dt, 0.0), np.where(same, state.acting, acting)
+        steady = (state.settled > settings.settles) & (np.abs(acting) > SLOW * largest)
+        ratio = np.clip(now.twist / np.where(steady, acting, 1.0), 0.5, 1.5)
+        state.scale = np.where(steady, state.scale + dt / settings.steady * (ratio - state.scale), state.scale)
+        model, off = state.twists / largest, (state.twists - now.twist[None]) / largest
+        fresh = np.array([(off * off).sum(axis=1), (model * model).sum(axis=1)])
+        state.of_lag = math.exp(-dt / settings.base_memory) * state.of_lag + dt * fresh
+        best = self._better(state.of_lag, LAGS.index(state.lag), settings.base)
+        state.lagging = 0.0 if best is None else state.lagging + dt
+        if best is not None and state.lagging > settings.sure_base:
             state.lag, state.lagging = LAGS[best], 0.0
+
+    def _better(self, misfits: Array, believed: int, least: float) -> int | None:
+        """Index of a model that explains what is measured, and much better than the one believed; None: there is none.
+
+        ``misfits``: of every model, and the squares of what it expects, (2, n).
+        """
+        (off, square), settings = misfits, self._settings
+        best = int(np.argmin(off))
+        here, there = float(off[believed]), float(off[best])
+        better = here > settings.better * there and here - there > least
+        return best if better and there < settings.explained * float(square[best]) else None
 
 
 def _share(lag: float, dt: float) -> float:

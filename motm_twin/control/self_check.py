@@ -19,6 +19,7 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
 from motm_twin.model.state import Stateful
 from motm_twin.perception import detection_check, localisation_check
+from motm_twin.perception.association import disproved
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState
 from motm_twin.perception.finding import Finding
 from motm_twin.perception.localisation_check import LocalisationSettings, LocalisationState
@@ -102,9 +103,17 @@ class SelfCheck(Stateful[SelfCheckState]):
         beliefs = Beliefs(self._tracker, seen, robot, settings.detections, self._known.bins)
         detections = detection_check.checked(state.detection, seen, beliefs, held, robot, settings.detections)
         self._gather(now, seen, beliefs, held, detections)
+        self._forget(now)
         if scan is seen.scan and detections is seen.detections:
             return seen
         return msgspec.structs.replace(seen, scan=scan, detections=detections)
+
+    def _forget(self, now: Observation) -> None:
+        """Where an object was seen, and no longer is for a while, tells nothing of where it is."""
+        found, settings = self._state.detection.association, self._settings.detections.association
+        for name in disproved(found, now.time - now.ahead, settings):
+            self._tracker.forget(name)
+            del found.absent[name]
 
     def trust(self) -> Trust:
         """The share of its speed that the robot keeps, and the reason of the worst finding."""

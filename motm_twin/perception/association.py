@@ -24,9 +24,13 @@ class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
     gate: float = 4.0  # standard deviations between an object's place and its detection ...
     gate_floor: float = 0.01  # [m] ... or this
     pushed: float = 0.15  # [m] from where an object was seen, that a thing is taken for it in the same picture
-    first: int = 2  # detections at one place before an object that was never seen is believed there
+    vague: float = 0.01  # [m] sd of a place from which on one detection is too little to believe an object elsewhere
+    first: int = 2  # detections at one place that are enough then
     confirmed: int = 3  # and before something is there at all
     absent: float = 0.15  # [s] in view and not reported, after which an object is elsewhere
+    astray: float = 0.5  # [m] from where an object was seen, at which it may be found without that place in view ...
+    strayed: int = 6  # ... after so many detections: odometry has slipped
+    disproved: float = 2.0  # [s] in view and not reported, after which where an object was seen tells nothing
     forget: float = 0.5  # [s] without a detection, after which a candidate that was not confirmed is forgotten
     keep: float = 10.0  # [s] the same of one that was
     rival: float = 6.0  # difference in cost below which another object that is out of view may be the one that is seen
@@ -98,19 +102,19 @@ def names_of(
     candidates = [_candidate(state, picture, k) for k in range(len(found))]
     for k, candidate in enumerate(candidates):
         i = match.get(k, -1)
-        if i >= 0 and not picture.places.seen[i]:
-            sure = candidate.count >= settings.first and not picture.ambiguous(k, i, match, sight)
-            names[k] = picture.places.names[i] if sure else ""
-        elif i >= 0:
+        if i < 0:
+            continue
+        candidate.name = ""
+        vague = picture.places.variances[i] > settings.vague**2
+        sure = not vague or candidate.count >= settings.first
+        if sure and not (not picture.places.seen[i] and picture.ambiguous(k, i, match, sight)):
             names[k] = picture.places.names[i]
-        if i >= 0:
-            candidate.name = ""
     _claim(candidates, picture, names, match, sight, lambda name: _is_absent(state, name, now, age, settings))
     if found:
         state.stamp = newest
         state.names = {one.p_base.tobytes(): name for one, name in zip(found, names, strict=True)}
     state.looked = now
-    _forget(state, picture, match, now, sight)
+    _forget(state, picture, names, now, sight)
     return tuple(names)
 
 
@@ -120,6 +124,11 @@ def unexplained(state: AssociationState, sight: Sight, settings: AssociationSett
         one.count > settings.confirmed and not one.name and one.stamp == state.stamp and not sight.in_bin(one.position)
         for one in state.candidates
     )
+
+
+def disproved(state: AssociationState, now: float, settings: AssociationSettings) -> tuple[str, ...]:
+    """Objects that have been in view for long where they are believed, and were not reported."""
+    return tuple(name for name, since in state.absent.items() if now - since >= settings.disproved)
 
 
 class _Picture:
@@ -208,20 +217,22 @@ def _claim(
     absent: Callable[[str], bool],
 ) -> None:  # fmt: skip
     """Confirmed candidates are the objects that are missing, the nearest first."""
-    places, taken = picture.places, {*match.values()}
+    places, taken, settings = picture.places, {*match.values()}, picture.settings
     pairs = []
     for k in range(len(names)):
         if k in match:
             continue
         one = candidates[k]
-        if one.count < picture.settings.confirmed:
+        if one.count < settings.confirmed:
             continue
         in_bin = sight.in_bin(picture.at[k])
         for i, name in enumerate(places.names):
             if i in taken or not picture.free[i]:
                 continue
             same_bin = in_bin and sight.in_bin(places.positions[i])
-            if absent(name) or same_bin or one.name == name:
+            astray = one.count >= settings.strayed and not in_bin and places.seen[i]
+            astray = astray and picture.distance[k, i] < settings.astray and not sight.in_view(places.positions[i])
+            if absent(name) or same_bin or astray or one.name == name:
                 pairs.append((one.name != name, not same_bin, float(picture.distance[k, i]), k, i, one))
     done: set[int] = set()
     for *_, k, i, one in sorted(pairs, key=lambda pair: pair[:5]):
@@ -231,13 +242,12 @@ def _claim(
             names[k] = one.name = places.names[i]
 
 
-def _forget(state: AssociationState, picture: _Picture, match: dict[int, int], now: float, sight: Sight) -> None:
-    """Candidates that are objects after all, that did not come again, or are in view and gone."""
-    settings = picture.settings
-    own = [picture.at[k] for k, i in match.items() if picture.places.seen[i]]
+def _forget(state: AssociationState, picture: _Picture, names: Sequence[str], now: float, sight: Sight) -> None:
+    """Candidates that are objects where these are believed, that did not come again, or are in view and gone."""
+    settings, own = picture.settings, [at for at, name in zip(picture.at, names, strict=True) if name]
     kept = []
     for one in state.candidates:
-        explained = any(np.array_equal(one.position, at) for at in own)
+        explained = not one.name and any(np.array_equal(one.position, at) for at in own)
         limit = (
             settings.keep if one.count >= settings.confirmed and not sight.in_view(one.position) else settings.forget
         )

@@ -163,6 +163,10 @@ class ObjectTracker(Stateful[TrackerState]):
         yaw = self.belief(name, observation)[1]
         self._state.tracks[name] = Track(np.array(position, dtype=float), yaw, sd**2, observation.time)
 
+    def forget(self, name: str) -> bool:
+        """An object is not where it was seen: believe it where the prior says again; False when it was not seen."""
+        return self._state.tracks.pop(name, None) is not None
+
     def carry(
         self, stands: Callable[[Array], bool], transform: Array, observation: Observation, *, held: str, before: float
     ) -> None:

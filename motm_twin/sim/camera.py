@@ -74,9 +74,9 @@ class Camera:
     def __init__(self, spec: GripperCamera, noise: Noise, *, named: bool = True, bias: Array = _NO_BIAS) -> None:
         """Sensor of the profile and noise of the scene; ``bias`` (3,) [m] of what it reports, in the hand's frame.
 
-        ``named``: it reads markers, so it knows which object it sees, and takes nothing else for one.
+        ``named``: it reads markers, so it takes nothing else for an object.
         """
-        self.spec, self._named, self._bias = spec, named, bias
+        self.spec, self._bias = spec, bias
         self._miss = noise.camera_miss_probability
         self._false = 0.0 if named else noise.camera_false_probability
         self._sd_near, self._sd_far = noise.camera_position_sd_at_01m, noise.camera_position_sd_at_1m
@@ -122,7 +122,7 @@ class Camera:
                 continue
             distance = self.sees(T_hand, frames, item.position, solids, agents)
             if distance is not None and not (self._miss and state.rng.random() < self._miss):
-                at = _Seen(item.name if self._named else "", item.position, item.yaw, distance)
+                at = _Seen(item.name, item.position, item.yaw, distance)
                 found.append(self._detect(state.rng, stamp, pose, odometry, T_hand, at))
         if self._false and state.rng.random() < self._false:
             found.append(self._detect(state.rng, stamp, pose, odometry, T_hand, self._nothing(state.rng, T_hand)))

@@ -87,8 +87,8 @@ class SimulatedPlant(Stateful[PlantState]):
         self._gripper = gripper_with(scene.faults, robot.gripper, self._object_world, SUBSTEP, scene.seed)
         self._agents = Agents(SUBSTEP)
         self._lidar = Lidar(robot.lidar, noise.lidar_range_sd)
-        named = scene.detections == "named"
-        self._camera = Camera(robot.camera, noise, named=named, bias=self._errors.camera_bias)
+        self._named = scene.detections == "named"
+        self._camera = Camera(robot.camera, noise, named=self._named, bias=self._errors.camera_bias)
         self._camera_latency = round(noise.camera_latency / SUBSTEP)
         self._localisation = Localisation(noise, SUBSTEP)
         self._referee = Referee(scene, SUBSTEP)
@@ -313,6 +313,8 @@ class SimulatedPlant(Stateful[PlantState]):
         frame = (self.time, s.base.pose, odometry)
         eye = frames[HAND, :3, 3]
         s.camera.detections = self._faults.detections(s.faults, s.camera.detections, s.objects, eye, frame)
+        if not self._named:
+            s.camera.detections = tuple(msgspec.structs.replace(one, name="") for one in s.camera.detections)
         late = s.faults.on.get("camera_delay")
         latency = self._camera_latency + (0 if late is None else round(late.value / SUBSTEP))
         s.camera.late = [entry for entry in s.camera.late if entry[0] < s.substep + latency]  # others are overtaken
