@@ -38,6 +38,7 @@ ERRORS: Mapping[str, tuple[float, ...]] = {  # field of the scene: levels, the f
     "noise.arm_rate_sd": (0.0, 0.005, 0.01, 0.02, 0.05),  # [rad/s]
     "faults.cube_moved_by": (0.0, 0.02, 0.05, 0.1, 0.15),  # [m] when the base is within 1 m
 }
+SHAKEN = "joint rates 2 deg/s"
 MISMATCHES: Mapping[str, Mapping[str, float]] = {  # name of the row: fields of the scene
     "none": {},
     "delay 100 ms": {"mismatch.command_delay": 0.1},
@@ -48,7 +49,7 @@ MISMATCHES: Mapping[str, Mapping[str, float]] = {  # name of the row: fields of 
     "hand-eye 10 mm": {"mismatch.hand_eye": 0.01},
     "map off by 4 cm": {"mismatch.map_offset": 0.04},
     "table 1 cm higher": {"mismatch.table_height": 0.01},
-    "joint rates 2 deg/s": {"noise.arm_rate_sd": 2.0 * _DEG},
+    SHAKEN: {"noise.arm_rate_sd": 2.0 * _DEG},
     "moderate mixture": {
         "mismatch.command_delay": 0.05,
         "mismatch.base_lag": 0.1,

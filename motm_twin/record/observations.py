@@ -33,7 +33,7 @@ class DetectionSample(msgspec.Struct, frozen=True, kw_only=True):
     """One object seen, exactly; fields as in `model.plant.Detection`."""
 
     stamp: float  # [s] simulated
-    name: str
+    name: str  # "" when the camera does not know which object it is
     p_base: Vector  # [m] centre in the base frame, x, y, z
     yaw_base: float  # [rad] in the base frame
     position_sd: float  # [m] per axis
