@@ -39,11 +39,10 @@ class Localisation:
             [noise.localisation_position_sd, noise.localisation_position_sd, noise.localisation_heading_sd]
         )
         self._noisy = bool(self._sd.any())
-        correlation = noise.localisation_correlation_time
-        self._keep = math.exp(-dt / correlation) if correlation > 0.0 else 0.0
+        self._keep = _kept(dt, noise.localisation_correlation_time)
         self._fresh = (self._sd * math.sqrt(1.0 - self._keep**2)).tolist()
         self._drift_sd = noise.localisation_drift_sd
-        self._drift_keep = math.exp(-dt / noise.localisation_drift_time)
+        self._drift_keep = _kept(dt, noise.localisation_drift_time)
         self._drift_fresh = self._drift_sd * math.sqrt(1.0 - self._drift_keep**2)
 
     def start(self, pose: Array, rng: np.random.Generator) -> LocalisationState:
@@ -75,6 +74,11 @@ class Localisation:
         (v, w), (scale_v, scale_w) = mean_twist, state.scale.tolist()
         state.odometry = drive(state.odometry, v * scale_v, w * scale_w, self.dt)
         state.twist = np.array([twist[0] + TWIST_SD * draw_v, twist[1] + TWIST_SD * draw_w])
+
+
+def _kept(dt: float, correlation: float) -> float:
+    """Share of an error that is left after dt [s]; none without a time over which it is correlated."""
+    return math.exp(-dt / correlation) if correlation > 0.0 else 0.0
 
 
 def _moved(pose: Array, error: Array, drift: tuple[float, ...]) -> Array:
