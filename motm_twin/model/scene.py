@@ -126,8 +126,14 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
 
 
 EARLIER_NOISE = Noise()
-USUAL_NOISE = Noise(base_speed_scale_sd=0.01, arm_rate_sd=0.1 * 3.141592653589793 / 180.0, localisation_drift_sd=0.015,
-                    camera_latency=0.05, camera_miss_probability=0.03, camera_false_probability=0.01)  # fmt: skip
+USUAL_NOISE = Noise(
+    base_speed_scale_sd=0.01,
+    arm_rate_sd=0.1 * 3.141592653589793 / 180.0,
+    localisation_drift_sd=0.015,
+    camera_latency=0.05,
+    camera_miss_probability=0.03,
+    camera_false_probability=0.01,
+)
 """What a scene file has that says nothing of an error.
 
 base_speed_scale_sd: Borenstein and Feng (Measurement and Correction of Systematic Odometry Errors in Mobile Robots,
