@@ -20,6 +20,8 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 JOINTS = 7
+TELLS_JOINT = 0.01  # [rad/s] between two models below which this moment does not tell one from the other
+TELLS_BASE = 0.01  # the same of the base, in shares of its largest speed
 GAP = 0.06  # [s] between observations beyond which nothing is told from one to the next
 SLOW = 0.2  # share of the largest speed below which a scale is not reckoned
 STEADY = 0.02  # the same within which what the base is told does not change
@@ -130,8 +132,10 @@ class Response(Stateful[ResponseState]):
         off = now.dq[None] - state.rates
         fresh = np.array([(off * off).sum(axis=1), (state.rates * state.rates).sum(axis=1)])
         state.of_delay = math.exp(-dt / settings.memory) * state.of_delay + dt * fresh
-        best = self._better(state.of_delay, round(state.delay / settings.step), settings.joints)
-        state.late = 0.0 if best is None else state.late + dt
+        believed = round(state.delay / settings.step)
+        best = self._better(state.of_delay, believed, settings.joints)
+        apart = 0.0 if best is None else float(np.abs(state.rates[best] - state.rates[believed]).max())
+        state.late = 0.0 if best is None else state.late + dt * (apart > TELLS_JOINT)
         if best is not None and state.late > settings.sure:
             state.delay, state.late, state.lagging = settings.step * best, 0.0, 0.0
             state.twists, state.of_lag = np.tile(now.twist, (len(LAGS), 1)), np.zeros_like(state.of_lag)
@@ -153,8 +157,10 @@ class Response(Stateful[ResponseState]):
         model, off = state.twists / largest, (state.twists - now.twist[None]) / largest
         fresh = np.array([(off * off).sum(axis=1), (model * model).sum(axis=1)])
         state.of_lag = math.exp(-dt / settings.base_memory) * state.of_lag + dt * fresh
-        best = self._better(state.of_lag, LAGS.index(state.lag), settings.base)
-        state.lagging = 0.0 if best is None else state.lagging + dt
+        believed = LAGS.index(state.lag)
+        best = self._better(state.of_lag, believed, settings.base)
+        apart = 0.0 if best is None else float(np.abs(model[best] - model[believed]).max())
+        state.lagging = 0.0 if best is None else state.lagging + dt * (apart > TELLS_BASE)
         if best is not None and state.lagging > settings.sure_base:
             state.lag, state.lagging = LAGS[best], 0.0
 

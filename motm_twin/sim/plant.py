@@ -78,7 +78,8 @@ class SimulatedPlant(Stateful[PlantState]):
         """A plant at the start of the scene; arm_start [rad], shape (7,)."""
         robot, noise, mismatch = scene.robot, scene.noise, scene.mismatch
         self.scene = scene
-        self._errors = ControlErrors(noise, mismatch, scene.seed)
+        shaken = noise if robot.has_arm else msgspec.structs.replace(noise, arm_rate_sd=0.0)
+        self._errors = ControlErrors(shaken, mismatch, scene.seed)
         limits = msgspec.structs.replace(robot.base, velocity_lag=robot.base.velocity_lag + mismatch.base_lag)
         self._base = Base(limits, SUBSTEP, self._errors.base_scale)
         self._command_delay = round(mismatch.command_delay / SUBSTEP)

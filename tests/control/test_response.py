@@ -43,7 +43,7 @@ def test_the_delay_is_found_out(delay, noise):
 @pytest.mark.parametrize("noise", [EARLIER_NOISE, SHAKING])
 @pytest.mark.parametrize("lag", [0.1, 0.2, 0.3])
 def test_the_lag_of_the_base_is_found_out(lag, noise):
-    response, _ = watched(20.0, base_lag=lag, noise=noise)
+    response, _ = watched(30.0, base_lag=lag, noise=noise)
     assert response.lag == pytest.approx(lag, abs=0.051)
     assert response.delay == 0.0
 
@@ -95,3 +95,17 @@ def test_state_can_be_copied_and_hashed():
     assert state_hash(response.snapshot()) != before
     response.restore(saved)
     assert state_hash(response.snapshot()) == before
+
+
+def test_what_is_over_is_not_believed_afterwards():
+    """The base lagged for a moment, and then stands: old misfits do not become surer by waiting."""
+    response, plant = watched(0.5, base_lag=0.3)
+    before = response.lag
+    for _ in range(600):
+        reported = plant.observe()
+        response.observed(reported)
+        still = Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open")
+        response.told(still, reported)
+        plant.command(still)
+        plant.step(0.01)
+    assert before == response.lag == 0.0
