@@ -215,14 +215,14 @@ def bench(
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
     With methods, trials, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, one_temi, ablations,
-    grasp_delay, robustness, quick_robot, further_scenes, generated, sweep_next_weight, sweep_bezier_offset,
+    grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight, sweep_bezier_offset,
     sweep_radius_min, sweep_radius_max), compared in a table. It is kept on disk: after Ctrl-C or a crash the same
     command goes on where it ended.
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency, growth, anytime, solvers, task, faults, surprise. Or barn, and after it scene files of worlds
-            of that challenge.
+            efficiency, growth, anytime, solvers, task, faults, mismatch, surprise. Or barn, and after it scene files
+            of worlds of that challenge.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         workers: Processes.
@@ -232,7 +232,7 @@ def bench(
         out: Folder of the JSON results.
         seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
-        share: Soak, period, task and faults only: part of the full counts.
+        share: Soak, period, task, faults and mismatch only: part of the full counts.
         kinds: Faults only: these kinds of faults, or none for trials without one.
         scenes: Faults only: these of exp1, exp1a and exp2.
         quick: Growth, anytime and solvers only: a few points, half a minute.

@@ -174,6 +174,9 @@ class Twin:
                 applied.append(edit)
         if self.parameters != before:
             self._retune()
+        if self._told.lag != self.loop.response.lag:
+            self._told.lag = self.loop.response.lag
+            self._rebuild()
         return self.loop.period(tuple(applied), budget, restarted=restarted)
 
     def _taken(self, edit: Edit) -> bool:
@@ -238,9 +241,9 @@ class Twin:
         """Continue from a snapshot of the same scene; queued edits are forgotten."""
         if self._external is not None:
             raise ValueError("a robot in another program can not go back in time")
-        known, parameters = self._told.map, self.parameters
+        known, parameters = (self._told.map, self._told.lag), self.parameters
         self._told.restore(state["told"])
-        if self._told.map != known or self._broken is not None:
+        if (self._told.map, self._told.lag) != known or self._broken is not None:
             self._build()
         elif self.parameters != parameters:
             self._retune()
@@ -264,9 +267,18 @@ class Twin:
             self._planner(known, planning),
             self._arm_side(known, arm),
             settings=Settings(budget=self._budget),
+            profile=self.scene.robot,
             truth=self.plant.truth,
             clock=self._clock or (lambda: 0.0),
         )
+
+    def _rebuild(self) -> None:
+        """The control loop for what the robot knows now, as far as the old one has come."""
+        old = self.loop
+        self._build()
+        for part, state in old.parts().items():
+            self.loop.parts()[part].restore(state.snapshot())
+        self.loop.mapper.adopt(old.mapper.snapshot())
 
     def _planner(
         self, known: KnownWorld, planning: PlanningParameters, graphs: GraphCache | None = None
@@ -368,11 +380,7 @@ class Twin:
         self.plant.expect_map(self.announced)
         if motion is None:
             return
-        old = self.loop
-        self._build()
-        for part, state in old.parts().items():
-            self.loop.parts()[part].restore(state.snapshot())
-        self.loop.mapper.adopt(old.mapper.snapshot())
+        self._rebuild()
         moves = [
             entry.index
             for entry in self.edits

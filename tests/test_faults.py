@@ -3,6 +3,7 @@
 import json
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -23,7 +24,8 @@ LASTS = 2.0  # [s]
 @pytest.fixture(scope="module")
 def moments():
     """Snapshots of one trial at the moments at which each kind of fault matters."""
-    twin, found = Twin(load_scene("exp1", "trial1")), {}
+    scene = load_scene("exp1", "trial1")
+    twin, found = Twin(msgspec.structs.replace(scene, detections="named")), {}  # objects that can be swapped
     wanted = {kind: matters(kind) for kind in KINDS}
     while len(found) < len(wanted):
         tick = twin.advance()

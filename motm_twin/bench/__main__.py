@@ -4,9 +4,9 @@
 `fast`, the paper's method beside it. The others run only when they are named: "page" measures the served page and needs
 Chromium, "bus" measures what goes over Zenoh, "soak" treats a server badly for long, "scale" loads a router,
 "efficiency" tells what more processes are worth, "growth" makes the world larger, "anytime" the search shorter and
-longer, "solvers" compares those of the QP, "faults" lets sensors and robot fail, "surprise" puts things where the robot
-is. "barn" stands first and alone: worlds of the BARN challenge follow it, as scene files or as barn:SEED, or --worlds
-of the latter.
+longer, "solvers" compares those of the QP, "faults" lets sensors and robot fail, "mismatch" has them otherwise than the
+robot is told, "surprise" puts things where the robot is. "barn" stands first and alone: worlds of the BARN challenge
+follow it, as scene files or as barn:SEED, or --worlds of the latter.
 
 With --methods, --trials, --backend, --address or --retry-failed a name is that of an experiment instead: any methods,
 any number of trials, kept on disk and gone on with, compared in a table. Some names are experiments only.
@@ -18,7 +18,21 @@ from pathlib import Path
 
 from rich.console import Console
 
-from motm_twin.bench import anytime, barn, bus, faults, growth, page, period, scale, soak, solvers, surprise, task
+from motm_twin.bench import (
+    anytime,
+    barn,
+    bus,
+    faults,
+    growth,
+    mismatch,
+    page,
+    period,
+    scale,
+    soak,
+    solvers,
+    surprise,
+    task,
+)  # fmt: skip
 from motm_twin.bench.experiments import command, efficiency
 from motm_twin.bench.experiments.catalogue import EXPERIMENTS
 from motm_twin.bench.groups import GROUPS
@@ -29,7 +43,7 @@ from motm_twin.record.outputs import folder_problem
 
 KNOWN = (
     *GROUPS, page.NAME, bus.NAME, soak.NAME, scale.NAME, efficiency.NAME, growth.NAME, anytime.NAME, solvers.NAME,
-    task.NAME, faults.NAME, surprise.NAME,
+    task.NAME, faults.NAME, mismatch.NAME, surprise.NAME,
 )  # fmt: skip
 ALL = (*GROUPS, task.NAME)
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in KNOWN)
@@ -49,7 +63,7 @@ def main(arguments: list[str] | None = None, *, prog: str = "python -m motm_twin
     parser.add_argument("--profile", choices=barn.PROFILES, default=None, help="barn: limits of the Jackal")
     command.add_options(parser)
     parser.add_argument(
-        "--share", type=float, default=1.0, help="soak, period, task, faults: of the full counts (default 1)"
+        "--share", type=float, default=1.0, help="soak, period, task, faults, mismatch: of the full counts (default 1)"
     )
     parser.add_argument("--kinds", nargs="+", default=[], metavar="FAULT", help="faults: only these (none: without)")
     parser.add_argument("--scenes", nargs="+", default=[], metavar="SCENE", help="faults: only these")
@@ -148,6 +162,8 @@ def _reached(name: str, options: argparse.Namespace, console: Console) -> bool:
         )
     if name == surprise.NAME:
         return surprise.bench_surprise(options.out, options.workers, console)
+    if name == mismatch.NAME:
+        return mismatch.bench_mismatch(options.out, options.share, options.workers, console)
     if name == task.NAME:
         return task.bench_task(options.out, options.share, options.workers, console)
     reached = bench(GROUPS[name], options.out, options.workers, console)

@@ -69,8 +69,8 @@ class Driver:
     """Closes the loop of plant, tracker and manipulator for a prescribed base motion."""
 
     def __init__(self, scene: Scene, parameters: ArmParameters | None = None, keep: bool = False) -> None:
-        """A plant at the scene's start."""
-        self.scene = scene
+        """A plant at the scene's start; the tracker reads the camera directly, so objects have markers."""
+        self.scene = scene = msgspec.structs.replace(scene, detections="named")
         self.plant = SimulatedPlant(scene)
         self.known = known_world(scene)
         self.tracker = ObjectTracker(self.known)

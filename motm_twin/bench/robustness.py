@@ -6,6 +6,8 @@ are published are in `bench.published`.
 
 `robustness`: one error at a time, added to a world that has none. The trials are of one pick where the way turns, so
 that success is that of a grasp.
+
+`mismatch`: what robot and world do otherwise than the robot is told, on top of the usual noise, in Experiment 1.
 """
 
 import math
@@ -36,6 +38,30 @@ ERRORS: Mapping[str, tuple[float, ...]] = {  # field of the scene: levels, the f
     "noise.arm_rate_sd": (0.0, 0.005, 0.01, 0.02, 0.05),  # [rad/s]
     "faults.cube_moved_by": (0.0, 0.02, 0.05, 0.1, 0.15),  # [m] when the base is within 1 m
 }
+SHAKEN = "joint rates 2 deg/s"
+MISMATCHES: Mapping[str, Mapping[str, float]] = {  # name of the row: fields of the scene
+    "none": {},
+    "delay 100 ms": {"mismatch.command_delay": 0.1},
+    "delay 200 ms": {"mismatch.command_delay": 0.2},
+    "base lag 0.3 s": {"mismatch.base_lag": 0.2},  # 0.1 s are in its profile
+    "base scale 8 %": {"mismatch.base_scale": 0.08},
+    "camera latency 200 ms": {"noise.camera_latency": 0.2},
+    "hand-eye 10 mm": {"mismatch.hand_eye": 0.01},
+    "map off by 4 cm": {"mismatch.map_offset": 0.04},
+    "table 1 cm higher": {"mismatch.table_height": 0.01},
+    SHAKEN: {"noise.arm_rate_sd": 2.0 * _DEG},
+    "moderate mixture": {
+        "mismatch.command_delay": 0.05,
+        "mismatch.base_lag": 0.1,
+        "mismatch.base_scale": 0.04,
+        "noise.camera_latency": 0.1,
+        "mismatch.hand_eye": 0.005,
+        "mismatch.map_offset": 0.02,
+        "mismatch.table_height": 0.005,
+        "noise.arm_rate_sd": 0.25 * _DEG,
+    },
+}
+MISMATCH_SCENE, MISMATCH_VARIANT, MISMATCH_SEEDS = "exp1", "random", 10
 ROBUSTNESS_SCENE, QUIET, KNOWN_CUBE = "turn", "quiet", "known_cube"
 
 
@@ -48,6 +74,14 @@ def grasp_delay_specs(methods: Sequence[str], trials: int | None) -> Iterable[Tr
 def robustness_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
     """Every level of every error alone; ``trials``: seeds of each."""
     yield from _sweep(ROBUSTNESS_SCENE, QUIET, ERRORS, methods, trials)
+
+
+def mismatch_specs(methods: Sequence[str], trials: int | None) -> Iterable[TrialSpec]:
+    """Every mismatch alone, and the mixture; ``trials``: seeds of each."""
+    for seed in range(trials or MISMATCH_SEEDS):
+        for method in methods:
+            for changes in MISMATCHES.values():
+                yield TrialSpec(MISMATCH_SCENE, MISMATCH_VARIANT, seed, method, changes=dict(changes))
 
 
 def _sweep(

@@ -14,6 +14,7 @@ from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.progress import Progress, ProgressState, base_has_to_move
 from motm_twin.control.reasons import standing
+from motm_twin.control.response import Response
 from motm_twin.control.self_check import SelfCheck
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.stages import Stages
@@ -25,6 +26,7 @@ from motm_twin.model.edits import Edit
 from motm_twin.model.geometry import Array, command_pose, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Plant, Truth
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import HasState, Stateful
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
@@ -71,9 +73,11 @@ class ControlLoop(Stateful[LoopState]):
         manipulator: Manipulator,
         *,
         settings: Settings | None = None,
+        profile: RobotProfile | None = None,
         truth: Callable[[], Truth | None] = lambda: None,
         clock: Callable[[], float] = lambda: 0.0,
     ) -> None:
+        """``profile``: what the robot was told of itself, when that of ``known`` has been corrected by what it does."""
         self.known = known
         self.plant = plant
         self.settings = settings or Settings()
@@ -81,6 +85,7 @@ class ControlLoop(Stateful[LoopState]):
         self.movers = MoverTracker(robot=known.robot)
         self.tracker = ObjectTracker(known)
         self.self_check = SelfCheck(known, self.tracker)
+        self.response = Response(profile or known.robot)
         self.targets = Targets(known, self.tracker)
         self.sequence = TaskSequence(known)
         self.planner = planner
@@ -100,6 +105,7 @@ class ControlLoop(Stateful[LoopState]):
             "movers": self.movers,
             "tracker": self.tracker,
             "self_check": self.self_check,
+            "response": self.response,
             "sequence": self.sequence,
             "planner": self.planner,
             "manipulator": self.manipulator,
@@ -116,7 +122,8 @@ class ControlLoop(Stateful[LoopState]):
         """
         stages = Stages(self._clock)
         with stages.measure("observe"):
-            observation = self.self_check.observed(self.plant.observe(), self.sequence.held)
+            reported = self.plant.observe()
+            observation = self.self_check.observed(self.response.observed(reported), self.sequence.held)
         if restarted:
             self.monitor.begin_from(observation.twist)
             self.self_check.begin_from(observation.twist)
@@ -140,7 +147,7 @@ class ControlLoop(Stateful[LoopState]):
             )
         )
         events += self._watch_progress(observation, placement, plan, busy=busy)
-        steps, samples, arm_events, reason = self._arm_steps(observation, world, plan, stages)
+        steps, samples, reports, arm_events, reason = self._arm_steps(observation, reported, world, plan, stages)
         events += arm_events + self.self_check.events(observation.time)
         truth = self._truth()
         state = self._state
@@ -164,6 +171,7 @@ class ControlLoop(Stateful[LoopState]):
             done=self.sequence.done,
             success=self.sequence.done and not self.sequence.failures,
             samples=samples,
+            reported=reports,
             restarted=restarted,
         )
         state.index += 1
@@ -242,9 +250,9 @@ class ControlLoop(Stateful[LoopState]):
         return not (x_min <= x <= x_max and y_min <= y <= y_max)
 
     def _arm_steps(
-        self, observation: Observation, world: WorldMap, plan: BasePlan, stages: Stages
-    ) -> tuple[list[ArmStep], tuple[Observation, ...], list[Event], str]:
-        """The arm steps of this period and what each saw; the plant moves on between them."""
+        self, observation: Observation, reported: Observation, world: WorldMap, plan: BasePlan, stages: Stages
+    ) -> tuple[list[ArmStep], tuple[Observation, ...], tuple[Observation, ...], list[Event], str]:
+        """The arm steps of this period, what each saw and was reported; the plant moves on between them."""
         dt = PERIOD / self.settings.arm_steps
         T_odom_world = odometry_to_world(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
@@ -252,12 +260,14 @@ class ControlLoop(Stateful[LoopState]):
         start = self.monitor.twist
         steps: list[ArmStep] = []
         samples: list[Observation] = []
+        reports: list[Observation] = []
         events: list[Event] = []
         reason = ""
         for k in range(self.settings.arm_steps):
             if k:
                 with stages.measure("observe"):
-                    observation = self.self_check.observed(self.plant.observe(), self.sequence.held)
+                    reported = self.plant.observe()
+                    observation = self.self_check.observed(self.response.observed(reported), self.sequence.held)
                 with stages.measure("map"):
                     self.tracker.update(observation, self.sequence.held)
             with stages.measure("arm"):
@@ -275,6 +285,7 @@ class ControlLoop(Stateful[LoopState]):
                 )
             steps.append(step)
             samples.append(observation)
+            reports.append(reported)
             reason = verdict.reason or kept.reason or reason
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
@@ -290,9 +301,10 @@ class ControlLoop(Stateful[LoopState]):
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
             self.self_check.told(verdict.actuation, observation)
+            self.response.told(verdict.actuation, reported)
             self.plant.command(verdict.actuation)
             self.plant.step(dt)
-        return steps, tuple(samples), events, reason
+        return steps, tuple(samples), tuple(reports), events, reason
 
     def _lose(self, name: str, hand: Array, observation: Observation, T_odom_world: Array) -> None:
         """Believe a lost object on the furniture below the hand, or else back where it was picked."""

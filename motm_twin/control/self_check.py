@@ -16,9 +16,10 @@ from motm_twin.control.motion_check import MotionSettings, MotionState
 from motm_twin.control.tick import Event
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.known import KnownWorld
-from motm_twin.model.plant import Actuation, Observation, Scan
+from motm_twin.model.plant import Actuation, Detection, Observation, Scan
 from motm_twin.model.state import Stateful
 from motm_twin.perception import detection_check, localisation_check
+from motm_twin.perception.association import disproved
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState
 from motm_twin.perception.finding import Finding
 from motm_twin.perception.localisation_check import LocalisationSettings, LocalisationState
@@ -99,12 +100,20 @@ class SelfCheck(Stateful[SelfCheckState]):
             motion_check.check_fingers(state.motion, now, robot, settings.motion)
         scan = self._usable_scan(now, believed)
         seen = _shifted(now, believed)  # what the camera says, in the odometry that is believed
-        beliefs = Beliefs(self._tracker, seen, self._known.bins)
+        beliefs = Beliefs(self._tracker, seen, robot, settings.detections, self._known.bins)
         detections = detection_check.checked(state.detection, seen, beliefs, held, robot, settings.detections)
-        self._gather(now, seen, beliefs, held)
+        self._gather(now, seen, beliefs, held, detections)
+        self._forget(now)
         if scan is seen.scan and detections is seen.detections:
             return seen
         return msgspec.structs.replace(seen, scan=scan, detections=detections)
+
+    def _forget(self, now: Observation) -> None:
+        """Where an object was seen, and no longer is for a while, tells nothing of where it is."""
+        found, settings = self._state.detection.association, self._settings.detections.association
+        for name in disproved(found, now.time - now.ahead, settings):
+            self._tracker.forget(name)
+            del found.absent[name]
 
     def trust(self) -> Trust:
         """The share of its speed that the robot keeps, and the reason of the worst finding."""
@@ -174,14 +183,17 @@ class SelfCheck(Stateful[SelfCheckState]):
                 found.append(Finding(kind=kind, subject=subject, value=age, limit=limit, unit="s", text=text))
         return found
 
-    def _gather(self, now: Observation, seen: Observation, beliefs: Beliefs, held: str | None) -> None:
+    def _gather(
+        self, now: Observation, seen: Observation, beliefs: Beliefs, held: str | None, kept: tuple[Detection, ...]
+    ) -> None:
         """All that is wrong now, the worst first; ``now`` as reported, ``seen`` in the odometry that is believed."""
         state, settings, base = self._state, self._settings, self._known.robot.base
         limit = localisation_check.limit_of(base, settings.localisation)
         local = localisation_check.finding(state.localisation, settings.localisation, limit)
         found = [one for one in (state.of_scan, local, *self._old(now)) if one is not None]
         found += motion_check.findings(state.motion, now, base, settings.motion)
-        found += detection_check.findings(state.detection, seen, beliefs, held, self._known.robot, settings.detections)
+        robot = self._known.robot
+        found += detection_check.findings(state.detection, seen, beliefs, held, robot, settings.detections, kept)
         state.findings = tuple(sorted(found, key=lambda one: (one.base, one.arm)))
 
 

@@ -59,4 +59,5 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     done: bool
     success: bool
     samples: tuple[Observation, ...] = ()  # what each arm step of this period saw, oldest first
+    reported: tuple[Observation, ...] = ()  # the same as the robot reported it, before anything was made of it
     restarted: bool = False  # control had been away: the base moves as it is seen to, whatever it was told before

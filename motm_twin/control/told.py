@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
 from motm_twin.model.edits import ParameterValue
@@ -13,7 +14,7 @@ from motm_twin.model.known import KnownWorld, known_world
 from motm_twin.model.names import hint
 from motm_twin.model.plant import Truth
 from motm_twin.model.scene import PlanarPose, Scene
-from motm_twin.model.state import Stateful
+from motm_twin.model.state import LATER, Stateful
 from motm_twin.perception.footprints import distance_to_shape
 
 BESIDE = 0.03  # [m] beyond the border of a table at which the centre of a cube may be believed
@@ -28,6 +29,7 @@ class ToldState:
     parameters: dict[str, ParameterValue] = field(default_factory=dict)  # that differ from the shipped ones
     furniture: dict[str, PlanarPose] = field(default_factory=dict)  # announced pieces
     gone: tuple[str, ...] = ()  # announced pieces that were taken away
+    lag: float = field(default=0.0, metadata=LATER)  # [s] of the base beyond its profile: found out, not told
 
 
 class Told(Stateful[ToldState]):
@@ -48,8 +50,21 @@ class Told(Stateful[ToldState]):
         return dict(self._state.furniture), self._state.gone
 
     def known(self) -> KnownWorld:
-        """The robot's prior knowledge with what it was told."""
-        return known_world(moved_scene(self.scene, self._state.furniture, self._state.gone))
+        """The robot's prior knowledge with what it was told, and found out about itself."""
+        known, lag = known_world(moved_scene(self.scene, self._state.furniture, self._state.gone)), self._state.lag
+        if not lag:
+            return known
+        base = msgspec.structs.replace(known.robot.base, velocity_lag=known.robot.base.velocity_lag + lag)
+        return msgspec.structs.replace(known, robot=msgspec.structs.replace(known.robot, base=base))
+
+    @property
+    def lag(self) -> float:
+        """Of the base beyond its profile [s]."""
+        return self._state.lag
+
+    @lag.setter
+    def lag(self, lag: float) -> None:
+        self._state.lag = lag
 
     def set_parameter(self, name: str, value: ParameterValue, default: ParameterValue) -> bool:
         """Keep a parameter; whether that changes anything."""

@@ -68,7 +68,7 @@ class DetectionData(msgspec.Struct, frozen=True, kw_only=True):
     """An object that the gripper camera sees."""
 
     stamp: float  # [s] when the picture was taken
-    name: str  # of the object, as in the scene
+    name: str  # of the object, as in the scene; "" when the camera does not know which one it is
     p_base: Vector  # [m] its centre in the base frame at the stamp: forward, left, up from the floor
     yaw_base: float  # [rad] of its faces about the vertical, in the base frame
     position_sd: float  # [m] standard deviation, of each axis

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.external.checks import NAMES
 from motm_twin.external.convert import array, detection_of, moved, scan_of, vector
 from motm_twin.external.messages import (
@@ -15,7 +16,6 @@ from motm_twin.external.messages import (
     RobotState,
 )
 from motm_twin.external.obedience import Obedience
-from motm_twin.external.predictor import Motion, Predictor
 from motm_twin.external.robot_link import RESET_ANSWER, RobotLink
 from motm_twin.external.timing import ClockOffset, Lead
 from motm_twin.external.world import RemoteWorld

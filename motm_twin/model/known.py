@@ -3,12 +3,18 @@
 Control reads this, never the `Scene`: unmapped furniture and true object positions are not in it.
 """
 
+import math
+
 import msgspec
 import numpy as np
+import shapely
 
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import Bin, PlanarPose, Scene, SceneObject, Solid, Task
-from motm_twin.model.scene_shapes import bin_solid
+from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Prism, Scene, SceneObject, Solid, Task
+from motm_twin.model.scene_shapes import bin_solid, outline
+
+STANDS_WITHIN = 0.005  # [m] of what carries it
+_RNG_MAP = 0x3A90FF
 
 
 class KnownWorld(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,7 +44,7 @@ def known_world(scene: Scene) -> KnownWorld:
         dx, dy = np.clip(rng.normal(0.0, 1.0, 2), -2.5, 2.5) * sd
         x, y, z = item.position
         believed.append(msgspec.structs.replace(item, position=(x + dx, y + dy, z)))
-    return KnownWorld(
+    known = KnownWorld(
         robot=scene.robot,
         start=scene.start,
         solids=tuple(solid for solid in scene.solids if solid.mapped),
@@ -48,3 +54,51 @@ def known_world(scene: Scene) -> KnownWorld:
         tasks=scene.tasks,
         bounds=scene.bounds,
     )
+    if scene.mismatch.table_height:
+        known = _tables_lower(known, scene)
+    return _map_off(known, scene) if scene.mismatch.map_offset else known
+
+
+def _tables_lower(known: KnownWorld, scene: Scene) -> KnownWorld:
+    """What carries objects is lower in the map than it is, and so are they."""
+    lower = scene.mismatch.table_height
+    solids = [
+        msgspec.structs.replace(one, z_max=one.z_max - lower, z_min=max(0.0, one.z_min - lower))
+        if any(carries(one, item) for item in scene.objects)
+        else one
+        for one in known.solids
+    ]
+    objects = [
+        msgspec.structs.replace(one, position=(*one.position[:2], one.position[2] - lower)) for one in known.objects
+    ]
+    return msgspec.structs.replace(known, solids=tuple(solids), objects=tuple(objects))
+
+
+def carries(solid: Solid, item: SceneObject) -> bool:
+    """An object stands on this solid."""
+    x, y, z = item.position
+    on_top = abs(z - 0.5 * item.side - solid.z_max) < STANDS_WITHIN
+    return on_top and bool(outline(solid.shape).covers(shapely.Point(x, y)))
+
+
+def _map_off(known: KnownWorld, scene: Scene) -> KnownWorld:
+    """Furniture, bins and first ideas of the objects elsewhere than they are, by the same way."""
+    angle = np.random.default_rng([scene.seed, _RNG_MAP]).uniform(-math.pi, math.pi)
+    off = scene.mismatch.map_offset
+    dx, dy = off * math.cos(angle), off * math.sin(angle)
+    replace = msgspec.structs.replace
+    return replace(
+        known,
+        solids=tuple(replace(one, shape=_moved(one.shape, dx, dy)) for one in known.solids),
+        objects=tuple(
+            replace(one, position=(one.position[0] + dx, one.position[1] + dy, one.position[2]))
+            for one in known.objects
+        ),
+        bins=tuple(replace(one, centre=(one.centre[0] + dx, one.centre[1] + dy)) for one in known.bins),
+    )
+
+
+def _moved(shape: Box | Cylinder | Prism, dx: float, dy: float) -> Box | Cylinder | Prism:
+    if isinstance(shape, Prism):
+        return msgspec.structs.replace(shape, corners=tuple((x + dx, y + dy) for x, y in shape.corners))
+    return msgspec.structs.replace(shape, centre=(shape.centre[0] + dx, shape.centre[1] + dy))

@@ -25,7 +25,7 @@ class Detection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """An object seen by the gripper camera, at the stamp."""
 
     stamp: float  # [s]
-    name: str
+    name: str  # "" when the camera does not know which object it is
     p_base: Array  # centre of the object in the base frame at the stamp [m], shape (3,)
     yaw_base: float  # [rad] in the base frame, modulo 90 deg for a cube
     position_sd: float  # [m] per axis, what the sensor promises at this distance

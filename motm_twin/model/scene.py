@@ -103,7 +103,11 @@ Task = Pick | Place | DriveTo
 
 
 class Noise(msgspec.Struct, frozen=True, kw_only=True):
-    """Errors of sensors and localisation; 0 switches one off. Lags are in the robot profile."""
+    """Errors of sensors, localisation and actuation; 0 switches one off. Lags are in the robot profile.
+
+    The defaults here are the earlier ones, which sessions and figures without the later fields were made with. A scene
+    file that says nothing has `USUAL_NOISE`; its sources are beside it.
+    """
 
     localisation_position_sd: float = 0.01  # [m] per axis, correlated over localisation_correlation_time
     localisation_heading_sd: float = 0.5 * 3.141592653589793 / 180.0  # [rad]
@@ -113,7 +117,58 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     camera_position_sd_at_1m: float = 0.02  # [m], linear in distance between the two
     camera_position_sd_at_01m: float = 0.002  # [m]
     base_speed_scale_sd: float = 0.0  # share by which the base drives and turns faster than told, fixed for one seed
-    arm_rate_sd: float = 0.0  # [rad/s] of every joint about the rate that it is told
+    arm_rate_sd: float = 0.0  # [rad/s] of every joint about the rate that it is told, drawn anew every 10 ms
+    localisation_drift_sd: float = 0.0  # [m] per axis, a second error that is correlated over localisation_drift_time
+    localisation_drift_time: float = 60.0  # [s]
+    camera_latency: float = 0.0  # [s] from a picture to its detections, which carry the picture's stamp
+    camera_miss_probability: float = 0.0  # of each object that is in view, in each picture
+    camera_false_probability: float = 0.0  # of each picture: something is detected where nothing is; not with markers
+
+
+EARLIER_NOISE = Noise()
+USUAL_NOISE = Noise(
+    base_speed_scale_sd=0.01,
+    arm_rate_sd=0.1 * 3.141592653589793 / 180.0,
+    localisation_drift_sd=0.015,
+    camera_latency=0.05,
+    camera_miss_probability=0.03,
+    camera_false_probability=0.01,
+)
+"""What a scene file has that says nothing of an error.
+
+base_speed_scale_sd: Borenstein and Feng (Measurement and Correction of Systematic Odometry Errors in Mobile Robots,
+IEEE Transactions on Robotics and Automation 12(6), 1996) name an uncertain effective wheelbase and wheels of other
+diameters than nominal as the two systematic errors of a differential drive; 1 % is a choice of this project.
+
+arm_rate_sd: ros2_controllers issue 649 shows a UR3e under a velocity controller whose measured tool speed is mostly
+noise at 1 mm/s; at a lever of 0.6 m that is some 0.1 deg/s of one joint. Of the Panda no figure was found (franka_ros
+issue 112 asks for one, without an answer).
+
+localisation_drift_sd: a map of 5 cm cells, as AMCL's usual ones, cannot tell places within a cell apart, which is
+5 cm / sqrt(12). It comes on top of localisation_position_sd of 1 cm: Costa et al. (Robust and Accurate Localization
+System for Mobile Manipulators in Cluttered Environments, IEEE ICIT 2015) report errors below 1 cm and 1 deg.
+
+camera_latency: the documentation of librealsense (rs-latency-tool) has tens to hundreds of milliseconds for USB
+cameras; one period of ours of 20 Hz is a choice of this project within that.
+
+camera_miss_probability, camera_false_probability: choices of this project. Miller et al. (What's in the Black Box? The
+False Negative Mechanisms Inside Object Detectors, 2022) show that benchmarks say little of what a detector misses on a
+robot. The paper detects cubes of one colour, and gives no rates.
+"""
+
+
+class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
+    """What of robot and world is otherwise than the robot is told, for a whole run; 0: nothing. It does not know."""
+
+    command_delay: float = 0.0  # [s] after which base, arm and gripper act on a command
+    base_lag: float = 0.0  # [s] more of the base's velocity loop than in its profile
+    base_scale: float = 0.0  # share by which the base drives and turns faster than told
+    hand_eye: float = 0.0  # [m] by which the camera is elsewhere on the hand; direction of the seed
+    map_offset: float = 0.0  # [m] by which map, bins and first ideas of the objects are off; direction of the seed
+    table_height: float = 0.0  # [m] by which furniture with objects on it is higher than the map says
+
+
+DETECTIONS = ("anonymous", "named")
 
 
 class TimedFault(msgspec.Struct, frozen=True, kw_only=True):
@@ -156,6 +211,8 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     agents: tuple[Agent, ...]
     tasks: tuple[Task, ...]
     noise: Noise
+    mismatch: Mismatch = Mismatch()
+    detections: str = "named"  # anonymous: the camera does not know which object it sees; named: markers on them
     faults: Faults = Faults()
     bounds: tuple[float, float, float, float]  # x_min, y_min, x_max, y_max of the map
     time_limit: float = 300.0  # [s] of simulated time, after which a run has failed

@@ -155,7 +155,7 @@ class DeliverFile(Part, frozen=True, kw_only=True):
 
 
 class NoiseFile(Part, frozen=True, kw_only=True):
-    """Errors of sensors and localisation; what is absent keeps its default, 0 switches one off."""
+    """Errors of sensors, localisation and actuation; what is absent keeps its default, 0 switches one off."""
 
     localisation_position_sd: Sigma | None = None
     localisation_heading_sd_deg: Annotated[float, Meta(ge=0, le=45)] | None = None
@@ -166,6 +166,22 @@ class NoiseFile(Part, frozen=True, kw_only=True):
     camera_position_sd_at_01m: Sigma | None = None
     base_speed_scale_sd: Annotated[float, Meta(ge=0, le=0.5, description="share of the speed")] | None = None
     arm_rate_sd_dps: Annotated[float, Meta(ge=0, le=45)] | None = None
+    localisation_drift_sd: Sigma | None = None
+    localisation_drift_time: Annotated[float, Meta(gt=0, le=3600, description="[s]")] | None = None
+    camera_latency: Annotated[float, Meta(ge=0, le=2, description="[s]")] | None = None
+    camera_miss_probability: Annotated[float, Meta(ge=0, le=1, description="of an object in a picture")] | None = None
+    camera_false_probability: Annotated[float, Meta(ge=0, le=1, description="of a picture")] | None = None
+
+
+class MismatchFile(Part, frozen=True, kw_only=True):
+    """What of robot and world is otherwise than the robot is told."""
+
+    command_delay: Annotated[float, Meta(ge=0, le=1, description="[s]")] | None = None
+    base_lag: Annotated[float, Meta(ge=0, le=2, description="[s] more than in the profile")] | None = None
+    base_scale: Annotated[float, Meta(ge=-0.5, le=0.5, description="share faster than told")] | None = None
+    hand_eye: Annotated[float, Meta(ge=0, le=0.1, description="[m]")] | None = None
+    map_offset: Annotated[float, Meta(ge=0, le=0.5, description="[m]")] | None = None
+    table_height: Annotated[float, Meta(ge=-0.2, le=0.2, description="[m] higher than in the map")] | None = None
 
 
 Tries = Annotated[int, Meta(ge=0, le=100)]
@@ -279,7 +295,9 @@ class Content(Part, frozen=True, kw_only=True):
     agents: Annotated[dict[Name, AgentFile | None], Meta(max_length=100)] = {}
     deliver: DeliverFile | None = None
     tasks: Annotated[tuple[TaskFile, ...], Meta(min_length=1, max_length=200)] | None = None
-    noise: NoiseFile | None = None
+    noise: NoiseFile | Literal["earlier"] | None = None  # earlier: as before actuation, latency and drift had errors
+    mismatch: MismatchFile | None = None
+    detections: Literal["anonymous", "named"] | None = None  # named: markers on the objects
     faults: FaultsFile | None = None
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] | None = None
     bounds: tuple[Coordinate, Coordinate, Coordinate, Coordinate] | None = None  # x_min, y_min, x_max, y_max

@@ -15,7 +15,7 @@ from motm_twin.model.scene_yaml import MAX_BYTES, Node, parse_yaml
 _ENDINGS = (".yaml", ".yml")
 _MAX_EXTENDS = 4
 _BY_NAME = ("furniture", "slots", "objects", "bins", "agents", "variants")
-_BY_KEY = ("robot", "noise", "faults", "deliver")
+_BY_KEY = ("robot", "noise", "mismatch", "faults", "deliver")
 _NOT_INHERITED = ("format", "extends", "title")
 
 

@@ -10,12 +10,16 @@ from shapely.ops import unary_union
 from motm_twin.model import scene_format as fmt
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import (
+    DETECTIONS,
+    EARLIER_NOISE,
+    USUAL_NOISE,
     Agent,
     Bin,
     Box,
     Cylinder,
     DriveTo,
     Faults,
+    Mismatch,
     Noise,
     Pick,
     Place,
@@ -79,7 +83,9 @@ class Resolver:
             bins=bins,
             agents=agents,
             tasks=tasks,
-            noise=Noise(**_plain_units(file.noise)) if file.noise else Noise(),
+            noise=_noise(file.noise),
+            mismatch=Mismatch(**_plain_units(file.mismatch)) if file.mismatch else Mismatch(),
+            detections=file.detections or DETECTIONS[0],
             faults=_faults(file.faults),
             bounds=(0.0, 0.0, 0.0, 0.0),
             time_limit=file.time_limit or 300.0,
@@ -261,6 +267,13 @@ def extent(scene: Scene) -> tuple[float, float, float, float]:
 
 def _pose(pose: fmt.PoseFile) -> PlanarPose:
     return (pose.x, pose.y, pose.heading_deg * _DEG)
+
+
+def _noise(part: fmt.NoiseFile | str | None) -> Noise:
+    """What is given, over what a scene usually has; a name stands for the earlier errors."""
+    if isinstance(part, str):
+        return EARLIER_NOISE
+    return USUAL_NOISE if part is None else msgspec.structs.replace(USUAL_NOISE, **_plain_units(part))
 
 
 def _faults(part: fmt.FaultsFile | None) -> Faults:

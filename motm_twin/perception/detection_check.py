@@ -1,6 +1,7 @@
 """Detections against the camera's view, against each other, and against what is believed."""
 
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
@@ -11,6 +12,8 @@ from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_fra
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Bin
+from motm_twin.perception import association
+from motm_twin.perception.association import AssociationSettings, AssociationState, Places
 from motm_twin.perception.finding import Finding
 from motm_twin.perception.objects import ObjectTracker
 
@@ -36,26 +39,42 @@ class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
     missed: float = 0.3  # [s] in view without a report
     late: float = 0.3  # [s] age of the newest detections
     told: float = 0.5  # [s] that a wrong report is told
+    association: AssociationSettings = AssociationSettings()
 
 
 @dataclass
 class DetectionState:
     """Memory of the checks of detections."""
 
-    stamps: dict[str, float] = field(default_factory=dict)  # [s] of the newest report of each object
-    good: dict[str, float] = field(default_factory=dict)  # and of the newest that was not left out
+    good: dict[str, float] = field(default_factory=dict)  # [s] of the newest report of each object, if not left out
     swapped: dict[str, float] = field(default_factory=dict)  # [s] since when each is reported at another's place
     taken: dict[str, float] = field(default_factory=dict)  # [s] when another one was reported at the place of each
     wrong: Finding | None = None
     until: float = 0.0  # [s] that it is told
     missing: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
+    association: AssociationState = field(default_factory=AssociationState)  # of detections without a name
 
 
 class Beliefs:
     """Places of the objects as the tracker believes them at one observation, looked up when they are asked for."""
 
-    def __init__(self, tracker: ObjectTracker, now: Observation, bins: tuple[Bin, ...] = ()) -> None:
+    def __init__(
+        self, tracker: ObjectTracker, now: Observation, profile: RobotProfile, settings: "DetectionSettings",
+        bins: tuple[Bin, ...] = (),
+    ) -> None:  # fmt: skip
         self._tracker, self._now, self._bins = tracker, now, bins
+        self._profile, self._settings = profile, settings
+        self._eye: tuple[Array, Array] | None = None
+
+    def places(self) -> Places:
+        """All objects, in the odometry frame."""
+        return self._tracker.places(self._now)
+
+    def in_view(self, point: Array) -> bool:
+        """The camera surely sees a point (3,) [m], odometry frame, unless something stands before it."""
+        if self._eye is None:
+            self._eye = lens(self._now.q, self._profile)
+        return in_view(self._eye, to_frame(self._now.odometry, point), self._profile, self._settings)
 
     def in_bin(self, point: Array) -> bool:
         """A point (3,) [m], odometry frame, is in a bin: what lies there was dropped, and may lie anywhere in it."""
@@ -78,8 +97,10 @@ def checked(
     state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
     settings: DetectionSettings,
 ) -> tuple[Detection, ...]:  # fmt: skip
-    """The detections without those that cannot be."""
+    """The detections without those that cannot be, each with the name of its object."""
     if not now.detections:
+        if state.association.stamp > -math.inf:  # a camera that gives no names
+            _named(state, (), now, beliefs, held, settings)
         return now.detections
     eye = lens(now.q, profile)
     kept: list[Detection] = []
@@ -88,24 +109,48 @@ def checked(
         if not (math.isfinite(one.stamp) and math.isfinite(float(one.p_base.sum() + one.odometry.sum()))):
             kept.append(one)  # the tracker leaves it out
             continue
-        found = _ghost(one, now, eye, profile, settings) or _twice(one, now, beliefs, settings)
-        if found is None and one.name != held:
-            found = _swapped(state, one, now, beliefs, settings)
+        found = _ghost(one, now, eye, profile, settings)
+        if one.name:
+            found = found or _twice(one, now, beliefs, settings)
+            if found is None and one.name != held:
+                found = _swapped(state, one, now, beliefs, settings)
         if found is None:
             kept.append(one)
-            state.good[one.name] = max(one.stamp, state.good.get(one.name, one.stamp))
         else:
             left_out, state.wrong, state.until = True, found, now.time + settings.told
-        if one.stamp > state.stamps.get(one.name, -math.inf):
-            state.stamps[one.name] = one.stamp
-    return tuple(kept) if left_out else now.detections
+    nameless = [one for one in kept if not one.name]
+    if nameless:
+        names = iter(_named(state, nameless, now, beliefs, held, settings))
+        kept = [one if one.name else msgspec.structs.replace(one, name=next(names)) for one in kept]
+        kept = [one for one in kept if one.name]
+    for one in kept:
+        state.good[one.name] = max(one.stamp, state.good.get(one.name, one.stamp))
+    return tuple(kept) if left_out or nameless else now.detections
+
+
+def _named(
+    state: DetectionState, found: Sequence[Detection], now: Observation, beliefs: Beliefs, held: str | None,
+    settings: DetectionSettings,
+) -> tuple[str, ...]:  # fmt: skip
+    """Names of detections without one; tells of what is detected again and again and is no object."""
+    camera = now.time - now.ahead
+    names = association.names_of(state.association, found, camera, held, beliefs, settings.association)
+    if found and association.unexplained(state.association, beliefs, settings.association):
+        state.wrong, state.until = _STRANGE, now.time + settings.told
+    return names
+
+
+_STRANGE = Finding(
+    kind="camera_ghost", subject="camera", value=1.0, limit=0.0, unit="objects",
+    text="the camera reports something where no object is known: left out",
+)  # fmt: skip
 
 
 def findings(
     state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
-    settings: DetectionSettings,
+    settings: DetectionSettings, kept: Sequence[Detection] = (),
 ) -> list[Finding]:  # fmt: skip
-    """Of the camera now; ``now`` with the detections that were reported."""
+    """Of the camera now; ``now`` with the detections that were reported, ``kept`` those of them with a name."""
     found = []
     if state.wrong is not None and now.time < state.until:
         found.append(state.wrong)
@@ -118,7 +163,8 @@ def findings(
                 text=f"the camera's detections are {age:.1f} s old",
             )
         )  # fmt: skip
-    missing = _missing(state, now, beliefs, held, profile, settings)
+    reported = {one.name for one in (*now.detections, *kept)}
+    missing = _missing(state, now, beliefs, held, profile, settings, reported)
     if missing and age <= settings.late:
         blind = not now.detections and len(missing) > 0
         what = "the camera reports nothing" if blind else f"the camera does not report {missing[0]}"
@@ -221,13 +267,20 @@ def _apart(a: Array, b: Array) -> float:
     return math.dist(a.tolist(), b.tolist())
 
 
+def in_view(eye: tuple[Array, Array], point: Array, profile: RobotProfile, settings: DetectionSettings) -> bool:
+    """A point (3,) [m], base frame, is surely in view: well inside of the cone, below the lens, not too near or far."""
+    distance, angle = _seen(eye, point)
+    free = eye[0][2] > point[2] + settings.above and distance >= settings.nearest
+    cone = angle < profile.camera.half_cone - settings.inside and distance < settings.within * profile.camera.range
+    return bool(free and cone)
+
+
 def _missing(
     state: DetectionState, now: Observation, beliefs: Beliefs, held: str | None, profile: RobotProfile,
-    settings: DetectionSettings,
+    settings: DetectionSettings, reported: Collection[str],
 ) -> list[str]:  # fmt: skip
     """Objects that the camera has just seen, and that are in its view and not reported for a while."""
     eye = lens(now.q, profile)
-    reported = {one.name for one in now.detections}
     for name, stamp in state.good.items():
         belief = beliefs.get(name)
         since = state.missing.get(name)
@@ -235,11 +288,7 @@ def _missing(
         if belief is None or name == held or name in reported or not recent or belief[1] > settings.known:
             state.missing.pop(name, None)
             continue
-        point = to_frame(now.odometry, belief[0])
-        distance, angle = _seen(eye, point)
-        free = eye[0][2] > point[2] + settings.above and distance >= settings.nearest
-        cone = angle < profile.camera.half_cone - settings.inside and distance < settings.within * profile.camera.range
-        if free and cone:
+        if in_view(eye, to_frame(now.odometry, belief[0]), profile, settings):
             state.missing.setdefault(name, now.time)
         else:
             state.missing.pop(name, None)

@@ -18,6 +18,7 @@ from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_fra
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.state import Stateful
+from motm_twin.perception.association import Places
 
 QUARTER = 0.5 * math.pi  # a cube looks the same after a turn of 90 deg
 
@@ -88,6 +89,25 @@ class ObjectTracker(Stateful[TrackerState]):
         position, yaw = self._prior_in_odometry(name, observation)
         return position, yaw, self._prior_sd, None
 
+    def places(self, observation: Observation) -> Places:
+        """Where all objects are believed, odometry frame, and how far a detection may be from there."""
+        settings, tracks = self._settings, self._state.tracks
+        positions, variances = [], []
+        for name in self._priors:
+            track = tracks.get(name)
+            if track is None:
+                positions.append(self._prior_in_odometry(name, observation)[0])
+                variances.append(self._prior_sd**2 + settings.localisation_sd**2)
+            else:
+                positions.append(track.position)
+                variances.append(track.variance + settings.drift**2 * max(0.0, observation.time - track.last_seen))
+        return Places(
+            names=tuple(self._priors),
+            positions=np.array(positions).reshape(-1, 3),
+            variances=np.array(variances),
+            seen=np.array([name in tracks for name in self._priors], dtype=bool),
+        )
+
     def knows(self, name: str) -> bool:
         """This is an object of the scene."""
         return name in self._priors
@@ -142,6 +162,10 @@ class ObjectTracker(Stateful[TrackerState]):
         """Believe an object at a position [m], odometry frame, shape (3,): where the hand has dropped or lost it."""
         yaw = self.belief(name, observation)[1]
         self._state.tracks[name] = Track(np.array(position, dtype=float), yaw, sd**2, observation.time)
+
+    def forget(self, name: str) -> bool:
+        """An object is not where it was seen: believe it where the prior says again; False when it was not seen."""
+        return self._state.tracks.pop(name, None) is not None
 
     def carry(
         self, stands: Callable[[Array], bool], transform: Array, observation: Observation, *, held: str, before: float

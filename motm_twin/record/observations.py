@@ -33,7 +33,7 @@ class DetectionSample(msgspec.Struct, frozen=True, kw_only=True):
     """One object seen, exactly; fields as in `model.plant.Detection`."""
 
     stamp: float  # [s] simulated
-    name: str
+    name: str  # "" when the camera does not know which object it is
     p_base: Vector  # [m] centre in the base frame, x, y, z
     yaw_base: float  # [rad] in the base frame
     position_sd: float  # [m] per axis
@@ -80,7 +80,7 @@ class ObservationEncoder:
         """Of one period."""
         if run != self._run:
             self._run, self._scan, self._detections = run, None, None
-        samples = [self._sample(seen) for seen in tick.samples]
+        samples = [self._sample(seen) for seen in tick.reported or tick.samples]
         return ObservationsMessage(
             version=OBSERVATIONS_VERSION,
             run=run,

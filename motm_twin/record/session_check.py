@@ -2,7 +2,7 @@
 
 import math
 import re
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -62,6 +62,8 @@ def _check_ranges(scene: Scene) -> None:
     _fits(scene.bounds, tuple[_COORDINATE, _COORDINATE, _COORDINATE, _COORDINATE], "scene.bounds")
     _pose(scene.start, "scene.start")
     _within(scene.noise, scene_format.NoiseFile, "scene.noise")
+    _within(scene.mismatch, scene_format.MismatchFile, "scene.mismatch")
+    _fits(scene.detections, Literal["anonymous", "named"], "scene.detections")
     _within(scene.faults, scene_format.FaultsFile, "scene.faults")
     for part, limits in _ROBOT.items():
         _within(getattr(scene.robot, part), limits, f"scene.robot.{part}")

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from motm_twin.model.exact import dot
+from motm_twin.model.exact import dot, times
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.plant import Detection
 from motm_twin.model.profile import GripperCamera
@@ -22,6 +23,9 @@ QUARTER_TURN = 0.5 * math.pi
 
 # Arm links as capsules between frames of `fk_arm` (index, index, radius [m]); the wrist behind the lens is left out.
 LINK_CAPSULES = ((0, 1, 0.09), (2, 3, 0.09), (4, 5, 0.075))
+
+
+_NO_BIAS = np.zeros(3)
 
 
 @dataclass
@@ -55,12 +59,26 @@ def _hidden(eye: Array, point: Array, frames: Array) -> bool:
     return False
 
 
-class Camera:
-    """Reports every object that is in the view cone, in range, in sight and not held."""
+class _Seen(NamedTuple):
+    """What is in a picture, in truth."""
 
-    def __init__(self, spec: GripperCamera, noise: Noise) -> None:
-        """Sensor of the profile and noise of the scene."""
-        self.spec = spec
+    name: str
+    position: Array  # [m] world, shape (3,)
+    yaw: float  # [rad] world
+    distance: float  # [m] from the lens
+
+
+class Camera:
+    """Reports objects that are in the view cone, in range, in sight and not held; some it misses, some are none."""
+
+    def __init__(self, spec: GripperCamera, noise: Noise, *, named: bool = True, bias: Array = _NO_BIAS) -> None:
+        """Sensor of the profile and noise of the scene; ``bias`` (3,) [m] of what it reports, in the hand's frame.
+
+        ``named``: it reads markers, so it takes nothing else for an object.
+        """
+        self.spec, self._bias = spec, bias
+        self._miss = noise.camera_miss_probability
+        self._false = 0.0 if named else noise.camera_false_probability
         self._sd_near, self._sd_far = noise.camera_position_sd_at_01m, noise.camera_position_sd_at_1m
         self._noisy = max(self._sd_near, self._sd_far) > 0.0
         self._cos_half_cone = math.cos(spec.half_cone)
@@ -103,24 +121,36 @@ class Camera:
             if item.state == "held":
                 continue
             distance = self.sees(T_hand, frames, item.position, solids, agents)
-            if distance is not None:
-                found.append(self._detect(state.rng, stamp, pose, odometry, item, distance))
+            if distance is not None and not (self._miss and state.rng.random() < self._miss):
+                at = _Seen(item.name, item.position, item.yaw, distance)
+                found.append(self._detect(state.rng, stamp, pose, odometry, T_hand, at))
+        if self._false and state.rng.random() < self._false:
+            found.append(self._detect(state.rng, stamp, pose, odometry, T_hand, self._nothing(state.rng, T_hand)))
         state.detections = tuple(found)
 
+    def _nothing(self, rng: np.random.Generator, T_hand: Array) -> "_Seen":
+        """Somewhere in the view cone, all distances and solid angles alike, where something is seen that is not."""
+        distance = rng.uniform(NEAR, self.spec.range)
+        along, turn = rng.uniform(self._cos_half_cone, 1.0), rng.uniform(-math.pi, math.pi)
+        across = math.sqrt(1.0 - along * along)
+        ray = np.array([across * math.cos(turn), across * math.sin(turn), along])
+        place = T_hand[:3, 3] + distance * times(np.ascontiguousarray(T_hand[:3, :3]), ray)
+        return _Seen("", place, rng.uniform(-math.pi, math.pi), distance)
+
     def _detect(
-        self, rng: np.random.Generator, stamp: float, pose: Array, odometry: Array, item: ObjectState, distance: float
+        self, rng: np.random.Generator, stamp: float, pose: Array, odometry: Array, T_hand: Array, seen: "_Seen"
     ) -> Detection:
-        share = max(0.0, (distance - NEAR) / (FAR - NEAR))
+        share = max(0.0, (seen.distance - NEAR) / (FAR - NEAR))
         sd = self._sd_near + share * (self._sd_far - self._sd_near)
-        p_base = to_frame(pose, item.position)
-        yaw = item.yaw - float(pose[2])
+        p_base = to_frame(pose, seen.position + times(np.ascontiguousarray(T_hand[:3, :3]), self._bias))
+        yaw = seen.yaw - float(pose[2])
         if self._noisy:
             draws = rng.standard_normal(4)
             p_base = p_base + sd * draws[:3]
             yaw += (YAW_SD_NEAR + share * (YAW_SD_FAR - YAW_SD_NEAR)) * draws[3]
         return Detection(
             stamp=stamp,
-            name=item.name,
+            name=seen.name,
             p_base=p_base,
             yaw_base=float(math.remainder(yaw, QUARTER_TURN)),
             position_sd=sd,

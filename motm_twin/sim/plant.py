@@ -77,16 +77,21 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def __init__(self, scene: Scene, arm_start: Array = READY) -> None:
         """A plant at the start of the scene; arm_start [rad], shape (7,)."""
-        robot, noise = scene.robot, scene.noise
+        robot, noise, mismatch = scene.robot, scene.noise, scene.mismatch
         self.scene = scene
-        self._errors = ControlErrors(noise, scene.seed)
-        self._base = Base(robot.base, SUBSTEP, self._errors.base_scale)
+        shaken = noise if robot.has_arm else msgspec.structs.replace(noise, arm_rate_sd=0.0)
+        self._errors = ControlErrors(shaken, mismatch, scene.seed)
+        limits = msgspec.structs.replace(robot.base, velocity_lag=robot.base.velocity_lag + mismatch.base_lag)
+        self._base = Base(limits, SUBSTEP, self._errors.base_scale)
+        self._command_delay = round(mismatch.command_delay / SUBSTEP)
         self._arm = Arm(robot.arm.velocity_lag, SUBSTEP)
         self._object_world = ObjectWorld(SUBSTEP)
         self._gripper = gripper_with(scene.faults, robot.gripper, self._object_world, SUBSTEP, scene.seed)
         self._agents = Agents(SUBSTEP)
         self._lidar = Lidar(robot.lidar, noise.lidar_range_sd)
-        self._camera = Camera(robot.camera, noise)
+        self._named = scene.detections == "named"
+        self._camera = Camera(robot.camera, noise, named=self._named, bias=self._errors.camera_bias)
+        self._camera_latency = round(noise.camera_latency / SUBSTEP)
         self._localisation = Localisation(noise, SUBSTEP)
         self._referee = Referee(scene, SUBSTEP)
         self._frames = _MountedArm(robot.arm)
@@ -156,8 +161,12 @@ class SimulatedPlant(Stateful[PlantState]):
         )
 
     def command(self, actuation: Actuation) -> None:
-        """Set what the robot does from now on."""
-        self._state.command = actuation
+        """Set what the robot does from now on, or from when a late command has come."""
+        s = self._state
+        if self._command_delay:
+            s.commands = (*s.commands, (s.substep + self._command_delay, actuation))
+        else:
+            s.command = actuation
 
     def step(self, dt: float) -> None:
         """Let dt [s] pass, a multiple of `SUBSTEP`."""
@@ -215,6 +224,8 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def _substep(self) -> None:
         s = self._state
+        while s.commands and s.commands[0][0] <= s.substep:
+            s.command, s.commands = s.commands[0][1], s.commands[1:]
         before, old_v, old_w, old_tcp = self.time, s.base.v, s.base.w, s.tcp
         stuck = s.faults.active("gripper_stuck")
         if s.command.gripper != s.gripper_command and not stuck:
@@ -295,7 +306,7 @@ class SimulatedPlant(Stateful[PlantState]):
     def _photograph(self, frames: Array) -> None:
         s, previous = self._state, self._state.camera.detections
         if s.faults.active("camera_off"):
-            s.camera.detections = ()
+            s.camera.detections, s.camera.late = (), []
             return
         odometry = self._faults.odometry(s.faults, s.localisation, s.substep)
         agents, solids = self._agents.discs(s.agents), self._scenery.solids
@@ -305,11 +316,13 @@ class SimulatedPlant(Stateful[PlantState]):
         frame = (self.time, s.base.pose, odometry)
         eye = frames[HAND, :3, 3]
         s.camera.detections = self._faults.detections(s.faults, s.camera.detections, s.objects, eye, frame)
+        if not self._named:
+            s.camera.detections = tuple(msgspec.structs.replace(one, name="") for one in s.camera.detections)
         late = s.faults.on.get("camera_delay")
-        if late is not None:
-            s.camera.delay(s.substep + round(late.value / SUBSTEP), previous)
-        elif s.camera.late:
-            s.camera.late = []  # overtaken
+        latency = self._camera_latency + (0 if late is None else round(late.value / SUBSTEP))
+        s.camera.late = [entry for entry in s.camera.late if entry[0] < s.substep + latency]  # others are overtaken
+        if latency:
+            s.camera.delay(s.substep + latency, previous)
 
     def _shadow(self, frames: Array) -> RobotShadow:
         base, foot = self._state.base, self.scene.robot.footprint

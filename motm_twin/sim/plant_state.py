@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Actuation
 from motm_twin.model.scene import Point
+from motm_twin.model.state import LATER
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.arm import ArmState
 from motm_twin.sim.base import BaseState
@@ -41,6 +42,7 @@ class PlantState:
     slides: dict[str, Point] = field(default_factory=dict)  # velocity [m/s] of obstacles and agents that were thrown
     faults: FaultState = field(default_factory=FaultState)
     path_length: float = 0.0  # [m] driven by the base
+    commands: tuple[tuple[int, Actuation], ...] = field(default=(), metadata=LATER)  # late ones, and when they act
 
     def rehearsal(self) -> "PlantState":
         """A copy that edits can be tried on, but no time: sensors and referee are shared with the original."""

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from motm_twin.bench import robustness
+from motm_twin.bench import mismatch, robustness
 from motm_twin.bench.experiments.catalogue import experiment
 from motm_twin.bench.experiments.spec import job_of
 from motm_twin.bench.published import FAILURE_RECOVERY, published
@@ -28,9 +28,36 @@ def test_methods_are_compared_on_the_same_seeds_and_levels():
 def test_each_sweep_of_errors_begins_with_none():
     assert all(levels[0] == 0.0 for levels in (*robustness.ERRORS.values(), *robustness.GRASP_FAULTS.values()))
     quiet = job_of(experiment("robustness", ["motm"], trials=1).specs[0]).scene.noise
-    assert not any(value for name, value in msgspec.structs.asdict(quiet).items() if name.endswith("_sd"))
+    kinds = ("_sd", "_latency", "_probability")
+    assert not any(value for name, value in msgspec.structs.asdict(quiet).items() if name.endswith(kinds))
 
 
 def test_the_tasks_of_failure_recovery_have_their_published_times():
     assert set(FAILURE_RECOVERY) == set(robustness.TASKS)
     assert [row.seconds for row in published("line", "line")] == [9.4, 11.6, 18.8, 21.9]
+
+
+def test_every_mismatch_is_one_that_a_scene_can_have_and_stands_in_a_row_of_its_own():
+    specs = experiment("mismatch", trials=2).specs
+    assert len(specs) == 2 * len(robustness.MISMATCHES)
+    assert {spec.seed for spec in specs} == {0, 1} and {spec.method for spec in specs} == {"fast"}
+    scenes = [job_of(spec).scene for spec in specs[: len(robustness.MISMATCHES)]]
+    assert len({msgspec.json.encode(scene) for scene in scenes}) == len(scenes)
+
+
+def _result(changes, placed, seed=0):
+    return {
+        "changes": changes, "seed": seed, "places_done": placed, "places_total": 6, "contacts": [], "picks_total": 6,
+        "picks_done": 6, "contacts_caused_by_robot": 0, "time_s": 80.0 + seed, "picks_attempted": 7,
+    }  # fmt: skip
+
+
+def test_rows_of_mismatches_count_what_was_placed_and_time_what_was_completed():
+    late, shaken = robustness.MISMATCHES["delay 100 ms"], robustness.MISMATCHES[robustness.SHAKEN]
+    results = [_result(dict(late), 6 if seed else 5, seed) for seed in range(10)] + [_result(dict(shaken), 0)]
+    first, second = mismatch.rows_of(results)
+    assert (first["mismatch"], first["placed"], first["places"], first["mean_s"]) == ("delay 100 ms", 59, 60, 85.0)
+    assert (second["placed"], second["mean_s"]) == (0, None)
+    assert mismatch.good(first) and mismatch.good(second)
+    assert not mismatch.good({**first, "placed": 58})
+    assert mismatch.markdown_of([first]).splitlines()[2] == "| delay 100 ms | 10 | 59/60 | 0 | 0 | 85.0 s | 7 |"

@@ -14,6 +14,8 @@ format: motm-scene/1
 title: tight
 start: {x: 0.0, y: 0.0, heading_deg: 0}
 time_limit: 60
+noise: earlier  # localisation that drifts by less than what is free beside the fingers
+detections: named  # cubes that are told apart although their first places are wrong by more than the gap between them
 furniture:
   top: {shape: box, centre: [3.0, 1.5], size: [1.6, 0.8], z: [0.72, 0.75], group: table, style: table}
   leg: {shape: cylinder, centre: [3.0, 1.5], radius: 0.06, z: [0.0, 0.72], group: table, style: table}

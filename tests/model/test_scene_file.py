@@ -15,7 +15,7 @@ from motm_twin import cli_scene
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.model.known import known_world
 from motm_twin.model.profile import RobotProfile
-from motm_twin.model.scene import DriveTo, Noise, Pick, Place, Prism
+from motm_twin.model.scene import EARLIER_NOISE, USUAL_NOISE, DriveTo, Mismatch, Pick, Place, Prism, Scene
 from motm_twin.model.scene_file import SceneError, check_all, list_scenes, load_scene
 from motm_twin.model.scene_shapes import outline
 from motm_twin.model.state import state_hash
@@ -98,7 +98,8 @@ def test_experiment_1_has_the_measures_of_the_drawing():
     ]
     assert scene.start == (0.0, 0.0, 0.0)
     assert scene.robot == RobotProfile()
-    assert msgspec.to_builtins(scene.noise) == pytest.approx(msgspec.to_builtins(Noise()))
+    assert msgspec.to_builtins(scene.noise) == pytest.approx(msgspec.to_builtins(USUAL_NOISE))
+    assert scene.detections == "anonymous"
     assert scene.bounds == pytest.approx((-0.6 - 1.5, -1.805 - 1.5, 5.4 + 1.5, 2.81 + 1.5))
 
 
@@ -264,3 +265,29 @@ def test_scene_error_is_a_value_error_that_carries_its_place():
         load_scene("exp1", "none")
     assert isinstance(caught.value, ValueError)
     assert caught.value.file == "scenes/exp1.yaml"
+
+
+def test_a_scene_that_says_nothing_has_the_usual_errors_and_one_that_says_earlier_those_of_old(tmp_path):
+    tasks = "tasks: [{drive_to: {x: 1, y: 0}}]\n"
+    usual = load_scene(write(tmp_path, tasks))
+    assert (usual.noise, usual.detections, usual.mismatch) == (USUAL_NOISE, "anonymous", Mismatch())
+    given = load_scene(write(tmp_path, f"{tasks}noise: {{camera_latency: 0.1}}\ndetections: named\n"))
+    assert given.noise == msgspec.structs.replace(USUAL_NOISE, camera_latency=0.1)
+    assert given.detections == "named"
+    text = (
+        f"{tasks}noise: {{lidar_range_sd: 0.5}}\nvariants: {{old: {{noise: earlier, mismatch: {{base_lag: 0.2}}}}}}\n"
+    )
+    old = load_scene(write(tmp_path, text), "old")
+    assert (old.noise, old.mismatch) == (EARLIER_NOISE, Mismatch(base_lag=0.2))
+
+
+def test_a_scene_of_an_older_session_keeps_the_errors_that_it_was_made_with():
+    whole = msgspec.to_builtins(load_scene("exp1", "trial1"))
+    later = ("localisation_drift_sd", "localisation_drift_time", "camera_latency", "camera_miss_probability",
+             "camera_false_probability")  # fmt: skip
+    for name in later:
+        del whole["noise"][name]
+    del whole["mismatch"], whole["detections"]
+    scene = msgspec.convert(whole, Scene)
+    assert [getattr(scene.noise, name) for name in later] == [getattr(EARLIER_NOISE, name) for name in later]
+    assert (scene.mismatch, scene.detections) == (Mismatch(), "named")

@@ -1,12 +1,13 @@
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from sim_hands import DOWN, ROBOT, START, act, over_a_cube, tcp
-from sim_scenes import box, scene
+from sim_scenes import QUIET, box, scene
 
 from motm_twin.model.geometry import to_frame
-from motm_twin.model.scene import Agent, Noise, SceneObject
+from motm_twin.model.scene import Agent, Mismatch, Noise, SceneObject
 from motm_twin.sim.plant import SimulatedPlant
 
 EYE, LOOK = ROBOT.hand_pose(START, DOWN)
@@ -102,3 +103,65 @@ def test_noise_grows_linearly_with_distance(depth, sd):
         errors.append(item.p_base - point)
     assert np.std(errors) == pytest.approx(sd, rel=0.1)
     assert tcp()[0].shape == (3,)
+
+
+def frames(plant, count):
+    """Detections of so many pictures in a row, by the stamp of the picture that is newest."""
+    found = []
+    for _ in range(count):
+        plant.step(0.05)
+        found.append(plant.observe().detections)
+    return found
+
+
+def looking_down(noise, **changes):
+    cube = SceneObject(name="cube", position=tuple(float(v) for v in below(0.5)))
+    return SimulatedPlant(scene(objects=(cube,), noise=noise, **changes), arm_start=DOWN)
+
+
+def test_a_camera_without_markers_gives_no_names():
+    (named,), (nameless,) = seen(below(0.5)), seen(below(0.5), detections="anonymous")
+    assert (named.name, nameless.name) == ("cube", "")
+    np.testing.assert_array_equal(named.p_base, nameless.p_base)
+
+
+def test_a_share_of_the_pictures_misses_the_object_and_the_same_ones_every_time():
+    noise = msgspec.structs.replace(QUIET, camera_miss_probability=0.3)
+    shown = [bool(found) for found in frames(looking_down(noise), 200)]
+    assert 110 < sum(shown) < 170
+    assert shown == [bool(found) for found in frames(looking_down(noise), 200)]
+
+
+def test_what_is_falsely_detected_has_no_name_is_in_view_and_does_not_come_with_markers():
+    noise = msgspec.structs.replace(QUIET, camera_false_probability=0.5)
+    found = frames(looking_down(noise, detections="anonymous"), 100)
+    false = [one for picture in found for one in picture[1:]]
+    assert 30 < len(false) < 70
+    for one in false:
+        ray = one.p_base - to_frame(START, EYE)
+        assert 0.1 <= np.linalg.norm(ray) <= ROBOT.profile.camera.range
+        assert -ray[2] >= math.cos(ROBOT.profile.camera.half_cone) * np.linalg.norm(ray) - 1e-9
+    assert all(len(picture) == 1 for picture in frames(looking_down(noise), 100))
+
+
+def test_pictures_come_late_with_their_own_stamps_and_all_of_them():
+    plant = looking_down(msgspec.structs.replace(QUIET, camera_latency=0.12))
+    assert plant.observe().detections == ()
+    stamps = []
+    for _ in range(100):
+        plant.step(0.01)
+        stamps += [one.stamp for one in plant.observe().detections]
+        if stamps:
+            assert 0.12 - 1e-9 <= plant.time - stamps[-1] < 0.17
+    assert sorted(set(stamps)) == pytest.approx(np.arange(0.0, 0.881, 0.05))
+
+
+def test_a_camera_that_sits_elsewhere_on_the_hand_is_wrong_by_as_much_in_the_hands_frame():
+    offs = []
+    for start in ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)):
+        cube = SceneObject(name="cube", position=tuple(float(v) for v in ROBOT.hand_pose(np.array(start), DOWN)[0]))
+        cube = msgspec.structs.replace(cube, position=(*cube.position[:2], cube.position[2] - 0.5))
+        plant = SimulatedPlant(scene(objects=(cube,), start=start, mismatch=Mismatch(hand_eye=0.01)), arm_start=DOWN)
+        offs.append(plant.observe().detections[0].p_base - to_frame(np.array(start), np.array(cube.position)))
+    assert np.linalg.norm(offs[0]) == pytest.approx(0.01)
+    np.testing.assert_allclose(offs[0], offs[1], atol=1e-12)

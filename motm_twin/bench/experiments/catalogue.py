@@ -7,6 +7,7 @@ from motm_twin.bench import robustness
 from motm_twin.bench.experiments import unseen
 from motm_twin.bench.experiments.spec import Experiment, TrialSpec
 from motm_twin.methods.error import MethodError
+from motm_twin.methods.fast import FAST
 from motm_twin.methods.modifications import ABLATIONS, MOTM
 from motm_twin.methods.registry import METHODS, find_method
 from motm_twin.model.names import hint
@@ -136,6 +137,11 @@ EXPERIMENTS: dict[str, Entry] = {
         title="One pick with one error at a time: reactive, and the same plan open-loop",
         specs=robustness.robustness_specs,
         methods=robustness.METHODS,
+    ),
+    "mismatch": Entry(
+        title="Experiment 1 with a robot and a world that are otherwise than the robot is told",
+        specs=robustness.mismatch_specs,
+        methods=(FAST.name,),
     ),
     "quick_robot": Entry(
         title="Experiment 1 with a robot of 1 m/s, 1 m/s^2 and a quick gripper", specs=_on("exp1", QUICK_ROBOT)

@@ -5,12 +5,13 @@ The model is the one that the robot's profile gives: first-order lag, limits of 
 
 import math
 from collections import deque
+from collections.abc import Iterable
 
 import msgspec
 import numpy as np
 from numba import njit
 
-from motm_twin.external.expiry import expired
+from motm_twin.control.expiry import expired
 from motm_twin.model.geometry import Array, drive
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.plant import Actuation
@@ -38,10 +39,12 @@ class Motion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class Predictor:
     """Remembers commands, and predicts with them."""
 
-    def __init__(self, profile: RobotProfile, lifetime: float) -> None:
-        """``lifetime`` [s] after which a command no longer acts."""
+    def __init__(
+        self, profile: RobotProfile, lifetime: float, commands: Iterable[tuple[float, Actuation]] = ()
+    ) -> None:
+        """``lifetime`` [s] after which a command no longer acts; ``commands`` given before, with when they act [s]."""
         self._profile, self._lifetime = profile, lifetime
-        self._commands: deque[tuple[float, Actuation]] = deque(maxlen=KEPT)
+        self._commands: deque[tuple[float, Actuation]] = deque(commands, maxlen=KEPT)
 
     def clear(self) -> None:
         """Forget the commands."""

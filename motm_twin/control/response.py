@@ -1,0 +1,184 @@
+"""How late the robot acts on its commands: found out from what it does, and looked past.
+
+Two numbers: the delay after which anything acts on a command, told by the joints, which follow theirs at once; and the
+lag of the base beyond that of its profile, told by its twist. Each is the one of a few whose model has fitted best for
+a while, by least squares. With a delay, an observation is moved on to when a command that is given now acts, as that of
+a robot on a slow link is; a lag becomes that of the profile (`Twin`).
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from motm_twin.control.predictor import Motion, Predictor
+from motm_twin.model.geometry import Array
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX
+from motm_twin.model.plant import Actuation, Observation
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import Stateful
+
+JOINTS = 7
+TELLS_JOINT = 0.01  # [rad/s] between two models below which this moment does not tell one from the other
+TELLS_BASE = 0.01  # the same of the base, in shares of its largest speed
+GAP = 0.06  # [s] between observations beyond which nothing is told from one to the next
+SLOW = 0.2  # share of the largest speed below which a scale is not reckoned
+STEADY = 0.02  # the same within which what the base is told does not change
+LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says
+
+
+class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """When another delay or lag is believed; choices of this project."""
+
+    step: float = 0.01  # [s] between the delays that are tried
+    longest: float = 0.3  # [s]
+    memory: float = 2.0  # [s] over which misfits are added up
+    base_memory: float = 4.0  # [s] the same of the base, which changes its speed less often
+    explained: float = 0.2  # share of the square of what a model expects, that its misfit is at most
+    settles: float = 1.5  # [s] after which every base is at a speed that does not change
+    steady: float = 0.5  # [s] over which the scale of the base is reckoned while its speed is steady
+    better: float = 3.0  # times as large as the best misfit is that of the one believed so far, before it is given up
+    joints: float = 0.02  # [rad^2/s^2 s] by which a misfit of the joints is larger at least ...
+    base: float = 0.001  # [s] ... and one of the base, in shares of its largest speed squared
+    sure: float = 0.3  # [s] for which that has been so
+    sure_base: float = 1.5  # [s] longer than a fault is told by another name first
+
+
+@dataclass
+class ResponseState:
+    """Commands, models and misfits."""
+
+    delay: float = 0.0  # [s]
+    lag: float = 0.0  # [s] of the base, more than the profile says
+    time: float | None = None
+    commands: list[tuple[float, Actuation]] = field(default_factory=list)  # with when they were given [s], newest last
+    rates: Array = field(default_factory=lambda: np.zeros((1, JOINTS)))  # of joints without a delay, newest first
+    of_delay: Array = field(default_factory=lambda: np.zeros((2, 1)))  # misfit of each, and its square
+    twists: Array = field(default_factory=lambda: np.zeros((len(LAGS), 2)))  # of a base with each lag
+    of_lag: Array = field(default_factory=lambda: np.zeros((2, len(LAGS))))  # misfit of each, and its square
+    acting: Array = field(default_factory=lambda: np.zeros(2))  # twist that the base is told ...
+    settled: Array = field(default_factory=lambda: np.zeros(2))  # ... and for how long it has not changed [s]
+    scale: Array = field(default_factory=lambda: np.ones(2))  # what the base makes of a steady speed and yaw rate
+    late: float = 0.0  # [s] that another delay has fitted better
+    lagging: float = 0.0  # [s] that another lag has
+
+
+class Response(Stateful[ResponseState]):
+    """Watches what becomes of commands."""
+
+    def __init__(self, profile: RobotProfile, settings: ResponseSettings | None = None) -> None:
+        """``profile``: what the robot was told of itself."""
+        self._profile, self._settings = profile, settings or ResponseSettings()
+        self._count = round(self._settings.longest / self._settings.step) + 1
+        self._state = ResponseState(rates=np.zeros((self._count, JOINTS)), of_delay=np.zeros((2, self._count)))
+
+    @property
+    def delay(self) -> float:
+        """After which the robot acts on a command [s]."""
+        return self._state.delay
+
+    @property
+    def lag(self) -> float:
+        """Lag of the base beyond that of the profile [s]."""
+        return self._state.lag
+
+    def observed(self, now: Observation) -> Observation:
+        """The observation at the time at which a command that is given now acts; the same one without a delay."""
+        self._watch(now)
+        delay = self._state.delay
+        if delay == 0.0 or now.ahead > 0.0:
+            return now
+        commands = [(given + delay, actuation) for given, actuation in self._state.commands]
+        motion = Motion(
+            stamp=now.time, pose=now.pose, odometry=now.odometry, twist=now.twist, q=now.q, dq=now.dq,
+            gripper_moving=now.gripper_moving,
+        )  # fmt: skip
+        later = Predictor(self._lagging(), math.inf, commands).predict(motion, now.time + delay)
+        return msgspec.structs.replace(
+            now, time=later.stamp, pose=later.pose, odometry=later.odometry, twist=later.twist, q=later.q, dq=later.dq,
+            gripper_moving=later.gripper_moving, ahead=delay,
+        )  # fmt: skip
+
+    def told(self, actuation: Actuation, reported: Observation) -> None:
+        """Remember a command, given when this was reported."""
+        state, keep = self._state, 2.0 * self._settings.longest
+        now = reported.time
+        state.commands = [*(one for one in state.commands if now - one[0] <= keep), (now, actuation)]
+
+    def _lagging(self) -> RobotProfile:
+        base = self._profile.base
+        lagging = msgspec.structs.replace(base, velocity_lag=base.velocity_lag + self._state.lag)
+        return msgspec.structs.replace(self._profile, base=lagging)
+
+    def _watch(self, now: Observation) -> None:
+        """One more comparison of the robot with its models."""
+        state = self._state
+        dt, state.time = 0.0 if state.time is None else now.time - state.time, now.time
+        if not _finite(now):
+            return
+        if not (0.0 < dt <= GAP) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
+            state.rates, state.twists = np.tile(now.dq, (self._count, 1)), np.tile(now.twist, (len(LAGS), 1))
+            return
+        self._joints(now, dt)
+        self._base(now, dt)
+
+    def _joints(self, now: Observation, dt: float) -> None:
+        state, settings = self._state, self._settings
+        wanted = np.clip(state.commands[-1][1].joint_velocity, -DQ_MAX, DQ_MAX)
+        share = _share(self._profile.arm.velocity_lag, dt)
+        newest = state.rates[0] + np.clip(share * (wanted - state.rates[0]), -DDQ_MAX * dt, DDQ_MAX * dt)
+        state.rates = np.vstack([newest[None], state.rates[:-1]])
+        off = now.dq[None] - state.rates
+        fresh = np.array([(off * off).sum(axis=1), (state.rates * state.rates).sum(axis=1)])
+        state.of_delay = math.exp(-dt / settings.memory) * state.of_delay + dt * fresh
+        believed = round(state.delay / settings.step)
+        best = self._better(state.of_delay, believed, settings.joints)
+        apart = 0.0 if best is None else float(np.abs(state.rates[best] - state.rates[believed]).max())
+        state.late = 0.0 if best is None else state.late + dt * (apart > TELLS_JOINT)
+        if best is not None and state.late > settings.sure:
+            state.delay, state.late, state.lagging = settings.step * best, 0.0, 0.0
+            state.twists, state.of_lag = np.tile(now.twist, (len(LAGS), 1)), np.zeros_like(state.of_lag)
+
+    def _base(self, now: Observation, dt: float) -> None:
+        state, settings, base = self._state, self._settings, self._profile.base
+        given = now.time - dt - state.delay + 1e-6
+        acting = next((one.twist for at, one in reversed(state.commands) if at <= given), np.zeros(2))
+        largest = np.array([base.forward_speed, base.yaw_rate])
+        most = dt * np.array([base.linear_acceleration, base.yaw_acceleration])
+        shares = np.array([_share(base.velocity_lag + lag, dt) for lag in LAGS])[:, None]
+        wanted = state.scale * acting
+        state.twists = state.twists + np.clip(shares * (wanted[None] - state.twists), -most, most)
+        same = np.abs(acting - state.acting) < STEADY * largest
+        state.settled, state.acting = np.where(same, state.settled + dt, 0.0), np.where(same, state.acting, acting)
+        steady = (state.settled > settings.settles) & (np.abs(acting) > SLOW * largest)
+        ratio = np.clip(now.twist / np.where(steady, acting, 1.0), 0.5, 1.5)
+        state.scale = np.where(steady, state.scale + dt / settings.steady * (ratio - state.scale), state.scale)
+        model, off = state.twists / largest, (state.twists - now.twist[None]) / largest
+        fresh = np.array([(off * off).sum(axis=1), (model * model).sum(axis=1)])
+        state.of_lag = math.exp(-dt / settings.base_memory) * state.of_lag + dt * fresh
+        believed = LAGS.index(state.lag)
+        best = self._better(state.of_lag, believed, settings.base)
+        apart = 0.0 if best is None else float(np.abs(model[best] - model[believed]).max())
+        state.lagging = 0.0 if best is None else state.lagging + dt * (apart > TELLS_BASE)
+        if best is not None and state.lagging > settings.sure_base:
+            state.lag, state.lagging = LAGS[best], 0.0
+
+    def _better(self, misfits: Array, believed: int, least: float) -> int | None:
+        """Index of a model that explains what is measured, and much better than the one believed; None: there is none.
+
+        ``misfits``: of every model, and the squares of what it expects, (2, n).
+        """
+        (off, square), settings = misfits, self._settings
+        best = int(np.argmin(off))
+        here, there = float(off[believed]), float(off[best])
+        better = here > settings.better * there and here - there > least
+        return best if better and there < settings.explained * float(square[best]) else None
+
+
+def _share(lag: float, dt: float) -> float:
+    return 1.0 if lag <= 0.0 else 1.0 - math.exp(-dt / lag)
+
+
+def _finite(now: Observation) -> bool:
+    return math.isfinite(float(now.twist.sum() + now.dq.sum()))

@@ -1,0 +1,257 @@
+"""Which object a detection without a name is of: it is told by where the objects are believed.
+
+The detections of a picture and the objects are matched together, nearest first in standard deviations (global nearest
+neighbour). What is left is a candidate: one that comes again and again at one place is an object that somebody has
+moved, when one is missing where it is believed; a detection that comes once is nothing.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.plant import Detection
+
+
+class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Limits of the matching; choices of this project."""
+
+    gate: float = 4.0  # standard deviations between an object's place and its detection ...
+    gate_floor: float = 0.01  # [m] ... or this
+    pushed: float = 0.15  # [m] from where an object was seen, that a thing is taken for it in the same picture
+    vague: float = 0.01  # [m] sd of a place from which on one detection is too little to believe an object elsewhere
+    first: int = 2  # detections at one place that are enough then
+    confirmed: int = 3  # and before something is there at all
+    absent: float = 0.15  # [s] in view and not reported, after which an object is elsewhere
+    astray: float = 0.5  # [m] from where an object was seen, at which it may be found without that place in view ...
+    strayed: int = 6  # ... after so many detections: odometry has slipped
+    disproved: float = 2.0  # [s] in view and not reported, after which where an object was seen tells nothing
+    forget: float = 0.5  # [s] without a detection, after which a candidate that was not confirmed is forgotten
+    keep: float = 10.0  # [s] the same of one that was
+    rival: float = 6.0  # difference in cost below which another object that is out of view may be the one that is seen
+    most: int = 50  # candidates
+    period: float = 0.05  # [s] between pictures when they are empty and have no stamp
+
+
+class Places(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where the objects are believed at one observation, odometry frame."""
+
+    names: tuple[str, ...]
+    positions: Array  # [m], shape (n, 3)
+    variances: Array  # [m^2] per axis, shape (n,)
+    seen: Array  # it was seen before, shape (n,), bool
+
+
+class Sight(Protocol):
+    """What the association asks of the world and the camera."""
+
+    def places(self) -> Places:
+        """Where the objects are believed."""
+        ...
+
+    def in_view(self, point: Array) -> bool:
+        """The camera surely sees a point (3,) [m], odometry frame, unless something stands before it."""
+        ...
+
+    def in_bin(self, point: Array) -> bool:
+        """A point (3,) [m], odometry frame, is in a bin."""
+        ...
+
+
+@dataclass
+class Candidate:
+    """Something that was detected, and is no object where it is believed."""
+
+    position: Array  # [m] odometry frame, newest, shape (3,)
+    stamp: float  # [s] newest
+    count: int = 1
+    name: str = ""  # of the object that it is taken for
+
+
+@dataclass
+class AssociationState:
+    """Candidates, missing objects, and the answer for the newest picture."""
+
+    stamp: float = -math.inf  # [s] of the newest picture with detections
+    looked: float = -math.inf  # [s] when a picture was last gone through
+    names: dict[bytes, str] = field(default_factory=dict)  # of its detections by what they say, "" for none
+    candidates: list[Candidate] = field(default_factory=list)
+    absent: dict[str, float] = field(default_factory=dict)  # [s] since when an object is in view and not reported
+
+
+def names_of(
+    state: AssociationState, found: Sequence[Detection], now: float, held: str | None, sight: Sight,
+    settings: AssociationSettings,
+) -> tuple[str, ...]:  # fmt: skip
+    """Names of detections that have none, "" for those that stay without one. ``now``: [s] of the camera's clock."""
+    newest = max((one.stamp for one in found), default=-math.inf)
+    if found and newest <= state.stamp:
+        return tuple(state.names.get(one.p_base.tobytes(), "") for one in found)
+    if not found and now - state.looked < settings.period - 1e-6:
+        return ()
+    picture = _Picture(found, sight.places(), held, settings)
+    match = picture.matched()
+    age = max(0.0, now - newest) if found else 0.0
+    _watch_absent(state, picture, match, now, sight)
+    names = [""] * len(found)
+    candidates = [_candidate(state, picture, k) for k in range(len(found))]
+    for k, candidate in enumerate(candidates):
+        i = match.get(k, -1)
+        if i < 0:
+            continue
+        candidate.name = ""
+        vague = picture.places.variances[i] > settings.vague**2
+        sure = not vague or candidate.count >= settings.first
+        if sure and not (not picture.places.seen[i] and picture.ambiguous(k, i, match, sight)):
+            names[k] = picture.places.names[i]
+    _claim(candidates, picture, names, match, sight, lambda name: _is_absent(state, name, now, age, settings))
+    if found:
+        state.stamp = newest
+        state.names = {one.p_base.tobytes(): name for one, name in zip(found, names, strict=True)}
+    state.looked = now
+    _forget(state, picture, names, now, sight)
+    return tuple(names)
+
+
+def unexplained(state: AssociationState, sight: Sight, settings: AssociationSettings) -> bool:
+    """Something is detected again and again where no object is known, and none is missing."""
+    return any(
+        one.count > settings.confirmed and not one.name and one.stamp == state.stamp and not sight.in_bin(one.position)
+        for one in state.candidates
+    )
+
+
+def disproved(state: AssociationState, now: float, settings: AssociationSettings) -> tuple[str, ...]:
+    """Objects that have been in view for long where they are believed, and were not reported."""
+    return tuple(name for name, since in state.absent.items() if now - since >= settings.disproved)
+
+
+class _Picture:
+    """The detections of one picture, the objects, and how far they are from each other."""
+
+    def __init__(
+        self, found: Sequence[Detection], places: Places, held: str | None, settings: AssociationSettings
+    ) -> None:
+        self.found, self.places, self.settings = found, places, settings
+        self.at = np.array([from_frame(one.odometry, one.p_base) for one in found]).reshape(-1, 3)
+        self.sd = np.array([one.position_sd for one in found])
+        variance = self.sd[:, None] ** 2 + places.variances[None, :]  # (detections, objects)
+        apart = self.at[:, None, :] - places.positions[None, :, :]
+        self.largest = np.abs(apart).max(axis=2, initial=0.0)
+        square = apart[:, :, 0] ** 2 + apart[:, :, 1] ** 2 + apart[:, :, 2] ** 2
+        self.distance = np.sqrt(square)
+        floor = settings.gate_floor / settings.gate
+        spread = [[6.0 * math.log(math.sqrt(value) + floor) for value in row] for row in variance.tolist()]
+        self.cost = square / (np.sqrt(variance) + floor) ** 2 + np.array(spread).reshape(variance.shape)
+        self.free = np.array([name != held for name in places.names], dtype=bool).reshape(-1)
+        inside = self.largest <= settings.gate_floor + settings.gate * np.sqrt(variance)
+        self.possible = inside & self.free[None, :]
+
+    def matched(self) -> dict[int, int]:
+        """Object of each detection that has one: within the gates first, then what was pushed or has moved a little."""
+        match = _assigned(self.cost, self.possible)
+        rest = np.ones_like(self.possible)
+        rest[list(match), :] = False
+        rest[:, list(match.values())] = False
+        near = rest & (self.distance < self.settings.pushed) & self.free[None, :] & self.places.seen[None, :]
+        return match | _assigned(self.distance, near)
+
+    def ambiguous(self, k: int, i: int, match: dict[int, int], sight: Sight) -> bool:
+        """Another object that was never seen, and is not in view, may as well be what is detected."""
+        taken = set(match.values())
+        for other in np.flatnonzero(self.possible[k] & np.logical_not(self.places.seen)).tolist():
+            near = self.cost[k, other] - self.cost[k, i] < self.settings.rival
+            if other != i and other not in taken and near and not sight.in_view(self.places.positions[other]):
+                return True
+        return False
+
+
+def _assigned(cost: Array, possible: NDArray[np.bool_]) -> dict[int, int]:
+    """Rows and columns that belong together: as many as can be, then with the least cost."""
+    if not possible.any():
+        return {}
+    allowed = cost[possible]
+    low = float(allowed.min())
+    wide = float(allowed.max()) - low + 1.0
+    beyond = wide * (1 + min(cost.shape))  # more than all others together
+    rows, columns = linear_sum_assignment(np.where(possible, cost - low, beyond))
+    return {int(r): int(c) for r, c in zip(rows, columns, strict=True) if possible[r, c]}
+
+
+def _candidate(state: AssociationState, picture: _Picture, k: int) -> Candidate:
+    """What is detected here, seen once more or for the first time."""
+    settings, at, stamp = picture.settings, picture.at[k], picture.found[k].stamp
+    reach = settings.gate_floor + settings.gate * math.sqrt(2.0) * float(picture.sd[k])
+    near = [one for one in state.candidates if one.stamp < stamp and float(np.abs(one.position - at).max()) <= reach]
+    if near:
+        best = min(near, key=lambda one: math.dist(one.position.tolist(), at.tolist()))
+        best.position, best.stamp, best.count = at.copy(), stamp, best.count + 1
+        return best
+    new = Candidate(at.copy(), stamp)
+    state.candidates = [*state.candidates, new][-settings.most :]
+    return new
+
+
+def _watch_absent(state: AssociationState, picture: _Picture, match: dict[int, int], now: float, sight: Sight) -> None:
+    """Since when each object is in view and not reported."""
+    reported = set(match.values())
+    for i, name in enumerate(picture.places.names):
+        if i in reported or not picture.free[i] or not sight.in_view(picture.places.positions[i]):
+            state.absent.pop(name, None)
+        else:
+            state.absent.setdefault(name, now)
+
+
+def _is_absent(state: AssociationState, name: str, now: float, age: float, settings: AssociationSettings) -> bool:
+    since = state.absent.get(name)
+    return since is not None and now - since >= settings.absent + age
+
+
+def _claim(
+    candidates: Sequence[Candidate], picture: _Picture, names: list[str], match: dict[int, int], sight: Sight,
+    absent: Callable[[str], bool],
+) -> None:  # fmt: skip
+    """Confirmed candidates are the objects that are missing, the nearest first."""
+    places, taken, settings = picture.places, {*match.values()}, picture.settings
+    pairs = []
+    for k in range(len(names)):
+        if k in match:
+            continue
+        one = candidates[k]
+        if one.count < settings.confirmed:
+            continue
+        in_bin = sight.in_bin(picture.at[k])
+        for i, name in enumerate(places.names):
+            if i in taken or not picture.free[i]:
+                continue
+            same_bin = in_bin and sight.in_bin(places.positions[i])
+            astray = one.count >= settings.strayed and not in_bin and places.seen[i]
+            astray = astray and picture.distance[k, i] < settings.astray and not sight.in_view(places.positions[i])
+            if absent(name) or same_bin or astray or one.name == name:
+                pairs.append((one.name != name, not same_bin, float(picture.distance[k, i]), k, i, one))
+    done: set[int] = set()
+    for *_, k, i, one in sorted(pairs, key=lambda pair: pair[:5]):
+        if k not in done and i not in taken:
+            done.add(k)
+            taken.add(i)
+            names[k] = one.name = places.names[i]
+
+
+def _forget(state: AssociationState, picture: _Picture, names: Sequence[str], now: float, sight: Sight) -> None:
+    """Candidates that are objects where these are believed, that did not come again, or are in view and gone."""
+    settings, own = picture.settings, [at for at, name in zip(picture.at, names, strict=True) if name]
+    kept = []
+    for one in state.candidates:
+        explained = not one.name and any(np.array_equal(one.position, at) for at in own)
+        limit = (
+            settings.keep if one.count >= settings.confirmed and not sight.in_view(one.position) else settings.forget
+        )
+        if not explained and now - one.stamp <= limit:
+            kept.append(one)
+    state.candidates = kept

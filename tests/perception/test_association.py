@@ -1,0 +1,158 @@
+"""Detections without a name get that of their object; a false one moves nothing, a missed one loses nothing."""
+
+import numpy as np
+import pytest
+
+from motm_twin.model.plant import Detection
+from motm_twin.perception.association import AssociationSettings, AssociationState, Places, names_of, unexplained
+
+SETTINGS = AssociationSettings()
+A, B = np.array([1.0, 0.0, 0.8]), np.array([1.0, 0.3, 0.8])
+SEEN, NEVER = 0.003, 0.05  # [m] sd of what is believed
+PERIOD = 0.05
+
+
+class Sight:
+    """Objects that are believed somewhere, and a camera that looks everywhere unless it is told otherwise."""
+
+    def __init__(self, sd=SEEN, hidden=(), bins=(), **places):
+        self.at, self.sd, self.hidden, self.bins = places, sd, hidden, bins
+
+    def places(self):
+        count = len(self.at)
+        return Places(
+            names=tuple(self.at), positions=np.array(list(self.at.values())).reshape(-1, 3),
+            variances=np.full(count, self.sd**2), seen=np.full(count, self.sd < NEVER),
+        )  # fmt: skip
+
+    def in_view(self, point):
+        return not any(np.array_equal(point, place) for place in self.hidden)
+
+    def in_bin(self, point):
+        return any(np.abs(point - place).max() < 0.2 for place in self.bins)
+
+
+def picture(stamp, *places, sd=0.003):
+    return tuple(
+        Detection(
+            stamp=stamp, name="", p_base=np.array(at), yaw_base=0.0, position_sd=sd, odometry=np.zeros(3)
+        )
+        for at in places
+    )  # fmt: skip
+
+
+class Camera:
+    """Pictures one after the other."""
+
+    def __init__(self, sight):
+        self.sight, self.state, self.now = sight, AssociationState(), 0.0
+
+    def shows(self, *places, times=1, held=None):
+        names = ()
+        for _ in range(times):
+            self.now += PERIOD
+            names = names_of(self.state, picture(self.now, *places), self.now, held, self.sight, SETTINGS)
+        return names
+
+
+def test_each_detection_is_of_the_object_that_is_believed_there_in_whatever_order():
+    camera = Camera(Sight(a=A, b=B))
+    assert camera.shows(B + 0.004, A - 0.004) == ("b", "a")
+    assert camera.shows(A) == ("a",)
+
+
+def test_objects_that_stand_near_each_other_are_matched_together_and_not_one_after_the_other():
+    """Both are seen 3 cm to the left: nearest first would take b's detection for a's."""
+    near = A + np.array([0.0, 0.05, 0.0])
+    camera = Camera(Sight(sd=0.02, a=A, b=near))
+    left = np.array([0.0, 0.03, 0.0])
+    assert camera.shows(A + left, near + left, times=2) == ("a", "b")
+
+
+def test_the_same_picture_is_gone_through_once():
+    camera = Camera(Sight(a=A))
+    camera.shows(A + 0.5)
+    for _ in range(5):
+        again = picture(camera.now, A + 0.5)
+        assert names_of(camera.state, again, camera.now, None, camera.sight, SETTINGS) == ("",)
+    assert [one.count for one in camera.state.candidates] == [1]
+
+
+def test_one_detection_is_too_little_for_an_object_that_is_believed_there_vaguely():
+    camera = Camera(Sight(sd=0.03, a=A))
+    assert camera.shows(A + 0.08) == ("",)
+    assert camera.shows(A - 0.05) == ("",)
+    assert camera.shows(A - 0.05) == ("a",)
+
+
+def test_something_that_is_detected_once_is_nothing_even_while_an_object_is_missed():
+    camera = Camera(Sight(a=A))
+    camera.shows(A, times=5)
+    assert camera.shows(A + 0.4) == ("",)
+    assert camera.shows(A + np.array([0.0, 0.5, 0.0])) == ("",)
+    assert camera.shows(A) == ("a",)
+
+
+def test_what_is_detected_again_and_again_is_the_object_that_is_missing():
+    camera = Camera(Sight(a=A, b=B))
+    camera.shows(A, B, times=3)
+    moved = A + np.array([0.4, 0.0, 0.0])
+    names = [camera.shows(moved, B)[0] for _ in range(8)]
+    assert names[:2] == ["", ""] and names[-1] == "a"
+    assert not unexplained(camera.state, camera.sight, SETTINGS)
+
+
+def test_nothing_is_missing_where_the_camera_does_not_look():
+    camera = Camera(Sight(a=A, hidden=(A,)))
+    assert camera.shows(A + 0.4, times=20) == ("",)
+    assert unexplained(camera.state, camera.sight, SETTINGS)
+
+
+def test_a_second_one_like_an_object_that_is_where_it_should_be_is_told_of_and_left_out():
+    camera = Camera(Sight(a=A))
+    assert camera.shows(A, A + 0.3, times=10) == ("a", "")
+    assert unexplained(camera.state, camera.sight, SETTINGS)
+
+
+def test_an_object_that_a_finger_has_pushed_is_known_in_the_next_picture():
+    camera = Camera(Sight(a=A, b=B, hidden=(A, B)))
+    camera.shows(A, B, times=3)
+    assert camera.shows(A + np.array([0.05, 0.0, 0.0]), B) == ("a", "b")
+
+
+def test_a_held_object_is_never_what_is_detected():
+    camera = Camera(Sight(a=A))
+    assert camera.shows(A, times=10, held="a") == ("",)
+
+
+def test_an_object_that_was_never_seen_is_believed_when_it_is_detected_twice():
+    camera = Camera(Sight(sd=NEVER, a=A))
+    assert [camera.shows(A + 0.05)[0] for _ in range(2)] == ["", "a"]
+    camera = Camera(Sight(sd=NEVER, a=A))
+    camera.shows(A + 0.05)
+    assert camera.shows(A - 0.1) == ("",)
+
+
+def test_which_of_two_that_were_never_seen_it_is_stays_open_until_the_other_ones_place_is_in_view():
+    middle = 0.5 * (A + A + np.array([0.0, 0.1, 0.0]))
+    near = A + np.array([0.0, 0.1, 0.0])
+    camera = Camera(Sight(sd=NEVER, a=A, b=near, hidden=(near,)))
+    assert camera.shows(middle, times=10) == ("",)
+    camera = Camera(Sight(sd=NEVER, a=A, b=near))
+    assert camera.shows(middle - np.array([0.0, 0.01, 0.0]), times=10) == ("a",)
+
+
+def test_what_lies_in_a_bin_is_what_was_dropped_there_first():
+    bin_at = np.array([2.0, 2.0, 0.66])
+    camera = Camera(Sight(a=A, b=bin_at, bins=(bin_at,)))
+    camera.shows(A, bin_at, times=2)
+    rolled = bin_at + np.array([0.18, 0.1, 0.0])
+    assert camera.shows(A, rolled, times=4) == ("a", "b")
+
+
+@pytest.mark.parametrize("count", [0, 60])
+def test_a_picture_may_have_nothing_or_many_things_in_it(count):
+    camera = Camera(Sight(a=A))
+    places = [A + np.array([0.0, 0.0, 1.0 + k]) for k in range(count)]
+    assert camera.shows(*places, times=4) == ("",) * count
+    assert len(camera.state.candidates) <= SETTINGS.most
