@@ -37,6 +37,11 @@ class CellTimes:
         late = self.times > time
         return CellTimes(self.cells[late], self.times[late])
 
+    def without(self, cells: Numbers) -> "CellTimes":
+        """Those that are none of these, which ascend."""
+        kept = ~among(cells, self.cells)
+        return CellTimes(self.cells[kept], self.times[kept])
+
     def also(self, cells: Numbers, times: NDArray[np.float64]) -> "CellTimes":
         """They and these (m,), which may repeat and have any order; each cell with its latest time [s]."""
         order = np.argsort(cells)

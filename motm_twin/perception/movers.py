@@ -47,6 +47,9 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
     settled: float = 0.9  # share of a thing that is static, from which on all of it is: a cell at its edge may flicker
     now: float = 0.06  # [s] since it was hit last, up to which a cell says where a thing is: two scans, one may miss it
+    beside: float = (
+        0.9  # share of a thing that is at most two cells from something static, from which on it is its side
+    )
     fresh: float = 0.5  # [s] since it was hit last, up to which something static shows where its sides are
     remembers: float = 3.0  # [s] free of it after which a static cell is no longer one: as long as it takes to be one
     near_time: float = 4.0  # [s] of driving at full speed up to which a mover is in the way as it is: until the base
@@ -139,6 +142,7 @@ class MoverTracker(Stateful[MoverState]):
         state.tracks = [track for track in state.tracks if world.stamp - track.seen <= p.lost_after]
         for track, one in pairs:
             self._judge(track, one, world, viewpoint[:2], dt)
+        self._release(pairs, cells, grid, since, world)
         self._part(viewpoint[:2])
         unsettled = [(track, one) for track, one in pairs if self._unsettled(track)]
         places = [(cells[one.points], track.rest.time) for track, one in unsettled if track.rest is not None]
@@ -249,6 +253,19 @@ class MoverTracker(Stateful[MoverState]):
         if track.wide or track.moved is None or track.rest is None or now is None:
             return False
         return now - track.rest.time < self.parameters.waits
+
+    def _release(self, pairs: list[Pair], cells: Numbers, grid: Cells, since: Array, world: WorldMap) -> None:
+        """What was seen to move, and stands all along the side of something static, is that side: its pose was off."""
+        state, p, now = self._state, self.parameters, world.stamp
+        anchors = grid[(since <= now - p.rests) & (world.seen_age <= p.fresh)]
+        for track, one in pairs:
+            if track.moved is None or now - track.moved <= p.stands_after or track.moved >= now or not len(anchors):
+                continue
+            apart = np.abs(grid[one.points][:, None] - anchors[None]).max(axis=2).min(axis=1)
+            if np.count_nonzero(apart <= p.join_cells) >= p.beside * len(apart):
+                track.moved, track.rest, track.strayed = None, None, None
+                around = np.unique((cells[one.points][:, None] + AROUND).ravel())
+                state.held = state.held.without(around)
 
     def _absorbing(self, pairs: list[Pair], world: WorldMap) -> list[Seen]:
         """Clusters too wide for a mover that one is part of now: it was followed until a moment ago."""

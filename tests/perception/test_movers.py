@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 import shapely
@@ -12,8 +13,9 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
+from motm_twin.perception.cell_times import CellTimes, numbers_of
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.movers import MoverParameters, MoverTracker
+from motm_twin.perception.movers import MoverParameters, MoverTracker, Place, Track
 from motm_twin.perception.world_map import WorldMap
 
 from .small_world import LIDAR, cast, scan_of
@@ -286,3 +288,27 @@ def test_what_has_stood_since_it_is_known_is_seen_to_move_when_it_does(course: f
             assert k * STEP > starts
             return
     raise AssertionError(tracker.snapshot())
+
+
+def test_a_side_of_a_static_box_that_was_seen_to_move_is_static_again_when_it_stands() -> None:
+    """A pose that is some centimetres off moves a side of a box; its cells were held back as long as it flickered."""
+    mapper, tracker, rng = Mapper(FLOOR), MoverTracker(), np.random.default_rng(0)
+    box, parameters, known = shapely.box(1.2, -0.25, 1.7, 0.25), MoverParameters(), np.zeros(0, dtype=np.int64)
+    for k in range(400):
+        pose = np.array([-0.06 if k >= 200 else 0.0, 0.0, 0.0])
+        observation = _seen(k * STEP, np.zeros(3), [box], rng)
+        scan = msgspec.structs.replace(observation.scan, pose=pose)
+        world = tracker.sort(mapper.update(msgspec.structs.replace(observation, pose=pose, scan=scan)), pose)
+        cells = numbers_of(world)
+        if k == 199:
+            known = cells
+        if k == 203:
+            fresh = ~np.isin(cells, known)
+            held, middle = np.sort(cells[fresh]), world.seen_points[fresh].mean(axis=0)
+            state, here = tracker._state, Place(world.stamp, middle, 0.2, np.zeros((0, 2)))
+            state.held = CellTimes().also(held, np.full(len(held), world.stamp + parameters.waits))
+            state.tracks = [Track(middle, np.zeros(2), 0.2, world.stamp, moved=world.stamp, place=here, rest=here)]
+        if k == 206:
+            assert not world.seen_static[np.isin(cells, held)].any()
+        if k > 203 + (parameters.stands_after + 0.5) / STEP:
+            assert world.seen_static.all()
