@@ -198,14 +198,21 @@ def bench_faults(
         results.append(one)
         if not good(one):
             console.print(f"  {told_of(one)}", style="yellow", markup=False)
-    results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
+        results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
+        _written(out, results, whole=len(results) == len(cells))
     console.print(table_of(results))
-    reached = all(map(good, results))
-    whole = {"group": NAME, "title": TITLE, "machine": machine(), "reached": reached, "trials": results}
-    write(out / f"{NAME}.json", whole)
-    (out / f"{NAME}.md").write_text(markdown_of(results) + "\n", encoding="utf-8")
     console.print(f"{machine()}, {workers} processes; written to {out / f'{NAME}.json'} and {NAME}.md")
-    return reached
+    return all(map(good, results))
+
+
+def _written(out: Path, results: list[dict[str, Any]], *, whole: bool) -> None:
+    """Write what there is: a bench that takes hours may be stopped."""
+    reached = whole and all(map(good, results))
+    write(
+        out / f"{NAME}.json",
+        {"group": NAME, "title": TITLE, "machine": machine(), "whole": whole, "reached": reached, "trials": results},
+    )
+    (out / f"{NAME}.md").write_text(markdown_of(results) + "\n", encoding="utf-8")
 
 
 def good(one: dict[str, Any]) -> bool:

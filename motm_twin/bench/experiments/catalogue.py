@@ -97,7 +97,7 @@ def _on(scene: str, changes: Mapping[str, float] | None = None) -> Callable[[Seq
 
 def _with_temis(variant: str) -> Callable[[Sequence[str], int | None], Specs]:
     """Experiment 2, and the same arrangements and seeds of Experiment 1 to compare with."""
-    alone = "trial1" if variant == "one_temi" else variant
+    alone = {"one_temi": "trial1", "blind": "random"}.get(variant, variant)
     return lambda methods, trials: (
         TrialSpec(scene, which, seed, method)
         for seed in range(trials or PUBLISHED)
@@ -122,6 +122,7 @@ EXPERIMENTS: dict[str, Entry] = {
     "exp1": Entry(title="Experiment 1: six cubes from a table into two bins", specs=_on("exp1")),
     "exp1a": Entry(title="Experiment 1a: two boxes that the map does not know", specs=_on("exp1a")),
     "exp2": Entry(title="Experiment 2: four Temis drive round the table", specs=_with_temis("random")),
+    "blind": Entry(title="Experiment 2 with Temis that do not stop for the robot", specs=_with_temis("blind")),
     "one_temi": Entry(title="Experiment 2 with one Temi", specs=_with_temis("one_temi")),
     "ablations": Entry(
         title="Experiment 1 with each modification of the paper switched off alone",
