@@ -43,7 +43,7 @@ GOALS = (  # name, shape, size [m]
     ("temi", "temi", 0.0),
 )
 PHASES = ("transit", "final", "lift", "carry", "release")
-STAYS = 6.0  # [s] that a box stays on the hand
+STAYS = 14.0  # [s] that a box stays on the hand
 _PUT_AT = 40  # period in which the base has its speed, but for quick ones
 _LAG = 0.05  # [s] a period: what is put is seen in the next
 _BOX_LENGTH = 1.5  # [m] along the way: more than a quick base needs to stop

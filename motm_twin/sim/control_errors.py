@@ -21,10 +21,14 @@ class ControlErrors:
         self._rate_sd, self._seed = noise.arm_rate_sd, seed
 
     def rates(self, told: Array, substep: int) -> Array:
-        """Joint rates [rad/s] that the arm goes for in a substep when it is told these, shape (7,)."""
+        """Joint rates [rad/s] that the arm goes for in a substep when it is told these, shape (7,).
+
+        A joint that is told to stand holds its position.
+        """
         if self._rate_sd == 0.0:
             return told
-        return told + self._rate_sd * np.random.default_rng([self._seed, _RNG_ARM, substep]).standard_normal(7)
+        off = self._rate_sd * np.random.default_rng([self._seed, _RNG_ARM, substep]).standard_normal(7)
+        return np.where(told == 0.0, told, told + off)
 
 
 def hand_eye(mismatch: Mismatch, seed: int) -> Array:
