@@ -214,10 +214,10 @@ def bench(
 ) -> int:
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
-    With methods, trials, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, one_temi, ablations,
-    grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight, sweep_bezier_offset,
-    sweep_radius_min, sweep_radius_max), compared in a table. It is kept on disk: after Ctrl-C or a crash the same
-    command goes on where it ended.
+    With methods, trials, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, blind, one_temi,
+    ablations, grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight,
+    sweep_bezier_offset, sweep_radius_min, sweep_radius_max), compared in a table. It is kept on disk: after Ctrl-C or a
+    crash the same command goes on where it ended.
 
     Args:
         groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,

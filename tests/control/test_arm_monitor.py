@@ -25,7 +25,7 @@ DT = 0.01  # [s]
 
 
 def _deepest(scene, seed: int, *, guarded: bool) -> tuple[float, str]:
-    """Deepest contact [m] with furniture, floor and base in 12 s of rates and yaw rates drawn anew every 0.4 s, and what was said last."""
+    """Deepest contact [m] but of the arm with itself, in 12 s of rates drawn anew every 0.4 s, and what was said."""
     rng = np.random.default_rng(seed)
     plant, monitor, base = SimulatedPlant(scene), ArmMonitor(known_world(scene)), scene.robot.base
     rates, twist, said = np.zeros(7), np.zeros(2), ""
