@@ -215,7 +215,7 @@ def test_a_variant_lays_its_sections_over_those_of_the_scene(tmp_path):
     assert (quiet.noise.lidar_range_sd, quiet.seed) == (0.0, 5)
     assert (len(errand.tasks), errand.start, errand.time_limit) == (1, (-1.0, 0.0, 0.0), 20.0)
     assert errand.objects == ()
-    assert len(check_all(path)) == 14
+    assert len(check_all(path)) == 15
 
 
 def test_a_scene_extends_a_file_in_its_own_folder(tmp_path):
