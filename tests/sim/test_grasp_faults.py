@@ -5,6 +5,7 @@ import pytest
 from sim_hands import act, cube_of, move, over_a_cube
 from sim_scenes import QUIET, experiment, scene
 
+from motm_twin.model.plant import Actuation
 from motm_twin.model.scene import Faults, Noise
 from motm_twin.model.state import state_hash
 from motm_twin.sim.gripper import Gripper, GripperState
@@ -130,9 +131,14 @@ def test_a_base_with_a_scale_error_drives_another_way_than_it_was_told():
     assert abs(done[2] / told[2] - 1.0) > 0.02
 
 
-def test_shaking_joints_stay_about_where_they_are_told_to_be():
-    shaking = SimulatedPlant(scene(noise=Noise(arm_rate_sd=0.05)))
-    start = shaking.observe().q
-    shaking.step(1.0)
-    away = np.abs(shaking.observe().q - start)
-    assert 0.0005 < away.max() < 0.03
+def test_shaking_joints_stay_about_where_they_are_told_to_be_and_those_told_to_stand_hold():
+    q = []
+    for noise in (Noise(arm_rate_sd=0.05), Noise()):
+        plant = SimulatedPlant(scene(noise=noise))
+        plant.command(Actuation(twist=np.zeros(2), joint_velocity=np.array([0.1] * 6 + [0.0]), gripper="open"))
+        start = plant.observe().q
+        plant.step(1.0)
+        q.append(plant.observe().q - start)
+    away = np.abs(q[0] - q[1])
+    assert 0.0005 < away[:6].max() < 0.03
+    assert away[6] == 0.0
