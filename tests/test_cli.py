@@ -64,11 +64,11 @@ def test_a_task_that_cannot_be_completed_exits_with_one_and_a_reason(tmp_path):
     assert "time limit" in report["reason"]
 
 
-def short_scene(folder):
-    """Experiment 1 with a time limit of 3 s."""
+def short_scene(folder, seconds=3):
+    """Experiment 1 with a time limit [s]."""
     text = (scenes_dir() / "exp1.yaml").read_text(encoding="utf-8")
     path = folder / "short.yaml"
-    path.write_text(re.sub(r"^time_limit: .*$", "time_limit: 3", text, flags=re.MULTILINE))
+    path.write_text(re.sub(r"^time_limit: .*$", f"time_limit: {seconds}", text, flags=re.MULTILINE))
     return path
 
 
@@ -134,10 +134,10 @@ def test_a_run_that_is_piped_prints_whole_lines_however_long_they_are(tmp_path):
 
 def test_a_run_draws_its_speed_along_the_path(tmp_path):
     file, report = tmp_path / "run.svg", tmp_path / "run.json"
-    given = ("run", str(short_scene(tmp_path)), "--variant", "trial1", "--plot", str(file), "--json", str(report))
+    given = ("run", str(short_scene(tmp_path, 7)), "--variant", "trial1", "--plot", str(file), "--json", str(report))
     assert call(*given).returncode == 1  # the time limit
     text = file.read_text(encoding="utf-8")
-    for words in ("distance driven [m]", "speed [m/s]", "reference tour, at the limit", "slower, "):
+    for words in ("distance driven [m]", "speed [m/s]", "reference tour, at the limit", "slower, turning"):
         assert words in text
     (leg,) = json.loads(report.read_text())["measures"]["legs"]
     assert leg["reference_m"] > leg["path_m"] > 0.0  # the leg is not over

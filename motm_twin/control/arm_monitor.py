@@ -38,7 +38,7 @@ from motm_twin.model.plant import Actuation, Observation
 KEPT = 0.003  # [m] that every body of the arm keeps from mapped furniture
 BRAKING = 5.0  # [m/s^2] with which a body can brake before a solid: half of what the joints can with a stretched arm
 OWN_KEPT = 0.015  # [m] the same from floor and own base
-OWN_BRAKING = 2.5  # [m/s^2] the same before its own base: a folded arm has short levers
+OWN_BRAKING = 2.0  # [m/s^2] the same before its own base: a folded arm has short levers
 _LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that anything further off matters yet
 _ROUNDS = 4  # of holding back the body that is most above its speed: a wedged arm has several
 _ENOUGH = 1e-3  # [m/s] over the line that is left alone

@@ -51,7 +51,7 @@ def _deepest(scene, seed: int, *, guarded: bool) -> tuple[float, str]:
     return max(found, default=0.0), said
 
 
-@pytest.mark.parametrize("seed", [0, 2, 4, 6])
+@pytest.mark.parametrize("seed", [0, 2, 4, 5, 6, 7])
 def test_an_arm_that_is_driven_at_random_stops_before_furniture_and_its_own_base(tmp_path, seed):
     """At 2 rad/s, wedged between a wall, a table and its own base, it comes to touch them at most as it brakes."""
     path = tmp_path / "narrow.yaml"
@@ -60,5 +60,5 @@ def test_an_arm_that_is_driven_at_random_stops_before_furniture_and_its_own_base
     free, _ = _deepest(scene, seed, guarded=False)
     kept, said = _deepest(scene, seed, guarded=True)
     assert free > 0.03
-    assert kept < 0.015
+    assert kept < 0.01
     assert said.startswith("braking: the ")
