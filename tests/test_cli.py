@@ -134,7 +134,7 @@ def test_a_run_that_is_piped_prints_whole_lines_however_long_they_are(tmp_path):
 
 def test_a_run_draws_its_speed_along_the_path(tmp_path):
     file, report = tmp_path / "run.svg", tmp_path / "run.json"
-    given = ("run", str(short_scene(tmp_path, 7)), "--variant", "trial1", "--plot", str(file), "--json", str(report))
+    given = ("run", str(short_scene(tmp_path, 6.4)), "--variant", "trial1", "--plot", str(file), "--json", str(report))
     assert call(*given).returncode == 1  # the time limit
     text = file.read_text(encoding="utf-8")
     for words in ("distance driven [m]", "speed [m/s]", "reference tour, at the limit", "slower, turning"):
