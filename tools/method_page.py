@@ -1,4 +1,4 @@
-"""Write the tables of docs/method.md (methods, from their registry) and docs/parameters.md (numbers, from their source).
+"""Write the tables of methods in docs/method.md, and those of numbers in docs/parameters.md, from the code.
 
     .venv/bin/python tools/method_page.py [--check]
 

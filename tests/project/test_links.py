@@ -1,4 +1,4 @@
-"""The texts: every link, anchor and file that they name is there, every page can be reached, and none grows without end."""
+"""Texts: every link, anchor and file that they name is there, every page can be reached, and none grows without end."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""A number that stands in several texts is the same in all: README.md repeats docs/results.md, which repeats the notebook."""
+"""A number in several texts is the same in all: README.md repeats docs/results.md, and that the notebook."""
 
 import re
 from pathlib import Path
