@@ -123,3 +123,17 @@ def test_all_pages_together_stay_short():
 def test_an_entry_of_the_changelog_is_one_line():
     lines = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").partition("\n## ")[2].splitlines()
     assert not [line for line in lines if line.startswith((" ", "\t"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_rows_of_a_table_have_as_many_cells_as_its_head(page: Path):
+    wrong, cells = [], 0
+    for number, line in enumerate(text_of(page).splitlines(), 1):
+        if not line.startswith("|"):
+            cells = 0
+            continue
+        found = len(re.findall(r"(?<!\\)\|", line))
+        if cells and found != cells:
+            wrong.append(f"line {number} without code: {line[:60]}")
+        cells = cells or found
+    assert not wrong
