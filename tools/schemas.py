@@ -41,7 +41,7 @@ def wanted() -> dict[Path, str]:
 
 def main() -> int:
     """Write, or check; the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true")
     check = parser.parse_args().check
     if found := problems():
