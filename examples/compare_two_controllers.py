@@ -11,12 +11,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from motm_twin.bench.experiments.run import run
-from motm_twin.bench.experiments.spec import Experiment, TrialSpec
-from motm_twin.bench.experiments.statistics import paired_difference, proportion
 from motm_twin.model.scene_file import listing
 from motm_twin.model.scene_load import load_document
 from motm_twin.one_sentence import one_sentence
+from motm_twin.studies.run import run
+from motm_twin.studies.spec import Experiment, TrialSpec
+from motm_twin.studies.statistics import paired_difference, proportion
 
 
 def arrangement_of(scene):

@@ -9,7 +9,6 @@ import tyro
 from tyro.conf import Positional
 
 from motm_twin import __version__
-from motm_twin.bench.paper.cli_paper import paper
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
 from motm_twin.console import plain_console, table_console
@@ -21,6 +20,8 @@ from motm_twin.model.scene_error import SceneError
 from motm_twin.record.cli_record import info, record, recover, replay, rerun
 from motm_twin.record.session import SessionError
 from motm_twin.security.cli_security import security
+from motm_twin.studies.paper.cli_paper import paper
+from motm_twin.studies.settings import BenchSettings
 
 OK, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
 
@@ -193,67 +194,17 @@ def scene(
     return cli_scene.check_scene(path)
 
 
-def bench(
-    groups: Positional[list[str]] = ["all"],  # noqa: B006 - tyro copies it
-    /,
-    methods: tuple[str, ...] = (),
-    trials: int | None = None,
-    changes: tuple[str, ...] = (),
-    workers: int = 2,
-    backend: Literal["loky", "ray"] | None = None,
-    address: str | None = None,
-    retry_failed: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    out: Path = Path("out/bench"),
-    seconds: float = 60.0,
-    minutes: float = 3.0,
-    share: float = 1.0,
-    kinds: tuple[str, ...] = (),
-    scenes: tuple[str, ...] = (),
-    quick: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    worlds: int | None = None,
-    profile: Literal["nominal", "controller"] | None = None,
-) -> int:
+def bench(settings: tyro.conf.OmitArgPrefixes[BenchSettings]) -> int:
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
     With methods, trials, changes, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, blind, one_temi,
     ablations, grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight,
     sweep_bezier_offset, sweep_radius_min, sweep_radius_max), compared in a table. It is kept on disk: after Ctrl-C or a
     crash the same command goes on where it ended.
-
-    Args:
-        groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency, growth, anytime, solvers, task, faults, mismatch, surprise. Or barn, and after it scene files
-            of worlds of that challenge.
-        methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
-        trials: Number of random arrangements, seeds from 0; without it the ten published ones.
-        changes: Fields of the resolved scene, as noise.lidar_range_sd=0.05, detections=named or agents.*.speed=0.6.
-        workers: Processes.
-        backend: loky, processes of this machine; ray, a Ray cluster (extra "cluster").
-        address: Of the Ray cluster, or auto.
-        retry_failed: Run trials again that were without success.
-        out: Folder of the JSON results.
-        seconds: Page, bus and scale: time of each measurement.
-        minutes: Page only: time over which memory is watched.
-        share: Soak, period, task, faults and mismatch only: part of the full counts.
-        kinds: Faults only: these kinds of faults, or none for trials without one.
-        scenes: Faults only: these of exp1, exp1a and exp2.
-        quick: Growth, anytime and solvers only: a few points, half a minute.
-        worlds: Barn only: number of worlds like those of the challenge, seeds from 0.
-        profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
     """
-    from motm_twin.bench.__main__ import main as run_groups
+    from motm_twin.studies.bench import run_bench
 
-    options = ["--workers", str(workers), "--out", str(out), "--seconds", str(seconds), "--minutes", str(minutes)]
-    options += ["--share", str(share)]
-    options += ["--methods", *methods] if methods else []
-    options += ["--changes", *changes] if changes else []
-    options += ["--kinds", *kinds] if kinds else []
-    options += ["--scenes", *scenes] if scenes else []
-    given = {"--trials": trials, "--backend": backend, "--address": address, "--worlds": worlds, "--profile": profile}
-    options += [part for name, value in given.items() if value is not None for part in (name, str(value))]
-    options += ["--retry-failed"] if retry_failed else []
-    options += ["--quick"] if quick else []
-    return run_groups([*groups, *options], prog="motm-twin bench")
+    return run_bench(settings)
 
 
 def main() -> None:

@@ -8,12 +8,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from motm_twin.bench.measures import Measures
-from motm_twin.bench.measures.encounters import base_gap, body_of
-from motm_twin.bench.reference_tour import reference_tour
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
 from motm_twin.finish import Finish
+from motm_twin.measures import Measures
+from motm_twin.measures.agents import base_gap, body_of
+from motm_twin.measures.reference_tour import reference_tour
 from motm_twin.memory import freeze_setup
 from motm_twin.methods.fast import FAST
 from motm_twin.methods.method import Method

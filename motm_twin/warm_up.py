@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from motm_twin.bench.measures.encounters import compile_gaps
 from motm_twin.control.arm_monitor import ArmMonitor
 from motm_twin.control.arm_reference import rotation_error
 from motm_twin.control.manipulation import Manipulator
@@ -18,6 +17,7 @@ from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.qp_rows import base_bounds, joint_bounds
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.interrupts import deaf
+from motm_twin.measures.agents import compile_gaps
 from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.kinematics import manipulability_gradient

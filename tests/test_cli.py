@@ -173,7 +173,7 @@ def test_a_run_draws_its_speed_along_the_path(tmp_path):
         (("send", "pause", "--endpoint", "foo"), "tcp/127.0.0.1:7447"),
         (("run", "exp1", "--save", str(RECORDED)), "exists already: choose another name, or remove it"),
         (("rerun", __file__), "is neither a session nor a recording"),
-        (("bench", "exp9"), "usage: motm-twin bench "),
+        (("bench", "exp9"), "motm-twin bench: unknown group 'exp9'"),
         (("watch", "--endpoint", "foo", "--twin", "frankie"), "tcp/127.0.0.1:7447"),
         (("record", "foo.txt", *NOBODY), "foo.txt: a recording ends in .mcap"),
         (("record", "b.mcap", "--seconds", "-5", *NOBODY), "--seconds -5: give a time above 0"),

@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from motm_twin.bench.faults import CAUSES, Watch, matters
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.gate import CommandGate
 from motm_twin.model import faults
@@ -16,6 +15,7 @@ from motm_twin.model.faults import KINDS
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.finding import KINDS as FINDINGS
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.studies.faults import CAUSES, Watch, matters
 from motm_twin.twin import Twin
 
 LASTS = 2.0  # [s]

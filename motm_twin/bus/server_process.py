@@ -65,7 +65,7 @@ def make_external_twin(
 
 def reference_tour(scene: Scene) -> float:
     """Lower bound [s] of the time for the tasks of a scene."""
-    from motm_twin.bench.reference_tour import reference_tour_s
+    from motm_twin.measures.reference_tour import reference_tour_s
 
     return reference_tour_s(scene)
 

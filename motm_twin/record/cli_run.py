@@ -19,7 +19,7 @@ from motm_twin.record.session import Session, SessionError, save_session
 from motm_twin.trial import run_scene
 
 if TYPE_CHECKING:
-    from motm_twin.bench.speed_plot import SpeedFigure
+    from motm_twin.studies.speed_plot import SpeedFigure
 
 
 def run_headless(
@@ -30,7 +30,7 @@ def run_headless(
 
     After Ctrl-C the session of the periods so far is kept, and KeyboardInterrupt says so.
 
-    ``save``: new file of the session; ``plot``: file of the figure of `bench.speed_plot`.
+    ``save``: new file of the session; ``plot``: file of the figure of `studies.speed_plot`.
     """
     loaded = load_scene(scene, variant, seed)
     refuse_unwritable(save, plot)
@@ -77,7 +77,7 @@ def run_headless(
 
 def _figure(scene: Scene, file: Path) -> SpeedFigure:
     """Collects what the figure shows; raises SessionError for a kind of file that it can not be."""
-    from motm_twin.bench.speed_plot import FORMATS, SpeedFigure  # matplotlib: only where a figure is wanted
+    from motm_twin.studies.speed_plot import FORMATS, SpeedFigure
 
     if file.suffix.lower() not in FORMATS:
         raise SessionError(f"no figure: give a file that ends in {', '.join(FORMATS)}", file=str(file))

@@ -1,8 +1,8 @@
 """How well it goes: time, picks, places, contacts, clearances, distance, beside what has been published."""
 
-from motm_twin.bench.published import REFERENCE_TOUR_NOTE, published
 from motm_twin.bus.messages import ScoreMessage, StatusMessage, TickMessage
 from motm_twin.control.task_list import kind_of, name_of
+from motm_twin.measures.published import REFERENCE_TOUR_NOTE, published
 from motm_twin.model.scene import Scene
 from motm_twin.ui.markup import GREEN, RED, card, heading, metres, table, text
 

@@ -8,25 +8,25 @@ import msgspec
 import pytest
 from waiting import until
 
-from motm_twin.bench import bus_measures, soak_measures
-from motm_twin.bench.bus_worker import Worker
-from motm_twin.bench.page_measures import act, restart
 from motm_twin.bus.commands import Speed, Step
 from motm_twin.bus.session import open_client, open_member
+from motm_twin.perf import bus, soak
+from motm_twin.perf.page import act, restart
+from motm_twin.perf.processes import Worker
 
 pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.fixture(scope="module")
 def twin(tmp_path_factory):
-    with bus_measures.measured("exp1", tmp_path_factory.mktemp("data")) as running:
+    with bus.measured("exp1", tmp_path_factory.mktemp("data")) as running:
         until(running.client.scene, "no scene")
         yield running
 
 
 @pytest.fixture
 def worker():
-    with Worker(soak_measures.WORKER) as process:
+    with Worker(soak.WORKER) as process:
         yield process
 
 
@@ -39,7 +39,7 @@ def threads(twin):
 
 
 def test_malformed_messages_on_every_key_change_nothing_and_every_command_is_answered(twin):
-    attacked = soak_measures.attack_paused(twin, 700)  # compares the hash of the whole state, the edits and the status
+    attacked = soak.attack_paused(twin, 700)  # compares the hash of the whole state, the edits and the status
     assert attacked.accepted == []
     assert attacked.unanswered == []
     assert sum(attacked.sent.values()) == 700
@@ -55,7 +55,7 @@ def test_a_running_twin_goes_on_under_malformed_messages(twin, worker):
     assert attacked["counts"] == {"accepted": 0, "unanswered": 0}
     index = twin.client.tick().index
     until(lambda: twin.client.tick().index > index + 5, "the twin stands")
-    assert soak_measures.state(twin.client)["edits"] == ()
+    assert soak.state(twin.client)["edits"] == ()
     assert twin.client.status().state == "playing"
 
 
@@ -103,13 +103,13 @@ def test_readers_that_never_read_keep_nothing_from_the_others(twin):
     heard = []
     leave = twin.client.on_tick(lambda payload: heard.append(msgspec.json.decode(payload)["index"]))
     keys = [twin.client.keys.tick, twin.client.keys.robot, twin.client.keys.grid, twin.client.keys.event]
-    with Worker(bus_measures.READER) as stopped, Worker(bus_measures.READER) as full:
+    with Worker(bus.READER) as stopped, Worker(bus.READER) as full:
         stopped.ask("follow", endpoint=twin.endpoint, keys=keys, sessions=2)
         full.ask("jam", endpoint=twin.endpoint, keys=keys, sessions=2)
         stopped.process.send_signal(signal.SIGSTOP)
         restart(twin.client, playing=True)
         act(twin.client, Speed(factor=8.0))
-        until(lambda: bus_measures.jams(twin.port) > 0, "nobody is behind", 60.0)
+        until(lambda: bus.jams(twin.port) > 0, "nobody is behind", 60.0)
         first = len(heard)
         until(lambda: len(heard) > first + 60, "ticks stopped")
         stopped.process.send_signal(signal.SIGCONT)
@@ -120,10 +120,10 @@ def test_readers_that_never_read_keep_nothing_from_the_others(twin):
 
 
 def test_every_accepted_command_is_in_a_tick(twin):
-    found = bus_measures.effect(twin, 1.0)
+    found = bus.effect(twin, 1.0)
     assert found["never seen"]["count"] == 0.0
     assert found["answer to its tick"]["count"] > 0.0
 
 
 def test_a_start_and_a_stop_leave_nothing_behind(tmp_path):
-    assert soak_measures.starts(1, tmp_path, print)["starts"] == 1.0
+    assert soak.starts(1, tmp_path, print)["starts"] == 1.0

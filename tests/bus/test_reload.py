@@ -7,9 +7,9 @@ import pytest
 from running import Running
 from waiting import until
 
-from motm_twin.bench.reference_tour import reference_tour_s
 from motm_twin.bus.commands import Load
 from motm_twin.bus.library import FileLibrary
+from motm_twin.measures.reference_tour import reference_tour_s
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin

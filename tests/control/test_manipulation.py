@@ -6,7 +6,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from motm_twin.bench.arm_pass import Pass, run_pick, run_place
 from motm_twin.control.manipulation import Manipulator, _gave_way
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
@@ -17,6 +16,8 @@ from motm_twin.model.known import known_world
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.state import state_hash
 from motm_twin.sim.plant import SimulatedPlant
+
+from .arm_pass import Pass, run_pick, run_place
 
 SCENE = load_scene("exp1", "trial1", 0)
 CUBE = SCENE.objects[1]

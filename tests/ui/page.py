@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from motm_twin.bench.page_serve import served
+from motm_twin.perf.processes import served
 from motm_twin.ui.framing import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 800, "height": 560}  # small, because software draws it

@@ -11,7 +11,7 @@ from contextlib import suppress
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from motm_twin.bench.page_client import PageReader
+from motm_twin.perf.page_reader import PageReader
 from motm_twin.ui.crowd import BURST, BYTES, BYTES_BURST, LARGEST, MESSAGES, VISITORS, Allowance, Crowd
 from motm_twin.ui.guard import open_page
 

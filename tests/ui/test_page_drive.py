@@ -6,8 +6,8 @@ import signal
 import pytest
 from page import serving, until, visiting
 
-from motm_twin.bench.page_client import PageReader
 from motm_twin.bus.library import FileLibrary
+from motm_twin.perf.page_reader import PageReader
 
 
 @pytest.mark.browser

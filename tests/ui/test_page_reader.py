@@ -5,9 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-from motm_twin.bench.page_browser import SMALL, Load, alike
-from motm_twin.bench.page_client import PageReader
-from motm_twin.bench.page_measures import rise, slopes
+from motm_twin.perf.page import rise, slopes
+from motm_twin.perf.page_reader import SMALL, Load, PageReader, alike
 from motm_twin.ui.guard import open_page
 
 

@@ -1,1 +1,0 @@
-"""Experiments, reference tours and benchmarks."""

@@ -1,1 +1,0 @@
-"""Figures, tables and the report of `motm-twin paper`: one file per figure or table."""

@@ -1,0 +1,309 @@
+"""Encounters of the base with agents: gaps, near misses, evasive manoeuvres and cut-ins."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from motm_twin.measures.interval import Interval
+from motm_twin.model.geometry import Array, wrap_angle
+from motm_twin.model.profile import Footprint
+
+APART = 0.5  # [s] after which a conflict with the same agent is a new one
+NEAR, NEAR_END = 0.10, 0.20  # [m] gap that is a near miss, and gap at which it has ended
+HORIZON, STEP = 2.0, 0.1  # [s] of prediction
+CONFLICT = 0.30  # [m] predicted gap from which something has to be done
+SLOWED = 0.15  # [m/s] slower, or
+TURNED = math.radians(15.0)  # turned this far from where the base was going: it gave way
+TURNS = math.radians(10.0)  # [rad/s] from which it is still turning away
+FAR = 3.5  # [m] between base and agent beyond which nothing is predicted
+
+Body = tuple[float, float, float]  # of the base: offset of its centre, length, width [m]
+
+
+@njit(cache=True)
+def _gap(body: Body, x: float, y: float, heading: float, at_x: float, at_y: float, radius: float) -> float:
+    offset_x, length, width = body
+    c, s = math.cos(heading), math.sin(heading)
+    dx, dy = at_x - x, at_y - y
+    along, across = c * dx + s * dy - offset_x, -s * dx + c * dy
+    return max(math.hypot(max(abs(along) - 0.5 * length, 0.0), max(abs(across) - 0.5 * width, 0.0)) - radius, 0.0)
+
+
+@njit(cache=True)
+def base_gap(body: Body, pose: Array, x: float, y: float, radius: float) -> float:
+    """Gap [m] between the base body and a disc about (x, y), 0 when they overlap."""
+    return _gap(body, pose[0], pose[1], pose[2], x, y, radius)
+
+
+def body_of(foot: Footprint) -> Body:
+    """The base body as the kernels take it."""
+    return foot.offset_x, foot.length, foot.width
+
+
+@njit(cache=True)
+def _sinc(x: float) -> float:
+    """sin(pi x) / (pi x)."""
+    y = math.pi * x
+    return math.sin(y) / y if y != 0.0 else 1.0
+
+
+@njit(cache=True)
+def predicted_gap(body: Body, pose: Array, twist: tuple[float, float], agent: Array, radius: float) -> float:
+    """Least gap [m] over the next 2 s when both go on as they do; ``agent``: x, y, and its velocity, shape (4,)."""
+    v, w = twist
+    least = np.inf
+    for i in range(round(HORIZON / STEP) + 1):
+        time = i * STEP
+        half = 0.5 * (w * time)
+        chord = v * time * _sinc(half / math.pi)  # of the arc, from its start
+        x, y = pose[0] + chord * math.cos(pose[2] + half), pose[1] + chord * math.sin(pose[2] + half)
+        at_x, at_y = agent[0] + time * agent[2], agent[1] + time * agent[3]
+        least = min(least, _gap(body, x, y, pose[2] + w * time, at_x, at_y, radius))
+    return least
+
+
+def compile_gaps() -> None:
+    """Compile now, not at the first encounter."""
+    base_gap((0.0, 1.0, 1.0), np.zeros(3), 1.0, 1.0, 0.1)
+    predicted_gap((0.0, 1.0, 1.0), np.zeros(3), (0.1, 0.1), np.ones(4), 0.1)
+    compile_in_front()
+
+
+@dataclass
+class _Conflict:
+    """An agent that the base would have come too near to, had it gone on as it did at ``time``."""
+
+    time: float
+    heading: float
+    twist: tuple[float, float]
+    last: float  # when it was last so
+    gave_way: float | None = None  # when the base did
+
+
+@dataclass
+class Encounters:
+    """Counts what happens between the base and moving agents.
+
+    Cut-in: see `CutIns`.
+
+    Near miss: the gap between the base, while it moves, and an agent is less than 0.10 m; it ends at 0.20 m.
+
+    Evasive manoeuvre: had both gone on as they did, the gap would have become less than 0.30 m within 2 s; and within
+    these 2 s the base became 0.15 m/s slower (not for an arm that is engaged with an object), or turned 15 deg away
+    from where it was going. It lasts as long as this is predicted for the motion that it has, or for the speed that it
+    had, and it is still that much slower or turns with 10 deg/s; and 0.5 s more.
+    """
+
+    footprint: Footprint
+    near_misses: list[dict[str, Any]] = field(default_factory=list)
+    evasions: list[dict[str, Any]] = field(default_factory=list)
+    _near: set[str] = field(default_factory=set)
+    _conflicts: dict[str, _Conflict] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._body = body_of(self.footprint)
+        self._cut_ins = CutIns(self.footprint)
+
+    @property
+    def evading(self) -> bool:
+        """An evasive manoeuvre is under way."""
+        return any(conflict.gave_way is not None for conflict in self._conflicts.values())
+
+    def add(self, interval: Interval) -> None:
+        """Take an interval into account."""
+        pose = interval.start.pose
+        for name, (x, y, radius) in interval.start.agents.items():
+            if math.hypot(x - pose[0], y - pose[1]) > FAR:
+                self._end(name, interval.start.time)
+                self._cut_ins.forget(name)
+                continue
+            agent = np.array([x, y, *interval.velocity(name).tolist()])
+            gap = base_gap(self._body, pose, x, y, radius)
+            self._cut_ins.add(interval, name, agent, radius, gap)
+            self._near_miss(interval, name, gap)
+            self._evade(interval, name, agent, radius)
+
+    def report(self) -> dict[str, Any]:
+        """Cut-ins, near misses and evasive manoeuvres, each with its time [s] and agent."""
+        whole = [*self.evasions]
+        for name, conflict in self._conflicts.items():
+            if conflict.gave_way is not None:
+                whole.append(_evasion(name, conflict, conflict.last))
+        return {"cut_ins": self._cut_ins.found, "near_misses": self.near_misses, "evasive_manoeuvres": whole}
+
+    def _near_miss(self, interval: Interval, name: str, gap: float) -> None:
+        if gap > NEAR_END:
+            self._near.discard(name)
+        elif gap < NEAR and interval.moving:
+            if name not in self._near:
+                self._near.add(name)
+                found = {"time": round(interval.start.time, 2), "agent": name, "gap_m": round(gap, 3)}
+                self.near_misses.append(found)
+            last = next(entry for entry in reversed(self.near_misses) if entry["agent"] == name)
+            last["gap_m"] = min(last["gap_m"], round(gap, 3))
+
+    def _evade(self, interval: Interval, name: str, agent: Array, radius: float) -> None:
+        time, pose, twist = interval.start.time, interval.start.pose, interval.twist
+        near = predicted_gap(self._body, pose, twist, agent, radius) < CONFLICT
+        conflict = self._conflicts.get(name)
+        if conflict is None:
+            if near and interval.moving:
+                self._conflicts[name] = _Conflict(time, float(pose[2]), twist, time)
+            return
+        v, w = conflict.twist
+        slowed = abs(v) - abs(twist[0]) > SLOWED and not interval.tick.arm[-1].engaged
+        if conflict.gave_way is None and time - conflict.time <= HORIZON:
+            off = abs(wrap_angle(float(pose[2]) - conflict.heading - w * (time - conflict.time)))
+            if slowed or off > TURNED:
+                conflict.gave_way = time
+        if conflict.gave_way is not None and not slowed and abs(twist[1]) < TURNS:
+            near = False  # it drives on beside the agent, as fast as before
+        elif slowed and not near:
+            near = predicted_gap(self._body, pose, (v, 0.0), agent, radius) < CONFLICT
+        if near:
+            conflict.last = time
+        elif time - conflict.last > APART:
+            self._end(name, time)
+
+    def _end(self, name: str, time: float) -> None:
+        conflict = self._conflicts.pop(name, None)
+        if conflict is not None and conflict.gave_way is not None:
+            self.evasions.append(_evasion(name, conflict, time))
+
+
+def _evasion(name: str, conflict: _Conflict, end: float) -> dict[str, Any]:
+    assert conflict.gave_way is not None
+    return {
+        "time": round(conflict.gave_way, 2),
+        "duration_s": round(max(0.0, end - conflict.gave_way), 2),
+        "agent": name,
+    }
+
+
+CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing is cutting in
+AGENT_MOVES = 0.1  # [m/s] from which an agent is one that can be cut in on
+SIDEWAYS = 0.05  # [m/s] across the agent's way from which the base is crossing it
+OWN_SHARE = 0.5  # of the way into the strip: more than this by its own motion, less by the agent's turning
+PARTED = 1.2  # [m] of gap from which base and agent have parted, so that another cut-in counts
+EDGE = 0.05  # [m] between points on the outline
+
+
+def outline(footprint: Footprint) -> Array:
+    """Points on the outline of the base body, 5 cm apart, base frame [m], shape (n, 2)."""
+    half = 0.5 * np.array([footprint.length, footprint.width])
+    x, y = (np.linspace(-h, h, max(2, math.ceil(2 * h / EDGE) + 1)) for h in half)
+    sides = [np.column_stack([x, np.full_like(x, side)]) for side in (-half[1], half[1])]
+    sides += [np.column_stack([np.full_like(y, side), y]) for side in (-half[0], half[0])]
+    return np.concatenate(sides) + np.array([footprint.offset_x, 0.0])
+
+
+@njit(cache=True)
+def in_front(body: Array, pose: Array, line: Array, radius: float) -> tuple[float, float]:
+    """How the base stands to the strip that an agent sweeps when it goes straight on.
+
+    The gap [m] between base and strip, negative inside, inf when no part of the base is ahead; and how far [m] the
+    agent can go before it touches the base as it stands, inf when it passes. ``body`` [m]: its outline in the base
+    frame, shape (n, 2); ``line``: x, y and course of the agent, shape (3,).
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    along_x, along_y = math.cos(line[2]), math.sin(line[2])
+    gap, way = np.inf, np.inf
+    for i in range(body.shape[0]):
+        dx = pose[0] + c * body[i, 0] - s * body[i, 1] - line[0]
+        dy = pose[1] + s * body[i, 0] + c * body[i, 1] - line[1]
+        ahead, aside = along_x * dx + along_y * dy, abs(along_x * dy - along_y * dx)
+        if ahead > 0.0:
+            gap = min(gap, aside - radius)
+            if aside <= radius:
+                way = min(way, max(ahead - math.sqrt(radius * radius - aside * aside), 0.0))
+    return gap, way
+
+
+def compile_in_front() -> None:
+    """Compile now, not at the first encounter."""
+    in_front(np.ones((1, 2)), np.zeros(3), np.zeros(3), 0.1)
+
+
+@dataclass(frozen=True)
+class _Before:
+    """One agent a period ago, and how the base stood to it."""
+
+    line: Array  # x, y and course
+    gap: float  # [m] between base and strip
+    crossed: Array | None  # the line that the base got into by its own motion and is still crossing
+
+
+@dataclass
+class CutIns:
+    """Counts how often the base passes closely in front of an agent that moves (0.1 m/s or more).
+
+    The agent sweeps a strip when it goes straight on. A cut-in, all at once:
+
+    - the base got into the strip by its own motion: in the period in which it got in, more than half of the way was
+      its own, less than half came from the agent's turning; and the agent's course of then still leads to it;
+    - it has been crossing the strip ever since, with more than 0.05 m/s across;
+    - going on as it does, the agent would touch the base as it stands within 1 m and 1.5 s; and they close: along the
+      agent's course the base is slower than it. One that leaves as fast as the agent follows cuts nobody off.
+
+    Each agent counts once, until the gap between them is 1.2 m.
+    """
+
+    footprint: Footprint
+    found: list[dict[str, Any]] = field(default_factory=list)
+    _before: dict[str, _Before] = field(default_factory=dict)
+    _counted: dict[str, dict[str, Any]] = field(default_factory=dict)  # agent: its cut-in, until they part
+
+    def __post_init__(self) -> None:
+        self._outline = outline(self.footprint)
+
+    def add(self, interval: Interval, name: str, agent: Array, radius: float, gap: float) -> None:
+        """Take an interval into account; ``agent``: x, y and velocity, ``gap`` [m] between it and the base."""
+        if gap > PARTED:
+            self._counted.pop(name, None)
+        speed = math.hypot(agent[2], agent[3])
+        if speed < AGENT_MOVES:
+            self._before.pop(name, None)
+            return
+        pose, line = interval.start.pose, np.array([agent[0], agent[1], math.atan2(agent[3], agent[2])])
+        aside, way = in_front(self._outline, pose, line, radius)
+        along, across = _speeds(interval, agent[2:] / speed)
+        crossed = self._crossed(name, pose, line, aside, radius) if abs(across) > SIDEWAYS else None
+        self._before[name] = _Before(line, aside, crossed)
+        if crossed is not None and speed > along and way <= min(CUT_DISTANCE, CUT_TIME * speed):
+            self._count(interval.start.time, name, way, speed)
+
+    def forget(self, name: str) -> None:
+        """This agent is far away."""
+        self._before.pop(name, None)
+        self._counted.pop(name, None)
+
+    def _crossed(self, name: str, pose: Array, line: Array, aside: float, radius: float) -> Array | None:
+        """The agent's line when the base got into its strip by its own motion; None when it did not, or is outside."""
+        before = self._before.get(name)
+        if aside > 0.0 or before is None:
+            return None
+        if before.gap > 0.0:
+            own = before.gap - in_front(self._outline, pose, before.line, radius)[0]
+            return line if own > OWN_SHARE * (before.gap - aside) else None
+        if before.crossed is None or in_front(self._outline, pose, before.crossed, radius)[0] > 0.0:
+            return None  # the agent has turned after it since
+        return before.crossed
+
+    def _count(self, time: float, name: str, way: float, speed: float) -> None:
+        cut = self._counted.get(name)
+        if cut is None:
+            cut = {"time": round(time, 2), "agent": name, "gap_m": round(way, 3), "gap_s": round(way / speed, 3)}
+            self._counted[name] = cut | {"least_gap_m": round(way, 3)}
+            self.found.append(self._counted[name])
+        else:
+            cut["least_gap_m"] = min(cut["least_gap_m"], round(way, 3))
+
+
+def _speeds(interval: Interval, direction: Array) -> tuple[float, float]:
+    """Mean speed [m/s] of the base along and across this direction."""
+    x, y = ((interval.end.pose[:2] - interval.start.pose[:2]) / interval.dt).tolist()
+    along_x, along_y = direction.tolist()
+    return along_x * x + along_y * y, along_x * y - along_y * x

@@ -1,0 +1,333 @@
+"""Bus benchmark: latency of ticks and commands on Zenoh, and the cost of readers and recordings to the loop."""
+
+import importlib.util
+import random
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from rich.console import Console
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import AddObstacle, Command, HandOver, MoveBody, Record, RemoveBody, Speed
+from motm_twin.bus.messages import TickMessage
+from motm_twin.bus.pacing import PERIOD
+from motm_twin.perf import bus_bare
+from motm_twin.perf.page import act, restart, ticks
+from motm_twin.perf.processes import Worker, cpu_seconds, wait_for
+from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
+
+READER = "motm_twin.perf.bus_reader"
+LONGEST = 75.0  # [s] of one measurement: within one run of Experiment 1
+PAUSES = [0.0, 0.02, 0.1, 0.5, 2.0]  # [s] between two looks of the readers whose ages are taken
+READING, STOPPED, FULL = 40, 5, 5  # subscribers: that read, whose process is stopped, that are alive but never read
+READERS_EACH = 10  # sessions in one process
+JAM_SPEED, JAM_SECONDS = 8.0, 6.0  # how the queues of those that never read are filled
+BODY = "measured"
+RECORDED = (False, True, True, False, True, False, False, True)  # a drift of the machine cancels
+COMMAND_EVERY = 0.17  # [s]; no multiple of the period, so that commands come at any moment of it
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A running twin server, its client, and the difference of its clock to the monotonic one [s]."""
+
+    server: Worker
+    client: TwinClient
+    data: Path
+
+    @property
+    def endpoint(self) -> str:
+        """Where its clients connect to."""
+        return self.server.hello["endpoint"]
+
+    @property
+    def clock(self) -> float:
+        """Server time less monotonic time [s]."""
+        return self.server.hello["clock"]
+
+    @property
+    def port(self) -> int:
+        """TCP port of Zenoh."""
+        return int(self.endpoint.rsplit(":", 1)[1])
+
+
+@contextmanager
+def measured(scene: str, data: Path) -> Iterator[Measured]:
+    """A twin to measure, paused at its start. Raises RuntimeError when it does not come up."""
+    with Worker("motm_twin.perf.bus_server", scene, "--data", data) as server:
+        endpoint = server.hello["endpoint"]
+        with TwinClient(endpoint) as client:
+            wait_for(client.tick, 30.0, "first period")
+            yield Measured(server, client, data)
+
+
+def latency(twin: Measured, seconds: float) -> dict[str, Values]:
+    """Time [ms] from the stamp of a tick to the callback in another process, and the same for Zenoh alone."""
+    restart(twin.client, playing=True)
+    with Worker(READER) as reader, Worker("motm_twin.perf.bus_bare") as bare:
+        reader.ask("listen", name="first", endpoint=twin.endpoint, key=twin.client.keys.tick)
+        bare_endpoint = bare.hello["endpoint"]
+        time.sleep(3.0)
+        payloads = reader.ask("payloads", name="first")
+        bare.ask("send", payloads=payloads, period=PERIOD)
+        reader.ask("listen", name="bare", endpoint=bare_endpoint, key=bus_bare.KEY)
+        reader.ask("listen", name="tick", endpoint=twin.endpoint, key=twin.client.keys.tick)
+        time.sleep(seconds)
+        delays = {name: reader.ask("delays", name=name, clock=twin.clock) for name in ("tick", "bare")}
+    found = {name: percentiles([1000.0 * delay for delay in delays[name]]) for name in delays}
+    return found | {"bytes": {"mean": float(np.mean([len(text) for text in payloads]))}}
+
+
+def publishing(twin: Measured, seconds: float) -> dict[str, Values]:
+    """What handing a period over costs the loop [ms], without subscribers and with 50 of which 10 never read."""
+    keys = twin.client.keys
+    wanted = [keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event]
+    without, alone = _sink(twin, seconds)
+    with ExitStack() as stack:
+        readers = [stack.enter_context(Worker(READER)) for _ in range(READING // READERS_EACH)]
+        stopped, full = stack.enter_context(Worker(READER)), stack.enter_context(Worker(READER))
+        for reader in readers:
+            reader.ask("follow", endpoint=twin.endpoint, keys=wanted, sessions=READERS_EACH)
+        stopped.ask("follow", endpoint=twin.endpoint, keys=wanted, sessions=STOPPED)
+        full.ask("jam", endpoint=twin.endpoint, keys=wanted, sessions=FULL)
+        stopped.process.send_signal(signal.SIGSTOP)
+        try:
+            jammed = _jam(twin)
+            with_readers, computed = _sink(twin, seconds)
+            received = [count for reader in readers for count in reader.ask("received")]
+        finally:
+            stopped.process.send_signal(signal.SIGCONT)
+    return {
+        "0 subscribers": without,
+        "50 subscribers": with_readers,
+        "processor time, 0": alone,
+        "processor time, 50": computed,
+        "jammed links": {"when full": float(jammed), "at the end": float(jams(twin.port))},
+        "messages per reader": {"least": float(min(received)), "most": float(max(received))},
+    }
+
+
+def _sink(twin: Measured, seconds: float) -> tuple[Values, Values]:
+    """By the clock, and of the processor: on a busy machine the loop waits for its turn in between."""
+    restart(twin.client, playing=True)
+    twin.server.ask("sink")
+    time.sleep(seconds)
+    took = [[1000.0 * value for value in pair] for pair in twin.server.ask("sink")]
+    return percentiles([clock for clock, _ in took]), percentiles([computed for _, computed in took])
+
+
+def _jam(twin: Measured) -> int:
+    """Run at 8x until what nobody reads fills the buffers; on how many links bytes wait."""
+    restart(twin.client, playing=True)
+    act(twin.client, Speed(factor=JAM_SPEED))
+    time.sleep(JAM_SECONDS)
+    return jams(twin.port)
+
+
+def jams(port: int) -> int:
+    """Connections to a TCP port of this machine on which more than 64 kB wait to be sent."""
+    count = 0
+    for line in Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]:
+        local, waiting = line.split()[1], line.split()[4].split(":")[0]
+        count += int(local.rsplit(":", 1)[1], 16) == port and int(waiting, 16) > 65536
+    return count
+
+
+def effect(twin: Measured, seconds: float) -> dict[str, Values]:
+    """From a command to its effect [ms], at any moment of the period: three ways to look at it."""
+    client = twin.client
+    restart(client, playing=True)
+    scene = client.scene()
+    assert scene is not None
+    x, y = scene.bounds[0] + 1.0, scene.bounds[1] + 1.0  # where it is in nobody's way
+    _do(client, AddObstacle(name=BODY, x=x, y=y, size=(0.2, 0.2, 0.2)))
+    heard: list[tuple[float, bytes]] = []
+    leave = client.on_tick(lambda payload: heard.append((time.monotonic(), payload)))
+    sent: dict[float, tuple[float, float]] = {}  # place: when it was sent, when answered
+    draw, until, before = random.Random(1), time.monotonic() + seconds, -1
+    while time.monotonic() < until:
+        place = round(x + 0.001 * (len(sent) + 1), 6)
+        began = time.monotonic()
+        before = _do(client, MoveBody(name=BODY, x=place, y=y))
+        sent[place] = began, time.monotonic()
+        time.sleep(COMMAND_EVERY * (0.5 + draw.random()))
+    wait_for(lambda: client.tick().index > before + 1, 10.0, "period after the last command")  # type: ignore[union-attr]
+    leave()
+    _do(client, RemoveBody(name=BODY))
+    _do(client, HandOver())
+    return _effects(sent, heard, twin.clock)
+
+
+def _do(client: TwinClient, command: Command) -> int:
+    """Have it done; the last period before it. Raises RuntimeError."""
+    answer = client.command(command)
+    if not answer.ok:
+        raise RuntimeError(f"{command!r} was refused: {answer.reason}")
+    return answer.index
+
+
+def _effects(
+    sent: dict[float, tuple[float, float]], heard: list[tuple[float, bytes]], clock: float
+) -> dict[str, Values]:
+    """The first tick that contains each edit, and when its period began: its stamp less its own duration."""
+    begins, answered, seen = [], [], []
+    for at, payload in heard:
+        tick = msgspec.json.decode(payload, type=TickMessage)
+        for edit in tick.edits:
+            if isinstance(edit, MoveBody) and (times := sent.pop(edit.x, None)) is not None:
+                begins.append(tick.server_time - clock - tick.stage_ms["period"] / 1000.0 - times[0])
+                answered.append(at - times[1])
+                seen.append(at - times[0])
+    names = {"sent to start of its period": begins, "answer to its tick": answered, "sent to its tick": seen}
+    found = {name: percentiles([1000.0 * value for value in values]) for name, values in names.items()}
+    return found | {"never seen": {"count": float(len(sent))}}
+
+
+def ages(twin: Measured, seconds: float) -> dict[str, Values]:
+    """How old [ms] the newest tick is that readers of any speed get."""
+    restart(twin.client, playing=True)
+    with Worker(READER) as reader:
+        found = reader.ask(
+            "ages",
+            timeout=seconds + 60.0,
+            endpoint=twin.endpoint,
+            twin=twin.client.keys.twin,
+            pauses=PAUSES,
+            seconds=seconds,
+            clock=twin.clock,
+        )
+    return {name: percentiles([1000.0 * age for age in values]) for name, values in found.items()}
+
+
+def recording(twin: Measured, seconds: float) -> dict[str, Values]:
+    """The loop with and without a recorder: the same ``seconds`` of the same run, again and again."""
+    periods: dict[bool, list[list[float]]] = {False: [], True: []}
+    sizes, shares = [], []
+    for on in RECORDED:
+        path = _start_recording(twin) if on else None
+        restart(twin.client, playing=True)
+        began, used = time.monotonic(), _recorder_seconds(twin)
+        periods[on].append([tick.stage_ms["period"] for tick in ticks(twin.client, seconds)])
+        if path is not None:
+            spent = time.monotonic() - began
+            shares.append((_recorder_seconds(twin) - used) / spent)
+            act(twin.client, Record(action="stop"))
+            sizes.append(path.stat().st_size / 1e6 * 60.0 / spent)
+    without, with_recorder = (np.concatenate([np.array(part) for part in periods[on]]) for on in (False, True))
+    return {
+        "period ms, without": percentiles(without.tolist()) | {"mean": float(without.mean())},
+        "period ms, recorded": percentiles(with_recorder.tolist()) | {"mean": float(with_recorder.mean())},
+        "extra %": {"of the loop's time": 100.0 * (_paired(periods) - 1.0)},
+        "file": {"MB/min": float(max(sizes)), "recorder's share of a core": float(np.mean(shares))},
+    }
+
+
+def _paired(periods: dict[bool, list[list[float]]]) -> float:
+    """Mean time with / without: of each period of the run the least, without the hundredth that takes longest."""
+    count = min(len(part) for parts in periods.values() for part in parts)
+    cut = [np.sort(np.min([part[:count] for part in periods[on]], axis=0)) for on in (True, False)]
+    kept = max(1, int(0.99 * count))
+    return float(cut[0][:kept].sum() / cut[1][:kept].sum())
+
+
+def _start_recording(twin: Measured) -> Path:
+    answer = twin.client.command(Record(action="start", name=f"bench-{time.monotonic_ns()}"), timeout=40.0)
+    if not answer.ok:
+        raise RuntimeError(f"no recording: {answer.reason}")
+    act(twin.client, HandOver())
+    return Path(answer.path)
+
+
+def _recorder_seconds(twin: Measured) -> float:
+    """Processor time [s] of the recorder, 0 when none runs."""
+    children = Path(f"/proc/{twin.server.pid}/task").glob("*/children")
+    pids = [int(pid) for path in children for pid in path.read_text().split()]
+    return sum(cpu_seconds(pid) for pid in pids)
+
+
+NAME = "bus"
+TITLE = "The bus: Experiment 1 at 1x on Zenoh, measured in other processes; all in one run"
+RECORDER = "motm_twin.record.recorder_process"
+PERIOD_MS = 1000.0 * PERIOD
+
+LIMITS = {
+    "above_bare_ms": Limit(name="tick to subscriber, p99 above bare Zenoh's p99", unit="ms", limit=2.0, decimals=2),
+    "sink_ms": Limit(
+        name="publishing in the loop, p99, 50 subscribers, 10 never read", unit="ms", limit=1.0, decimals=3
+    ),
+    "effect_ms": Limit(
+        name="command sent until the period that has it begins, p99", unit="ms", limit=PERIOD_MS + 5.0, decimals=1
+    ),
+    "shown_ms": Limit(
+        name="command answered until the tick that shows it arrives, p99", unit="ms", limit=PERIOD_MS + 5.0, decimals=1
+    ),
+    "age_ms": Limit(
+        name="age of the newest tick, p99, readers that look every 0 to 2 s", unit="ms", limit=2 * PERIOD_MS, decimals=1
+    ),
+    "recording": Limit(name="recording, of the loop's time", unit="%", limit=5.0, decimals=2),
+    "file_mb": Limit(name="recording, file", unit="MB/min", limit=15.0, decimals=2),
+}
+
+
+def bench_bus(out: Path, seconds: float, console: Console) -> bool:
+    """Measure, print, write ``out/bus.json``; True when no number exceeds its limit.
+
+    Takes about 7 x ``seconds`` + 1 min; more than 75 s of each are not used.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    report, each = Report(), min(seconds, LONGEST)
+    with tempfile.TemporaryDirectory() as folder, measured("exp1", Path(folder)) as twin:
+        steps: Steps = [
+            ("tick to subscriber", lambda: _latency(twin, report, each)),
+            ("publishing", lambda: _publishing(twin, report, each)),
+            ("command to effect", lambda: _effect(twin, report, each)),
+            ("age of what readers get", lambda: _ages(twin, report, each)),
+            ("recording", lambda: _recording(twin, report, each / 4)),
+        ]
+        measure(steps, report, console)
+    return conclude(NAME, TITLE, LIMITS, report, out, console)
+
+
+def _latency(twin: Measured, report: Report, seconds: float) -> None:
+    found = latency(twin, seconds)
+    report.values["above_bare_ms"] = found["tick"]["p99"] - found["bare"]["p99"]
+    report.details["tick_to_subscriber_ms"] = found
+
+
+def _publishing(twin: Measured, report: Report, seconds: float) -> None:
+    found = publishing(twin, seconds)
+    report.values["sink_ms"] = found["50 subscribers"]["p99"]
+    report.details["publishing_in_the_loop_ms"] = found
+
+
+def _effect(twin: Measured, report: Report, seconds: float) -> None:
+    found = effect(twin, seconds)
+    if found["never seen"]["count"]:
+        raise RuntimeError(f"{found['never seen']['count']:.0f} commands were accepted and never seen in a tick")
+    report.values["effect_ms"] = found["sent to start of its period"]["p99"]
+    report.values["shown_ms"] = found["answer to its tick"]["p99"]
+    report.details["command_to_effect_ms"] = found
+
+
+def _ages(twin: Measured, report: Report, seconds: float) -> None:
+    found = ages(twin, seconds)
+    report.values["age_ms"] = max(values["p99"] for values in found.values())
+    report.details["age_ms"] = found
+
+
+def _recording(twin: Measured, report: Report, seconds: float) -> None:
+    if importlib.util.find_spec(RECORDER) is None:
+        reason = f"there is no {RECORDER}"
+        report.skipped |= {"recording": reason, "file_mb": reason}
+        return
+    found = recording(twin, seconds)
+    report.values["recording"] = found["extra %"]["of the loop's time"]
+    report.values["file_mb"] = found["file"]["MB/min"]
+    report.details["recording"] = found

@@ -1,0 +1,269 @@
+"""How the period grows with the world: obstacles, beams, map, agents, candidates, targets, viewers.
+
+One respect grows at a time, from Experiment 1. Every point is a whole run with the referee, alone on one core, kernels
+compiled; the period is measured from observation to command, in processor time: what else the machine does does not
+count, so that the points can be compared.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from motm_twin.control.loop import PERIOD
+from motm_twin.model.scene import Scene
+from motm_twin.perf import growth_scenes as scenes
+from motm_twin.perf import page
+from motm_twin.perf.period import WARM_UP, one_core
+from motm_twin.perf.processes import served
+from motm_twin.perf.report import grid, load_average, machine, spread, write
+from motm_twin.planning.parameters import PlacementParameters, PlanningParameters
+from motm_twin.twin import Twin
+
+NAME = "growth"
+TITLE = "Growth: the period against the size of the world"
+PICTURE = Path("docs/performance_growth.png")
+QUICK_PERIODS = 20
+OFFICE = 200.0  # [m] side of the floor with the obstacles
+HALL = 50.0  # [m] side of the map where it does not grow
+WHOLE = 24  # targets beyond which a point is the first minute of the task, and says nothing about success
+MINUTE = 1200  # periods
+LIMIT = 2.0  # times the period of Experiment 1 that 1,000 obstacles on 200 m may take
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Point:
+    """One world: how much of what, the scene, and what of the planning is not as shipped."""
+
+    count: float
+    make: Callable[[], Scene]
+    planning: PlanningParameters | None = None
+    periods: int | None = None  # None: to the end of the task
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """One respect in which the world grows."""
+
+    name: str
+    unit: str
+    points: tuple[Point, ...]
+
+
+def _candidates(positions: int) -> PlanningParameters | None:
+    """None for as many as are shipped."""
+    if positions == PlacementParameters().positions:
+        return None
+    return PlanningParameters(placement=PlacementParameters(positions=positions))
+
+
+def sweeps() -> tuple[Sweep, ...]:
+    """All of them; the first point of the first is Experiment 1 as it is shipped."""
+    base = scenes.base_scene
+    return (
+        Sweep(name="shipped", unit="", points=(Point(count=1, make=base),)),
+        Sweep(
+            name="obstacles on 200 m",
+            unit="",
+            points=tuple(
+                Point(count=n, make=lambda n=n: scenes.with_obstacles(base(), n, OFFICE)) for n in (10, 100, 1000)
+            ),
+        ),
+        Sweep(
+            name="side of the map",
+            unit="m",
+            points=(
+                Point(count=10, make=base),
+                *(Point(count=m, make=lambda m=m: scenes.with_obstacles(base(), 10, m)) for m in (50.0, 200.0)),
+            ),
+        ),
+        Sweep(
+            name="lidar beams",
+            unit="",
+            points=tuple(Point(count=n, make=lambda n=n: scenes.with_beams(base(), n)) for n in (180, 721, 2880)),
+        ),
+        Sweep(
+            name="agents",
+            unit="",
+            points=tuple(Point(count=n, make=lambda n=n: scenes.with_agents(base(), n)) for n in (1, 4, 16, 64)),
+        ),
+        Sweep(
+            name="candidates",
+            unit="",
+            points=tuple(Point(count=2 * n, make=base, planning=_candidates(n)) for n in (36, 144, 576)),
+        ),
+        Sweep(
+            name="targets",
+            unit="",
+            points=tuple(
+                Point(
+                    count=n,
+                    make=lambda n=n: scenes.with_targets(base(), n),
+                    periods=None if n <= WHOLE else MINUTE,
+                )
+                for n in (2, 12, 50, 100)
+            ),
+        ),
+    )
+
+
+def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
+    """Run a point: period, its stages and the whole step of the twin [ms], and whether the task was done."""
+    scene = point.make()
+    began = time.perf_counter()
+    twin = Twin(scene, planning=point.planning, clock=time.thread_time)
+    built = time.perf_counter() - began
+    stages: dict[str, list[float]] = {}
+    count, periods = 0, most or point.periods
+    began = time.perf_counter()
+    while True:
+        tick = twin.advance()
+        count += 1
+        if count > WARM_UP or most is not None:
+            for stage, value in tick.stage_ms.items():
+                stages.setdefault(stage, []).append(value)
+        if tick.done or tick.time >= scene.time_limit or count == periods:
+            break
+    seconds = time.perf_counter() - began
+    assert tick.truth is not None
+    caused = sum(contact.caused_by_robot for contact in tick.truth.contacts)
+    return {
+        "count": point.count,
+        "period_ms": spread(stages.pop("period")),
+        "stages_ms": {stage: round(float(np.mean(values)), 3) for stage, values in stages.items()},
+        "build_s": round(built, 2),
+        "factor": round(count * PERIOD / seconds, 2),
+        "periods": count,
+        "time_s": round(tick.time, 2) if tick.done else None,
+        "contacts": len(tick.truth.contacts),
+        "contacts_caused_by_robot": caused,
+        "success": bool(tick.success and not caused and not tick.truth.dropped) if tick.done else None,
+    }
+
+
+def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: Path = PICTURE) -> bool:
+    """Measure all sweeps, print, write ``out/growth.json`` and the picture; True when the goal for 1,000 is reached.
+
+    Takes about 15 minutes; ``quick``: the first two points of each sweep for a second, nothing is judged.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    found: dict[str, list[dict[str, Any]]] = {}
+    with one_core():
+        measured(Point(count=0, make=scenes.base_scene), most=WARM_UP)
+        for sweep in sweeps():
+            points = sweep.points[:2] if quick else sweep.points
+            for point in points:
+                row = _again(point, found) or measured(point, most=QUICK_PERIODS if quick else None)
+                found.setdefault(sweep.name, []).append(row)
+                console.print(f"  {sweep.name} {point.count:g}: {_line(row)}", markup=False)
+    if not quick:
+        found[VIEWERS_NAME] = viewer_rows()
+    units = {sweep.name: sweep.unit for sweep in sweeps()} | {VIEWERS_NAME: ""}
+    load = load_average(console)
+    console.print(growth_table(found, units))
+    if quick:
+        return True
+    factor = found["obstacles on 200 m"][-1]["period_ms"]["p99"] / found["shipped"][0]["period_ms"]["p99"]
+    reached = factor <= LIMIT
+    verdict = "[green]reached[/green]" if reached else "[red]MISSED[/red]"
+    console.print(
+        f"1,000 obstacles on {OFFICE:g} m: p99 is {factor:.2f} x that of exp1, at most {LIMIT:g} x: {verdict}"
+    )
+    write(out / f"{NAME}.json", {"machine": machine(), "load_average": load, "sweeps": found, "times_exp1": factor})
+    plot(found, units, picture)
+    console.print(f"written to {out / NAME}.json and {picture}")
+    return reached
+
+
+def _again(point: Point, found: dict[str, list[dict[str, Any]]]) -> dict[str, Any] | None:
+    """What was measured for Experiment 1 as it is shipped, when this point is nothing else."""
+    if "shipped" not in found or point.planning is not None or point.make() != scenes.base_scene():
+        return None
+    return {**found["shipped"][0], "count": point.count}
+
+
+def _line(row: dict[str, Any]) -> str:
+    times = " / ".join(f"{value:.1f}" for value in row["period_ms"].values())
+    done = "" if row["success"] is None else (", done" if row["success"] else ", NOT done")
+    return f"period {times} ms, {row['factor']:.1f} x real time{done}"
+
+
+def growth_table(found: dict[str, list[dict[str, Any]]], units: dict[str, str]) -> Table:
+    """One row per world."""
+    table = grid("what", "how much", "p50 ms", "p99 ms", "max ms", "map", "place", "plan", "arm", "x real", "done")
+    for name, rows in found.items():
+        for row in rows:
+            stages = [f"{row['stages_ms'].get(stage, np.nan):.2f}" for stage in ("map", "place", "plan", "arm")]
+            done = {True: "yes", False: "NO", None: "-"}[row["success"]]
+            times = [f"{value:.1f}" for value in row["period_ms"].values()]
+            table.add_row(name, f"{row['count']:g} {units[name]}", *times, *stages, f"{row['factor']:.1f}", done)
+    return table
+
+
+PERIOD_MS = 50.0
+
+
+def plot(found: dict[str, list[dict[str, Any]]], units: dict[str, str], target: Path) -> None:
+    """One panel per respect, p50 and p99 [ms] against how much of it, both logarithmic, with a line that is linear."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    names = [name for name, rows in found.items() if len(rows) > 1]
+    columns = 3
+    figure, axes = plt.subplots(
+        -(-len(names) // columns), columns, figsize=(11, 3.2 * -(-len(names) // columns)), squeeze=False
+    )
+    for axis in axes.flat[len(names) :]:
+        axis.set_axis_off()
+    for axis, name in zip(axes.flat, names, strict=False):
+        rows = [row for row in found[name] if row["count"] > 0]  # no viewer is not on a logarithmic axis
+        counts = [row["count"] for row in rows]
+        for part, style in (("p50", "o-"), ("p99", "s-")):
+            axis.plot(counts, [row["period_ms"][part] for row in rows], style, label=part)
+        first = rows[0]["period_ms"]["p99"]
+        axis.plot(counts, [first * count / counts[0] for count in counts], ":", color="grey", label="linear")
+        axis.axhline(PERIOD_MS, color="firebrick", linewidth=0.8)
+        axis.set(xscale="log", yscale="log", ylim=(1.0, 200.0), title=name)
+        axis.set_xlabel(f"[{units[name]}]" if units[name] else "")
+        axis.set_xticks(counts, [f"{count:g}" for count in counts], minor=False)
+        axis.minorticks_off()
+        axis.grid(alpha=0.3)
+    axes[0, 0].legend(fontsize=8)
+    for row in axes:
+        row[0].set_ylabel("period [ms]")
+    figure.tight_layout()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(target, dpi=110)
+    plt.close(figure)
+
+
+VIEWERS = (0, 1, 5, 20)
+VIEWER_SECONDS = 20.0  # of the run, for each number of viewers
+VIEWERS_NAME = "viewers"
+
+
+def viewer_rows(seconds: float = VIEWER_SECONDS) -> list[dict[str, Any]]:
+    """Serve Experiment 1 and read its page with so many websocket clients; a row of `growth` for each number."""
+    rows = []
+    with served("exp1") as twin:
+        page.periods(twin, 3.0, 0)  # warm
+        for viewers in VIEWERS:
+            times, rate = page.periods(twin, seconds, viewers)
+            rows.append(
+                {
+                    "count": viewers,
+                    "period_ms": spread(times),
+                    "stages_ms": {},
+                    "kb_per_s_each": round(rate / 1000.0, 1),
+                    "factor": 1.0,
+                    "success": None,
+                }
+            )
+    return rows

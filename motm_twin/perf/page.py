@@ -1,0 +1,349 @@
+"""Page benchmark: cost of the page to the control loop and the machine, and delays seen by its users."""
+
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import AddObstacle, Command, HandOver, Pause, Play, RemoveBody, Reset, Speed
+from motm_twin.bus.messages import TickMessage
+from motm_twin.model.geometry import Array
+from motm_twin.perf import page_reader
+from motm_twin.perf.page_reader import PageReader
+from motm_twin.perf.processes import Served, cpu_seconds, memory_mb, served, wait_for
+from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure
+from motm_twin.ui.hub import LAYERS
+
+READERS = 5
+DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], points, [s] between two of them
+ARRIVED = 0.05  # [m] short of the end of a drag still counts as there
+BODY = "measured"
+DRIVEN = "is driving"  # what a refusal says while somebody else has the wheel
+PIECES = 8  # of half a series of memory
+SURE = 2.2  # standard errors: 95 % with 12 degrees of freedom, those of two lines through 8 pieces
+WHEEL = 15.0  # [s] to wait for the wheel
+
+
+def act(client: TwinClient, command: Command) -> None:
+    """Send a command and let go of the wheel, so that a page may take it. Raises RuntimeError when it is refused."""
+    deadline = time.monotonic() + WHEEL
+    while not (answer := client.command(command)).ok:
+        if DRIVEN not in answer.reason or time.monotonic() > deadline:
+            raise RuntimeError(f"{command!r} was refused: {answer.reason}")
+        time.sleep(0.1)  # a page has the wheel until it has been silent for a while
+    client.command(HandOver())
+
+
+def restart(client: TwinClient, *, playing: bool) -> None:
+    """The run from its start at 1x."""
+    act(client, Pause())
+    act(client, Reset())
+    wait_for(lambda: _now(client).index <= 1, 60.0, "start of the run")
+    act(client, Speed(factor=1.0))
+    if playing:
+        act(client, Play())
+        wait_for(lambda: _now(client).index > 1, 60.0, "period after the start")
+
+
+def periods(served: Served, seconds: float, readers: int) -> tuple[list[float], float]:
+    """Control periods [ms] of the first ``seconds`` of a run with this many readers, and bytes/s that each reads."""
+    with ExitStack() as stack:
+        watchers = [
+            stack.enter_context(PageReader(served.port, token=served.token, decode=False)) for _ in range(readers)
+        ]
+        restart(served.client, playing=True)
+        before, began = [watcher.bytes for watcher in watchers], time.monotonic()
+        found = [tick.stage_ms["period"] for tick in ticks(served.client, seconds)]
+        spent = time.monotonic() - began
+        rates = [(watcher.bytes - start) / spent for watcher, start in zip(watchers, before, strict=True)]
+    return found, float(np.mean(rates)) if rates else 0.0
+
+
+def ticks(client: TwinClient, seconds: float) -> Iterator[TickMessage]:
+    """Every new tick for so long [s of wall time]; ends early with the run."""
+    deadline, seen, last = time.monotonic() + seconds, 0, -1
+    while time.monotonic() < deadline:
+        seen = client.wait_tick(seen, 0.2)
+        tick = _now(client)
+        if tick.index != last and not tick.preview:
+            last = tick.index
+            yield tick
+        if tick.done:
+            return
+
+
+@contextmanager
+def all_layers(reader: PageReader) -> Iterator[None]:
+    """Every layer of the page switched on, by its checkbox, for as long as the block runs."""
+    if not reader.wait(lambda reader: all(reader.find(name, "Checkbox") for name in LAYERS), 20.0):
+        missing = [name for name in LAYERS if not reader.find(name, "Checkbox")]
+        raise TimeoutError(f"no checkbox for {missing} within 20 s")
+    before = {name: bool(reader.widgets[reader.find(name, "Checkbox") or ""]["value"]) for name in LAYERS}
+    for name in LAYERS:
+        reader.set(name, True, "Checkbox")
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            reader.set(name, value, "Checkbox")
+
+
+def drawing(served: Served, seconds: float) -> dict[str, float]:
+    """Share of a core the viewer takes at 1x with all layers on, and how many scene nodes it moves meanwhile."""
+    with PageReader(served.port, token=served.token) as reader:
+        restart(served.client, playing=True)
+        with all_layers(reader):
+            time.sleep(2.0)
+            reader.moved()
+            used, read, began = cpu_seconds(served.viewer), reader.bytes, time.monotonic()
+            time.sleep(seconds)
+            spent = time.monotonic() - began
+            share = (cpu_seconds(served.viewer) - used) / spent
+            return {"share": share, "nodes": float(reader.moved()), "rate": (reader.bytes - read) / spent}
+
+
+def joining(served: Served, count: int) -> list[float]:
+    """How long [s] each of so many late joiners waits for the whole scene and its own panel."""
+    restart(served.client, playing=True)
+    waits = []
+    for _ in range(count):
+        with PageReader(served.port, token=served.token) as reader:
+            whole = reader.wait(lambda reader: reader.replayed is not None and reader.find("Pause"), 30.0)
+            waits.append(time.monotonic() - reader.started if whole else float("nan"))
+    return waits
+
+
+def scene_bytes(served: Served) -> float:
+    """Bytes that the websocket sends a new visitor until he has everything; the twin should be paused."""
+    with PageReader(served.port, token=served.token) as reader:
+        if not reader.wait(lambda reader: reader.replayed is not None and reader.find("Play"), 30.0):
+            raise TimeoutError("no whole scene within 30 s")
+        time.sleep(1.0)  # the last of the panel
+        return float(reader.bytes)
+
+
+def drags(served: Served, count: int) -> list[float]:
+    """From sending the end of a drag to the tick [s] in which the body is there, so many times, while time runs."""
+    client = served.client
+    restart(client, playing=True)
+    start = _open_place(client)
+    act(client, AddObstacle(name=BODY, shape="box", x=start[0], y=start[1], heading=0.0, size=(0.3, 0.3, 0.4)))
+    waits = []
+    with PageReader(served.port, token=served.token) as reader:
+        ours = lambda: next((node for node in reader.draggable if node.endswith(f"/{BODY}")), None)  # noqa: E731
+        node = wait_for(ours, 20.0, "handle to drag the box by")
+        for sign in itertools.islice(itertools.cycle((1.0, -1.0)), count):
+            waits.append(_one_drag(client, reader, node, sign))
+    act(client, RemoveBody(name=BODY))
+    return waits
+
+
+def _one_drag(client: TwinClient, reader: PageReader, node: str, sign: float) -> float:
+    begin = _place(_now(client))
+    way = np.linspace(0.0, DRAG_LENGTH, DRAG_POINTS + 1)[1:, None] * [[sign, 0.0, 0.0]]
+    grip = np.array([*begin, 0.0])
+    sent = reader.drag(node, grip, grip + way, DRAG_INTERVAL)
+    end = begin[0] + sign * DRAG_LENGTH
+    seen, deadline = 0, sent + 5.0
+    while sign * (_place(_now(client))[0] - end) < -ARRIVED:
+        seen = client.wait_tick(seen, 0.2)
+        if time.monotonic() > deadline:
+            return float("nan")
+    return time.monotonic() - sent
+
+
+def memory(
+    served: Served, minutes: float, page: Callable[[], float] | None = None, every: float = 2.0
+) -> dict[str, Array]:
+    """Memory [MB] of the viewer, and of the page that ``page`` asks, against time [min], while runs follow each other.
+
+    Before, one run at 8x fills what has a limit: the kept history, the snapshots, the caches.
+    """
+    client = served.client
+    restart(client, playing=True)
+    act(client, Speed(factor=8.0))
+    wait_for(lambda: _now(client).done, 600.0, "end of the run")
+    restart(client, playing=True)
+    began, rows = time.monotonic(), []
+    while (spent := (time.monotonic() - began) / 60.0) < minutes:
+        if _now(client).done:
+            restart(client, playing=True)
+        rows.append((spent, memory_mb(served.viewer), page() if page is not None else float("nan")))
+        time.sleep(every)
+    time_min, viewer, heap = np.array(rows).T
+    return {"time": time_min, "viewer": viewer, "page": heap}
+
+
+class Slope(NamedTuple):
+    """Slope of a line through values [unit/min], and its standard error."""
+
+    value: float
+    error: float
+
+
+def slopes(time_min: Array, value: Array) -> tuple[Slope, Slope]:
+    """Of the first and of the second half of a series, each from the medians of `PIECES` pieces of it.
+
+    Neighbouring values are alike, so that the error of a line through all of them would be far too small.
+    """
+    halves = [time_min < 0.5 * time_min[-1], time_min >= 0.5 * time_min[-1]]
+    early, late = (_slope(time_min[half], value[half]) for half in halves)
+    return early, late
+
+
+def _slope(time_min: Array, value: Array) -> Slope:
+    if len(value) < PIECES or not np.isfinite(value).all():
+        return Slope(np.nan, np.nan)
+    x = [piece.mean() for piece in np.array_split(time_min, PIECES)]
+    y = [np.median(piece) for piece in np.array_split(value, PIECES)]
+    line, spread = np.polyfit(x, y, 1, cov=True)
+    return Slope(float(line[0]), float(np.sqrt(spread[0, 0])))
+
+
+def rise(early: Slope, late: Slope) -> float:
+    """By how much the slope has risen at least [unit/min], with 95 %; at most 0 where it falls or may be chance."""
+    return late.value - early.value - SURE * float(np.hypot(early.error, late.error))
+
+
+def _now(client: TwinClient) -> TickMessage:
+    tick = client.tick()
+    if tick is None:
+        raise RuntimeError("the twin has not run yet")
+    return tick
+
+
+def _place(tick: TickMessage) -> tuple[float, float]:
+    body = next((body for body in tick.obstacles if body.name == BODY), None)
+    if body is None:
+        raise RuntimeError("the measured box is gone")
+    return body.position[0], body.position[1]
+
+
+def _open_place(client: TwinClient) -> tuple[float, float]:
+    """A corner of the map, where the box is in nobody's way."""
+    scene = client.scene()
+    if scene is None:
+        raise RuntimeError("the twin has no scene yet")
+    x_min, y_min, _, _ = scene.bounds
+    return x_min + 1.0, y_min + 1.0
+
+
+NAME = "page"
+TITLE = "The page: a served Experiment 2 at 1x, measured from outside"
+DRAGS, JOINERS = 60, 5
+THINNED = 15  # one value of the memory in so many is kept: one in 30 s
+
+LIMITS = {
+    "ratio": Limit(name="control period p99 with 5 readers / without", unit="x", limit=1.1, decimals=3),
+    "share": Limit(name="viewer at 1x, all layers on", unit="% of a core", limit=60.0, decimals=1),
+    "nodes": Limit(name="moving scene nodes", unit="", limit=100.0, decimals=0),
+    "load_mb": Limit(name="bytes of a first load", unit="MB", limit=4.0, decimals=2),
+    "picture_s": Limit(name="first complete picture, software rendering", unit="s", limit=8.0, decimals=1),
+    "join_s": Limit(name="late joiner has the whole scene", unit="s", limit=2.0, decimals=2),
+    "drag_p95_ms": Limit(name="end of a drag until the tick that shows it, p95", unit="ms", limit=100.0, decimals=0),
+    "viewer_slope": Limit(name="memory of the viewer, slope", unit="MB/min", limit=1.0, decimals=2),
+    "page_slope": Limit(name="memory of the page's scripts, slope", unit="MB/min", limit=1.0, decimals=2),
+    "viewer_rise": Limit(
+        name="memory of the viewer, rise of the slope, for sure", unit="MB/min", limit=0.0, decimals=2
+    ),
+    "page_rise": Limit(name="memory of the page's scripts, rise of the slope", unit="MB/min", limit=0.0, decimals=2),
+    "stop_s": Limit(name="Ctrl-C until all has ended", unit="s", limit=2.0, decimals=2),
+}
+
+
+def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> bool:
+    """Measure, print, write ``out/page.json``; True when no number exceeds its limit.
+
+    Takes about 2.5 x ``seconds`` + ``minutes`` + 2 min.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    report = Report()
+    with served("exp2") as twin:
+        steps: Steps = [
+            ("control period", lambda: _periods(twin, report, seconds)),
+            ("drawing", lambda: _drawing(twin, report, min(seconds, 20.0))),
+            ("drags", lambda: _drags(twin, report)),
+            ("late joiners", lambda: _joining(twin, report)),
+            ("first load", lambda: _loading(twin, report)),
+            ("memory", lambda: _memory(twin, report, minutes)),
+            ("stop", lambda: report.values.update(stop_s=twin.interrupt())),
+        ]
+        measure(steps, report, console)
+    return conclude(NAME, TITLE, LIMITS, report, out, console)
+
+
+def _periods(twin: Served, report: Report, seconds: float) -> None:
+    """The start of a run four times: without, with, with, without readers, so that a drift of the machine cancels."""
+    found: dict[int, list[float]] = {0: [], READERS: []}
+    rates = []
+    periods(twin, 3.0, 0)  # warm
+    for readers in (0, READERS, READERS, 0):
+        took, rate = periods(twin, seconds / 2, readers)
+        found[readers] += took
+        rates += [rate] if readers else []
+    without, with_readers = (_percentiles(values) for values in found.values())
+    report.values["ratio"] = with_readers["p99"] / without["p99"]
+    report.details["period_ms"] = {"0 readers": without, f"{READERS} readers": with_readers}
+    report.details["bytes_per_s_and_reader"] = float(np.mean(rates))
+
+
+def _percentiles(values: list[float]) -> Values:
+    p50, p99 = np.percentile(values, (50, 99))
+    return {"p50": float(p50), "p99": float(p99), "max": float(max(values)), "periods": float(len(values))}
+
+
+def _drawing(twin: Served, report: Report, seconds: float) -> None:
+    cost = drawing(twin, seconds)
+    report.values.update(share=100.0 * cost["share"], nodes=cost["nodes"])
+    report.details["bytes_per_s_all_layers"] = cost["rate"]
+
+
+def _drags(twin: Served, report: Report) -> None:
+    waits = 1000.0 * np.array(drags(twin, DRAGS))
+    report.values["drag_p95_ms"] = float(np.percentile(waits, 95))  # nan when one never arrived
+    report.details["drag_ms"] = {"p50": float(np.median(waits)), "max": float(np.max(waits)), "drags": len(waits)}
+
+
+def _joining(twin: Served, report: Report) -> None:
+    report.values["join_s"] = float(np.max(joining(twin, JOINERS)))
+
+
+def _loading(twin: Served, report: Report) -> None:
+    restart(twin.client, playing=False)
+    by_websocket = scene_bytes(twin)
+    load = page_reader.first_load(twin.url)
+    report.values.update(load_mb=(load.http_bytes + by_websocket) / 1e6, picture_s=load.complete_at)
+    report.details["first_load_mb"] = {"http": load.http_bytes / 1e6, "websocket": by_websocket / 1e6}
+
+
+def _memory(twin: Served, report: Report, minutes: float) -> None:
+    """With a browser that shows the page all the time, where there is one."""
+    try:
+        with page_reader.browser() as browser:
+            browser.page.goto(twin.url)
+            series = memory(twin, minutes, browser.heap_mb)
+    except RuntimeError as error:
+        report.failures.append(f"memory of the page: {error}")
+        series = memory(twin, minutes)
+    for name in ("viewer", "page"):
+        values = series[name]
+        early, late = slopes(series["time"], values)
+        report.values |= {f"{name}_slope": late.value, f"{name}_rise": rise(early, late)}
+        report.details[f"memory_of_{name}_mb"] = {
+            "start": float(values[0]),
+            "end": float(values[-1]),
+            "max": float(values.max()),
+            "slope of the first half": early.value,
+            "error of the first half": early.error,
+            "slope of the second half": late.value,
+            "error of the second half": late.error,
+        }
+    report.series = {name: values[::THINNED].tolist() for name, values in series.items()}
+    report.details["memory_minutes"] = minutes
+    act(twin.client, Pause())

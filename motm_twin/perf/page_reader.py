@@ -1,0 +1,286 @@
+"""Readers of the page: a websocket client that speaks Viser's protocol, and Chromium with software rendering."""
+
+import base64
+import io
+import os
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any
+
+import msgspec
+import numpy as np
+import viser
+import zstandard
+from PIL import Image
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from motm_twin.model.geometry import Array
+from motm_twin.perf.processes import wait_for
+from motm_twin.ui.guard import COOKIE
+
+MAX_FRAME = 64 * 1024 * 1024  # bytes
+POSES = ("SetPositionMessage", "SetOrientationMessage")
+CAMERA = {  # looks straight down from 12 m
+    "type": "ViewerCameraMessage",
+    "wxyz": [0.0, 1.0, 0.0, 0.0],
+    "position": [0.0, 0.0, 12.0],
+    "fov": 0.8,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 800,
+    "image_width": 1280,
+    "look_at": [0.0, 0.0, 0.0],
+    "up_direction": [0.0, 1.0, 0.0],
+}
+
+Message = dict[str, Any]
+
+
+class PageReader:
+    """One connected visitor that reads everything. ``decode=False`` counts bytes only, which costs next to nothing."""
+
+    def __init__(self, port: int, *, token: str = "", decode: bool = True) -> None:
+        """``token``: of the page, where it asks for one."""
+        self.started = time.monotonic()
+        self.bytes = 0
+        self.replayed: float | None = None  # [s] after the start: the scene so far had arrived
+        self.moving: dict[str, set[str]] = {kind: set() for kind in ("pose", "update")}
+        self.widgets: dict[str, Message] = {}  # the messages that made them, by uuid
+        self.draggable: set[str] = set()
+        self.notes: list[str] = []
+        self._values: dict[str, Any] = {}
+        self._decode, self._changed = decode, threading.Condition()
+        self._socket = connect(
+            f"ws://127.0.0.1:{port}",
+            subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+            max_size=MAX_FRAME,
+            compression=None,
+            open_timeout=10.0,
+            additional_headers={"Cookie": f"{COOKIE}_{port}={token}"} if token else None,
+        )
+        self.send(CAMERA)  # Viser's sign that a page has loaded
+        self._thread = threading.Thread(target=self._read, name="page reader", daemon=True)
+        self._thread.start()
+
+    def send(self, message: Message) -> None:
+        """Send one message as the page would."""
+        self._socket.send(msgspec.msgpack.encode(message))
+
+    def close(self) -> None:
+        """Leave."""
+        self._socket.close()
+        self._thread.join(2.0)
+
+    def __enter__(self) -> "PageReader":
+        """Connected from the start."""
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        """Leave."""
+        self.close()
+
+    def wait(self, condition: Any, timeout: float) -> bool:
+        """Wait until ``condition(self)`` holds after some message; False when ``timeout`` [s] is over."""
+        with self._changed:
+            return bool(self._changed.wait_for(lambda: condition(self), timeout))
+
+    def moved(self) -> int:
+        """How many scene nodes have been moved or redrawn since the last call."""
+        with self._changed:
+            count = len(self.moving["pose"] | self.moving["update"])
+            for names in self.moving.values():
+                names.clear()
+        return count
+
+    def find(self, label: str, kind: str = "") -> str | None:
+        """The uuid of the widget with this label (and message type), or None."""
+        for uuid, message in list(self.widgets.items()):
+            if message["props"].get("label") == label and kind in message["type"]:
+                return uuid
+        return None
+
+    def options(self, label: str) -> tuple[str, ...]:
+        """What a list offers; nothing when there is no such list."""
+        uuid = self.find(label, "Dropdown")
+        return () if uuid is None else tuple(self.widgets[uuid]["props"]["options"])
+
+    def set(self, label: str, value: Any, kind: str = "") -> bool:
+        """Click a button or change a widget by its label; False when there is no such widget."""
+        uuid = self.find(label, kind)
+        if uuid is not None:
+            self.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+        return uuid is not None
+
+    def drag(self, node: str, grip: np.ndarray, path: np.ndarray, interval: float) -> float:
+        """Drag a scene node from ``grip`` (3,) over the points ``path`` (n, 3); the time [s] when the end was sent."""
+        self._drag("start", node, grip, grip)
+        for point in path[:-1]:
+            time.sleep(interval)
+            self._drag("update", node, grip, point)
+        time.sleep(interval)
+        sent = time.monotonic()
+        self._drag("update", node, grip, path[-1])
+        self._drag("end", node, grip, path[-1])
+        return sent
+
+    def _drag(self, phase: str, node: str, grip: np.ndarray, point: np.ndarray) -> None:
+        self.send(
+            {
+                "type": "SceneNodeDragMessage",
+                "phase": phase,
+                "name": node,
+                "instance_index": None,
+                "start_position": [float(value) for value in grip],
+                "start_screen_pos": [0.5, 0.5],
+                "end_position": [float(value) for value in point],
+                "end_screen_pos": [0.5, 0.5],
+                "button": "left",
+                "modifier": None,
+                "owner": "",
+            }
+        )
+
+    def _read(self) -> None:
+        try:
+            for frame in self._socket:
+                assert isinstance(frame, bytes)
+                with self._changed:
+                    self.bytes += len(frame)
+                    if self._decode:
+                        for message in unpack(frame):
+                            self._take(message)
+                    self._changed.notify_all()
+        except ConnectionClosed:
+            return
+
+    def _take(self, message: Message) -> None:
+        kind = message["type"]
+        if kind in POSES:
+            self.moving["pose"].add(message["name"])
+        elif kind == "SceneNodeUpdateMessage":
+            self.moving["update"].add(message["name"])
+        elif kind == "ReplayDoneMessage":
+            self.replayed = time.monotonic() - self.started
+        elif kind == "SetSceneNodeDragBindingsMessage" and message["bindings"]:
+            self.draggable.add(message["name"])
+        elif kind == "NotificationShowMessage":
+            self.notes.append(str(message["props"].get("body", "")))
+        elif kind.startswith("Gui") and "uuid" in message and "props" in message:
+            self.widgets[message["uuid"]] = message
+        elif kind == "GuiUpdateMessage" and message["uuid"] in self.widgets:
+            self.widgets[message["uuid"]]["props"].update(message["updates"])
+
+
+def unpack(frame: bytes) -> list[Message]:
+    """The messages of one frame: sizes of the packed part, that part (MessagePack in zstd), then arrays, not read."""
+    size, packed = int.from_bytes(frame[:8], "little"), int.from_bytes(frame[8:16], "little")
+    inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + packed], max_output_size=size)
+    return list(msgspec.msgpack.decode(inner)["messages"])
+
+
+VIEW = {"width": 1280, "height": 800}
+FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+SMALL = (160, 100)  # pixels to which pictures are reduced before they are compared
+SETTLED = 6.0  # [s] without a change: the picture is complete; pieces of it come up to 3 s apart
+BLANK = 5.0  # grey levels of standard deviation; an empty page has less
+CHANGED, SHARE = 12.0, 0.01  # grey levels, and share of the reduced picture's pixels that may differ by more
+LOAD = 90.0  # [s]
+
+
+@dataclass
+class Load:
+    """What a first load took. Pictures as the browser showed them: (time [s] since the start, reduced picture)."""
+
+    http_bytes: int = 0
+    pictures: list[tuple[float, Array]] = field(default_factory=list)
+
+    @property
+    def complete_at(self) -> float:
+        """When [s] the picture was first the one that stayed; nan when it never settled or stayed blank."""
+        if not self.pictures or np.std(self.pictures[-1][1]) < BLANK:
+            return float("nan")
+        last = self.pictures[-1][1]
+        different = max((at for at, picture in self.pictures if not alike(picture, last)), default=-1.0)
+        return min(at for at, _ in self.pictures if at > different)
+
+
+class Page:
+    """The open page, and Chromium's own view of it."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self._devtools = page.context.new_cdp_session(page)
+
+    def load(self, url: str) -> Load:
+        """Open the page and watch until its picture has settled. The twin should be paused."""
+        load, devtools = Load(), self._devtools
+        began = time.monotonic()
+
+        def count(event: dict) -> None:
+            load.http_bytes += int(event["encodedDataLength"])
+
+        def picture(event: dict) -> None:
+            devtools.send("Page.screencastFrameAck", {"sessionId": event["sessionId"]})
+            image = Image.open(io.BytesIO(base64.b64decode(event["data"]))).convert("RGB").resize(SMALL)
+            load.pictures.append((time.monotonic() - began, np.asarray(image, dtype=float)))
+
+        devtools.send("Network.enable")
+        devtools.on("Network.loadingFinished", count)
+        devtools.on("Page.screencastFrame", picture)
+        devtools.send("Page.startScreencast", {"format": "jpeg", "quality": 80, "everyNthFrame": 1})
+        self.page.goto(url)
+        deadline = began + LOAD
+        while time.monotonic() < deadline and not _settled(load, time.monotonic() - began):
+            self.page.wait_for_timeout(100)
+        devtools.send("Page.stopScreencast")
+        return load
+
+    def heap_mb(self) -> float:
+        """What the page's scripts hold [MB], after garbage was collected."""
+        self._devtools.send("HeapProfiler.collectGarbage")
+        return float(self._devtools.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
+
+
+def alike(picture: Array, other: Array) -> bool:
+    """Whether two reduced pictures show the same, apart from little things."""
+    changed = np.abs(picture - other).max(axis=2) > CHANGED
+    return bool(changed.mean() <= SHARE)
+
+
+@contextmanager
+def browser() -> Iterator[Page]:
+    """Chromium with an empty page. Raises RuntimeError when there is none."""
+    path = os.environ.get("MOTM_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+    if not path:
+        raise RuntimeError("no Chromium: set MOTM_CHROMIUM to its path")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError as error:
+        raise RuntimeError("no Playwright: install the dev extra") from error
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        try:
+            yield Page(chromium.new_page(viewport=VIEW))  # type: ignore[arg-type]
+        finally:
+            chromium.close()
+
+
+def first_load(url: str) -> Load:
+    """A first load in a fresh browser."""
+    with browser() as page:
+        load = page.load(url)
+        wait_for(lambda: load.pictures, 1.0, "picture")
+        return load
+
+
+def _settled(load: Load, now: float) -> bool:
+    """Whether the picture has not changed for a while, and is one."""
+    return load.pictures != [] and now > SETTLED and now - load.complete_at > SETTLED

@@ -1,0 +1,254 @@
+"""What a control period costs: the whole period from observation to command, by stage, alone on one core.
+
+The same as `motm-twin run` does, in this process, with a clock round every stage and round every arm step. Goals are
+judged by wall time. A second run counts processor time: what other programs on the machine take is not in it.
+"""
+
+import gc
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from motm_twin.control.loop import PERIOD
+from motm_twin.methods.fast import FAST
+from motm_twin.methods.method import Method
+from motm_twin.methods.modifications import MOTM
+from motm_twin.model.scene import DriveTo, Scene
+from motm_twin.model.scene_file import load_scene
+from motm_twin.perf.report import (
+    Wanted,
+    enough,
+    grid,
+    load_average,
+    spread,
+    wanted_rows,
+    wanted_table,
+    write_report,
+)
+from motm_twin.twin import Twin
+
+NAME = "period_cost"
+TITLE = "What a period costs, alone on one core, kernels compiled"
+METHODS = (FAST, MOTM)  # the first is judged, which is what runs when none is named
+SCENES = (("exp1", "trial1"), ("exp2", "random"))
+STAGES = ("map", "place", "plan", "arm", "monitor", "period")
+WARM_UP = 60  # periods that are not counted
+SOAK = 1000.0  # [s] of simulated time in which memory has to stay flat
+EARLY = 0.1  # of it, after which memory counts
+MARGIN_MB = 2.0  # [MB] that the allocator may take in steps
+
+
+def _times(scene: str) -> tuple[Wanted, ...]:
+    limits = (("p50", 6.0, 3.0), ("p99", 15.0, 8.0), ("max", 30.0, 15.0))
+    return tuple(
+        Wanted(key=f"{scene} {part}", name=f"{scene}, period {part}", unit="ms", least=least, best=best)
+        for part, least, best in limits
+    )
+
+
+WANTED = (
+    *_times("exp1"),
+    *_times("exp2"),
+    Wanted(key="exp1 arm", name="exp1, arm step p99", unit="ms", least=0.3, best=0.1, decimals=3),
+    Wanted(key="exp2 arm", name="exp2, arm step p99", unit="ms", least=0.3, best=0.1, decimals=3),
+    Wanted(
+        key="exp1 factor", name="exp1, simulated / real time", unit="x", least=7.0, best=15.0, more=True, decimals=1
+    ),
+    Wanted(
+        key="exp2 factor", name="exp2, simulated / real time", unit="x", least=7.0, best=15.0, more=True, decimals=1
+    ),
+    Wanted(key="memory", name="memory gained in a long run", unit="MB", least=MARGIN_MB, best=MARGIN_MB, decimals=1),
+    Wanted(key="start", name="start of `run` to first period", unit="s", least=2.0, best=1.2),
+)
+
+
+@dataclass
+class Measured:
+    """Wall times of one run, JIT warm."""
+
+    stages: dict[str, list[float]] = field(default_factory=lambda: {stage: [] for stage in STAGES})  # [ms] per period
+    arm_steps: list[float] = field(default_factory=list)  # [ms] kinematics, QP and monitor
+    factor: float = 0.0  # simulated by real time, referee included
+    state_hash: str = ""
+
+    def table(self) -> dict[str, dict[str, float]]:
+        """p50, p99 and largest [ms] per stage."""
+        return {stage: spread(times) for stage, times in (*self.stages.items(), ("arm step", self.arm_steps))}
+
+
+def measured(
+    scene: Scene,
+    *,
+    method: Method = FAST,
+    periods: int | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Measured:
+    """Run a scene to its end, or for so many periods, with a clock [s] at every stage and arm step."""
+    twin = Twin(scene, method=method, clock=clock)
+    found = Measured()
+    steps = _timed_steps(twin, clock)
+    began = time.perf_counter()
+    count = 0
+    while True:
+        tick = twin.advance()
+        count += 1
+        if count > WARM_UP or periods is not None:
+            for stage in STAGES:
+                found.stages[stage].append(tick.stage_ms[stage])
+            found.arm_steps += steps
+        steps.clear()
+        if tick.done or tick.time >= scene.time_limit or count == periods:
+            break
+    found.factor = count * PERIOD / (time.perf_counter() - began)
+    found.state_hash = twin.state_hash()
+    return found
+
+
+def _timed_steps(twin: Twin, clock: Callable[[], float]) -> list[float]:
+    """A list to which every arm step from now on adds what it and the monitor take [ms]."""
+    steps: list[float] = []
+    loop = twin.loop
+    step, check = loop.manipulator.step, loop.monitor.check
+
+    def timed_step(*given: Any, **named: Any) -> Any:
+        began = clock()
+        answer = step(*given, **named)
+        steps.append(1e3 * (clock() - began))
+        return answer
+
+    def timed_check(*given: Any, **named: Any) -> Any:
+        began = clock()
+        answer = check(*given, **named)
+        steps[-1] += 1e3 * (clock() - began)
+        return answer
+
+    loop.manipulator.step, loop.monitor.check = timed_step, timed_check  # type: ignore[method-assign]
+    return steps
+
+
+def start_seconds() -> float:
+    """Wall time [s] from the start of a process that does what `motm-twin run exp1` does, to its first period."""
+    began = time.perf_counter()
+    with subprocess.Popen([sys.executable, "-m", "motm_twin.perf.period_start"], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        seconds = time.perf_counter() - began
+    if not line:
+        raise RuntimeError(f"the first period was not reached: exit code {process.returncode}")
+    return seconds
+
+
+def memory_gained(seconds: float) -> dict[str, float]:
+    """Resident memory [MB] and objects gained between a tenth of so much simulated time and its end.
+
+    Experiment 2 with its six cubes, and then for ever round the room between the Temis.
+    """
+    twin = Twin(round_for_ever(load_scene("exp2", "random")))
+    early = _advanced(twin, EARLY * seconds)
+    late = _advanced(twin, seconds)
+    return {
+        "megabytes": round(late[0] - early[0], 2),
+        "blocks": late[1] - early[1],
+        "at_first_mb": round(early[0], 1),
+        "simulated_s": seconds,
+    }
+
+
+def round_for_ever(scene: Scene) -> Scene:
+    """The scene with corners of the room to drive to after its own tasks, 50 times."""
+    corners = ((2.2, -0.4), (5.6, 0.2), (2.0, 0.6), (0.8, -0.6))
+    tasks = tuple(DriveTo(point=corner, heading=None, tolerance=0.3) for corner in corners) * 50
+    return msgspec.structs.replace(scene, tasks=scene.tasks + tasks)
+
+
+def _advanced(twin: Twin, until: float) -> tuple[float, int]:
+    """Resident memory [MB] and allocated blocks at that simulated time [s]."""
+    while twin.index * PERIOD < until:
+        twin.advance()
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20, sys.getallocatedblocks()
+
+
+@contextmanager
+def one_core() -> Iterator[int]:
+    """This process on the last of its cores only, until the end of the block."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(cores)})
+    try:
+        yield max(cores)
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def bench_period(out: Path, share: float, console: Console) -> bool:
+    """Measure, print, write ``out/period_cost.json``; True when everything is reached that is wanted at least.
+
+    Takes about ten minutes; ``share`` of the simulated time in which memory is looked at. The first of `METHODS` is
+    judged.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    columns: dict[str, dict[str, float]] = {name: {} for method in METHODS for name in _columns(method)}
+    stages: dict[str, dict[str, dict[str, float]]] = {}
+    with one_core() as core:
+        for method in METHODS:
+            for scene, variant in SCENES:
+                wall, processor = (columns[name] for name in _columns(method))
+                stages[f"{scene} {method.name}"] = _scene_values(scene, variant, method, wall, processor, console)
+        judged = columns[_columns(METHODS[0])[0]]
+        start_seconds()
+        judged["start"] = start_seconds()
+        memory = memory_gained(SOAK * share)
+        judged["memory"] = memory["megabytes"]
+    console.print(stage_table(stages))
+    console.print(wanted_table(WANTED, columns))
+    reached = all(enough(row, judged[row.key], row.least) for row in WANTED)
+    write_report(
+        out, NAME, TITLE, core=core, reached=reached, rows=wanted_rows(WANTED, columns), stages_ms=stages,
+        memory=memory, load_average=load_average(console),
+    )  # fmt: skip
+    return reached
+
+
+def _columns(method: Method) -> tuple[str, str]:
+    """Names of what a method takes in wall time and in processor time."""
+    return method.name, f"{method.name}, processor"
+
+
+def _scene_values(
+    scene: str, variant: str, method: Method, values: dict[str, float], processor: dict[str, float], console: Console
+) -> dict[str, dict[str, float]]:
+    """Fill in what a scene gives, in wall and in processor time; its stages in processor time."""
+    loaded = load_scene(scene, variant)
+    measured(loaded, method=method)  # may compile
+    table = {}
+    for clock, found in ((time.perf_counter, values), (time.thread_time, processor)):
+        run = measured(loaded, method=method, clock=clock)
+        table = run.table()
+        found |= {f"{scene} {part}": table["period"][part] for part in ("p50", "p99", "max")}
+        found |= {f"{scene} arm": table["arm step"]["p99"], f"{scene} factor": run.factor}
+        console.print(
+            f"  {scene}/{variant} {method.name}: {len(run.arm_steps)} arm steps, {run.factor:.1f} x", markup=False
+        )
+    del processor[f"{scene} factor"]  # of both runs it is wall time
+    return table
+
+
+def stage_table(stages: dict[str, dict[str, dict[str, float]]]) -> Table:
+    """Every stage of a period, and one arm step of it, as p50 / p99 / max [ms]."""
+    names = ("stage, ms (p50 / p99 / max)", *stages)
+    table = grid(*names, texts=names)
+    for stage in next(iter(stages.values())):
+        cells = (" / ".join(f"{value:.2f}" for value in stages[scene][stage].values()) for scene in stages)
+        table.add_row(stage, *cells)
+    return table

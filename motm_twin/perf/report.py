@@ -1,0 +1,215 @@
+"""Goals and limits of benchmarks, the measured values, and the tables and JSON files made of them."""
+
+import json
+import math
+import os
+import platform
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+Values = dict[str, float]
+Steps = list[tuple[str, Callable[[], None]]]  # names of measurements, and what takes them
+
+
+def machine() -> str:
+    """Processor, number of cores and Python, for the table's caption."""
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        lines = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        model = lines[0].split(":", 1)[1].strip() if lines else model
+    return f"{model}, {joblib.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
+
+
+def load_average(console: Console) -> list[float]:
+    """Load of the machine over the last 1, 5 and 15 minutes, measured load included; it is printed, too."""
+    load = [round(value, 1) for value in os.getloadavg()]
+    console.print(f"load average {', '.join(map(str, load))}; on {os.cpu_count()} cores: above that, no p99 holds")
+    return load
+
+
+def percentiles(values: list[float]) -> Values:
+    """Median, p99 and largest of a list, and how many there are; nan for none."""
+    if not values:
+        return {"p50": math.nan, "p99": math.nan, "max": math.nan, "count": 0.0}
+    p50, p99 = np.percentile(values, (50, 99))
+    return {"p50": float(p50), "p99": float(p99), "max": float(max(values)), "count": float(len(values))}
+
+
+def spread(times: list[float]) -> Values:
+    """p50, p99 and largest of some times, in their unit, to three digits after the point."""
+    return {name: round(value, 3) for name, value in percentiles(times).items() if name != "count"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """A number to reach: at most, at least, or exactly."""
+
+    name: str
+    unit: str
+    limit: float
+    relation: str = "<="  # ">=" | "<=" | "=="
+    decimals: int = 0
+
+    def met_by(self, value: float) -> bool:
+        """Compare a measured value; nan never reaches a limit."""
+        return {">=": value >= self.limit, "<=": value <= self.limit, "==": value == self.limit}[self.relation]
+
+    def judged(self, value: float) -> dict[str, Any]:
+        """The limit beside a measured value, as it is printed and written."""
+        about = ("name", "unit", "relation", "limit", "decimals")
+        return {name: getattr(self, name) for name in about} | {"value": value, "reached": self.met_by(value)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """A number to reach at least, and one that would be better still."""
+
+    key: str
+    name: str
+    unit: str
+    least: float
+    best: float
+    more: bool = False  # the measured value has to be this much or more, else this much or less
+    decimals: int = 2
+
+
+def enough(row: Wanted, value: float, limit: float) -> bool:
+    """Compare a measured value with a limit; nan never reaches it."""
+    return value >= limit if row.more else value <= limit
+
+
+@dataclass
+class Report:
+    """Values by the keys of the limits, further details, and what failed or was skipped."""
+
+    values: Values = field(default_factory=dict)
+    details: dict[str, Any] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
+    skipped: dict[str, str] = field(default_factory=dict)  # limits that are not judged, and why not
+    series: dict[str, list[float]] = field(default_factory=dict)  # written, not printed
+
+
+def measure(steps: Steps, report: Report, console: Console) -> None:
+    """Take all steps. One that fails is noted: the other numbers are still worth a table."""
+    for number, (name, step) in enumerate(steps, 1):
+        try:
+            step()
+        except (RuntimeError, TimeoutError) as error:
+            report.failures.append(f"{name}: {error}")
+        console.print(f"  {number}/{len(steps)} {name}", markup=False)
+
+
+def conclude(name: str, title: str, limits: dict[str, Limit], report: Report, out: Path, console: Console) -> bool:
+    """Print the table, write ``out/<name>.json``; True when no number exceeds its limit."""
+    judged = {key: limit for key, limit in limits.items() if key not in report.skipped}
+    goals = [limit.judged(report.values.get(key, math.nan)) for key, limit in judged.items()]
+    reached = all(goal["reached"] for goal in goals)
+    console.print(goal_table(goals))
+    for key, detail in report.details.items():
+        console.print(f"  {key.replace('_', ' ')}: {readable(detail)}", markup=False)
+    for key, reason in report.skipped.items():
+        console.print(f"  skipped: {limits[key].name}: {reason}", style="yellow", markup=False)
+    for failure in report.failures:
+        console.print(f"  not measured: {failure}", style="red", markup=False)
+    target = write_report(
+        out, name, title, reached=reached, goals=goals, load_average=load_average(console), details=report.details,
+        skipped=report.skipped, failures=report.failures, series=report.series,
+    )  # fmt: skip
+    console.print(f"{machine()}; written to {target}")
+    return reached
+
+
+def write_report(out: Path, name: str, title: str, **more: Any) -> Path:
+    """Write ``out/<name>.json`` with the machine that it was measured on; its path."""
+    target = out / f"{name}.json"
+    write(target, {"group": name, "title": title, "machine": machine(), **more})
+    return target
+
+
+def write(target: Path, whole: Mapping[str, Any]) -> None:
+    """Write a JSON file; numbers that JSON does not have are null."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(json.dumps(plain(whole), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def plain(value: Any) -> Any:
+    """The same in JSON's types: lists for arrays and tuples, None for nan and infinity."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def readable(value: Any) -> str:
+    """A detail in one line."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {readable(item)}" for name, item in value.items())
+    return f"{value:,.6g}" if isinstance(value, float) else str(value)
+
+
+def number(value: float | None, decimals: int) -> str:
+    """A number with so many decimals; "-" for None, nan and infinity."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
+
+
+def grid(*names: str, texts: Collection[str] | None = None, **options: Any) -> Table:
+    """A table without lines; ``texts``: columns with text, at the left (None: the first), others have numbers."""
+    table = Table(box=None, header_style="bold", pad_edge=False, **options)
+    for name in names:
+        left = name in (names[:1] if texts is None else texts)
+        table.add_column(name, justify="left" if left else "right", no_wrap=texts is None)
+    return table
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table for a document."""
+    lines = [header, ("---",) * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def goal_table(goals: Iterable[Mapping[str, Any]]) -> Table:
+    """Every goal as `Limit.judged` gives it: the limit, the measured value, and the verdict."""
+    table = grid("number to reach", "goal", "measured", "", texts=("number to reach", ""))
+    for goal in goals:
+        wanted = f"{goal['relation']} {goal['limit']:g} {goal['unit']}".strip()
+        verdict = "[green]reached[/green]" if goal["reached"] else "[red]MISSED[/red]"
+        table.add_row(goal["name"], wanted, number(goal["value"], goal["decimals"]), verdict)
+    return table
+
+
+def wanted_table(wanted: Sequence[Wanted], columns: Mapping[str, Mapping[str, float]]) -> Table:
+    """Every row with its value in each column, the least that is wanted, and the number to reach for.
+
+    The first column is judged; the others need not have every value.
+    """
+    texts = ("number to reach", "unit")
+    table = grid(*texts, *columns, "at least", "", "reach for", " ", texts=texts)
+    judged = next(iter(columns.values()))
+    for row in wanted:
+        verdicts = []
+        for limit in (row.least, row.best):
+            good = enough(row, judged[row.key], limit)
+            verdicts += [f"{limit:g}", "[green]reached[/green]" if good else "[red]not reached[/red]"]
+        values = (f"{column[row.key]:.{row.decimals}f}" if row.key in column else "-" for column in columns.values())
+        table.add_row(row.name, row.unit, *values, *verdicts)
+    return table
+
+
+def wanted_rows(wanted: Sequence[Wanted], columns: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:
+    """The same for a JSON file; None where a column has no value."""
+    return [
+        {"name": row.name, "unit": row.unit, "least": row.least, "best": row.best}
+        | {name: column.get(row.key) for name, column in columns.items()}
+        for row in wanted
+    ]

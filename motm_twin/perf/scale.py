@@ -1,0 +1,173 @@
+"""How many twins and viewers one Zenoh router carries on this machine, with the load of a real twin many times over."""
+
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from motm_twin.perf import bus
+from motm_twin.perf.page import restart
+from motm_twin.perf.processes import Worker, cpu_seconds, memory_mb
+from motm_twin.perf.report import Report, grid, load_average, machine, percentiles, write_report
+from motm_twin.perf.scale_worker import Sizes
+
+NAME = "scale"
+TITLE = "Scale: simulated twins at 1x through a Zenoh router, and who reads them"
+WORKER = "motm_twin.perf.scale_worker"
+COUNTS = (10, 50, 100, 200)
+LINKED = 50  # twins at one router, their viewers at another
+EACH = 50  # sessions in one process
+OBSERVED = 20.0  # [s] of the real twin whose load is repeated
+SETTLE = 3.0  # [s]
+EACH_ALL, FLEET, NOBODY = "each all", "one status", "nobody"  # a viewer for each twin; one dashboard of all; none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """What is measured: so many twins, who reads them, and how many routers are between."""
+
+    twins: int
+    readers: str = EACH_ALL
+    routers: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What was measured with so many twins."""
+
+    twins: int
+    readers: str
+    routers: int
+    messages_in: float  # per second, put by all twins together; what nobody reads goes no further
+    mb_in: float  # per second
+    messages_out: float
+    mb_out: float
+    router_cpu: float  # % of a core, the busiest router
+    router_mb: float  # resident memory
+    p50_ms: float  # from a twin's put to a viewer's callback: ticks, or else status
+    p99_ms: float
+    max_ms: float
+    lost: int  # of those that are timed
+    late_ms: float  # p99 of how late the twins themselves sent: above some ms, this machine is what limits
+    load_cpu: float  # % of a core, twins and viewers together
+
+
+def bench_scale(out: Path, seconds: float, console: Console, counts: Sequence[int] = COUNTS) -> bool:
+    """Measure, print, write ``out/scale.json``; True when everything could be measured.
+
+    Takes about 8 x ``seconds`` + 2 min. There is no number to reach: what the figures mean is in docs/scale.md.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    report, rows = Report(), []
+    sizes = observed(min(seconds, OBSERVED))
+    console.print(rate_table(sizes))
+    most = max(counts)
+    loads = [Load(twins=most, readers=NOBODY), Load(twins=most, readers=FLEET), *(Load(twins=n) for n in counts)]
+    for load in (*loads, Load(twins=min(LINKED, most), routers=2)):
+        try:
+            rows.append(measured_load(load, sizes, seconds))
+        except (RuntimeError, TimeoutError) as error:  # the others are still worth a table
+            report.failures.append(f"{load}: {error}")
+        console.print(f"  {load.twins} twins, {load.readers}, {load.routers} routers", markup=False)
+    console.print(row_table(rows))
+    for failure in report.failures:
+        console.print(f"  not measured: {failure}", style="red", markup=False)
+    one_twin = {
+        key: {"rate": about["rate"], "mean_bytes": float(np.mean(about["sizes"]))} for key, about in sizes.items()
+    }
+    target = write_report(
+        out, NAME, TITLE, load_average=load_average(console), one_twin=one_twin,
+        rows=[asdict(row) for row in rows], failures=report.failures,
+    )  # fmt: skip
+    console.print(f"{machine()}; written to {target}")
+    return not report.failures
+
+
+def observed(seconds: float) -> Sizes:
+    """What a real twin sends in Experiment 1 at 1x."""
+    with tempfile.TemporaryDirectory() as folder, bus.measured("exp1", Path(folder)) as twin:
+        restart(twin.client, playing=True)
+        with Worker(WORKER) as worker:
+            name = twin.client.keys.twin
+            return worker.ask("observe", endpoint=twin.endpoint, twin=name, seconds=seconds)
+
+
+def measured_load(load: Load, sizes: Sizes, seconds: float) -> Row:
+    """One measurement: twins at the first router, viewers at the last."""
+    names = [f"sim-{number}" for number in range(load.twins)]
+    parts = [names[start : start + EACH] for start in range(0, load.twins, EACH)]
+    watched = {EACH_ALL: parts, FLEET: [["*"]], NOBODY: []}[load.readers]
+    key, timed = ("*", "tick") if load.readers == EACH_ALL else ("status", "status")
+    with ExitStack() as stack:
+        chain: list[Worker] = []
+        endpoints: list[str] = []
+        for _ in range(load.routers):
+            chain.append(stack.enter_context(Worker(WORKER)))
+            endpoints.append(chain[-1].ask("router", connect=endpoints[-1:]))
+        viewers = [stack.enter_context(Worker(WORKER)) for _ in watched]
+        twins = [stack.enter_context(Worker(WORKER)) for _ in parts]
+        for viewer, part in zip(viewers, watched, strict=True):
+            viewer.ask("viewers", endpoint=endpoints[-1], names=part, key=key, timed=timed)
+        for twin, part in zip(twins, parts, strict=True):
+            twin.ask("twins", endpoint=endpoints[0], names=part, sizes=sizes)
+        time.sleep(SETTLE)
+        for worker in (*twins, *viewers):
+            worker.ask("sent" if worker in twins else "received")
+        pids = [worker.pid for worker in (*twins, *viewers)]
+        routed, used, began = _used(chain), sum(map(cpu_seconds, pids)), time.monotonic()
+        time.sleep(seconds)
+        spent = time.monotonic() - began
+        shares = [100.0 * (after - before) / spent for before, after in zip(routed, _used(chain), strict=True)]
+        load_cpu = 100.0 * (sum(map(cpu_seconds, pids)) - used) / spent
+        sent, received = [twin.ask("sent") for twin in twins], [viewer.ask("received") for viewer in viewers]
+        memory = max(memory_mb(worker.pid) for worker in chain)
+    delays = percentiles([1000.0 * delay for part in received for delay in part["delays"]])
+    return Row(
+        twins=load.twins,
+        readers=load.readers,
+        routers=load.routers,
+        messages_in=sum(part["messages"] for part in sent) / spent,
+        mb_in=sum(part["bytes"] for part in sent) / spent / 1e6,
+        messages_out=sum(part["messages"] for part in received) / spent,
+        mb_out=sum(part["bytes"] for part in received) / spent / 1e6,
+        router_cpu=max(shares),
+        router_mb=memory,
+        p50_ms=delays["p50"],
+        p99_ms=delays["p99"],
+        max_ms=delays["max"],
+        lost=sum(part["lost"] for part in received),
+        late_ms=max(part["late_ms"]["p99"] for part in sent),
+        load_cpu=load_cpu,
+    )
+
+
+def _used(workers: list[Worker]) -> list[float]:
+    return [cpu_seconds(worker.pid) for worker in workers]
+
+
+def rate_table(sizes: Sizes) -> Table:
+    """What one twin sends, by key."""
+    table = grid("one twin, key", "messages/s", "bytes each", "kB/s")
+    total = 0.0
+    for key, about in sorted(sizes.items(), key=lambda item: -item[1]["rate"]):
+        mean = float(np.mean(about["sizes"]))
+        total += about["rate"] * mean
+        table.add_row(key, f"{about['rate']:.1f}", f"{mean:,.0f}", f"{about['rate'] * mean / 1000:.1f}")
+    table.add_row("together", "", "", f"{total / 1000:.1f}")
+    return table
+
+
+def row_table(rows: Sequence[Row]) -> Table:
+    """All measurements."""
+    columns = ("twins", "readers", "routers", "put 1/s", "put MB/s", "read 1/s", "read MB/s", "router %", "router MB")
+    table = grid(*columns, "p50 ms", "p99 ms", "max ms", "lost", "late ms", "load %")
+    for row in rows:
+        cells = [f"{value:,.1f}" if isinstance(value, float) else str(value) for value in asdict(row).values()]
+        table.add_row(*cells)
+    return table

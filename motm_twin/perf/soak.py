@@ -1,0 +1,376 @@
+"""Soak benchmark: thousands of clients, malformed messages, starts and stops, and killed recorders."""
+
+import os
+import re
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Speed
+from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
+from motm_twin.perf import bus, fuzz
+from motm_twin.perf.bus import Measured
+from motm_twin.perf.page import act, restart, ticks
+from motm_twin.perf.processes import THREADS, Worker, memory_mb, wait_for
+from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
+from motm_twin.record.session import Session
+
+WORKER = "motm_twin.perf.soak_worker"
+PARALLEL = 8  # clients at a time
+RUNS, LEVEL = 12, 1.0  # at most so many runs before, until the last two have added no more than this [MB]
+WARM = 100  # clients before memory is looked at
+KILLED_EACH = 20  # clients of a process that is killed
+KILLED_SHARE = 0.1  # of all clients
+SETTLE = 15.0  # [s] until Zenoh has closed the links of those who were killed, and ended idle threads
+RATE = 1000.0  # malformed messages per second
+BLOCK = 10.0  # [s] of one look at the period
+BLOCKS = ("without", "elsewhere", "attacked", "attacked", "elsewhere", "without")  # in turn: who gets the messages
+UP = 120.0  # [s] for a server to be there on a busy machine
+DOWN = 10.0  # [s] for it to end
+MARK = "MOTM_SOAK"  # environment variable that tells our processes from others
+
+Say = Callable[[str], None]
+
+
+def clients(twin: Measured, count: int) -> Values:
+    """Memory [MB] and threads of the server after so many clients have come and gone, against those before.
+
+    One in ten does not leave by itself: its process is killed.
+    """
+    with Worker(WORKER) as worker:
+        runs = _fill(twin)
+        _visit(twin, worker, min(WARM, count))
+        before = _at_rest(twin)
+        restart(twin.client, playing=True)
+        killed = int(KILLED_SHARE * count) // KILLED_EACH * KILLED_EACH
+        unknowing = _visit(twin, worker, count - killed)
+        for _ in range(killed // KILLED_EACH):
+            unknowing += _kill_some(twin)
+        after = _at_rest(twin)
+    return {
+        "memory_mb": after[0] - before[0],
+        "threads": float(after[1] - before[1]),
+        "before_mb": before[0],
+        "before_threads": float(before[1]),
+        "killed": float(killed),
+        "without_state": float(unknowing),
+        "runs_before": float(runs),
+    }
+
+
+def _fill(twin: Measured) -> int:
+    """Runs at 8x fill what has a limit: the snapshots that a branch needs, the caches, the allocator's free lists.
+
+    Without any client memory grows by 15 MB over the first eight runs, and then no more; how many runs that took.
+    """
+    pid, level = twin.server.pid, []
+    while len(level) < RUNS and (len(level) < 3 or level[-1] - level[-3] > LEVEL):
+        restart(twin.client, playing=True)
+        act(twin.client, Speed(factor=8.0))
+        wait_for(lambda: twin.client.tick().done, 600.0, "end of the run")  # type: ignore[union-attr]
+        restart(twin.client, playing=False)
+        level.append(memory_mb(pid))
+    return len(level)
+
+
+def _at_rest(twin: Measured) -> tuple[float, int]:
+    """Memory [MB] and threads of the server, paused at the start of a run."""
+    restart(twin.client, playing=False)
+    time.sleep(SETTLE)
+    pid = twin.server.pid
+    return memory_mb(pid), len(list(Path(f"/proc/{pid}/task").iterdir()))
+
+
+def _visit(twin: Measured, worker: Worker, count: int) -> int:
+    """Clients that leave by themselves; how many never knew the state."""
+    keys = {"endpoint": twin.endpoint, "twin": twin.client.keys.twin}
+    return worker.ask("visit", timeout=60.0 + 3.0 * count, **keys, count=count, parallel=PARALLEL)["knew nothing"]
+
+
+def _kill_some(twin: Measured) -> int:
+    with Worker(WORKER) as victim:
+        knew = victim.ask("stay", endpoint=twin.endpoint, twin=twin.client.keys.twin, count=KILLED_EACH)
+        victim.process.kill()
+        victim.process.wait()
+    return KILLED_EACH - knew
+
+
+@dataclass
+class Attacked:
+    """What became of malformed messages."""
+
+    sent: dict[str, int] = field(default_factory=dict)
+    accepted: list[str] = field(default_factory=list)
+    unanswered: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=lambda: {"accepted": 0, "unanswered": 0})
+    period: dict[str, Values] = field(default_factory=dict)  # [ms]
+
+    def add(self, answer: dict[str, Any]) -> None:
+        """One more round."""
+        for how, count in answer["sent"].items():
+            self.sent[how] = self.sent.get(how, 0) + count
+        for name in self.counts:
+            self.counts[name] += answer["counts"][name]
+        self.accepted += answer["accepted"]
+        self.unanswered += answer["unanswered"]
+
+
+def state(client: TwinClient) -> dict[str, Any]:
+    """What no refused message may change: the hash of the whole state, the log of edits, and what the status says."""
+    session = msgspec.json.decode(client.session(), type=Session)
+    status = client.status()
+    assert status is not None
+    names = ("run", "state", "text", "scene", "variant", "seed", "time", "speed", "driver", "parameters", "recording")
+    found = {name: getattr(status, name) for name in names}
+    return found | {"hash": session.state_hash, "periods": session.periods, "edits": session.edits}
+
+
+def attack_paused(twin: Measured, count: int, seed: int = 1) -> Attacked:
+    """Malformed messages to a paused twin. Raises RuntimeError when its state changed."""
+    restart(twin.client, playing=False)
+    before, attacked = state(twin.client), Attacked()
+    with Worker(WORKER) as worker:
+        attacked.add(_attack(twin, worker, count, seed))
+    after = state(twin.client)
+    if changed := [f"{name}: {before[name]} -> {after[name]}" for name in before if before[name] != after[name]]:
+        raise RuntimeError(f"malformed messages have changed {'; '.join(changed)}")
+    return attacked
+
+
+def attack_playing(twin: Measured, count: int, other: Measured, seed: int = 2) -> Attacked:
+    """Malformed messages to a twin that runs, block by block as in `BLOCKS`. Its periods, and its edits after.
+
+    Sending and refusing so many keeps the machine busy, which makes any program on it slower: the same messages to the
+    paused ``other`` show by how much. Raises RuntimeError when the log has an edit.
+    """
+    attacked = Attacked()
+    found: dict[str, list[float]] = {name: [] for name in BLOCKS}
+    each = max(1, min(count, round(RATE * BLOCK)))
+    restart(other.client, playing=False)
+    with Worker(WORKER) as worker:
+        sent = block = 0
+        while sent < count or block % len(BLOCKS):
+            name = BLOCKS[block % len(BLOCKS)]
+            target = {"attacked": twin, "elsewhere": other}.get(name)
+            restart(twin.client, playing=True)
+            if target is not None:
+                worker.send("attack", **_where(target), count=each, rate=RATE, seed=seed + block)
+            found[name] += [tick.stage_ms["period"] for tick in ticks(twin.client, each / RATE)]
+            if target is not None:
+                answer = worker.answer(timeout=60.0 + each / 50.0)
+                if target is twin:
+                    sent += each
+                    attacked.add(answer)
+            block += 1
+            if edits := state(twin.client)["edits"]:
+                raise RuntimeError(f"malformed messages became edits: {edits[:3]}")
+    attacked.period = {name: percentiles(periods) for name, periods in found.items()}
+    return attacked
+
+
+def _where(twin: Measured) -> dict[str, Any]:
+    return {"endpoint": twin.endpoint, "twin": twin.client.keys.twin, "clock": twin.clock}
+
+
+def _attack(twin: Measured, worker: Worker, count: int, seed: int) -> dict[str, Any]:
+    timeout = 60.0 + count / 50.0
+    return worker.ask("attack", timeout=timeout, **_where(twin), count=count, rate=RATE, seed=seed)
+
+
+def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
+    """`serve --headless` so many times; every fourth is stopped before its twin has run.
+
+    Raises RuntimeError, saying what was left behind: processes, files in its folder, its port.
+    """
+    zenoh_port, took = free_port(), []
+    for number in range(count):
+        took.append(_start_and_stop(folder, zenoh_port, early=number % 4 == 3))
+        if (number + 1) % 10 == 0:
+            say(f"    {number + 1} of {count} starts")
+    spread = percentiles([down for _, down in took])
+    return {"starts": float(count), "start_s": max(up for up, _ in took), "stop_p50_s": spread["p50"]} | {
+        "stop_max_s": spread["max"]
+    }
+
+
+def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[float, float]:
+    """How long [s] it took until it was there, and until it had ended."""
+    mark = secrets.token_hex(8)
+    environment = {**dict.fromkeys(THREADS, "1"), **os.environ, MARK: mark, "TMPDIR": str(folder)}
+    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--headless", "--zenoh-port", str(zenoh_port)]
+    began = time.monotonic()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, cwd=folder, env=environment)  # noqa: S603 - ours
+    try:
+        with TwinClient(f"tcp/{LOOPBACK}:{zenoh_port}") as client:
+            wait_for(lambda: _there(process, client, early), UP, "state of the twin")
+        up = time.monotonic() - began
+        process.send_signal(signal.SIGINT if early else signal.SIGTERM)
+        code = process.wait(DOWN)
+        down = time.monotonic() - began - up
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+    left = left_behind(mark, folder, zenoh_port)
+    if code != 0 or left:
+        raise RuntimeError(f"exit code {code}; left behind: {', '.join(left) or 'nothing'}")
+    return up, down
+
+
+def _there(process: subprocess.Popen, client: TwinClient, early: bool) -> bool:
+    if process.poll() is not None:
+        raise RuntimeError(f"serve ended with exit code {process.returncode}")
+    return client.status() is not None if early else client.tick() is not None
+
+
+def left_behind(mark: str, folder: Path, port: int) -> list[str]:
+    """Processes with the mark in their environment, files in the folder, and the port when it is not free."""
+    left = [f"process {pid}" for pid in _marked(mark)]
+    left += [f"file {path.relative_to(folder)}" for path in folder.rglob("*") if not path.is_dir()]
+    try:
+        require_free_port(LOOPBACK, port, "")
+    except PortTaken as error:
+        left.append(error.args[-1])
+    with socket.socket() as probe:
+        if probe.connect_ex((LOOPBACK, port)) == 0:
+            left.append(f"somebody listens on port {port}")
+    return left
+
+
+def _marked(mark: str) -> list[int]:
+    wanted, found = f"{MARK}={mark}".encode(), []
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            if wanted in (path / "environ").read_bytes().split(b"\0"):
+                found.append(int(path.name))
+        except OSError:
+            continue
+    return found
+
+
+NAME = "soak"
+TITLE = "Long and hostile use of a twin server, Experiment 1; all in one run"
+CLIENTS, MESSAGES, STARTS, KILLS = 1000, 100_000, 200, 100
+ROBOT = 100_000  # malformed messages on the keys of a robot in another program
+PLAYING = 120_000  # messages to a running twin: in 2 minutes 24 periods are above p99, which 12 hardly settle
+KILLER = Path(__file__).parents[2] / "tools" / "kill_recorder.py"  # of a checkout
+KILL_SECONDS = 30.0  # [s] for one kill at most
+
+LIMITS = {
+    "memory_mb": Limit(name="server after clients came and went, memory", unit="MB", limit=5.0, decimals=2),
+    "threads": Limit(name="server after clients came and went, threads", unit="", limit=0.0, decimals=0),
+    "accepted": Limit(name="malformed messages that were accepted", unit="", limit=0.0, decimals=0),
+    "unanswered": Limit(name="malformed commands that got no answer", unit="", limit=0.0, decimals=0),
+    "robot": Limit(name="periods of an external robot changed by such on its keys", unit="", limit=0.0, decimals=0),
+    "period": Limit(name="period p99 under 1,000 malformed messages/s / without", unit="x", limit=1.1, decimals=3),
+    "period_own": Limit(name="the same / while another server gets them", unit="x", limit=1.1, decimals=3),
+    "left": Limit(name="starts and stops that left something behind", unit="", limit=0.0, decimals=0),
+    "lost_s": Limit(name="kill -9 of the recorder: all read, most that was lost", unit="s", limit=1.0, decimals=2),
+}
+
+
+def bench_soak(out: Path, share: float, console: Console) -> bool:
+    """Measure, print, write ``out/soak.json``; True when no number exceeds its limit.
+
+    ``share`` of the full counts: 1 takes about half an hour.
+    """
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    report = Report()
+    report.details["counts"] = {name: _part(count, share) for name, count in _COUNTS.items()}
+
+    def say(text: str) -> None:
+        console.print(text, markup=False)
+
+    with tempfile.TemporaryDirectory() as folder:
+        with bus.measured("exp1", Path(folder)) as twin:
+            steps: Steps = [
+                ("clients", lambda: _clients(twin, report, _part(CLIENTS, share))),
+                ("malformed messages", lambda: _malformed(twin, report, _part(MESSAGES, share), Path(folder))),
+            ]
+            measure(steps, report, console)
+        steps = [
+            ("malformed messages on a robot's keys", lambda: _robot(report, _part(ROBOT, share))),
+            ("starts and stops", lambda: _starts(report, _part(STARTS, share), say)),
+            ("killed recorders", lambda: _kills(report, _part(KILLS, share))),
+        ]
+        measure(steps, report, console)
+    return conclude(NAME, TITLE, LIMITS, report, out, console)
+
+
+_COUNTS = {
+    "clients": CLIENTS,
+    "malformed messages": MESSAGES,
+    "on a robot's keys": ROBOT,
+    "starts": STARTS,
+    "kills": KILLS,
+}
+
+
+def _part(count: int, share: float) -> int:
+    return max(1, round(share * count))
+
+
+def _clients(twin: Measured, report: Report, count: int) -> None:
+    found = clients(twin, count)
+    if found["without_state"]:
+        raise RuntimeError(f"{found['without_state']:.0f} clients did not get the state within 30 s")
+    report.values.update(memory_mb=found["memory_mb"], threads=found["threads"])
+    report.details["clients"] = found
+
+
+def _malformed(twin: Measured, report: Report, count: int, data: Path) -> None:
+    """Half of them to a paused twin, for the hash of its state; at least as many while it runs, for its periods."""
+    parts = [attack_paused(twin, count // 2)]
+    playing = max(count - count // 2, round(PLAYING * count / MESSAGES))
+    with bus.measured("exp1", data) as other:
+        parts.append(attack_playing(twin, playing, other))
+    report.values["accepted"] = float(sum(part.counts["accepted"] for part in parts))
+    report.values["unanswered"] = float(sum(part.counts["unanswered"] for part in parts))
+    period = parts[1].period
+    for name, reference in (("period", "without"), ("period_own", "elsewhere")):
+        report.values[name] = period["attacked"]["p99"] / period[reference]["p99"]
+    report.details["malformed"] = {how: sum(part.sent.get(how, 0) for part in parts) for how in parts[0].sent}
+    report.details["period_ms"] = period
+    for name in ("accepted", "unanswered"):
+        if examples := [text for part in parts for text in getattr(part, name)]:
+            report.details[name] = dict(enumerate(examples))
+
+
+def _robot(report: Report, count: int) -> None:
+    found = fuzz.attack_robot(count)
+    report.values["robot"] = found["differing"]
+    report.details["robot"] = found
+
+
+def _starts(report: Report, count: int, say: Say) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        report.details["starts"] = starts(count, Path(folder), say)
+    report.values["left"] = 0.0
+
+
+def _kills(report: Report, count: int) -> None:
+    if not KILLER.is_file():
+        report.skipped["lost_s"] = f"{KILLER.name} comes with a checkout only"
+        return
+    command = [sys.executable, str(KILLER), "--times", str(count)]
+    ended = subprocess.run(  # noqa: S603 - our own tool
+        command, capture_output=True, text=True, timeout=300.0 + KILL_SECONDS * count, check=False
+    )
+    said = (ended.stdout + ended.stderr).strip().splitlines() or ["nothing"]
+    found = re.search(r"^\d+ kills, all files read and recovered: .*most ([0-9.]+) s$", ended.stdout, re.M)
+    if found is None:
+        raise RuntimeError(f"{KILLER.name} ended with exit code {ended.returncode} and said: {said[-1]}")
+    report.values["lost_s"] = float(found[1])
+    report.details["kills"] = found[0]

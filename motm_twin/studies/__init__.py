@@ -1,0 +1,1 @@
+"""Studies: many trials, their store and statistics, experiments against goals, and the report of the paper."""

@@ -1,0 +1,351 @@
+"""Groups of trials with numbers to reach: the trials, how they are run, and their tables."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from motm_twin.external.emulator import LinkSpec
+from motm_twin.perf.report import Limit, goal_table, grid, machine, number, write
+from motm_twin.studies.pool import Lost, local_pool, outcomes
+from motm_twin.studies.spec import TrialSpec, job_of
+from motm_twin.studies.trial import broken, run_job
+
+Result = dict[str, Any]  # of one trial: what `motm-twin run --json` prints
+APPROACH = 0.02  # [m/s] a contact point faster than this towards the other moves into it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One run: a variant of a scene with a seed (None: the seed of the scene file)."""
+
+    scene: str
+    variant: str | None = None
+    seed: int | None = None
+    link: LinkSpec | None = None  # the robot in another process, behind this link, on a shared clock
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goal(Limit):
+    """A number to reach, and how it is taken from the results of a group."""
+
+    measure: Callable[[list[Result]], float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Trials that are measured together."""
+
+    name: str
+    title: str
+    trials: tuple[Trial, ...]
+    goals: tuple[Goal, ...]
+    alone: bool = False  # one trial at a time: its wall time is measured
+
+
+def _sum_of(key: str) -> Callable[[list[Result]], float]:
+    return lambda results: float(sum(result[key] for result in results))
+
+
+def _mean_of(key: str) -> Callable[[list[Result]], float]:
+    def mean(results: list[Result]) -> float:
+        values = [result[key] for result in results]
+        return float(np.mean(values)) if values and None not in values else float("nan")
+
+    return mean
+
+
+def _worst(key: str, part: str) -> Callable[[list[Result]], float]:
+    """The worst over all trials but the first, which may have compiled kernels."""
+    return lambda results: float(np.max([result[key][part] for result in results[1:]]))  # nan stays nan
+
+
+def _mean_time(results: list[Result]) -> float:
+    """Mean time [s] over completed trials only when all are: a trial that gave up early is not fast."""
+    return _mean_of("time_s")(results) if all(result["success"] for result in results) else float("nan")
+
+
+def _first_time(results: list[Result]) -> float:
+    first = [result["time_s"] for result in results if result["variant"] == "trial1" and result["success"]]
+    return first[0] if first else float("nan")
+
+
+def _share_of_in_process(results: list[Result]) -> float:
+    """Mean time through another process, as a share of the mean time of the same trials in one; nan unless all end."""
+    return _mean_time(results) / _mean_of("in_process_s")(results)
+
+
+def _contacts(results: list[Result]) -> float:
+    return float(sum(len(result["contacts"]) for result in results))
+
+
+def caused(results: list[Result]) -> int:
+    """Contacts that the robot caused."""
+    return sum(hit["caused_by_robot"] for result in results for hit in result["contacts"])
+
+
+def drove_into(results: list[Result]) -> int:
+    """Contacts in which our robot was moving into the other."""
+    hits = (contact for result in results for contact in result["contacts"])
+    return sum(hit["caused_by_robot"] or hit["closing_speed"] > APPROACH for hit in hits)
+
+
+def _drove_into(results: list[Result]) -> float:
+    return float(drove_into(results))
+
+
+def _slowest_factor(results: list[Result]) -> float:
+    """Over all trials but the first, which may have compiled kernels."""
+    return min((result["realtime_factor"] for result in results[1:]), default=float("nan"))
+
+
+def _different_hashes(results: list[Result]) -> float:
+    return float(len({result["state_hash"] for result in results}))
+
+
+def _unfinished(results: list[Result]) -> float:
+    return float(sum(not result["success"] for result in results))
+
+
+def _done(picks: int, contacts: Callable[[list[Result]], float] = _contacts) -> tuple[Goal, ...]:
+    return (
+        Goal(name="picked", unit="", relation="==", limit=picks, measure=_sum_of("picks_done")),
+        Goal(name="placed", unit="", relation="==", limit=picks, measure=_sum_of("places_done")),
+        Goal(name="contacts", unit="", relation="==", limit=0, measure=contacts),
+        Goal(name="trials not completed", unit="", relation="==", limit=0, measure=_unfinished),
+    )
+
+
+def _published(scene: str, links: tuple[LinkSpec | None, ...] = (None,) * 10) -> tuple[Trial, ...]:
+    return tuple(Trial(scene=scene, variant=f"trial{number}", link=link) for number, link in enumerate(links, start=1))
+
+
+def _mean_limit(limit: float) -> Goal:
+    return Goal(name="mean time", unit="s", relation="<=", limit=limit, measure=_mean_time, decimals=1)
+
+
+GROUPS: dict[str, Group] = {
+    group.name: group
+    for group in (
+        Group(
+            name="exp1",
+            title="Experiment 1, the ten published trials (paper, simulation: mean 95.9 s, trial 1 85.6 s)",
+            trials=_published("exp1"),
+            goals=(
+                *_done(60),
+                _mean_limit(95.9),
+                Goal(name="trial 1", unit="s", relation="<=", limit=85.6, measure=_first_time, decimals=1),
+                Goal(
+                    name="base speed while the fingers close",
+                    unit="m/s",
+                    relation=">=",
+                    limit=0.2,
+                    measure=_mean_of("mean_closing_base_speed_mps"),
+                    decimals=3,
+                ),
+            ),
+        ),
+        Group(
+            name="exp1_random",
+            title="Experiment 1, six of twelve slots at random, seeds 0 to 19",
+            trials=tuple(Trial(scene="exp1", variant="random", seed=seed) for seed in range(20)),
+            goals=_done(120),
+        ),
+        Group(
+            name="exp1a",
+            title="Experiment 1a, the ten trials with two boxes that the map does not know",
+            trials=_published("exp1a"),
+            goals=(*_done(60), _mean_limit(107.0)),
+        ),
+        Group(
+            name="exp2",
+            title="Experiment 2, four Temis drive round the table, seeds 0 to 9",
+            trials=tuple(Trial(scene="exp2", variant="random", seed=seed) for seed in range(10)),
+            goals=_done(60, _drove_into),
+        ),
+        Group(
+            name="external",
+            title="Experiment 1 with the robot in another process, on a shared clock",
+            trials=_published("exp1", (LinkSpec(),) * 10),
+            goals=(
+                *_done(60),
+                Goal(
+                    name="mean time by in-process",
+                    unit="",
+                    relation="<=",
+                    limit=1.05,
+                    measure=_share_of_in_process,
+                    decimals=3,
+                ),
+            ),
+        ),
+        Group(
+            name="external_bad_link",
+            title="The same through 50 ms latency, 20 ms jitter and 1 % loss in each direction",
+            trials=_published(
+                "exp1", tuple(LinkSpec(latency=0.05, jitter=0.02, loss=0.01, seed=seed) for seed in range(1, 11))
+            ),
+            goals=_done(60),
+        ),
+        Group(
+            name="external_outages",
+            title="The same through 20 ms latency, where in every 2 s nothing arrives for 0.25 s, at random times",
+            trials=_published(
+                "exp1", tuple(LinkSpec(latency=0.02, outage=0.25, every=2.0, seed=seed) for seed in range(1, 11))
+            ),
+            goals=tuple(goal for goal in _done(60) if goal.name != "picked"),  # what it loses it picks again
+        ),
+        Group(
+            name="period",
+            title="One period from observation to command, one core; the same trial three times, the first to warm up",
+            trials=(Trial(scene="exp1", variant="trial1", seed=0),) * 3,
+            goals=(
+                Goal(name="p50", unit="ms", relation="<=", limit=10, measure=_worst("tick_ms", "p50"), decimals=2),
+                Goal(name="p99", unit="ms", relation="<=", limit=25, measure=_worst("tick_ms", "p99"), decimals=2),
+                Goal(
+                    name="simulated by real time",
+                    unit="x",
+                    relation=">=",
+                    limit=4,
+                    measure=_slowest_factor,
+                    decimals=1,
+                ),
+                Goal(name="different state hashes", unit="", relation="==", limit=1, measure=_different_hashes),
+            ),
+            alone=True,
+        ),
+    )
+}
+
+
+__all__ = ["LIMIT_S", "failed", "machine", "run_group", "run_one"]
+
+LIMIT_S = 1800.0  # [s] of wall time per group; trials not done by then count as failed
+
+
+def run_group(group: Group, workers: int, limit_s: float = LIMIT_S) -> Iterator[Result]:
+    """Results in the order of the trials, each as soon as it and those before it are done."""
+    deadline = time.monotonic() + limit_s
+    calls = [(trial, deadline) for trial in group.trials]
+    done: dict[int, Result] = {}
+    following = 0
+    for index, outcome in outcomes(_run_until, calls, local_pool(1 if group.alone else workers)):
+        done[index] = failed(group.trials[index], outcome.reason) if isinstance(outcome, Lost) else outcome
+        while following in done:
+            yield done.pop(following)
+            following += 1
+
+
+def run_one(trial: Trial) -> Result:
+    """One trial; one that breaks gives a failed result."""
+    spec = TrialSpec(trial.scene, trial.variant, trial.seed)
+    result = run_job(job_of(spec)).result
+    result = {**result, **result["wall"]} if "tick_ms" in result["wall"] else failed(trial, result["reason"])
+    if trial.link is None:
+        return result
+    from motm_twin.perf.processes import run_external
+
+    outside = run_external(trial.scene, trial.variant, trial.link, method=spec.method)
+    return {**outside, "in_process_s": result["time_s"], "link": msgspec.to_builtins(trial.link)}
+
+
+def _run_until(call: tuple[Trial, float]) -> Result:
+    """One trial, or a failed result when the time is over or the trial broke."""
+    trial, deadline = call
+    if time.monotonic() > deadline:
+        return failed(trial, f"not run: the group's limit of {LIMIT_S:.0f} s of wall time was over")
+    try:
+        return run_one(trial)
+    except Exception as error:  # of the robot in another process; the others are still worth a table
+        return failed(trial, f"{type(error).__name__}: {error}")
+
+
+def failed(trial: Trial, reason: str) -> Result:
+    """The result of a trial that gave none."""
+    nan = float("nan")
+    return {
+        **broken(job_of(TrialSpec(trial.scene, trial.variant, trial.seed)), reason),
+        "in_process_s": 0.0,
+        "reference_tour_s": 0.0,
+        "tick_ms": {"p50": nan, "p99": nan, "max": nan},
+        "realtime_factor": 0.0,
+        "state_hash": f"none: {reason}",
+    }
+
+
+COLUMNS = (
+    "trial", "seed", "time s", "tour s", "picked", "placed", "contacts", "caused", "base m", "arm m", "path m",
+    "closing m/s", "p50 ms", "p99 ms", "x real", "done",
+)  # fmt: skip
+
+
+def bench_group(group: Group, out: Path, workers: int, console: Console) -> bool:
+    """Run a group, print its table, write ``out/<group>.json``; True when every goal was reached."""
+    console.print(f"\n[bold]{group.name}[/bold]: {group.title}")
+    results = []
+    for result in run_group(group, workers):
+        results.append(result)
+        console.print(f"  {len(results)}/{len(group.trials)} {progress(result)}", markup=False)
+    report = summary(group, results)
+    console.print(trial_table(results))
+    console.print(goal_table(report["goals"]))
+    target = out / f"{group.name}.json"
+    write(target, report)
+    console.print(f"{report['machine']}, {workers} processes; written to {target}")
+    return bool(report["reached"])
+
+
+def summary(group: Group, results: list[Result]) -> dict[str, Any]:
+    """Every goal with its measured value, and the results behind them."""
+    goals = [goal.judged(goal.measure(results)) for goal in group.goals]
+    return {
+        "group": group.name,
+        "title": group.title,
+        "machine": machine(),
+        "reached": len(results) == len(group.trials) and all(goal["reached"] for goal in goals),
+        "goals": goals,
+        "trials": results,
+    }
+
+
+def progress(result: Result) -> str:
+    """One trial in one line, as soon as it is done."""
+    name = f"{result['scene']}/{result['variant']} seed {result['seed']}: {result['time_s']:.1f} s"
+    return name if result["success"] else f"{name}, not completed: {result['reason']}"
+
+
+def row(result: Result) -> list[str]:
+    """One trial as the cells of a table row."""
+    tick = result["tick_ms"]
+    return [
+        f"{result['scene']}/{result['variant']}",
+        str(result["seed"]),
+        f"{result['time_s']:.1f}",
+        f"{result['reference_tour_s']:.1f}",
+        f"{result['picks_done']}/{result['picks_total']}",
+        str(result["places_done"]),
+        str(len(result["contacts"])),
+        str(caused([result])),
+        number(result["min_base_clearance_m"], 3),
+        number(result["min_arm_clearance_m"], 3),
+        number(result["path_length_m"], 1),
+        number(result["mean_closing_base_speed_mps"], 3),
+        number(tick["p50"], 1),
+        number(tick["p99"], 1),
+        f"{result['realtime_factor']:.1f}",
+        "yes" if result["success"] else "NO",
+    ]
+
+
+def trial_table(results: Iterable[Result]) -> Table:
+    """All trials of a group."""
+    table = grid(*COLUMNS)
+    for result in results:
+        table.add_row(*row(result), style=None if result["success"] else "red")
+    return table

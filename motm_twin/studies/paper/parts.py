@@ -1,0 +1,209 @@
+"""Figures and tables of the report: the trials that each needs, and where it stands."""
+
+import dataclasses
+import functools
+import shlex
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+
+from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.studies.paper import (
+    data,
+    episode_figures,
+    layout_figures,
+    modifications,
+    planner_figures,
+    reductions,
+    robustness,
+    snapshots,
+    tables,
+    time_figures,
+)
+from motm_twin.studies.paper.data import Store
+from motm_twin.studies.paper.episode import Episode, watched
+from motm_twin.studies.paper.part import Missing, Part
+from motm_twin.studies.paper.plan import LITERAL, PLANS, SWEEPS, TEN
+from motm_twin.studies.spec import Experiment, TrialSpec
+
+EPISODES = "episodes"
+EXAMPLE = "cut_ins"  # the measure by which the example of Experiment 2 is chosen
+OPTIONS = {"quick": " --quick", "default": "", "full": " --full --yes"}  # of `motm-twin paper`, by plan
+
+
+@dataclass
+class Context:
+    """Results, where they come from, and where to write."""
+
+    store: Store
+    out: Path
+    console: Console
+    pages: bool = True  # photographs of the page are wanted
+    plan: str = "default"  # that ran the trials
+    sources: tuple[str, ...] = ()  # of the trials; (): as it is now
+
+    def command(self, name: str = "", *, plan: str = "") -> str:
+        """What makes this report, or only a part of it; ``plan``: another one than that of its trials."""
+        only = f" --only {name}" if name else ""
+        return f"motm-twin paper{OPTIONS[plan or self.plan]} --out {shlex.quote(str(self.out))}{only}"
+
+    @property
+    def larger(self) -> str:
+        """The next larger plan."""
+        names = list(PLANS)
+        return names[min(names.index(self.plan) + 1, len(names) - 1)]
+
+    @functools.cached_property
+    def episode(self) -> Episode | None:
+        """The example of Experiment 2: of the seeds that were run the one with the most cut-ins; None: none was run."""
+        found = data.random(self.store.of("exp2", method="motm"))
+        found = [result for result in found if data.completed(result)]
+        if not found:
+            return None
+        best = max(found, key=lambda result: (data.measure(result, EXAMPLE) or 0.0, -result["seed"]))
+        self.console.print(f"  watching exp2 seed {best['seed']} again, for its figures")
+        spec = TrialSpec("exp2", best["variant"], best["seed"], best["method"])
+        source = self.sources[0] if len(self.sources) == 1 else made_with()[SOURCE]
+        return watched(spec, self.out / EPISODES, source)
+
+
+SECTIONS = {
+    "comparison": "The paper's method and its rivals",
+    "worth": "What each modification is worth",
+    "temis": "Among moving obstacles",
+    "robust": "Errors, delays and surprises",
+    "method": "The method in figures",
+}
+
+
+class Need(NamedTuple):
+    """Trials of an experiment that a part is made from."""
+
+    experiment: str
+    methods: tuple[str, ...] = ()  # (): all
+    variants: tuple[str, ...] = ()  # (): all
+    beside: tuple[str, ...] = ()  # only what is compared with these experiments: the same arrangements and seeds
+
+    def has(self, spec: TrialSpec, compared: Collection[tuple]) -> bool:
+        """Whether a trial of the experiment is one of them; ``compared``: arrangements of the experiments beside."""
+        return (
+            (not self.methods or spec.method in self.methods)
+            and (not self.variants or spec.variant in self.variants)
+            and (not self.beside or arrangement(spec) in compared)
+        )
+
+
+class Source(NamedTuple):
+    """One part of the report."""
+
+    name: str
+    section: str
+    needs: tuple[Need, ...]
+    make: Callable[[Context], Part]
+
+
+def arrangement(spec: TrialSpec) -> tuple:
+    """What two trials have in common that are compared."""
+    return spec.scene, spec.variant, spec.seed
+
+
+def needed(experiments: Iterable[Experiment], names: Collection[str]) -> tuple[Experiment, ...]:
+    """These experiments with only those of their trials that the named parts are made from."""
+    whole = {each.name: each for each in experiments}
+    needs = [need for source in PARTS if source.name in names for need in source.needs]
+    found = []
+    for experiment in whole.values():
+        these = [need for need in needs if need.experiment == experiment.name]
+        compared = [
+            {arrangement(spec) for name in need.beside if name in whole for spec in whole[name].specs} for need in these
+        ]
+        specs = [
+            spec
+            for spec in experiment.specs
+            if any(need.has(spec, beside) for need, beside in zip(these, compared, strict=True))
+        ]
+        if specs:
+            found.append(Experiment(experiment.name, experiment.title, tuple(specs)))
+    return tuple(found)
+
+
+def made(source: Source, context: Context) -> Part:
+    """The part, with the command that makes it."""
+    part = source.make(context)
+    more = isinstance(part, Missing) and part.larger
+    command = context.command(source.name, plan=context.larger if more else context.plan)
+    return dataclasses.replace(part, command="; ".join(filter(None, (command, part.command))))
+
+
+def _watched(name: str, title: str, draw: Callable[[Episode], Part]) -> Callable[[Context], Part]:
+    """A part that needs the watched trial."""
+
+    def make(context: Context) -> Part:
+        episode = context.episode
+        if episode is None:
+            return Missing(name=name, title=title, reason="no trial of motm in Experiment 2 was completed")
+        part = draw(episode)
+        if isinstance(part, Missing) or context.sources in ((), (episode.source,)):
+            return part
+        note = f"Watched with source {episode.source}; the trials are of {', '.join(context.sources)}."
+        return dataclasses.replace(part, notes=(*part.notes, note))
+
+    return make
+
+
+def _pages(context: Context) -> Part:
+    if not context.pages:
+        reason = "photographs of the page were not asked for"
+        return Missing(name=snapshots.NAME, title=snapshots.TITLE, reason=reason)
+    return _watched(snapshots.NAME, snapshots.TITLE, snapshots.draw)(context)
+
+
+COMPARED = (Need("exp1"), Need("exp1a"), Need("exp2"))
+WATCHED = (Need("exp2", ("motm",), ("random",)),)
+SWEPT = (
+    *(Need(name) for name in SWEEPS),
+    *(Need(name, ("motm",), beside=tuple(SWEEPS)) for name in ("exp1", "exp1a")),
+)
+
+PARTS: tuple[Source, ...] = (
+    Source("results", "comparison", COMPARED, lambda c: tables.draw_results(c.store)),
+    Source("box_plots", "comparison", (Need("exp1"), Need("exp1a")), lambda c: time_figures.draw_box_plots(c.store)),
+    Source("reductions", "comparison", COMPARED, lambda c: reductions.draw(c.store)),
+    Source(
+        "time_split",
+        "comparison",
+        (Need("exp1", variants=TEN), Need("exp1a", variants=TEN)),
+        lambda c: time_figures.draw_time_split(c.store),
+    ),
+    Source("measures", "comparison", COMPARED, lambda c: tables.draw_measures(c.store)),
+    Source(
+        "ablations",
+        "worth",
+        (Need("ablations"), Need("exp1", ("motm", LITERAL), beside=("ablations",))),
+        lambda c: modifications.draw_ablations(c.store),
+    ),
+    Source("sweeps", "worth", SWEPT, lambda c: modifications.draw_sweeps(c.store)),
+    Source(
+        "gripper_distance",
+        "temis",
+        WATCHED,
+        _watched(episode_figures.DISTANCE_NAME, episode_figures.DISTANCE_TITLE, episode_figures.draw_distance),
+    ),
+    Source("snapshots", "temis", WATCHED, _pages),
+    Source(
+        "cutting_in",
+        "temis",
+        WATCHED,
+        _watched(episode_figures.CUTTING_IN_NAME, episode_figures.CUTTING_IN_TITLE, episode_figures.draw_cutting_in),
+    ),
+    Source("robustness", "robust", (Need("robustness"),), lambda c: robustness.draw_robustness(c.store)),
+    Source("grasp_delay", "robust", (Need("grasp_delay"),), lambda c: robustness.draw_grasp_delay(c.store)),
+    Source("layout", "method", (), lambda _: layout_figures.draw_layout()),
+    Source("global_path", "method", (), lambda _: planner_figures.draw_global_path()),
+    Source("bezier", "method", (), lambda _: planner_figures.draw_bezier()),
+    Source("base_placement", "method", (), lambda _: layout_figures.draw_placement()),
+)
+NAMES = tuple(source.name for source in PARTS)

@@ -1,0 +1,224 @@
+"""Tables of the report: results of all methods beside Table I of the paper, and further measures."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from motm_twin.measures import agents
+from motm_twin.measures.published import TABLE_I
+from motm_twin.studies import statistics
+from motm_twin.studies.paper import data
+from motm_twin.studies.paper.data import Result, Store
+from motm_twin.studies.paper.goals import LINE
+from motm_twin.studies.paper.part import Drawn, Missing, Part
+from motm_twin.studies.statistics import Estimate
+from motm_twin.studies.summary import COMPLETED, TOUCHED, setting
+
+RESULTS_NAME, RESULTS_TITLE = "results", "Task times and success"
+HEADER = (
+    "Experiment",
+    "Method",
+    "Task time, mean [95 % CI] [s]",
+    "Median [s]",
+    "Trials completed",
+    "Trials with success [95 % CI]",
+    "Objects placed",
+    "Contacts, caused",
+)
+TRIAL_1, ALL_PUBLISHED = "1, trial 1", "1, published arrangements"
+Choose = Callable[[list[Result]], list[Result]]
+GROUPS: tuple[tuple[str, str, Choose], ...] = (  # every trial is in one at most; means are taken within one
+    ("exp1", ALL_PUBLISHED, data.ten),
+    ("exp1", "1, random", data.random),
+    ("exp1", "1, trial 1, other seeds", lambda all_: [r for r in all_ if r["variant"] == "trial1" and r["seed"] != 0]),
+    ("exp1a", "1a, published arrangements", data.ten),
+    ("exp1a", "1a, random", data.random),
+    ("exp2", "2, four Temis", data.random),
+    ("exp2", "2, one Temi", lambda results: [each for each in results if each["variant"] == "one_temi"]),
+)
+
+
+def grouped(store: Store) -> list[tuple[str, str, list[Result]]]:
+    """Name, method and trials of every group that has any, in the order of `GROUPS`."""
+    return [
+        (name, method, results)
+        for experiment, name, choose in GROUPS
+        for method in store.methods(experiment)
+        if (results := choose(store.of(experiment, method=method)))
+    ]
+
+
+def group_of(result: Result) -> str:
+    """The name of the group of one trial, of whatever experiment: what differs in its setting is in another."""
+    own = [name for scene, name, choose in GROUPS if scene == result["scene"] and choose([result])]
+    name = own[0] if own else f"{result['scene']}, {result['variant']}"
+    return ", ".join(filter(None, (name, setting(result))))
+
+
+def first(results: list[Result]) -> list[Result]:
+    """Trial 1 of the published arrangements, which the paper has a row of its own for."""
+    return [each for each in data.ten(results) if each["variant"] == "trial1"]
+
+
+def successes(results: list[Result]) -> Estimate:
+    """Share of trials with success, as `run` says it, with the interval of Clopper and Pearson."""
+    return statistics.proportion(sum(bool(result["success"]) for result in results), len(results))
+
+
+def draw_results(store: Store) -> Part:
+    """One row per group and method; trial 1 has its own besides, and no other where it is all there is."""
+    rows, cells, marked = [], [], []
+    for published in TABLE_I:
+        marked.append(len(rows))
+        rows.append(
+            {"experiment": published.experiment, "method": published.method, "published": True,
+             "mean_s": published.seconds, "placed": published.success, "source": published.source}
+        )  # fmt: skip
+        cells.append(
+            (published.experiment, f"{published.method} (published)", f"{published.seconds:.1f}", "-", "-",
+             "not given", published.success or "not given", "not given")
+        )  # fmt: skip
+    found = grouped(store)
+    alone = [(TRIAL_1, method, first(results)) for name, method, results in found if name == ALL_PUBLISHED]
+    more = [each for each in found if each[0] != ALL_PUBLISHED or each[2] != first(each[2])]
+    for name, method, results in (*alone, *more):
+        if results:
+            rows.append(_result_row(name, method, results))
+            cells.append(_result_cells(name, method, results))
+    if not found:
+        return Missing(name=RESULTS_NAME, title=RESULTS_TITLE, reason="no trial of Experiments 1, 1a or 2 was run")
+    return Drawn(
+        name=RESULTS_NAME,
+        title=RESULTS_TITLE,
+        caption=(
+            "Times are means over the completed trials, with Student's 95 % interval; medians with a bootstrap "
+            f"interval are in the CSV. {COMPLETED} Contacts: all that the referee counts, and of these those that the "
+            "robot caused. "
+            f"{TOUCHED} Success, as motm-twin run says it: completed, and no such contact; with Clopper and "
+            "Pearson's interval over trials. The objects of a trial are not independent, so their share has none. "
+            "Shaded rows are published numbers, not measured here."
+        ),
+        n=f"{sum(len(results) for *_, results in found)} trials; of each row in its column",
+        rows=rows,
+        header=HEADER,
+        cells=cells,
+        marked=marked,
+    )
+
+
+def _result_row(name: str, method: str, results: list[Result]) -> dict:
+    time, median = data.mean_time(results), data.statistics.median(list(data.times(results).values()))
+    share, (placed, wanted) = successes(results), data.placed(results)
+    return {
+        "experiment": name, "method": method, "published": False, "mean_s": time.value, "mean_low_s": time.low,
+        "mean_high_s": time.high, "median_s": median.value, "median_low_s": median.low, "median_high_s": median.high,
+        "trials": len(results), "completed": time.n, "success": share.value, "success_low": share.low,
+        "success_high": share.high, "placed": f"{placed}/{wanted}", "contacts": data.contacts(results),
+        "all_contacts": data.touches(results),
+    }  # fmt: skip
+
+
+def _result_cells(name: str, method: str, results: list[Result]) -> tuple[str, ...]:
+    time, median = data.mean_time(results), data.statistics.median(list(data.times(results).values()))
+    placed, wanted = data.placed(results)
+    share = successes(results)
+    return (
+        name,
+        data.title(method),
+        time.text(1),
+        "-" if not median.n else f"{median.value:.1f}",
+        f"{time.n} of {len(results)}",
+        f"{round(share.value * share.n)}/{share.n} [{100 * share.low:.0f}, {100 * share.high:.0f}] %",
+        f"{placed}/{wanted}",
+        f"{data.touches(results)}, {data.contacts(results)}",
+    )
+
+
+MEASURES_NAME, MEASURES_TITLE = "measures", "Motion, retries, and behaviour among others"
+
+
+class Column(NamedTuple):
+    """A measure and how it is printed."""
+
+    title: str
+    key: str
+    value: Callable[[Result], float | None]
+    decimals: int
+
+
+def _of(*names: str) -> Callable[[Result], float | None]:
+    return lambda result: data.measure(result, *names)
+
+
+COLUMNS = (
+    Column("Base speed while closing [m/s]", "closing_speed", _of("closing_base_speed_mps", "mean"), 2),
+    Column("Share of time base moves", "moving_share", _of("moving_share"), 2),
+    Column("Path [m]", "path_length", lambda result: result["path_length_m"], 1),
+    Column("Retries", "retries", _of("retries"), 2),
+    Column("Least gripper distance [m]", "min_gripper_obstacle", _of("min_gripper_obstacle_m"), 2),
+    Column("Cut-ins", "cut_ins", _of("cut_ins"), 2),
+    Column("Near misses", "near_misses", _of("near_misses"), 2),
+    Column("Evasive manoeuvres", "evasive_manoeuvres", _of("evasive_manoeuvres"), 1),
+)
+OVER = f"Trials over the damper line by {LINE} m/s"
+DEFINITIONS = (
+    f"Cut-in: by its own motion, not by the agent's turning, the base gets in front of an agent that drives, within "
+    f"{agents.CUT_DISTANCE:g} m and {agents.CUT_TIME:g} s of being touched while they close; once per agent, until "
+    f"they are {agents.PARTED:g} m apart. "
+    f"Near miss: an agent is less than {agents.NEAR:.2f} m from the base while it moves, until "
+    f"{agents.NEAR_END:.2f} m. "
+    f"Evasive manoeuvre: had both gone on, the gap would have become less than {agents.CONFLICT:.2f} m within "
+    f"{agents.HORIZON:g} s, and the base became {agents.SLOWED} m/s slower or turned off by "
+    f"{math.degrees(agents.TURNED):.0f}°. "
+    "Retries: attempts at a pick or a place after the first. "
+    f"Over the damper line: below d_i of what moves, the gripper's own true approach speed was ever more than {LINE} "
+    "m/s above it; '-': it was never there. "
+    "Phases of a trial: fingers closing; else the base drives, or stands and waits for the arm (it is at work, or the "
+    "target in its reach), or is stationary for another reason. docs/results.md has the definitions in full."
+)
+
+
+def means_of(results: list[Result]) -> dict[str, Estimate]:
+    """Means over all trials in which the measure was taken."""
+    found = {}
+    for column in COLUMNS:
+        values = [column.value(result) for result in results]
+        found[column.key] = statistics.mean([value for value in values if value is not None])
+    return found
+
+
+def over_line(results: list[Result]) -> tuple[int, int] | None:
+    """Trials over the damper line, and trials measured; None where the gripper was never near what moves."""
+    measured = [result for result in results if result.get("measures") is not None]
+    near = [speed for each in measured if (speed := data.measure(each, "approach_excess_mps")) is not None]
+    return (sum(speed > LINE for speed in near), len(measured)) if near else None
+
+
+def draw_measures(store: Store) -> Part:
+    """One row per method and group of trials, as in the results table: they differ in what there is to meet."""
+    found = [(name, method, results, means_of(results)) for name, method, results in grouped(store)]
+    if not any(estimates["moving_share"].n for *_, estimates in found):
+        return Missing(name=MEASURES_NAME, title=MEASURES_TITLE, reason="no trial has these measures")
+    return Drawn(
+        name=MEASURES_NAME,
+        title=MEASURES_TITLE,
+        caption=(
+            "Means per trial with Student's 95 % interval, over all trials in which the measure was taken, completed "
+            f"or not. {DEFINITIONS}"
+        ),
+        n=f"{sum(len(results) for _, _, results, _ in found)} trials; of each row in its column",
+        rows=[
+            {"experiment": name, "method": method, "trials": len(results),
+             **{f"{key}{end}": value for key, each in estimates.items()
+                for end, value in (("", each.value), ("_low", each.low), ("_high", each.high), ("_n", each.n))},
+             **dict(zip(("over_line", "over_line_n"), over_line(results) or (None, None), strict=True))}
+            for name, method, results, estimates in found
+        ],
+        header=("Experiment", "Method", "Trials", *(column.title for column in COLUMNS), OVER),
+        cells=[
+            (name, data.title(method), str(len(results)),
+             *(estimates[column.key].text(column.decimals) for column in COLUMNS),
+             "/".join(map(str, over_line(results) or ())) or "-")
+            for name, method, results, estimates in found
+        ],
+    )  # fmt: skip

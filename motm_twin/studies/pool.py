@@ -1,0 +1,203 @@
+"""Calls on many processes, here or on a cluster: results as they come, and no call is lost with the process it ran in.
+
+A process that dies (killed, out of memory, a crash in compiled code, a machine that is gone) takes with it every call
+that was under way. These are begun again. Which of them was to blame cannot be seen, so after two losses a call
+is run alone, and only one that dies alone is given up. Calls must give the same again for the same arguments.
+"""
+
+import os
+import threading
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from typing import Any
+
+import joblib
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+from motm_twin.interrupts import deaf
+
+BACKENDS = ("loky", "ray")
+PATIENCE = 2  # losses after which a call is run alone: a machine that is gone is no call's fault
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pool:
+    """Where calls run. ``processes`` says how many can run now: a cluster may have lost a machine."""
+
+    backend: str  # of joblib
+    processes: Callable[[], int]
+    lost: tuple[type[Exception], ...]  # what is raised for a process that died
+    options: dict[str, Any] = field(default_factory=dict)  # of the joblib backend
+
+
+@dataclass(frozen=True)
+class Lost:
+    """In place of a result: the process died, also when nothing else ran."""
+
+    reason: str
+
+
+def local_pool(workers: int) -> Pool:
+    """Processes on this machine. Raises ValueError for less than one."""
+    if workers < 1:
+        raise ValueError(f"{workers} workers: at least 1 is needed")
+    return Pool(backend="loky", processes=lambda: workers, lost=(TerminatedWorkerError,))
+
+
+def make_pool(workers: int, backend: str = "loky", address: str | None = None) -> Pool:
+    """The pool of a backend; ``address`` is that of a Ray cluster. Raises ValueError."""
+    if backend not in BACKENDS:
+        raise ValueError(f"backend {backend!r}: use one of {', '.join(BACKENDS)}")
+    if backend == "ray":
+        return ray_pool(workers, address)
+    if address is not None:
+        raise ValueError(f"address {address!r}: only the backend ray has one; add --backend ray")
+    return local_pool(workers)
+
+
+def outcomes(
+    call: Callable[..., Any], items: Sequence[Any], pool: Pool, told: Callable[[str], None] = lambda text: None
+) -> Iterator[tuple[int, Any]]:
+    """``(index, call(items[index]))`` of all items as they are done, in any order; `Lost` where it was given up.
+
+    ``told`` hears in one sentence when processes were lost. What ``call`` raises is raised here.
+    """
+    waiting, losses = list(range(len(items))), Counter[int]()
+    while waiting:
+        alone = next((index for index in waiting if losses[index] >= PATIENCE), None)
+        chosen = waiting if alone is None else [alone]
+        begun: list[int] = []
+        done: set[int] = set()
+        try:
+            for index, outcome in _round(call, items, chosen, begun, pool):
+                done.add(index)
+                yield index, outcome
+        except pool.lost as error:
+            under_way = [index for index in begun if index not in done]
+            losses.update(under_way)
+            reason = _short(error)
+            if alone is not None:
+                done.add(alone)
+                yield alone, Lost(f"the process died, {losses[alone]} times, alone at last: {reason}")
+            else:
+                told(f"a process died: {len(under_way)} trials that were under way are begun again ({reason})")
+        waiting = [index for index in waiting if index not in done]
+
+
+def _round(
+    call: Callable[..., Any], items: Sequence[Any], chosen: list[int], begun: list[int], pool: Pool
+) -> Iterator[tuple[int, Any]]:
+    """Results until all are there or a process dies; ``begun`` is told what was handed out."""
+
+    def calls() -> Iterator[Any]:
+        for index in chosen:
+            begun.append(index)
+            yield joblib.delayed(_one)(call, index, items[index])
+
+    processes = pool.processes()
+    # At least two, because joblib runs the calls of one in this process, which a crash would end too.
+    with joblib.parallel_config(backend=pool.backend, n_jobs=max(2, processes), **pool.options):
+        options: dict[str, Any] = {"batch_size": 1, "pre_dispatch": min(processes, len(chosen)), "max_nbytes": None}
+        parallel = joblib.Parallel(return_as="generator_unordered", **options)
+        with deaf() if pool.backend == "loky" else nullcontext():  # Ray's are deaf anyway
+            results: Any = parallel(calls())
+    with warnings.catch_warnings():  # that calls are given up after Ctrl-C or a crash is what is wanted
+        warnings.filterwarnings("ignore", message=".*tasks which were still being processed")
+        try:
+            yield from results
+        finally:
+            results.close()
+
+
+def _one(call: Callable[..., Any], index: int, item: Any) -> tuple[int, Any]:
+    """In the worker."""
+    return index, call(item)
+
+
+def _short(error: Exception) -> str:
+    """The part of a message that tells something: an exit code, or which actor."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    codes = [line for line in lines if "exit codes" in line]
+    return f"{type(error).__name__}: {(codes or lines or [''])[0]}"
+
+
+BACKEND = "motm_ray"
+
+
+def ray_pool(workers: int, address: str | None) -> Pool:
+    """Actors on a Ray cluster: at ``address``, or one of this machine's own when there is none.
+
+    At most as many as the cluster has processors. Raises ValueError when Ray is not installed or not reached.
+    """
+    try:
+        import ray
+        from ray.exceptions import RayError
+        from ray.util.joblib import register_ray
+    except ImportError as error:
+        raise ValueError("the backend ray needs Ray: pip install 'motm-twin[cluster]'") from error
+    if workers < 1:
+        raise ValueError(f"{workers} workers: at least 1 is needed")
+    if not ray.is_initialized():
+        try:
+            ray.init(
+                address=address,
+                log_to_driver=False,
+                num_cpus=None if address or "RAY_ADDRESS" in os.environ else workers,
+            )
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            raise ValueError(f"no Ray cluster is reached at {address!r}: {error}") from error
+    register_ray()
+    joblib.register_parallel_backend(BACKEND, _idle_first())
+    remote = {"num_cpus": 1, "scheduling_strategy": "SPREAD"}
+    return Pool(
+        backend=BACKEND,
+        processes=lambda: max(1, min(workers, _processors(ray))),
+        lost=(RayError,),
+        options={"ray_remote_args": remote},
+    )
+
+
+def _processors(ray: Any) -> int:
+    """Processors of the machines that are there now."""
+    return int(sum(node["Resources"].get("CPU", 0.0) for node in ray.nodes() if node["Alive"]))
+
+
+def _idle_first() -> type:
+    """Ray's backend of joblib, with three differences.
+
+    Results are given as they come. Idle actors work first: Ray's own hands calls to its actors in turn, so that one
+    with a long call makes others wait. And there may be one actor only, when one machine of two is gone.
+    """
+    import ray
+    from ray.util.joblib.ray_backend import RayBackend
+    from ray.util.multiprocessing.pool import Pool as Actors
+
+    class IdleFirst(RayBackend):
+        supports_return_generator = True
+
+        def configure(self, n_jobs: int = 1, parallel: Any = None, *_: Any, **options: Any) -> int:
+            count = min(n_jobs, _processors(ray))
+            self._pool: Any = Actors(count, ray_remote_args=options.get("ray_remote_args") or self.ray_remote_args)
+            self._busy: set[int] = set()
+            self._choosing = threading.Lock()
+            self.parallel = parallel
+            return n_jobs
+
+        def submit(self, func: Any, callback: Callable[[Any], None] | None = None) -> Any:
+            with self._choosing:
+                actors = range(len(self._pool._actor_pool))
+                chosen = next((actor for actor in actors if actor not in self._busy), 0)
+                self._busy.add(chosen)
+                self._pool._current_index = chosen - 1  # it takes the next one
+
+                def done(result: Any) -> None:
+                    self._busy.discard(chosen)
+                    if callback is not None:
+                        callback(result)
+
+                return super().submit(func, done)
+
+    return IdleFirst

@@ -1,0 +1,243 @@
+"""Runs experiments: trials in the store are not run again, and a broken trial is kept with its reason."""
+
+import signal
+import threading
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.studies.pool import Lost, make_pool, outcomes
+from motm_twin.studies.spec import Experiment, Job, jobs_of
+from motm_twin.studies.store import Record, Store
+from motm_twin.studies.trial import Outcome, given_up, run_job
+
+HOUR, MINUTE = 3600, 60  # [s]
+
+
+@dataclass
+class TimeLeft:
+    """Time that the remaining trials need, from the mean time of those of the same method."""
+
+    workers: int
+    remaining: Counter[str]  # method: trials
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+
+    def add(self, method: str, seconds: float | None) -> None:
+        """A trial is done; None: it gave no time to learn from."""
+        self.remaining[method] -= 1
+        if seconds is not None:
+            self.seconds.setdefault(method, []).append(seconds)
+
+    def left(self) -> float | None:
+        """Seconds of wall time; None as long as no trial is done. Methods not seen yet count as the mean of all."""
+        measured = {method: sum(values) / len(values) for method, values in self.seconds.items()}
+        if not measured:
+            return None
+        mean = sum(measured.values()) / len(measured)
+        whole = sum(count * measured.get(method, mean) for method, count in self.remaining.items())
+        return whole / self.workers
+
+
+class Bar:
+    """A progress bar on the console while it is a terminal; without one, a line whenever a tenth more is done."""
+
+    def __init__(self, methods: Iterable[str], workers: int, console: Console) -> None:
+        self.time = TimeLeft(workers, Counter(methods))
+        self.total = self.time.remaining.total()
+        self.done = 0
+        self.console = console
+        columns = (TextColumn("  trials"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"))
+        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
+        self._task = self._progress.add_task("", total=self.total, left="")
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._progress.stop()
+
+    def add(self, method: str, seconds: float | None) -> None:
+        """A trial is done."""
+        self.time.add(method, seconds)
+        self.done += 1
+        left = left_text(self.time.left())
+        self._progress.update(self._task, completed=self.done, left=left)
+        tenth = max(1, self.total // 10)
+        if not self.console.is_terminal and (self.done % tenth == 0 or self.done == self.total):
+            self.console.print(f"  {self.done}/{self.total} trials {left}".rstrip(), markup=False)
+
+    def say(self, text: str) -> None:
+        """A line above the bar."""
+        self.console.print(f"  {text}", style="yellow", markup=False, soft_wrap=True)
+
+
+def left_text(seconds: float | None) -> str:
+    """'1 h 05 min left'; "" while unknown."""
+    if seconds is None:
+        return ""
+    if seconds >= HOUR:
+        return f"{int(seconds // HOUR)} h {int(seconds % HOUR // MINUTE):02d} min left"
+    return f"{int(seconds // MINUTE)} min {int(seconds % MINUTE):02d} s left"
+
+
+Result = dict[str, Any]
+
+
+@dataclass
+class Results:
+    """Results by experiment, each list in the order of the experiment's specs, whoever ran them and when.
+
+    A result is the dictionary of `motm_twin.trial.run_scene` with "parameters" and "changes" of its spec; what a clock
+    measured is in its "wall", the only part that differs between two runs.
+    """
+
+    out: Path
+    trials: dict[str, list[Result]]
+    computed: int = 0  # trials that were run now; the others were in the store
+    notes: list[str] = field(default_factory=list)  # what whoever reads the results should know
+
+    def of(self, name: str, **fields: Any) -> list[Result]:
+        """Results of an experiment in which these fields have these values, as ``of("exp1", method="motm")``."""
+        return [
+            result for result in self.trials[name] if all(result.get(key) == value for key, value in fields.items())
+        ]
+
+
+@dataclass
+class _Task:
+    """A trial that has to be run, and the places in the experiments that want it."""
+
+    job: Job
+    places: list[tuple[str, int]] = field(default_factory=list)  # experiment, index
+
+
+def run(
+    experiments: Experiment | Iterable[Experiment],
+    *,
+    out: Path,
+    workers: int = 1,
+    backend: str = "loky",
+    address: str | None = None,
+    console: Console | None = None,
+    retry_failed: bool = False,
+    about: Mapping[str, str] | None = None,
+) -> Results:
+    """Run what is not in ``out``/<experiment>/trials.jsonl yet; the results of all.
+
+    After Ctrl-C or SIGTERM (KeyboardInterrupt) or a crash the same call goes on where it ended. ``retry_failed`` runs
+    trials again that were without success. ``backend`` "ray" needs the extra ``cluster``; ``address`` is the cluster's.
+    ``about``: what is kept with every trial that is run now, beside what it was made with.
+    Raises ValueError for a spec that cannot be run, before any trial begins.
+    """
+    chosen = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    jobs = {experiment.name: jobs_of(experiment.specs) for experiment in chosen}
+    if len(jobs) < len(chosen):
+        raise ValueError("two experiments have the same name: results are kept by name")
+    source = made_with()[SOURCE]
+    results = Results(out, {name: [{} for _ in these] for name, these in jobs.items()})
+    with ExitStack() as stack:
+        stack.enter_context(_sigterm_as_ctrl_c())
+        stores = {name: stack.enter_context(Store(out / name)) for name in jobs}
+        tasks = _missing(jobs, stores, results, source, retry_failed=retry_failed)
+        if tasks:
+            pool = make_pool(workers, backend, address)
+            methods = [task.job.spec.method for task in tasks]
+            bar = stack.enter_context(Bar(methods, pool.processes(), console or Console(quiet=True)))
+            for number, outcome in outcomes(run_job, [task.job for task in tasks], pool, bar.say):
+                _keep(tasks[number], outcome, stores, results, source, bar, about or {})
+        for name, store in stores.items():
+            store.write_results(results.trials[name])
+    return results
+
+
+def run_or_stop(experiments: Iterable[Experiment], *, out: Path, workers: int, console: Console) -> Results | None:
+    """`run`; None after Ctrl-C, which the console is told."""
+    chosen = list(experiments)
+    try:
+        return run(chosen, out=out, workers=workers, console=console)
+    except KeyboardInterrupt:
+        console.print(kept_text(out, (each.name for each in chosen)), markup=False)
+        return None
+
+
+def kept_text(out: Path, names: Iterable[str]) -> str:
+    """The sentence that says what is kept after Ctrl-C, and how to go on."""
+    kept = sum(len(Store(out / name).read()) for name in names)
+    return f"\nstopped; {kept} finished trials are in {out}: the same command goes on from there"
+
+
+@contextmanager
+def _sigterm_as_ctrl_c() -> Iterator[None]:
+    """Whoever is told to end ends the processes that work for it, too."""
+    if threading.current_thread() is not threading.main_thread():  # signals are not for this one
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _missing(
+    jobs: Mapping[str, list[Job]], stores: Mapping[str, Store], results: Results, source: str, *, retry_failed: bool
+) -> list[_Task]:
+    """The trials that are in no store, each once. The results of the others are taken from where they are."""
+    known = {name: store.read() for name, store in stores.items()}
+    tasks: dict[str, _Task] = {}
+    for name, these in jobs.items():
+        for index, job in enumerate(these):
+            key = job.key(source)
+            owner = next((other for other in (name, *known) if key in known[other]), None)
+            record = known[owner][key] if owner is not None else None
+            if record is None or (retry_failed and not record.result["success"]):
+                tasks.setdefault(key, _Task(job)).places.append((name, index))
+                continue
+            results.trials[name][index] = record.result
+            if owner != name:
+                session = record.session and f"../{owner}/{record.session}"
+                known[name][key] = msgspec.structs.replace(record, session=session)
+                stores[name].append(known[name][key])
+    return list(tasks.values())
+
+
+def _keep(
+    task: _Task,
+    outcome: Outcome | Lost,
+    stores: Mapping[str, Store],
+    results: Results,
+    source: str,
+    bar: Bar,
+    about: Mapping[str, str],
+) -> None:
+    """Write a finished trial down, and say what was not as it should be."""
+    lost = isinstance(outcome, Lost)
+    whole = given_up(task.job, outcome.reason, source) if isinstance(outcome, Lost) else outcome
+    if whole.source != source and not results.notes:
+        results.notes.append("the source was changed while trials ran: those of the new one are run again next time")
+        bar.say(results.notes[-1])
+    key = task.job.key(whole.source)
+    result = msgspec.json.decode(msgspec.json.encode(whole.result))  # as it will be when it is read again
+    record = Record(key=key, spec=task.job.spec, result=result, made_with={**whole.made_with, **about})
+    kept = ""
+    for name in dict(task.places):
+        session = stores[name].keep_session(key, whole.session)
+        stores[name].append(msgspec.structs.replace(record, session=session))
+        kept = kept or (session and str(stores[name].folder / session))
+    for name, index in task.places:
+        results.trials[name][index] = result
+    results.computed += 1
+    if not result["success"]:
+        what = f"{result['scene']}/{result['variant']} seed {result['seed']} {result['method']}"
+        bar.say(f"{what}: {result['reason']} ({kept})")
+    bar.add(task.job.spec.method, None if lost else result["wall"]["seconds"])

@@ -1,0 +1,145 @@
+"""A trial: a scene, a seed, a method, and changes of either. An experiment: a list of trials.
+
+Changes are dotted names of a resolved scene, as ``noise.lidar_range_sd`` or ``agents.temi_1.speed``. Units are those of
+the resolved scene (`model.scene`): m, rad, s. Lists are entered by the name of an entry, or by ``*`` for all of them. A
+value has to be what a scene file could have said, and so has the whole scene afterwards.
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from motm_twin.control.tuning import check
+from motm_twin.methods.method import Method
+from motm_twin.methods.registry import find_method
+from motm_twin.model.edits import ParameterValue
+from motm_twin.model.names import hint
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_scene
+from motm_twin.record.session import SessionError
+from motm_twin.record.session_check import check_scene
+
+
+def changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+    """The scene with these fields changed. Raises ValueError that names the field, and what is allowed."""
+    if not changes:
+        return scene
+    for name, value in changes.items():
+        scene = _set(scene, name.split("."), value, name)
+    try:
+        check_scene(scene)
+    except SessionError as error:
+        raise ValueError(f"change {', '.join(map(repr, changes))}: {error.problem}") from error
+    return scene
+
+
+def _set(owner: Any, path: list[str], value: Any, whole: str) -> Any:
+    """A copy of nested frozen objects in which what is at the path is another value."""
+    here, *rest = path
+    if isinstance(owner, tuple):
+        return _set_entries(owner, path, value, whole)
+    fields = {field.name: field for field in msgspec.structs.fields(owner)} if isinstance(owner, msgspec.Struct) else {}
+    if here not in fields:
+        raise ValueError(f"change {whole!r}: there is no field {here!r}; {hint(here, fields)}")
+    if rest:
+        return msgspec.structs.replace(owner, **{here: _set(getattr(owner, here), rest, value, whole)})
+    try:
+        # through JSON's types: what a stored line says is what a caller may say
+        converted = msgspec.convert(msgspec.to_builtins(value), fields[here].type)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"change {whole!r}: {error}") from error
+    return msgspec.structs.replace(owner, **{here: converted})
+
+
+def _set_entries(entries: tuple[Any, ...], path: list[str], value: Any, whole: str) -> tuple[Any, ...]:
+    here, *rest = path
+    names = [getattr(entry, "name", str(index)) for index, entry in enumerate(entries)]
+    if here != "*" and here not in names:
+        raise ValueError(f"change {whole!r}: nothing is called {here!r} there; {hint(here, names)}")
+    if not rest:
+        raise ValueError(f"change {whole!r}: name a field of {here!r}, as {whole}.speed")
+    chosen = [here in ("*", name) for name in names]
+    return tuple(_set(entry, rest, value, whole) if on else entry for entry, on in zip(entries, chosen, strict=True))
+
+
+KEY_DIGITS = 16
+
+
+class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One trial: everything that its result depends on, besides the source.
+
+    ``parameters`` are of `control.tuning`, on top of the method's; ``changes`` are dotted fields of the resolved scene
+    with their new values, as ``{"noise.lidar_range_sd": 0.05, "agents.temi_1.speed": 0.6}``.
+    """
+
+    scene: str
+    variant: str | None = None  # None: the scene's default one
+    seed: int | None = None  # None: the seed of the scene file
+    method: str = "motm"
+    parameters: dict[str, ParameterValue] = {}
+    changes: dict[str, Any] = {}
+
+
+class Experiment(msgspec.Struct, frozen=True):
+    """Trials that belong together, under a name that is also the folder of their results."""
+
+    name: str
+    title: str
+    specs: tuple[TrialSpec, ...]
+
+    def changed(self, changes: Mapping[str, Any]) -> "Experiment":
+        """The same trials with these fields of their scenes changed, too."""
+        specs = (msgspec.structs.replace(spec, changes={**spec.changes, **changes}) for spec in self.specs)
+        return msgspec.structs.replace(self, specs=tuple(specs))
+
+
+class Job(msgspec.Struct, frozen=True, kw_only=True):
+    """A spec that was checked, with its scene as it will be run: what a worker is sent."""
+
+    spec: TrialSpec
+    scene: Scene
+    method_text: str = ""  # contents of the user's own file when the method is FILE.py:NAME
+
+    def key(self, source: str) -> str:
+        """Name of this trial in the store: another scene, parameter, method or source gives another one."""
+        whole = hashlib.sha256(source.encode())
+        for part in (self.spec.method, self.spec.parameters, self.scene, self.method_text):
+            whole.update(b"\0" + msgspec.json.encode(part, order="deterministic"))
+        return whole.hexdigest()[:KEY_DIGITS]
+
+
+def job_of(spec: TrialSpec) -> Job:
+    """The checked job of a spec. Raises ValueError (SceneError, MethodError) that names what is wrong."""
+    return jobs_of([spec])[0]
+
+
+def jobs_of(specs: Iterable[TrialSpec]) -> list[Job]:
+    """The same for many specs, each scene read once."""
+    scenes: dict[tuple[str, str | None, int | None], Scene] = {}
+    jobs = []
+    for spec in specs:
+        which = (spec.scene, spec.variant, spec.seed)
+        if which not in scenes:
+            scenes[which] = load_scene(*which)
+        jobs.append(_job(spec, scenes[which]))
+    return jobs
+
+
+def _job(spec: TrialSpec, scene: Scene) -> Job:
+    find_method(spec.method)
+    parameters = {name: check(name, value) for name, value in spec.parameters.items()}
+    spec = msgspec.structs.replace(spec, parameters=parameters)
+    return Job(spec=spec, scene=changed(scene, spec.changes), method_text=_text_of(spec.method))
+
+
+def method_of(job: Job) -> Method:
+    """The method of a job. Raises MethodError."""
+    return find_method(job.spec.method)
+
+
+def _text_of(method: str) -> str:
+    file, colon, _ = method.rpartition(":")
+    return Path(file).read_text(encoding="utf-8") if colon else ""

@@ -1,0 +1,226 @@
+"""A sweep can be stopped, can crash, can lose workers; its results are the same, and none is dropped."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import msgspec
+import pytest
+from joblib.externals.loky import get_reusable_executor
+from rich.console import Console
+
+from motm_twin.record.session import load_session
+from motm_twin.studies.pool import Lost, make_pool, outcomes
+from motm_twin.studies.run import TimeLeft, left_text, run
+from motm_twin.studies.spec import Experiment, TrialSpec
+from motm_twin.studies.store import Store
+
+HERE = Path(__file__).parent
+SCENE = str(HERE / "half_a_metre.yaml")
+QUIET = Console(quiet=True)
+
+
+def drives(count=3, *more):
+    specs = tuple(TrialSpec(SCENE, None, seed, method) for seed in range(count) for method in ("motm", "no_bezier"))
+    return Experiment("drives", "Half a metre", (*specs, *more))
+
+
+@pytest.fixture(scope="module")
+def by_two(tmp_path_factory):
+    """Six trials on two processes: the experiment's folder, and its results."""
+    out = tmp_path_factory.mktemp("by_two")
+    return out / "drives", run(drives(), out=out, workers=2, console=QUIET)
+
+
+def same_results(one, other):
+    return (one / "results.jsonl").read_bytes() == (other / "results.jsonl").read_bytes()
+
+
+def without_wall(results):
+    return [{key: value for key, value in result.items() if key != "wall"} for result in results]
+
+
+def test_one_worker_and_another_order_give_the_same_bit_for_bit(by_two, tmp_path):
+    folder, results = by_two
+    backwards = Experiment("drives", "", drives().specs[::-1])
+    again = run(backwards, out=tmp_path, workers=1, console=QUIET)
+    assert without_wall(again.of("drives")) == without_wall(results.of("drives"))[::-1]
+    forwards = run(drives(), out=tmp_path, console=QUIET)  # from the store, written in another order
+    assert forwards.computed == 0
+    assert same_results(folder, tmp_path / "drives")
+
+
+def test_a_result_says_what_was_run_and_keeps_clocks_apart(by_two):
+    _, results = by_two
+    result = results.of("drives", method="no_bezier", seed=1)[0]
+    assert result["success"]
+    assert result["parameters"] == {}
+    assert result["measures"]["phases_s"]["driving"] == pytest.approx(result["time_s"], abs=0.2)
+    assert set(result["wall"]) == {"tick_ms", "realtime_factor", "seconds"}
+    assert not {"tick_ms", "realtime_factor"} & set(result)
+
+
+def test_a_run_goes_on_where_it_ended_also_after_half_a_line(by_two, tmp_path):
+    folder, _ = by_two
+    lines = (folder / "trials.jsonl").read_bytes().splitlines(keepends=True)
+    (tmp_path / "drives").mkdir()
+    (tmp_path / "drives" / "trials.jsonl").write_bytes(b"".join(lines[:4]) + lines[4][:100])
+    again = run(drives(), out=tmp_path, workers=2, console=QUIET)
+    assert again.computed == 2
+    assert same_results(folder, tmp_path / "drives")
+    assert len((tmp_path / "drives" / "trials.jsonl").read_bytes().splitlines()) == 6
+
+
+def test_trials_of_another_source_do_not_count(by_two, tmp_path):
+    folder, _ = by_two
+    (tmp_path / "drives").mkdir()
+    text = (folder / "trials.jsonl").read_text().replace('"key":"', '"key":"x')
+    (tmp_path / "drives" / "trials.jsonl").write_text(text)
+    one = Experiment("drives", "", drives().specs[:1])
+    assert run(one, out=tmp_path, console=QUIET).computed == 1
+
+
+def test_a_trial_that_two_experiments_want_is_run_once(by_two, tmp_path):
+    spec = drives().specs[0]
+    both = [Experiment("a", "", (spec, spec)), Experiment("b", "", (spec,))]
+    results = run(both, out=tmp_path, console=QUIET)
+    assert results.computed == 1
+    assert results.of("a")[0] == results.of("a")[1] == results.of("b")[0]
+    assert run(both[1], out=tmp_path, console=QUIET).computed == 0
+    with pytest.raises(ValueError, match="same name"):
+        run([both[0], both[0]], out=tmp_path, console=QUIET)
+
+
+def test_what_breaks_is_kept_with_its_reason_and_session_and_run_again_only_when_asked(tmp_path, monkeypatch):
+    monkeypatch.setenv("MOTM_TEST_MARK", str(tmp_path / "mark"))
+    get_reusable_executor().shutdown(kill_workers=True)  # workers of before do not know the variable
+    names = ("DIES_ONCE", "DIES", "RAISES")
+    once, *bad = [TrialSpec(SCENE, None, 0, f"{HERE / 'broken_methods.py'}:{name}") for name in names]
+    impatient = TrialSpec(SCENE, None, 0, changes={"time_limit": 0.2})
+    (died_once,) = run(Experiment("once", "", (once,)), out=tmp_path, workers=2, console=QUIET).of("once")
+    assert (tmp_path / "mark").exists()
+    assert died_once["success"]  # it was killed from outside, as it were, and is begun again
+    experiment = Experiment("drives", "", (*bad, impatient))
+    results = run(experiment, out=tmp_path, workers=2, console=QUIET)
+    dies, raises, late = results.of("drives")
+    assert "the process died" in dies["reason"]
+    assert "no planner today (broken_methods.py" in raises["reason"]
+    assert "time limit" in late["reason"]
+    records = Store(tmp_path / "drives").read().values()
+    sessions = {record.spec.method.rpartition(":")[2]: record.session for record in records if record.session}
+    assert set(sessions) == {"DIES", "RAISES", "motm"}
+    kept = load_session(tmp_path / "drives" / sessions["motm"])
+    assert kept.state_hash == late["state_hash"]
+    assert kept.periods == round(late["time_s"] * 20) + 1
+    assert load_session(tmp_path / "drives" / sessions["DIES"]).periods == 100
+    assert run(experiment, out=tmp_path, workers=2, console=QUIET).computed == 0
+    again = run(Experiment("drives", "", (impatient,)), out=tmp_path, console=QUIET, retry_failed=True)
+    assert again.computed == 1
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        pytest.param(lambda pid: os.killpg(pid, signal.SIGINT), id="ctrl-c"),  # as a terminal does
+        pytest.param(lambda pid: os.kill(pid, signal.SIGTERM), id="sigterm"),
+    ],
+)
+def test_ctrl_c_ends_at_once_and_says_how_to_go_on(end, tmp_path):
+    entry = f"Entry(title='t', specs=lambda methods, trials: (TrialSpec({SCENE!r}, None, s) for s in range(500)))"
+    program = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
+        "from motm_twin.studies.catalogue import EXPERIMENTS, Entry;"
+        "from motm_twin.studies.bench import main; from motm_twin.studies.spec import TrialSpec;"
+        f"EXPERIMENTS['exp1'] = {entry};"
+        f"sys.exit(main(['exp1', '--methods', 'motm', '--out', {str(tmp_path)!r}]))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        start_new_session=True, cwd=HERE.parents[1],
+    )  # fmt: skip
+    store = tmp_path / "exp1" / "trials.jsonl"
+    while not (store.is_file() and store.stat().st_size) and process.poll() is None:
+        time.sleep(0.05)
+    end(process.pid)
+    said = process.communicate(timeout=60)[0]
+    assert process.returncode == 130, said
+    assert "goes on from there" in said
+    assert "Traceback" not in said
+    assert 1 <= len(Store(tmp_path / "exp1").read()) < 500
+    deadline = time.monotonic() + 60.0
+    while _any_left(process.pid):
+        assert time.monotonic() < deadline, "a worker goes on"
+        time.sleep(0.05)
+
+
+def _any_left(group):
+    """Whether a process of the group lives."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_a_second_run_on_the_same_folder_is_refused(tmp_path):
+    with Store(tmp_path), pytest.raises(ValueError, match="another run writes"), Store(tmp_path):
+        pass
+
+
+def test_bad_input_is_refused_before_anything_runs(tmp_path):
+    with pytest.raises(ValueError, match="backend 'dask'"):
+        make_pool(1, "dask")
+    with pytest.raises(ValueError, match="at least 1"):
+        make_pool(0)
+    with pytest.raises(ValueError, match="--backend ray"):
+        make_pool(1, address="auto")
+    with pytest.raises(ValueError, match="next_weigth"):
+        run(
+            Experiment("x", "", (TrialSpec(SCENE), TrialSpec(SCENE, parameters={"next_weigth": 1.0}))),
+            out=tmp_path,
+            console=QUIET,
+        )
+    assert not (tmp_path / "x").exists()
+
+
+def test_without_ray_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ValueError, match=r"motm-twin\[cluster\]"):
+        make_pool(2, "ray")
+
+
+def test_time_left_is_that_of_each_method():
+    left = TimeLeft(workers=2, remaining=Counter({"fast": 3, "slow": 3, "unseen": 1}))
+    assert left.left() is None
+    left.add("fast", 10.0)
+    left.add("slow", 50.0)
+    assert left.left() == (2 * 10.0 + 2 * 50.0 + 30.0) / 2
+    assert left_text(3900.0) == "1 h 05 min left"
+
+
+def test_a_store_reads_what_it_wrote_and_nothing_else(by_two):
+    folder, results = by_two
+    records = Store(folder).read()
+    assert len(records) == 6
+    assert {msgspec.json.encode(record.result) for record in records.values()} == {
+        msgspec.json.encode(result) for result in results.of("drives")
+    }
+    assert all(record.made_with["numpy"] for record in records.values())
+
+
+def _square_or_die(number):
+    if number == 3:
+        os._exit(1)
+    return number * number
+
+
+def test_only_the_call_that_kills_its_process_is_given_up():
+    told = []
+    found = dict(outcomes(_square_or_die, range(6), make_pool(2), told.append))
+    assert isinstance(found.pop(3), Lost)
+    assert found == {number: number**2 for number in (0, 1, 2, 4, 5)}
+    assert told

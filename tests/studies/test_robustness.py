@@ -1,0 +1,63 @@
+"""The experiments on errors and late grasps: their trials can be run, and begin with no error."""
+
+import msgspec
+
+from motm_twin.measures.published import FAILURE_RECOVERY, published
+from motm_twin.studies import catalogue, mismatch
+from motm_twin.studies.catalogue import experiment
+from motm_twin.studies.spec import job_of
+
+
+def test_every_level_of_every_error_is_one_that_a_scene_can_have():
+    for name in ("robustness", "grasp_delay"):
+        specs = experiment(name, ["motm"], trials=1).specs
+        changes = [item for spec in specs for item in spec.changes.items()]
+        assert len(changes) == len(specs)
+        assert all(job_of(spec).scene.seed == 0 for spec in specs)
+
+
+def test_methods_are_compared_on_the_same_seeds_and_levels():
+    for name in ("robustness", "grasp_delay"):
+        trials = {method: [] for method in catalogue.COMPARED_METHODS}
+        for spec in experiment(name, trials=2).specs:
+            trials[spec.method].append((spec.scene, spec.variant, spec.seed, spec.changes))
+        ours = trials.pop("motm")
+        assert all(theirs == ours for theirs in trials.values())
+
+
+def test_each_sweep_of_errors_begins_with_none():
+    assert all(levels[0] == 0.0 for levels in (*catalogue.ERRORS.values(), *catalogue.GRASP_FAULTS.values()))
+    quiet = job_of(experiment("robustness", ["motm"], trials=1).specs[0]).scene.noise
+    kinds = ("_sd", "_latency", "_probability")
+    assert not any(value for name, value in msgspec.structs.asdict(quiet).items() if name.endswith(kinds))
+
+
+def test_the_tasks_of_failure_recovery_have_their_published_times():
+    assert set(FAILURE_RECOVERY) == set(catalogue.TASKS)
+    assert [row.seconds for row in published("line", "line")] == [9.4, 11.6, 18.8, 21.9]
+
+
+def test_every_mismatch_is_one_that_a_scene_can_have_and_stands_in_a_row_of_its_own():
+    specs = experiment("mismatch", trials=2).specs
+    assert len(specs) == 2 * len(catalogue.MISMATCHES)
+    assert {spec.seed for spec in specs} == {0, 1} and {spec.method for spec in specs} == {"fast"}
+    scenes = [job_of(spec).scene for spec in specs[: len(catalogue.MISMATCHES)]]
+    assert len({msgspec.json.encode(scene) for scene in scenes}) == len(scenes)
+
+
+def _result(changes, placed, seed=0):
+    return {
+        "changes": changes, "seed": seed, "places_done": placed, "places_total": 6, "contacts": [], "picks_total": 6,
+        "picks_done": 6, "contacts_caused_by_robot": 0, "time_s": 80.0 + seed, "picks_attempted": 7,
+    }  # fmt: skip
+
+
+def test_rows_of_mismatches_count_what_was_placed_and_time_what_was_completed():
+    late, shaken = catalogue.MISMATCHES["delay 100 ms"], catalogue.MISMATCHES[catalogue.SHAKEN]
+    results = [_result(dict(late), 6 if seed else 5, seed) for seed in range(10)] + [_result(dict(shaken), 0)]
+    first, second = mismatch.rows_of(results)
+    assert (first["mismatch"], first["placed"], first["places"], first["mean_s"]) == ("delay 100 ms", 59, 60, 85.0)
+    assert (second["placed"], second["mean_s"]) == (0, None)
+    assert mismatch.good(first) and mismatch.good(second)
+    assert not mismatch.good({**first, "placed": 58})
+    assert mismatch.cells(first) == ("delay 100 ms", "10", "59/60", "0", "0", "85.0 s", "7")
