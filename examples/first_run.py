@@ -10,7 +10,7 @@ from collections import Counter
 import msgspec
 
 from motm_twin.control.loop import PERIOD
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import find_method
 from motm_twin.model.scene_file import load_scene
 from motm_twin.one_sentence import one_sentence

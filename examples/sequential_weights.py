@@ -8,8 +8,8 @@ EARLY10 are the same for `sequential_overlap`, whose arm moves while the base ar
 
 import dataclasses
 
-from motm_twin.methods.stationary.methods import ALL_TERMS, SEQUENTIAL, SEQUENTIAL_OVERLAP, stationary_planner
-from motm_twin.methods.stationary.parameters import StationaryParameters
+from motm_twin.rivals.parking import StationaryParameters
+from motm_twin.rivals.stationary import ALL_TERMS, SEQUENTIAL, SEQUENTIAL_OVERLAP, stationary_planner
 
 
 def weighing(seconds, method=SEQUENTIAL):

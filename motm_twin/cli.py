@@ -14,12 +14,13 @@ from motm_twin.bus.config import ConfigError
 from motm_twin.console import plain_console, table_console
 from motm_twin.external.cli_robot import robot
 from motm_twin.interrupts import interruptible
-from motm_twin.methods.default import DEFAULT_METHOD
-from motm_twin.methods.error import MethodError
+from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.model.names import MethodError
 from motm_twin.model.scene_error import SceneError
 from motm_twin.record.cli_record import info, record, recover, replay, rerun
 from motm_twin.record.session import SessionError
 from motm_twin.security.cli_security import security
+from motm_twin.settings import ServeSettings
 from motm_twin.studies.paper.cli_paper import paper
 from motm_twin.studies.settings import BenchSettings
 
@@ -49,8 +50,8 @@ def run(
         plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
         method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
     """
+    from motm_twin.cli_run import run_headless
     from motm_twin.methods.registry import find_method
-    from motm_twin.record.cli_run import run_headless
     from motm_twin.record.outputs import refuse_unwritable, write_json
 
     refuse_unwritable(json)
@@ -62,76 +63,11 @@ def run(
     return 0 if result["success"] else 1
 
 
-def serve(
-    scene: Positional[str] = "exp1",
-    /,
-    variant: str | None = None,
-    seed: int | None = None,
-    port: int = 8080,
-    headless: bool = False,
-    host: str = "127.0.0.1",
-    token: str | None = None,
-    no_token: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    name: tuple[str, ...] = (),
-    visitors: int = 50,
-    zenoh_port: int = 7447,
-    record: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    twin: str = "frankie",
-    secure: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None,
-    ros2: Literal["bridge", "rmw"] | None = None,
-    data: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
-    plant: Literal["simulated", "zenoh", "mirror"] = "simulated",
-    connect: Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT")] = None,
-    method: str = DEFAULT_METHOD,
-    expansions_only: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-) -> int:
-    """Serve the twin in the browser, and its state on Zenoh.
-
-    Args:
-        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
-        variant: Named variant of the scene.
-        seed: Seed of noise and random arrangements.
-        port: TCP port of the page.
-        headless: Only the Zenoh server, no page.
-        host: Address to listen on.
-        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN, which `ps` does not show);
-            without it one of your own, that the printed address carries.
-        no_token: Anybody with an account on this machine may look and drive. On loopback only.
-        name: Further names under which browsers may ask for the page, such as that of a proxy.
-        visitors: Pages that may be open at once.
-        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
-        record: MCAP file to record to, see docs/recording.md; it must not exist.
-        twin: Name of the twin in the Zenoh keys.
-        secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
-        ros2: Publish ROS 2 topics too, for zenoh-bridge-ros2dds (bridge) or rmw_zenoh (rmw).
-        data: Folder of the files that the commands save and record write; without it ./recordings.
-        plant: zenoh: drive a robot in another program (docs/external_robot.md); mirror: only show it.
-        connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
-        method: Who decides at the start: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME
-            of your own.
-        expansions_only: No clock ends a search of the base: the run is that of `motm-twin run`, bit for bit, however
-            slow the machine is.
-    """
-    from motm_twin.cli_serve import PageChoice
+def serve(settings: Annotated[ServeSettings, tyro.conf.arg(name="")]) -> int:
+    """Serve the twin in the browser, and its state on Zenoh."""
     from motm_twin.cli_serve import serve as serve_twin
 
-    return serve_twin(
-        scene,
-        variant=variant,
-        seed=seed,
-        headless=headless,
-        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name, visitors=visitors),
-        zenoh_port=zenoh_port,
-        record=record,
-        twin=twin,
-        secure=secure,
-        ros2=ros2,
-        data=data,
-        plant=plant,
-        connect=connect,
-        method=method,
-        expansions_only=expansions_only,
-    )
+    return serve_twin(settings)
 
 
 def what_if(
@@ -194,7 +130,7 @@ def scene(
     return cli_scene.check_scene(path)
 
 
-def bench(settings: tyro.conf.OmitArgPrefixes[BenchSettings]) -> int:
+def bench(settings: Annotated[BenchSettings, tyro.conf.arg(name="")]) -> int:
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
     With methods, trials, changes, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, blind, one_temi,

@@ -4,11 +4,11 @@ import json
 import sys
 from pathlib import Path
 
+from motm_twin.generate.scenes import DIFFICULTY, generate
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_file import check_all
 from motm_twin.model.scene_file import list_scenes as shipped_scenes
 from motm_twin.model.scene_format import json_schema
-from motm_twin.model.scene_generate import DIFFICULTY, generate
 
 OK, BAD_INPUT = 0, 2
 _MANY = 6

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,129 +14,74 @@ from rich.console import Console
 
 from motm_twin.bus.children import Child, end_all
 from motm_twin.bus.config import VARIABLE, check_endpoint
-from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
+from motm_twin.bus.keys import DEFAULT_TWIN, Keys
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.process import setter
 from motm_twin.bus.running import Running, note
 from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
 from motm_twin.console import plain_console
-from motm_twin.methods.default import DEFAULT_METHOD
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import folder_problem
 from motm_twin.security.folder import Folder
-from motm_twin.ui.crowd import VISITORS
-from motm_twin.ui.guard import check_token
+from motm_twin.settings import PageSettings, ServeSettings
 from motm_twin.ui.page_token import VARIABLE as VARIABLE_OF_TOKEN
-from motm_twin.ui.page_token import chosen_token
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 SERVER = "twin server"
 WATCH = 0.1  # [s] between looks at the children
 
 
-@dataclass(frozen=True, kw_only=True)
-class PageChoice:
-    """Address of the page, and who may open it."""
-
-    port: int = 8080
-    host: str = LOOPBACK
-    token: str | None = None
-    no_token: bool = False
-    names: tuple[str, ...] = ()  # further ones under which browsers may ask for it
-    visitors: int = VISITORS  # pages that may be open at once
-
-    def checked(self) -> "PageChoice":
-        """With the token that is asked for, if any. Raises ValueError, OSError."""
-        if self.visitors < 1:
-            raise ValueError(f"--visitors {self.visitors}: at least one page must be possible")
-        token = chosen_token(self.token, none=self.no_token)
-        check_token(self.host, token)
-        require_free_port(self.host, self.port, "choose another one with --port (0 takes any free one)")
-        return replace(self, token=token)
-
-    def arguments(self, endpoint: str, twin: str) -> list[str]:
-        """Of `ui.viewer_process`."""
-        found = ["--endpoint", endpoint, "--twin", twin, "--host", self.host, "--port", str(self.port)]
-        found += ["--visitors", str(self.visitors), *(["--no-token"] if self.token is None else [])]
-        return found + [word for name in self.names for word in ("--name", name)]
-
-
-def serve(
-    scene: str = "exp1",
-    *,
-    variant: str | None = None,
-    seed: int | None = None,
-    page: PageChoice | None = None,
-    headless: bool = False,
-    zenoh_port: int = DEFAULT_PORT,
-    twin: str = DEFAULT_TWIN,
-    secure: str | None = None,
-    ros2: str | None = None,
-    record: Path | None = None,
-    data: Path | None = None,
-    plant: str = "simulated",
-    connect: str | None = None,
-    method: str = DEFAULT_METHOD,
-    expansions_only: bool = False,
-) -> int:
+def serve(given: ServeSettings) -> int:
     """Run until Ctrl-C or SIGTERM; the exit code. Raises SceneError and MethodError for what can not be used.
 
     0: ended on request. 1: a process died again and again. 2: bad input, such as a port that is taken.
     """
-    console, page = plain_console(), page or PageChoice()
-    load_scene(scene, variant, seed)
-    methods = MethodLibrary(method)
+    load_scene(given.scene, given.variant, given.seed)
+    methods = MethodLibrary(given.method)
     methods.find(methods.own_name)
+    console = plain_console()
     try:
-        Keys(twin)
-        if connect is not None and plant == "simulated":
-            raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
-        if connect is not None:
-            check_endpoint(connect)
-        page = page if headless else page.checked()
-        folder = None if secure is None else Folder(Path(secure)).ready()
-        if record is not None:
-            _require_new(record)
-        if data is not None and (problem := folder_problem(data)):
-            raise ValueError(f"--data {data}: {problem}")
-        require_free_port(
-            LOOPBACK, zenoh_port, "is another twin running? Choose another one with --zenoh-port (0: any)"
-        )
+        page = _checked(given)
+        folder = None if given.secure is None else Folder(Path(given.secure)).ready()
     except (OSError, ValueError) as error:
         console.print(f"motm-twin serve: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
-    supervisor = _Supervisor(console, twin, zenoh_port or free_port(), folder)
-    server = ["--port", str(supervisor.zenoh_port), "--twin", twin]
-    server += [] if variant is None else ["--variant", variant]
-    server += [] if seed is None else ["--seed", str(seed)]
-    server += ["--method", method]
-    server += ["--expansions-only"] if expansions_only else []
-    server += [] if data is None else ["--data", str(data)]
-    server += [] if record is None else ["--record", str(record.resolve())]
-    server += ["--plant", plant] + ([] if connect is None else ["--connect", connect])
-    supervisor.add(SERVER, "motm_twin.bus.server_process", [scene, *server])
-    if not headless:
-        own = [] if methods.own_name == method else ["--own-method", methods.own_name, method]
+    supervisor = _Supervisor(console, given.twin, given.zenoh_port or free_port(), folder)
+    supervisor.add(SERVER, "motm_twin.bus.server_process", given.server_arguments(supervisor.zenoh_port))
+    if not given.headless:
+        own = [] if methods.own_name == given.method else ["--own-method", methods.own_name, given.method]
         supervisor.add_page(page, own)
-    if ros2 is not None:
-        bridge = ["--endpoint", supervisor.endpoint, "--twin", twin, "--form", ros2]
+    if given.ros2 is not None:
+        bridge = ["--endpoint", supervisor.endpoint, "--twin", given.twin, "--form", given.ros2]
         supervisor.add("ROS 2 bridge", "motm_twin.ros2.bridge_process", bridge)
     return supervisor.run()
 
 
+def _checked(given: ServeSettings) -> PageSettings:
+    """Check all but the scene and the method; the page with its token. Raises ValueError, OSError."""
+    Keys(given.twin)
+    if given.connect is not None:
+        if given.plant == "simulated":
+            raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
+        check_endpoint(given.connect)
+    page = given.page if given.headless else given.page.checked()
+    if given.record is not None:
+        _require_new(given.record)
+    if given.data is not None and (problem := folder_problem(given.data)):
+        raise ValueError(f"--data {given.data}: {problem}")
+    hint = "is another twin running? Choose another one with --zenoh-port (0: any)"
+    require_free_port(LOOPBACK, given.zenoh_port, hint)
+    return page
+
+
 def serve_recording(
-    player: list[str],
-    *,
-    page: PageChoice | None = None,
-    headless: bool = False,
-    zenoh_port: int = DEFAULT_PORT,
-    twin: str = DEFAULT_TWIN,
+    player: list[str], *, page: PageSettings, headless: bool = False, zenoh_port: int, twin: str = DEFAULT_TWIN
 ) -> int:
     """Play a recording under the keys of a twin, with its page; exit codes as of `serve`.
 
     ``player``: arguments of `record.player_process`, the file first.
     """
-    console, page = plain_console(), page or PageChoice()
+    console = plain_console()
     try:
         Keys(twin)
         page = page if headless else page.checked()
@@ -178,7 +122,7 @@ class _Supervisor:
             env[VARIABLE] = str(self._folder.server if name == SERVER else self._folder.here)
         self._children.append(Child(name, module, arguments, lambda *event: self._events.put(event), env))
 
-    def add_page(self, page: PageChoice, more: Sequence[str] = ()) -> None:
+    def add_page(self, page: PageSettings, more: Sequence[str] = ()) -> None:
         """The page; who may drive is told with its address."""
         self._open = page.token is None
         self.add("page", "motm_twin.ui.viewer_process", [*page.arguments(self.endpoint, self._twin), *more], page.token)

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from motm_twin.control.method import Method
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
 from motm_twin.finish import Finish
@@ -16,7 +17,6 @@ from motm_twin.measures.agents import base_gap, body_of
 from motm_twin.measures.reference_tour import reference_tour
 from motm_twin.memory import freeze_setup
 from motm_twin.methods.fast import FAST
-from motm_twin.methods.method import Method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene

@@ -8,6 +8,7 @@ import numpy as np
 
 from motm_twin.control.loop import PERIOD, ControlLoop, Settings
 from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.method import ArmParts, Method, PlannerParts, Rehearsed, Timed
 from motm_twin.control.no_arm import NoArm
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
@@ -16,8 +17,6 @@ from motm_twin.control.tick import Tick
 from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
 from motm_twin.methods.fast import FAST
-from motm_twin.methods.method import ArmParts, Method, PlannerParts
-from motm_twin.methods.rehearsal import Rehearsed, Timed
 from motm_twin.model.edits import (
     Announce,
     Drive,

@@ -23,7 +23,7 @@ from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.record.session import load_session, save_session
 from motm_twin.trial import run_scene
 
-SECOND = Path(__file__).parent / "bench" / "half_a_metre.yaml"  # a trial of a second
+SECOND = Path(__file__).parent / "studies" / "half_a_metre.yaml"  # a trial of a second
 TOKEN = "0123456789abcdefghijklmnopqrstuv"
 RECORDED = Path(__file__).parent / "recorded" / "temi_dragged_before_the_robot.json"
 NOBODY = ("--twin", "nobody", "--endpoint", "tcp/127.0.0.1:9", "--wait", "0.1")
@@ -236,7 +236,7 @@ def test_ctrl_c_is_one_line_and_exit_code_130_and_the_session_so_far_is_kept(mon
 
         return run_scene(scene, on_tick=until_then, method=method)
 
-    monkeypatch.setattr("motm_twin.record.cli_run.run_scene", interrupted)
+    monkeypatch.setattr("motm_twin.cli_run.run_scene", interrupted)
     for options, said in (((), ""), (("--save", str(path)), f"; the 1.50 s before are in {path}")):
         monkeypatch.setattr(sys, "argv", ["motm-twin", "run", "exp1", *options])
         with pytest.raises(SystemExit) as end:

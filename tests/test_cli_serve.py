@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from motm_twin.cli_serve import BAD_INPUT, OK, _Supervisor, serve
+from motm_twin.settings import ServeSettings
 
 
 @pytest.mark.parametrize(
@@ -41,11 +42,14 @@ def test_where_nothing_can_be_written_is_refused_before_anything_begins(
     (tmp_path / "file").write_text("a file where the folder should be")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(_Supervisor, "run", lambda _: pytest.fail("it began"))
-    assert serve(headless=True, zenoh_port=0, **{option: Path(place)}) == BAD_INPUT
+    assert serve(ServeSettings(headless=True, zenoh_port=0, **{option: Path(place)})) == BAD_INPUT
     assert words in capsys.readouterr().out
 
 
 def test_folders_that_can_be_written_need_not_exist_and_are_left_as_they_are(tmp_path, monkeypatch):
     monkeypatch.setattr(_Supervisor, "run", lambda _: OK)
-    assert serve(headless=True, zenoh_port=0, data=tmp_path / "new" / "data", record=tmp_path / "x.mcap") == OK
+    assert (
+        serve(ServeSettings(headless=True, zenoh_port=0, data=tmp_path / "new" / "data", record=tmp_path / "x.mcap"))
+        == OK
+    )
     assert list(tmp_path.iterdir()) == []

@@ -15,7 +15,7 @@ import sys
 import tokenize
 from pathlib import Path
 
-from motm_twin.methods.method import Method
+from motm_twin.control.method import Method
 from motm_twin.methods.registry import METHODS
 
 ROOT = Path(__file__).resolve().parents[1]

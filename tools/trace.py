@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 
 from motm_twin.control.tick import Tick
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import find_method
 from motm_twin.model.scene import Box, Cylinder, Scene
 from motm_twin.model.scene_file import load_scene

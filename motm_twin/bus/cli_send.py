@@ -8,7 +8,7 @@ import msgspec
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Command, HandOver, Inspect, Load, Refused, TakeWheel
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
 
 OK, REFUSED, BAD_INPUT = 0, 1, 2

@@ -12,7 +12,7 @@ from typing import Literal
 
 import msgspec
 
-from motm_twin.methods.default import UNNAMED_METHOD
+from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import (
     EDITS,
     AddObstacle,

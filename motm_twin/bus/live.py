@@ -21,7 +21,7 @@ from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import LoggedEdit
 
 if TYPE_CHECKING:
-    from motm_twin.methods.method import Method
+    from motm_twin.control.method import Method
     from motm_twin.record.branches import Branches
 
 MAX_ADDED = 30

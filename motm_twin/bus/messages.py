@@ -6,7 +6,7 @@ version; a change of meaning or a removal makes a new one.
 
 import msgspec
 
-from motm_twin.methods.default import UNNAMED_METHOD
+from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit, ParameterValue
 
 TICK_VERSION = "motm.tick/1"

@@ -6,11 +6,11 @@ No command names a file.
 from typing import TYPE_CHECKING
 
 from motm_twin.bus.messages import MethodChoice
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
 
 if TYPE_CHECKING:
-    from motm_twin.methods.method import Method
+    from motm_twin.control.method import Method
 
 
 class MethodLibrary:
@@ -34,7 +34,7 @@ class MethodLibrary:
 
     def find(self, name: str) -> "Method":
         """A method by its name, and by nothing else. Raises MethodError with the near ones."""
-        from motm_twin.methods.error import MethodError
+        from motm_twin.model.names import MethodError
 
         known = self._known()
         if name not in known:

@@ -12,7 +12,7 @@ from motm_twin.planning.types import SearchBudget
 from motm_twin.record.session import LoggedEdit, Session
 
 if TYPE_CHECKING:
-    from motm_twin.methods.method import Method
+    from motm_twin.control.method import Method
 
 
 class TwinLike(Protocol):

@@ -23,13 +23,13 @@ from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.bus.session import PortTaken, open_member
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.memory import freeze_setup, share_arenas
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
 
 if TYPE_CHECKING:
-    from motm_twin.methods.method import Method
+    from motm_twin.control.method import Method
 
 BAD_INPUT = 2
 SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period is 0.05 s

@@ -10,7 +10,7 @@ from motm_twin.bus.ports import Methods, SceneLibrary
 from motm_twin.model.scene import Scene
 
 if TYPE_CHECKING:
-    from motm_twin.methods.method import Method
+    from motm_twin.control.method import Method
 
 
 class SceneSource:

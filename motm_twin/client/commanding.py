@@ -36,7 +36,7 @@ from motm_twin.bus.commands import (
     TakeWheel,
     UndoBranch,
 )
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import Task
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from motm_twin.control.lag import followed
 from motm_twin.control.loop import PERIOD
+from motm_twin.control.method import ArmParts, PlannerParts
 from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tuning import tuned
@@ -15,7 +16,6 @@ from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.gym.env import MotmEnv
 from motm_twin.gym.method import check_fits
 from motm_twin.gym.view import AgentView
-from motm_twin.methods.method import ArmParts, PlannerParts
 from motm_twin.methods.registry import find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import DQ_MAX

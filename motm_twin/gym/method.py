@@ -2,9 +2,9 @@
 
 from functools import partial
 
+from motm_twin.control.method import ArmParts, Method, PlannerParts
 from motm_twin.gym.arm_action import ArmAction
 from motm_twin.gym.base_action import BaseAction, NoPlacement
-from motm_twin.methods.method import ArmParts, Method, PlannerParts
 from motm_twin.planning.planner import BasePlanner
 
 MODES = ("base", "whole_body")

@@ -202,7 +202,7 @@ def outline(footprint: Footprint) -> Array:
 
 @njit(cache=True)
 def in_front(body: Array, pose: Array, line: Array, radius: float) -> tuple[float, float]:
-    """How the base stands to the strip that an agent sweeps when it goes straight on.
+    """Place of the base relative to the strip that an agent sweeps when it goes straight on.
 
     The gap [m] between base and strip, negative inside, inf when no part of the base is ahead; and how far [m] the
     agent can go before it touches the base as it stands, inf when it passes. ``body`` [m]: its outline in the base

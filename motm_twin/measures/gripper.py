@@ -31,7 +31,7 @@ class Neighbour:
 
 @dataclass
 class Rest:
-    """How long an agent has been in the same place; when it is static is the loop's rule, applied to the truth.
+    """Time that an agent has been in the same place; the loop's rule of static obstacles, applied to the truth.
 
     What has never moved is static after 3 s, what has moved after `MoverParameters.waits`. It moves when it is
     `MoverParameters.creeps` away from where it rested. The loop knows only what it saw: what moved out of its sight
@@ -171,7 +171,7 @@ class GripperObstacles:
         return found
 
     def _furniture(self, interval: Interval) -> list[Neighbour]:
-        """What stands in the scene but not in the map."""
+        """Solids of the scene that are not in the map."""
         middle = shapely.Point(0.5 * (interval.start.gripper + interval.end.gripper))
         found = []
         for name, polygon in self._solids.items():

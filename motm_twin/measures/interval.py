@@ -46,7 +46,7 @@ class Interval:
 
     @property
     def tick(self) -> Tick:
-        """What was decided at its start."""
+        """Tick at its start."""
         return self.start.tick
 
     @cached_property

@@ -114,7 +114,7 @@ def _freed(point: Array, grown: BaseGeometry) -> Array:
 
 
 def _entries(stop: Stop, before: Array, grown: BaseGeometry, exact: bool) -> Array:
-    """Where the tour can be when it touches a disc: on its free circle, or where it was when that is inside already."""
+    """Points at which the tour may touch a disc: its free circle, or points before that are inside already."""
     centre = np.array(stop.centre)
     angles = np.arange(CIRCLE_POINTS) * 2.0 * math.pi / CIRCLE_POINTS
     circle = centre + stop.radius * np.column_stack([np.cos(angles), np.sin(angles)])

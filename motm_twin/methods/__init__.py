@@ -1,1 +1,4 @@
-"""Controllers by name: the paper's, its ablations, and the systems it is compared with, on the same robot."""
+"""Methods by name: the paper's, its ablations, `fast`, and the rivals that they are compared with."""
+
+DEFAULT_METHOD = "fast"
+UNNAMED_METHOD = "motm"  # of files and messages that name none: it was the default when their versions were published

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from motm_twin.methods.method import Method, PlannerParts, map_ahead
+from motm_twin.control.method import Method, PlannerParts, map_ahead
 from motm_twin.model.state import HasState
 from motm_twin.perception.movers import MoverParameters, standing
 from motm_twin.perception.still_map import StandingMap, StillMap
@@ -31,12 +31,12 @@ class FastPlanner(BasePlanner):
         self._asked: tuple[BaseProblem, BaseProblem] | None = None  # of this period: as it came, and as it is solved
 
     def place(self, problem: BaseProblem) -> Placement:
-        """Where to stand, with no regard to what moves far away."""
+        """Choose a base pose in the map without dynamic obstacles that are far away."""
         self._asked = problem, self._without_far(problem)
         return super().place(self._asked[1])
 
     def drive(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
-        """How to accelerate now, in the same map."""
+        """Plan the acceleration in the same map."""
         assert self._asked is not None and self._asked[0] is problem
         return super().drive(self._asked[1], placement, budget)
 

@@ -1,7 +1,7 @@
 """The paper's method, the paper to the letter, and every modification of STAA* switched off alone."""
 
+from motm_twin.control.method import Method
 from motm_twin.control.tuning import PRESETS
-from motm_twin.methods.method import Method
 from motm_twin.model.edits import ParameterValue
 
 MOTM = Method(

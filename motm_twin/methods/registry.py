@@ -4,15 +4,14 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from motm_twin.methods.error import MethodError
+from motm_twin.control.method import Method
 from motm_twin.methods.fast import FAST
-from motm_twin.methods.holistic import HOLISTIC
-from motm_twin.methods.method import Method
 from motm_twin.methods.modifications import ABLATIONS, MOTM, PAPER_LITERAL, STAA
-from motm_twin.methods.motm2022 import MOTM2022
-from motm_twin.methods.open_loop import OPEN_LOOP
-from motm_twin.methods.stationary.methods import STATIONARY
-from motm_twin.model.names import hint
+from motm_twin.model.names import MethodError, hint
+from motm_twin.rivals.holistic import HOLISTIC
+from motm_twin.rivals.motm2022 import MOTM2022
+from motm_twin.rivals.open_loop import OPEN_LOOP
+from motm_twin.rivals.stationary import STATIONARY
 
 METHODS: dict[str, Method] = {
     method.name: method

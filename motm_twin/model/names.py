@@ -1,4 +1,4 @@
-"""What is said to somebody who has written a name that is not there."""
+"""Names that users wrote: hints at near ones, and the error of a wrong method."""
 
 import difflib
 from collections.abc import Iterable
@@ -13,3 +13,7 @@ def hint(wrong: str, names: Iterable[str]) -> str:
     if near:
         return f"did you mean {' or '.join(near)}?"
     return f"there are: {', '.join(known) or 'none'}"
+
+
+class MethodError(ValueError):
+    """A method that cannot be used; ``str()`` of it is one line for the person who named it."""

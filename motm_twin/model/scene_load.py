@@ -2,16 +2,19 @@
 
 import dataclasses
 import difflib
+import importlib
 from pathlib import Path
 
 from motm_twin.model.data_dirs import scenes_dir
-from motm_twin.model.scene_barn import barn, is_barn, parse_barn
 from motm_twin.model.scene_error import SceneError, near
 from motm_twin.model.scene_format import FORMAT, SceneFile
-from motm_twin.model.scene_generate import generate, is_generated, name_of, parse_name
 from motm_twin.model.scene_types import check_types, show
 from motm_twin.model.scene_yaml import MAX_BYTES, Node, parse_yaml
 
+MAKERS = {  # prefix of a name: module with `made`, imported when such a scene is asked for
+    "generated:": "motm_twin.generate.scenes",
+    "barn:": "motm_twin.generate.barn",
+}
 _ENDINGS = (".yaml", ".yml")
 _MAX_EXTENDS = 4
 _BY_NAME = ("furniture", "slots", "objects", "bins", "agents", "variants")
@@ -77,16 +80,12 @@ def load_document(name_or_path: str) -> Document:
 
 def is_made(name: str) -> bool:
     """The scene is made from a seed: there is no file of it."""
-    return is_generated(name) or is_barn(name)
+    return name.startswith(tuple(MAKERS))
 
 
 def _made(asked: str) -> Document:
-    if is_barn(asked):
-        seed = parse_barn(asked)
-        name, text = f"barn:{seed}", barn(seed)
-    else:
-        seed, difficulty = parse_name(asked)
-        name, text = name_of(seed, difficulty), generate(seed, difficulty)
+    maker = next(module for prefix, module in MAKERS.items() if asked.startswith(prefix))
+    name, text = importlib.import_module(maker).made(asked)
     root = parse_yaml(text, name)
     check_types(root, SceneFile)
     return Document(name, name, merge(Node({}, name, root.line, ""), root))

@@ -18,12 +18,12 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Command, HandOver, MoveBody, Record, RemoveBody, Speed
 from motm_twin.bus.messages import TickMessage
 from motm_twin.bus.pacing import PERIOD
-from motm_twin.perf import bus_bare
-from motm_twin.perf.page import act, restart, ticks
-from motm_twin.perf.processes import Worker, cpu_seconds, wait_for
+from motm_twin.perf import bus_participants
+from motm_twin.perf.processes import act, cpu_seconds, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
+from motm_twin.perf.worker import Worker
 
-READER = "motm_twin.perf.bus_reader"
+READER = "readers"
 LONGEST = 75.0  # [s] of one measurement: within one run of Experiment 1
 PAUSES = [0.0, 0.02, 0.1, 0.5, 2.0]  # [s] between two looks of the readers whose ages are taken
 READING, STOPPED, FULL = 40, 5, 5  # subscribers: that read, whose process is stopped, that are alive but never read
@@ -44,7 +44,7 @@ class Measured:
 
     @property
     def endpoint(self) -> str:
-        """Where its clients connect to."""
+        """Zenoh endpoint of its clients."""
         return self.server.hello["endpoint"]
 
     @property
@@ -61,7 +61,7 @@ class Measured:
 @contextmanager
 def measured(scene: str, data: Path) -> Iterator[Measured]:
     """A twin to measure, paused at its start. Raises RuntimeError when it does not come up."""
-    with Worker("motm_twin.perf.bus_server", scene, "--data", data) as server:
+    with Worker("twin", scene, data) as server:
         endpoint = server.hello["endpoint"]
         with TwinClient(endpoint) as client:
             wait_for(client.tick, 30.0, "first period")
@@ -71,13 +71,13 @@ def measured(scene: str, data: Path) -> Iterator[Measured]:
 def latency(twin: Measured, seconds: float) -> dict[str, Values]:
     """Time [ms] from the stamp of a tick to the callback in another process, and the same for Zenoh alone."""
     restart(twin.client, playing=True)
-    with Worker(READER) as reader, Worker("motm_twin.perf.bus_bare") as bare:
+    with Worker(READER) as reader, Worker("bare") as bare:
         reader.ask("listen", name="first", endpoint=twin.endpoint, key=twin.client.keys.tick)
         bare_endpoint = bare.hello["endpoint"]
         time.sleep(3.0)
         payloads = reader.ask("payloads", name="first")
         bare.ask("send", payloads=payloads, period=PERIOD)
-        reader.ask("listen", name="bare", endpoint=bare_endpoint, key=bus_bare.KEY)
+        reader.ask("listen", name="bare", endpoint=bare_endpoint, key=bus_participants.KEY)
         reader.ask("listen", name="tick", endpoint=twin.endpoint, key=twin.client.keys.tick)
         time.sleep(seconds)
         delays = {name: reader.ask("delays", name=name, clock=twin.clock) for name in ("tick", "bare")}
@@ -86,7 +86,7 @@ def latency(twin: Measured, seconds: float) -> dict[str, Values]:
 
 
 def publishing(twin: Measured, seconds: float) -> dict[str, Values]:
-    """What handing a period over costs the loop [ms], without subscribers and with 50 of which 10 never read."""
+    """Time [ms] that publishing a period takes the loop, without subscribers and with 50 of which 10 never read."""
     keys = twin.client.keys
     wanted = [keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event]
     without, alone = _sink(twin, seconds)
@@ -191,7 +191,7 @@ def _effects(
 
 
 def ages(twin: Measured, seconds: float) -> dict[str, Values]:
-    """How old [ms] the newest tick is that readers of any speed get."""
+    """Age [ms] of the newest tick for readers of any speed."""
     restart(twin.client, playing=True)
     with Worker(READER) as reader:
         found = reader.ask(

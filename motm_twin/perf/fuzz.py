@@ -21,7 +21,8 @@ from motm_twin.external.checks import NAMES
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.keys import PlantKeys
 from motm_twin.model.scene_file import load_scene
-from motm_twin.perf.processes import external_robot, wait_for
+from motm_twin.perf.external_trial import external_robot
+from motm_twin.perf.processes import wait_for
 from motm_twin.twin import Twin
 
 LONG_AGO = 1.0  # [s] no few changed characters make a time in the next minute of it
@@ -406,7 +407,7 @@ def attack_robot(count: int, seed: int = 3) -> dict[str, float]:
 
 
 def _same(one: Tick, other: Tick) -> bool:
-    """Whether two periods saw and decided the same."""
+    """Observation and command of two periods are equal."""
     pairs = [
         (one.observation.pose, other.observation.pose),
         (one.observation.q, other.observation.q),

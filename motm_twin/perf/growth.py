@@ -1,4 +1,4 @@
-"""How the period grows with the world: obstacles, beams, map, agents, candidates, targets, viewers.
+"""Growth of the period with the world: obstacles, beams, map, agents, candidates, targets, viewers.
 
 One respect grows at a time, from Experiment 1. Every point is a whole run with the referee, alone on one core, kernels
 compiled; the period is measured from observation to command, in processor time: what else the machine does does not
@@ -181,7 +181,7 @@ def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: P
 
 
 def _again(point: Point, found: dict[str, list[dict[str, Any]]]) -> dict[str, Any] | None:
-    """What was measured for Experiment 1 as it is shipped, when this point is nothing else."""
+    """Values of Experiment 1 as shipped, when this point is nothing else."""
     if "shipped" not in found or point.planning is not None or point.make() != scenes.base_scene():
         return None
     return {**found["shipped"][0], "count": point.count}

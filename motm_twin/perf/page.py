@@ -11,12 +11,12 @@ import numpy as np
 from rich.console import Console
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import AddObstacle, Command, HandOver, Pause, Play, RemoveBody, Reset, Speed
+from motm_twin.bus.commands import AddObstacle, Pause, RemoveBody, Speed
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.geometry import Array
 from motm_twin.perf import page_reader
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.perf.processes import Served, cpu_seconds, memory_mb, served, wait_for
+from motm_twin.perf.processes import Served, act, cpu_seconds, memory_mb, now, restart, served, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure
 from motm_twin.ui.hub import LAYERS
 
@@ -24,31 +24,8 @@ READERS = 5
 DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], points, [s] between two of them
 ARRIVED = 0.05  # [m] short of the end of a drag still counts as there
 BODY = "measured"
-DRIVEN = "is driving"  # what a refusal says while somebody else has the wheel
 PIECES = 8  # of half a series of memory
 SURE = 2.2  # standard errors: 95 % with 12 degrees of freedom, those of two lines through 8 pieces
-WHEEL = 15.0  # [s] to wait for the wheel
-
-
-def act(client: TwinClient, command: Command) -> None:
-    """Send a command and let go of the wheel, so that a page may take it. Raises RuntimeError when it is refused."""
-    deadline = time.monotonic() + WHEEL
-    while not (answer := client.command(command)).ok:
-        if DRIVEN not in answer.reason or time.monotonic() > deadline:
-            raise RuntimeError(f"{command!r} was refused: {answer.reason}")
-        time.sleep(0.1)  # a page has the wheel until it has been silent for a while
-    client.command(HandOver())
-
-
-def restart(client: TwinClient, *, playing: bool) -> None:
-    """The run from its start at 1x."""
-    act(client, Pause())
-    act(client, Reset())
-    wait_for(lambda: _now(client).index <= 1, 60.0, "start of the run")
-    act(client, Speed(factor=1.0))
-    if playing:
-        act(client, Play())
-        wait_for(lambda: _now(client).index > 1, 60.0, "period after the start")
 
 
 def periods(served: Served, seconds: float, readers: int) -> tuple[list[float], float]:
@@ -63,19 +40,6 @@ def periods(served: Served, seconds: float, readers: int) -> tuple[list[float], 
         spent = time.monotonic() - began
         rates = [(watcher.bytes - start) / spent for watcher, start in zip(watchers, before, strict=True)]
     return found, float(np.mean(rates)) if rates else 0.0
-
-
-def ticks(client: TwinClient, seconds: float) -> Iterator[TickMessage]:
-    """Every new tick for so long [s of wall time]; ends early with the run."""
-    deadline, seen, last = time.monotonic() + seconds, 0, -1
-    while time.monotonic() < deadline:
-        seen = client.wait_tick(seen, 0.2)
-        tick = _now(client)
-        if tick.index != last and not tick.preview:
-            last = tick.index
-            yield tick
-        if tick.done:
-            return
 
 
 @contextmanager
@@ -109,7 +73,7 @@ def drawing(served: Served, seconds: float) -> dict[str, float]:
 
 
 def joining(served: Served, count: int) -> list[float]:
-    """How long [s] each of so many late joiners waits for the whole scene and its own panel."""
+    """Time [s] that each of so many late joiners waits for the whole scene and its own panel."""
     restart(served.client, playing=True)
     waits = []
     for _ in range(count):
@@ -145,13 +109,13 @@ def drags(served: Served, count: int) -> list[float]:
 
 
 def _one_drag(client: TwinClient, reader: PageReader, node: str, sign: float) -> float:
-    begin = _place(_now(client))
+    begin = _place(now(client))
     way = np.linspace(0.0, DRAG_LENGTH, DRAG_POINTS + 1)[1:, None] * [[sign, 0.0, 0.0]]
     grip = np.array([*begin, 0.0])
     sent = reader.drag(node, grip, grip + way, DRAG_INTERVAL)
     end = begin[0] + sign * DRAG_LENGTH
     seen, deadline = 0, sent + 5.0
-    while sign * (_place(_now(client))[0] - end) < -ARRIVED:
+    while sign * (_place(now(client))[0] - end) < -ARRIVED:
         seen = client.wait_tick(seen, 0.2)
         if time.monotonic() > deadline:
             return float("nan")
@@ -168,11 +132,11 @@ def memory(
     client = served.client
     restart(client, playing=True)
     act(client, Speed(factor=8.0))
-    wait_for(lambda: _now(client).done, 600.0, "end of the run")
+    wait_for(lambda: now(client).done, 600.0, "end of the run")
     restart(client, playing=True)
     began, rows = time.monotonic(), []
     while (spent := (time.monotonic() - began) / 60.0) < minutes:
-        if _now(client).done:
+        if now(client).done:
             restart(client, playing=True)
         rows.append((spent, memory_mb(served.viewer), page() if page is not None else float("nan")))
         time.sleep(every)
@@ -209,13 +173,6 @@ def _slope(time_min: Array, value: Array) -> Slope:
 def rise(early: Slope, late: Slope) -> float:
     """By how much the slope has risen at least [unit/min], with 95 %; at most 0 where it falls or may be chance."""
     return late.value - early.value - SURE * float(np.hypot(early.error, late.error))
-
-
-def _now(client: TwinClient) -> TickMessage:
-    tick = client.tick()
-    if tick is None:
-        raise RuntimeError("the twin has not run yet")
-    return tick
 
 
 def _place(tick: TickMessage) -> tuple[float, float]:

@@ -93,7 +93,7 @@ class PageReader:
             return bool(self._changed.wait_for(lambda: condition(self), timeout))
 
     def moved(self) -> int:
-        """How many scene nodes have been moved or redrawn since the last call."""
+        """Number of scene nodes moved or redrawn since the last call."""
         with self._changed:
             count = len(self.moving["pose"] | self.moving["update"])
             for names in self.moving.values():
@@ -108,7 +108,7 @@ class PageReader:
         return None
 
     def options(self, label: str) -> tuple[str, ...]:
-        """What a list offers; nothing when there is no such list."""
+        """Entries of a dropdown; none when there is no such list."""
         uuid = self.find(label, "Dropdown")
         return () if uuid is None else tuple(self.widgets[uuid]["props"]["options"])
 
@@ -197,14 +197,14 @@ LOAD = 90.0  # [s]
 
 @dataclass
 class Load:
-    """What a first load took. Pictures as the browser showed them: (time [s] since the start, reduced picture)."""
+    """Bytes and pictures of a first load. A picture: (time [s] since the start, reduced picture)."""
 
     http_bytes: int = 0
     pictures: list[tuple[float, Array]] = field(default_factory=list)
 
     @property
     def complete_at(self) -> float:
-        """When [s] the picture was first the one that stayed; nan when it never settled or stayed blank."""
+        """Time [s] at which the final picture was first shown; nan when it never settled or stayed blank."""
         if not self.pictures or np.std(self.pictures[-1][1]) < BLANK:
             return float("nan")
         last = self.pictures[-1][1]
@@ -244,13 +244,13 @@ class Page:
         return load
 
     def heap_mb(self) -> float:
-        """What the page's scripts hold [MB], after garbage was collected."""
+        """Memory of the page's scripts [MB], after garbage was collected."""
         self._devtools.send("HeapProfiler.collectGarbage")
         return float(self._devtools.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
 
 
 def alike(picture: Array, other: Array) -> bool:
-    """Whether two reduced pictures show the same, apart from little things."""
+    """Two reduced pictures show the same, apart from little things."""
     changed = np.abs(picture - other).max(axis=2) > CHANGED
     return bool(changed.mean() <= SHARE)
 
@@ -282,5 +282,5 @@ def first_load(url: str) -> Load:
 
 
 def _settled(load: Load, now: float) -> bool:
-    """Whether the picture has not changed for a while, and is one."""
+    """The picture is not blank and has not changed for a while."""
     return load.pictures != [] and now > SETTLED and now - load.complete_at > SETTLED

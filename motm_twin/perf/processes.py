@@ -1,12 +1,10 @@
-"""Processes of a benchmark: workers that answer JSON lines, a served twin, a robot in another process."""
+"""A served twin to measure, `motm-twin serve` as a user starts it: its processes, and how a benchmark drives it."""
 
-import json
 import os
 import secrets
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,126 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Command, HandOver, Pause, Play, Reset, Speed
 from motm_twin.bus.health import page_answers
-from motm_twin.bus.process import leave
-from motm_twin.bus.session import LOOPBACK, free_port, open_server
-from motm_twin.control.tick import Tick
-from motm_twin.external.emulator import LinkSpec
-from motm_twin.external.plant import ZenohPlant
-from motm_twin.external.robot_link import RobotLink
-from motm_twin.methods.default import DEFAULT_METHOD
-from motm_twin.methods.registry import find_method
-from motm_twin.model.scene import Scene
-from motm_twin.model.scene_file import load_scene
-from motm_twin.trial import run_scene
+from motm_twin.bus.messages import TickMessage
+from motm_twin.bus.session import LOOPBACK, free_port
 from motm_twin.ui.guard import page_url
 from motm_twin.ui.page_token import VARIABLE
 
-START = 300.0  # [s] until a worker is ready: the first twin compiles its kernels
-ANSWER = 120.0  # [s] until a worker has answered
-STOP = 5.0  # [s]
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-Work = Callable[..., Any]
-
-
-def serve_lines(hello: Any, works: dict[str, Work]) -> None:
-    """In the worker: say hello, then do what is asked, until standard input ends."""
-    _say(hello)
-    for line in sys.stdin:
-        wish = json.loads(line)
-        try:
-            _say({"ok": works[wish.pop("do")](**wish)})
-        except Exception as error:
-            _say({"error": f"{type(error).__name__}: {error}"})
-    leave(0)
-
-
-def _say(answer: Any) -> None:
-    print(json.dumps(answer), flush=True)
-
-
-class Worker:
-    """A process of a module of this package. ``with`` starts it, and ends it for certain."""
-
-    def __init__(self, module: str, *arguments: object) -> None:
-        environment = {**dict.fromkeys(THREADS, "1"), **os.environ}
-        self._name = module.rsplit(".", 1)[-1]
-        self.process = subprocess.Popen(  # noqa: S603 - our own module
-            [sys.executable, "-m", module, *(str(argument) for argument in arguments)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=environment,
-        )
-        self._hello: Any = None
-
-    @property
-    def pid(self) -> int:
-        """Number of the process."""
-        return self.process.pid
-
-    @property
-    def hello(self) -> Any:
-        """What it said when it was ready. Raises RuntimeError when it ended before."""
-        if self._hello is None:
-            self._hello = self._line(START)
-        return self._hello
-
-    def send(self, do: str, **details: Any) -> None:
-        """Let it begin something; `answer` waits for the end."""
-        assert self.hello is not None
-        assert self.process.stdin is not None
-        print(json.dumps({"do": do, **details}), file=self.process.stdin, flush=True)
-
-    def answer(self, timeout: float = ANSWER) -> Any:
-        """What came of the last wish. Raises RuntimeError."""
-        answer = self._line(timeout)
-        if "error" in answer:
-            raise RuntimeError(f"{self._name}: {answer['error']}")
-        return answer["ok"]
-
-    def ask(self, do: str, timeout: float = ANSWER, **details: Any) -> Any:
-        """`send`, then `answer`."""
-        self.send(do, **details)
-        return self.answer(timeout)
-
-    def close(self) -> None:
-        """End the process."""
-        assert self.process.stdin is not None
-        self.process.stdin.close()
-        try:
-            self.process.wait(STOP)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-
-    def __enter__(self) -> "Worker":
-        """Already running."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End it."""
-        self.close()
-
-    def _line(self, timeout: float) -> Any:
-        """The next line; a worker that is silent for so long is killed."""
-        assert self.process.stdout is not None
-        late = threading.Timer(timeout, self.process.kill)
-        late.start()
-        try:
-            line = self.process.stdout.readline()
-        finally:
-            late.cancel()
-        if not line:
-            raise RuntimeError(f"{self._name} ended, or said nothing for {timeout:.0f} s")
-        return json.loads(line)
-
-
-SERVE_START = 300.0  # [s] for the first start on a busy machine: kernels are compiled
-SERVE_STOP = 10.0  # [s]
+START = 300.0  # [s] for the first start on a busy machine: kernels are compiled
+STOP = 10.0  # [s]
+DRIVEN = "is driving"  # what a refusal says while somebody else has the wheel
+WHEEL = 15.0  # [s] to wait for the wheel
 _TICKS = os.sysconf("SC_CLK_TCK")
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -179,7 +68,7 @@ class Served:
         """Ctrl-C; how long [s] it took to end."""
         started = time.monotonic()
         self.process.send_signal(signal.SIGINT)
-        self.process.wait(SERVE_STOP)
+        self.process.wait(STOP)
         return time.monotonic() - started
 
 
@@ -195,12 +84,12 @@ def served(scene: str, *options: str) -> Iterator[Served]:
     )
     try:
         with TwinClient(f"tcp/{LOOPBACK}:{zenoh_port}") as client:
-            wait_for(lambda: _up(process, port, client), SERVE_START, "page and first period")
+            wait_for(lambda: _up(process, port, client), START, "page and first period")
             yield Served(port, client, process, token)
     finally:
         if process.poll() is None:
             process.terminate()
-        process.wait(SERVE_STOP)
+        process.wait(STOP)
 
 
 def _up(process: subprocess.Popen, port: int, client: TwinClient) -> bool:
@@ -230,37 +119,43 @@ def memory_mb(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE / 1e6
 
 
-@contextmanager
-def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> Iterator[ZenohPlant]:
-    """A reference robot in a process of its own, and the plant that drives it once it has come up."""
-    port = free_port()
-    session = open_server(port)
-    arguments = ["exp1", "--endpoint", f"tcp/{LOOPBACK}:{port}", "--clock", clock, "--child"]
-    for name in ("latency", "jitter", "loss", "outage", "every", "seed"):
-        arguments += [f"--{'link-seed' if name == 'seed' else name}", str(getattr(link, name))]
-    process = subprocess.Popen(  # noqa: S603 - our own module
-        [sys.executable, "-m", "motm_twin.external.cli_robot", *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-    )
-    robot = RobotLink(session, "frankie")
-    try:
-        yield ZenohPlant(robot, scene)
-    finally:
-        process.terminate()
-        process.wait(30.0)
-        robot.close()
-        session.close()
+def act(client: TwinClient, command: Command) -> None:
+    """Send a command and let go of the wheel, so that a page may take it. Raises RuntimeError when it is refused."""
+    deadline = time.monotonic() + WHEEL
+    while not (answer := client.command(command)).ok:
+        if DRIVEN not in answer.reason or time.monotonic() > deadline:
+            raise RuntimeError(f"{command!r} was refused: {answer.reason}")
+        time.sleep(0.1)  # a page has the wheel until it has been silent for a while
+    client.command(HandOver())
 
 
-def run_external(
-    name: str,
-    variant: str | None,
-    link: LinkSpec,
-    on_tick: Callable[[Tick], None] | None = None,
-    method: str = DEFAULT_METHOD,
-) -> dict[str, Any]:
-    """A trial; the dictionary of `motm_twin.trial.run_scene`."""
-    scene = load_scene(name, variant)
-    with external_robot(scene, link) as plant:
-        return run_scene(scene, on_tick=on_tick, plant=plant, method=find_method(method))
+def restart(client: TwinClient, *, playing: bool) -> None:
+    """The run from its start at 1x."""
+    act(client, Pause())
+    act(client, Reset())
+    wait_for(lambda: now(client).index <= 1, 60.0, "start of the run")
+    act(client, Speed(factor=1.0))
+    if playing:
+        act(client, Play())
+        wait_for(lambda: now(client).index > 1, 60.0, "period after the start")
+
+
+def ticks(client: TwinClient, seconds: float) -> Iterator[TickMessage]:
+    """Every new tick for so long [s of wall time]; ends early with the run."""
+    deadline, seen, last = time.monotonic() + seconds, 0, -1
+    while time.monotonic() < deadline:
+        seen = client.wait_tick(seen, 0.2)
+        tick = now(client)
+        if tick.index != last and not tick.preview:
+            last = tick.index
+            yield tick
+        if tick.done:
+            return
+
+
+def now(client: TwinClient) -> TickMessage:
+    """The newest tick. Raises RuntimeError when there is none yet."""
+    tick = client.tick()
+    if tick is None:
+        raise RuntimeError("the twin has not run yet")
+    return tick

@@ -1,4 +1,4 @@
-"""How many twins and viewers one Zenoh router carries on this machine, with the load of a real twin many times over."""
+"""Twins and viewers that one Zenoh router carries on this machine, each with the load of a real twin."""
 
 import tempfile
 import time
@@ -12,14 +12,13 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.perf import bus
-from motm_twin.perf.page import restart
-from motm_twin.perf.processes import Worker, cpu_seconds, memory_mb
+from motm_twin.perf.processes import cpu_seconds, memory_mb, restart
 from motm_twin.perf.report import Report, grid, load_average, machine, percentiles, write_report
 from motm_twin.perf.scale_worker import Sizes
+from motm_twin.perf.worker import Worker
 
 NAME = "scale"
 TITLE = "Scale: simulated twins at 1x through a Zenoh router, and who reads them"
-WORKER = "motm_twin.perf.scale_worker"
 COUNTS = (10, 50, 100, 200)
 LINKED = 50  # twins at one router, their viewers at another
 EACH = 50  # sessions in one process
@@ -30,7 +29,7 @@ EACH_ALL, FLEET, NOBODY = "each all", "one status", "nobody"  # a viewer for eac
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """What is measured: so many twins, who reads them, and how many routers are between."""
+    """One measurement: number of twins, their readers, and the routers between."""
 
     twins: int
     readers: str = EACH_ALL
@@ -39,7 +38,7 @@ class Load:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What was measured with so many twins."""
+    """Values measured with so many twins."""
 
     twins: int
     readers: str
@@ -90,10 +89,10 @@ def bench_scale(out: Path, seconds: float, console: Console, counts: Sequence[in
 
 
 def observed(seconds: float) -> Sizes:
-    """What a real twin sends in Experiment 1 at 1x."""
+    """Messages of a real twin in Experiment 1 at 1x."""
     with tempfile.TemporaryDirectory() as folder, bus.measured("exp1", Path(folder)) as twin:
         restart(twin.client, playing=True)
-        with Worker(WORKER) as worker:
+        with Worker("fleet") as worker:
             name = twin.client.keys.twin
             return worker.ask("observe", endpoint=twin.endpoint, twin=name, seconds=seconds)
 
@@ -108,10 +107,10 @@ def measured_load(load: Load, sizes: Sizes, seconds: float) -> Row:
         chain: list[Worker] = []
         endpoints: list[str] = []
         for _ in range(load.routers):
-            chain.append(stack.enter_context(Worker(WORKER)))
+            chain.append(stack.enter_context(Worker("fleet")))
             endpoints.append(chain[-1].ask("router", connect=endpoints[-1:]))
-        viewers = [stack.enter_context(Worker(WORKER)) for _ in watched]
-        twins = [stack.enter_context(Worker(WORKER)) for _ in parts]
+        viewers = [stack.enter_context(Worker("fleet")) for _ in watched]
+        twins = [stack.enter_context(Worker("fleet")) for _ in parts]
         for viewer, part in zip(viewers, watched, strict=True):
             viewer.ask("viewers", endpoint=endpoints[-1], names=part, key=key, timed=timed)
         for twin, part in zip(twins, parts, strict=True):
@@ -152,7 +151,7 @@ def _used(workers: list[Worker]) -> list[float]:
 
 
 def rate_table(sizes: Sizes) -> Table:
-    """What one twin sends, by key."""
+    """Table of the messages of one twin, by key."""
     table = grid("one twin, key", "messages/s", "bytes each", "kB/s")
     total = 0.0
     for key, about in sorted(sizes.items(), key=lambda item: -item[1]["rate"]):

@@ -1,7 +1,4 @@
-"""A process that takes part in a measurement of scale: a router, many simulated twins, or many viewers.
-
-``python -m motm_twin.perf.scale_worker``; what it is is said by lines (`bus_worker`).
-"""
+"""Participants of a measurement of scale: a router, many simulated twins, or many viewers."""
 
 import collections
 import heapq
@@ -15,8 +12,8 @@ import zenoh
 from motm_twin.bus.config import session_config
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.session import LOOPBACK, free_port, open_client, open_member
-from motm_twin.perf.processes import serve_lines
 from motm_twin.perf.report import percentiles
+from motm_twin.perf.worker import Works
 
 Sizes = dict[str, dict[str, Any]]  # by the last part of a key: rate [1/s], and sizes [bytes] of payloads
 
@@ -31,7 +28,7 @@ def router(connect: list[str]) -> str:
 
 
 class Observed:
-    """What one real twin sends."""
+    """Sizes of the messages of one real twin, by key."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -93,7 +90,7 @@ class Twins:
         return len(names)
 
     def take(self) -> dict[str, Any]:
-        """What was sent since the last question, and how late [ms] against its time."""
+        """Number of messages and bytes sent since the last call, and their lateness [ms]."""
         sent, self._sent = self._sent, [0, 0]
         late, self._late = self._late, []
         return {"messages": sent[0], "bytes": sent[1], "late_ms": percentiles([1000.0 * value for value in late])}
@@ -135,7 +132,7 @@ class Viewers:
         return len(names)
 
     def take(self) -> dict[str, Any]:
-        """What was received since the last question, how many timed ones were missed, and how old [s] they were."""
+        """Messages and bytes received since the last call; of timed ones those missed, and their delays [s]."""
         with self._lock:
             taken = {"messages": self._messages, "bytes": self._bytes, "lost": self._lost, "delays": self._delays}
             self._messages = self._bytes = self._lost = 0
@@ -158,12 +155,8 @@ class Viewers:
         return note
 
 
-def main() -> None:
-    """Take part until standard input ends."""
+def fleet() -> tuple[dict[str, str], Works]:
+    """Role of a router, simulated twins, viewers, or the observer of a real twin."""
     twins, viewers = Twins(), Viewers()
-    works = {"router": router, "observe": observe, "twins": twins.begin, "sent": twins.take}
-    serve_lines({}, {**works, "viewers": viewers.begin, "received": viewers.take})
-
-
-if __name__ == "__main__":
-    main()
+    works: Works = {"router": router, "observe": observe, "twins": twins.begin, "sent": twins.take}
+    return {}, works | {"viewers": viewers.begin, "received": viewers.take}

@@ -1,6 +1,5 @@
 """Soak benchmark: thousands of clients, malformed messages, starts and stops, and killed recorders."""
 
-import os
 import re
 import secrets
 import signal
@@ -22,12 +21,12 @@ from motm_twin.bus.commands import Speed
 from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.perf import bus, fuzz
 from motm_twin.perf.bus import Measured
-from motm_twin.perf.page import act, restart, ticks
-from motm_twin.perf.processes import THREADS, Worker, memory_mb, wait_for
+from motm_twin.perf.processes import act, memory_mb, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
+from motm_twin.perf.worker import Worker, one_thread
 from motm_twin.record.session import Session
 
-WORKER = "motm_twin.perf.soak_worker"
+WORKER = "attackers"
 PARALLEL = 8  # clients at a time
 RUNS, LEVEL = 12, 1.0  # at most so many runs before, until the last two have added no more than this [MB]
 WARM = 100  # clients before memory is looked at
@@ -109,7 +108,7 @@ def _kill_some(twin: Measured) -> int:
 
 @dataclass
 class Attacked:
-    """What became of malformed messages."""
+    """Outcome of malformed messages."""
 
     sent: dict[str, int] = field(default_factory=dict)
     accepted: list[str] = field(default_factory=list)
@@ -128,7 +127,7 @@ class Attacked:
 
 
 def state(client: TwinClient) -> dict[str, Any]:
-    """What no refused message may change: the hash of the whole state, the log of edits, and what the status says."""
+    """State that no refused message may change: the hash of the whole state, the log of edits, and the status."""
     session = msgspec.json.decode(client.session(), type=Session)
     status = client.status()
     assert status is not None
@@ -206,9 +205,9 @@ def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
 
 
 def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[float, float]:
-    """How long [s] it took until it was there, and until it had ended."""
+    """Time [s] until it was there, and until it had ended."""
     mark = secrets.token_hex(8)
-    environment = {**dict.fromkeys(THREADS, "1"), **os.environ, MARK: mark, "TMPDIR": str(folder)}
+    environment = one_thread(**{MARK: mark, "TMPDIR": str(folder)})
     command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--headless", "--zenoh-port", str(zenoh_port)]
     began = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, cwd=folder, env=environment)  # noqa: S603 - ours

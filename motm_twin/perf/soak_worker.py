@@ -1,7 +1,4 @@
-"""A process that treats a twin badly: malformed messages at a given rate, and clients that come and go.
-
-``python -m motm_twin.perf.soak_worker``; what it does is said by lines (`bus_worker`).
-"""
+"""Participants that treat a twin badly: malformed messages at a given rate, and clients that come and go."""
 
 import collections
 import contextlib
@@ -19,7 +16,7 @@ from motm_twin.bus.commands import Answer
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.session import LOOPBACK, open_client, open_member
 from motm_twin.perf.fuzz import Fuzzer, Message
-from motm_twin.perf.processes import serve_lines
+from motm_twin.perf.worker import Works
 
 OPEN = 100  # queries that wait for an answer at most
 TIMEOUT = 10.0  # [s] for an answer
@@ -170,5 +167,6 @@ def _knows(client: TwinClient) -> bool:
     return False
 
 
-if __name__ == "__main__":
-    serve_lines({}, {"attack": attack, "visit": visit, "stay": stay})
+def attackers() -> tuple[dict[str, str], Works]:
+    """Role of malformed messages, and of clients that come and go."""
+    return {}, {"attack": attack, "visit": visit, "stay": stay}

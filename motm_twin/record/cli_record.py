@@ -14,6 +14,7 @@ from tyro.conf import Positional
 
 from motm_twin.console import plain_console
 from motm_twin.record.session import SessionError
+from motm_twin.settings import PageSettings
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 ANSWER = 5.0  # [s] in which the twin must answer once its server does
@@ -99,16 +100,11 @@ def _tell_refused(text: str) -> None:
 def replay(
     file: _File,
     /,
+    page: Annotated[PageSettings, tyro.conf.arg(name="")] = PageSettings(),  # noqa: B008 - frozen
     speed: float = 1.0,
     loop: _Flag = False,
     paused: _Flag = False,
-    port: int = 8080,
     headless: _Flag = False,
-    host: str = "127.0.0.1",
-    token: str | None = None,
-    no_token: _Flag = False,
-    name: tuple[str, ...] = (),
-    visitors: int = 50,
     zenoh_port: int = 7447,
     twin: str = "frankie",
 ) -> int:
@@ -118,22 +114,16 @@ def replay(
 
     Args:
         file: An MCAP recording. (A saved session is computed again with `rerun`.)
+        page: Page of the recording.
         speed: 1 as it was, 1/8 to 8.
         loop: Begin again at the end.
         paused: Wait for play.
-        port: TCP port of the page.
         headless: Only on Zenoh, no page.
-        host: Address of the page.
-        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN, which `ps` does not show);
-            without it one of your own, that the printed address carries.
-        no_token: Anybody with an account on this machine may look. On loopback only.
-        name: Further names under which browsers may ask for the page, such as that of a proxy.
-        visitors: Pages that may be open at once.
         zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
         twin: Name in the Zenoh keys.
     """
     from motm_twin.bus.commands import SPEED_MAX, SPEED_MIN
-    from motm_twin.cli_serve import PageChoice, serve_recording
+    from motm_twin.cli_serve import serve_recording
 
     if not file.endswith(".mcap"):
         raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
@@ -142,13 +132,7 @@ def replay(
     if not SPEED_MIN <= speed <= SPEED_MAX:
         raise SessionError(f"--speed {speed:g}: use {SPEED_MIN:g} to {SPEED_MAX:g}")
     player = [file, "--speed", str(speed), *(["--loop"] if loop else []), *(["--paused"] if paused else [])]
-    return serve_recording(
-        player,
-        headless=headless,
-        page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name, visitors=visitors),
-        zenoh_port=zenoh_port,
-        twin=twin,
-    )
+    return serve_recording(player, page=page, headless=headless, zenoh_port=zenoh_port, twin=twin)
 
 
 def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Method = None) -> int:

@@ -4,7 +4,7 @@ import msgspec
 from rich.console import Console
 
 from motm_twin.console import plain_console
-from motm_twin.methods.method import Method
+from motm_twin.control.method import Method
 from motm_twin.methods.registry import find_method
 from motm_twin.record.outputs import refuse_unwritable, write_json
 from motm_twin.record.recording import load_recording

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from motm_twin.bus.messages import GridInfo
-from motm_twin.methods.default import UNNAMED_METHOD
+from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.record import channels as ch
 from motm_twin.record.reader import Entry, Health, read
 from motm_twin.record.recording import RunKey, TickPart

@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 
 from motm_twin.bus.messages import StatusMessage
-from motm_twin.methods.default import UNNAMED_METHOD
+from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch

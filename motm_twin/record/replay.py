@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import msgspec
 
+from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.finish import Finish
-from motm_twin.methods.method import Method
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.names import hint
 from motm_twin.model.state import state_hash

@@ -6,8 +6,8 @@ from typing import Any
 import msgspec
 
 from motm_twin.bus.encode import seconds, tick_message
+from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
-from motm_twin.methods.method import Method
 from motm_twin.model.edits import Announce
 from motm_twin.record.log import Log
 from motm_twin.record.made_with import differences

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from motm_twin.methods.default import UNNAMED_METHOD
+from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.scene import Scene
 from motm_twin.record.made_with import made_with

@@ -21,8 +21,8 @@ from multiprocessing.connection import Connection, wait
 import msgspec
 
 from motm_twin.interrupts import deaf
-from motm_twin.methods.error import MethodError
 from motm_twin.methods.registry import find_method
+from motm_twin.model.names import MethodError
 from motm_twin.record.changes import Changes, parse_changes, start_period
 from motm_twin.record.session import Session, SessionError, decode_session, encode_session, load_session
 from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, run_one

@@ -6,9 +6,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.finish import Finish, all_placed
-from motm_twin.methods.method import Method
 from motm_twin.model.edits import Edit, InsertTask, SetParameter
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.changes import PERIODS_PER_SECOND, Changes

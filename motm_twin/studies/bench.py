@@ -10,7 +10,7 @@ import tyro
 from rich.console import Console
 
 from motm_twin.console import plain_console, table_console
-from motm_twin.model.scene_barn import PREFIX
+from motm_twin.generate.barn import PREFIX
 from motm_twin.perf import anytime, bus, growth, page, period, scale, soak, solvers
 from motm_twin.perf.report import machine
 from motm_twin.record.outputs import folder_problem

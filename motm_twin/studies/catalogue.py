@@ -16,13 +16,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from motm_twin.methods.error import MethodError
+from motm_twin.generate.scenes import is_generated, name_of, parse_name
 from motm_twin.methods.fast import FAST
 from motm_twin.methods.modifications import ABLATIONS, MOTM
 from motm_twin.methods.registry import METHODS, find_method
-from motm_twin.model.names import hint
+from motm_twin.model.names import MethodError, hint
 from motm_twin.model.scene_file import listing
-from motm_twin.model.scene_generate import is_generated, name_of, parse_name
 from motm_twin.model.scene_load import load_document
 from motm_twin.studies.spec import Experiment, TrialSpec
 
@@ -128,12 +127,12 @@ def generated_specs(methods: Sequence[str], trials: int | None) -> Iterable[Tria
 
 
 def difficulty_of(seed: int) -> float:
-    """How hard the scene of a seed is in the experiment: 0, 0.05, ... 1, and again."""
+    """Difficulty of the scene of a seed in the experiment: 0, 0.05, ... 1, and again."""
     return (seed % (STEPS + 1)) / STEPS
 
 
 def row_of(scene: str) -> str:
-    """What a scene is counted under in a table: itself, or the band of difficulties that a generated one is in."""
+    """Row of a scene in a table: its name, or the band of difficulties of a generated one."""
     if not is_generated(scene):
         return scene
     _, difficulty = parse_name(scene)
@@ -143,7 +142,7 @@ def row_of(scene: str) -> str:
 
 
 def reasons(results: Iterable[dict[str, Any]]) -> list[tuple[str, int, str]]:
-    """Why trials were without success: reason, how often, and the first scene that it happened in."""
+    """Reasons of trials without success, the number of trials of each, and its first scene."""
     counted: Counter[str] = Counter()
     first: dict[str, str] = {}
     for result in results:

@@ -1,4 +1,4 @@
-"""What more processes are worth on this machine: trials per core-hour with one process, two, and so on."""
+"""Efficiency of more processes on this machine: trials per core-hour with one process, two, and so on."""
 
 import math
 import time

@@ -83,7 +83,7 @@ def _grasps(tick: Tick) -> bool:
 
 
 def matters(kind: str) -> Callable[[Tick], bool]:
-    """When a fault of this kind can be noticed at all: the base drives, the camera looks, the hand reaches."""
+    """Condition in which a fault of this kind can be noticed: the base drives, the camera looks, the hand reaches."""
     if kind == "joint_stuck":
         return _reaches
     if kind == "base_lag":

@@ -249,7 +249,7 @@ def run_one(trial: Trial) -> Result:
     result = {**result, **result["wall"]} if "tick_ms" in result["wall"] else failed(trial, result["reason"])
     if trial.link is None:
         return result
-    from motm_twin.perf.processes import run_external
+    from motm_twin.perf.external_trial import run_external
 
     outside = run_external(trial.scene, trial.variant, trial.link, method=spec.method)
     return {**outside, "in_process_s": result["time_s"], "link": msgspec.to_builtins(trial.link)}

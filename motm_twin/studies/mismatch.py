@@ -1,4 +1,4 @@
-"""What robot and world do otherwise than the robot is told: how many objects get into their bins, and how fast.
+"""Mismatch between reality and the robot's model: objects placed and task times in Experiment 1.
 
 One row for each of `robustness.MISMATCHES`, all on the same arrangements and seeds. Every trial is an experiment's
 (`studies.run`), kept on disk and gone on with after Ctrl-C.

@@ -25,7 +25,7 @@ PATIENCE = 2  # losses after which a call is run alone: a machine that is gone i
 
 @dataclass(frozen=True, kw_only=True)
 class Pool:
-    """Where calls run. ``processes`` says how many can run now: a cluster may have lost a machine."""
+    """Processes that run calls. ``processes`` gives the number that can run now: a cluster may have lost a machine."""
 
     backend: str  # of joblib
     processes: Callable[[], int]

@@ -1,10 +1,11 @@
-"""Settings of `motm-twin bench`; imports no part of the twin, so that the command line stays quick."""
+"""Settings of `motm-twin bench` and `paper`; imports no part of the twin, so that the command line stays quick."""
 
+import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from tyro.conf import FlagCreatePairsOff, Positional
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,3 +58,53 @@ class BenchSettings:
         return bool(self.methods or self.changes or self.retry_failed) or any(
             value is not None for value in (self.trials, self.backend, self.address)
         )
+
+
+OPTIONS_OF_PLANS = {"quick": " --quick", "default": "", "full": " --full --yes"}  # of `motm-twin paper`, by plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperSettings:
+    """Plan of the report, its folder, and the processes that run it.
+
+    Args:
+        out: Folder for everything; trials that are in it are not run again.
+        quick: In less than five minutes, to see that it works: one trial of every method and modification on Experiment
+            1, of four methods on 1a, of motm and fast on 2; one seed of one level of every error and of late grasps;
+            one value of every swept parameter.
+        full: Fifty seeds everywhere; says how long, and needs --yes, but not to go on.
+        yes: Start also what takes hours.
+        only: Only these figures and tables, with the trials that they are made from.
+        draw: Run no experiment: draw what is in the folder, from whichever plan and state of the source.
+        no_page: No photographs of the page.
+        workers: Processes.
+        backend: loky: processes here; ray: a cluster (extra [cluster]).
+        address: Of the Ray cluster.
+        retry_failed: Run trials again that were without success.
+    """
+
+    out: Annotated[Path, arg(metavar="DIR")] = Path("out/paper")
+    quick: FlagCreatePairsOff[bool] = False
+    full: FlagCreatePairsOff[bool] = False
+    yes: FlagCreatePairsOff[bool] = False
+    only: Annotated[tuple[str, ...], arg(metavar="NAME")] = ()
+    draw: FlagCreatePairsOff[bool] = False
+    no_page: FlagCreatePairsOff[bool] = False
+    workers: int = 2
+    backend: Literal["loky", "ray"] = "loky"
+    address: str | None = None
+    retry_failed: FlagCreatePairsOff[bool] = False
+
+    @property
+    def plan(self) -> str:
+        """Name of the plan."""
+        return "quick" if self.quick else "full" if self.full else "default"
+
+    def command(self) -> str:
+        """The same as a command."""
+        run = f"{OPTIONS_OF_PLANS[self.plan]} --workers {self.workers}"
+        run += f" --backend {self.backend}" if self.backend != "loky" else ""
+        run += f" --address {self.address}" if self.address else ""
+        run += " --retry-failed" if self.retry_failed else ""
+        only = f" --only {' '.join(self.only)}" if self.only else ""
+        return f"motm-twin paper{' --draw' if self.draw else run} --out {shlex.quote(str(self.out))}{only}"

@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 
+from motm_twin.control.method import Method
 from motm_twin.control.tuning import check
-from motm_twin.methods.method import Method
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint

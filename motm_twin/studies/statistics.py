@@ -1,4 +1,4 @@
-"""What a sample says: means, medians, paired differences and proportions, each with its 95 % interval.
+"""Statistics of samples: means, medians, paired differences and proportions, each with its 95 % interval.
 
 Nothing here knows what a trial is. Intervals of means are Student's t; `bootstrap` is for what has no formula, and is
 seeded, so that it gives the same interval every time.

@@ -1,4 +1,4 @@
-"""What the results of an experiment say: one row per scene, method and setting, beside the published times."""
+"""Summary of an experiment: one row per scene, method and setting, beside the published times."""
 
 import json
 import math
@@ -134,7 +134,7 @@ def summary_table(found: Sequence[Row], beside: Sequence[Published] = ()) -> Tab
 
 
 def reasons_table(results: Sequence[Result]) -> Table | None:
-    """Why trials were without success; None when all had it."""
+    """Table of the reasons of trials without success; None when all had it."""
     found = reasons(results)
     if not found:
         return None

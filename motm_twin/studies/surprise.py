@@ -178,7 +178,7 @@ def _caused(tick: Tick) -> list[str]:
 
 
 def _ended(tick: Tick, *, good: bool, told: str) -> dict[str, Any]:
-    """What all parts tell."""
+    """Fields of a result that all parts have."""
     return {
         "good": bool(good), "told": told, "time_s": round(tick.time, 2), "done": tick.done, "success": tick.success,
         "caused": _caused(tick), "reason": tick.stop_reason,

@@ -1,4 +1,4 @@
-"""How fast the work gets done: `fast` is judged, and the paper's method stands beside it.
+"""Task times against numbers to reach: `fast` is judged, and the paper's method stands beside it.
 
 The paper's experiments, a quicker robot, and scenes that the code was not made for. Every trial is an experiment's
 (`studies.run`), kept on disk and gone on with after Ctrl-C.
@@ -122,7 +122,7 @@ def values(results: Results, method: str) -> dict[str, float]:
 
 
 def parts(results: Results, method: str) -> dict[str, dict[str, float]]:
-    """Where the time of each experiment goes and how smoothly: means of the completed trials, largest of the largest.
+    """Time by part and smoothness of each experiment: means of the completed trials, largest of the largest.
 
     Seconds by `time_split.PARTS`; path and reference tour [m]; acceleration of the arm's foot [m/s^2]; changes of
     turning per metre.

@@ -20,7 +20,7 @@ MACHINE = "machine"  # key of where a trial was run, beside what it was made wit
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
-    """What a worker sends back."""
+    """Result of a trial as a worker sends it."""
 
     result: dict[str, Any]
     made_with: dict[str, str]  # what the worker ran it with

@@ -6,7 +6,7 @@ import viser
 
 from motm_twin.bus.commands import Command, Load, Pause, Play, Reset, Speed, Step
 from motm_twin.bus.messages import MethodChoice, SceneChoice, StatusMessage, TickMessage
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.ui.camera import PRESETS
 from motm_twin.ui.hub import LAYERS, Hub, Shown, Visitor
 from motm_twin.ui.score_card import result_card

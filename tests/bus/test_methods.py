@@ -11,15 +11,15 @@ from motm_twin.bus.commands import Load, Reset, Seed
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.server import TwinServer
-from motm_twin.methods.error import MethodError
 from motm_twin.methods.modifications import MOTM, STAA
 from motm_twin.methods.registry import METHODS
+from motm_twin.model.names import MethodError
 from motm_twin.record.replay import rerun
 from motm_twin.record.session import Session, SessionError
 from motm_twin.ui.what_if import WhatIf
 
 OWN = """
-from motm_twin.methods.method import Method
+from motm_twin.control.method import Method
 
 SLOW = Method(name="slow", title="Slow", summary="Drives slowly.", source="own", parameters={"next_weight": 0.5})
 SAME = Method(name="motm", title="Not the paper's", summary="-", source="own")

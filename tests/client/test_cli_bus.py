@@ -17,7 +17,7 @@ from motm_twin.bus.running import Running, note
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port
 from motm_twin.client import connect
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import DriveTo
 
 

@@ -21,7 +21,7 @@ from motm_twin.bus.session import free_port
 from motm_twin.client import EventsLost, NoTwin, Refused, connect, connect_async, running_twins
 from motm_twin.client.commanding import Commanding
 from motm_twin.client.events import EventReader
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 
 TEXT = Path(__file__).resolve().parents[2] / "docs" / "zenoh.md"
 ANY = {str: "x", int: 1, float: 1.0}  # an argument of each type

@@ -18,7 +18,7 @@ from motm_twin.twin import Twin
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
-SHORT = ROOT / "tests" / "bench" / "half_a_metre.yaml"  # a trial of a second
+SHORT = ROOT / "tests" / "studies" / "half_a_metre.yaml"  # a trial of a second
 OWN = ("own_placement_rule.py:STRAIGHT", "own_base_controller.py:PURSUIT")
 
 

@@ -220,7 +220,7 @@ def test_a_rehearsed_method_is_an_expert_in_no_mode(actions):
 
 
 def test_a_scene_of_one_s_own_needs_no_variant_of_the_environment_s():
-    own = ROOT / "tests" / "bench" / "half_a_metre.yaml"
+    own = ROOT / "tests" / "studies" / "half_a_metre.yaml"
     made = gymnasium.make("motm/Exp1Base-v0", scene=str(own))
     assert made.reset(seed=3)[1]["variant"] == ""
     with pytest.raises(ValueError, match="no variant 'random'"):

@@ -18,7 +18,7 @@ from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
 
-OPEN_FLOOR = str(Path(__file__).with_name("open_floor.yaml"))
+OPEN_FLOOR = str(Path(__file__).parents[1] / "rivals" / "open_floor.yaml")
 
 
 @pytest.fixture(scope="module")

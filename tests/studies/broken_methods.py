@@ -5,7 +5,7 @@ import signal
 from dataclasses import replace
 from pathlib import Path
 
-from motm_twin.methods.method import paper_planner
+from motm_twin.control.method import paper_planner
 from motm_twin.methods.modifications import MOTM
 
 

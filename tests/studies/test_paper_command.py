@@ -11,6 +11,7 @@ from motm_twin.studies.paper import cli_paper, plan
 from motm_twin.studies.paper.cli_paper import paper
 from motm_twin.studies.paper.parts import NAMES, PARTS, needed
 from motm_twin.studies.paper.stored import keys, missing, stored
+from motm_twin.studies.settings import PaperSettings
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 SHORT = {"time_limit": 2.0}  # [s] the trial ends long before its task: enough for the way through
@@ -30,12 +31,16 @@ def short(monkeypatch):
 
 def run(out, **options):
     """The exit code of a run of the short plan without photographs."""
-    return paper(out=out, **{"quick": True, "workers": 1, "no_page": True, "only": ("ablations", "bezier"), **options})
+    return paper(
+        PaperSettings(
+            out=out, **{"quick": True, "workers": 1, "no_page": True, "only": ("ablations", "bezier"), **options}
+        )
+    )
 
 
 def draw(out, **options):
     """What is written down when the folder is drawn."""
-    assert paper(out=out, draw=True, no_page=True, only=("bezier",), **options) == 0
+    assert paper(PaperSettings(out=out, draw=True, no_page=True, only=("bezier",), **options)) == 0
     return json.loads((out / "part_of_results.json").read_text())
 
 
@@ -157,21 +162,21 @@ def test_hours_are_confirmed_once_for_a_plan_and_a_source(short, tmp_path, monke
     ],
 )
 def test_what_cannot_be_done_is_refused_with_a_sentence(options, why, tmp_path, capsys):
-    assert paper(out=tmp_path, **options) == 2
+    assert paper(PaperSettings(out=tmp_path, **options)) == 2
     assert why in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_is_refused(tmp_path, capsys):
     (tmp_path / "file").touch()
-    assert paper(out=tmp_path / "file") == 2
+    assert paper(PaperSettings(out=tmp_path / "file")) == 2
     assert "is a file: give a folder" in capsys.readouterr().err
-    assert paper(out=Path("/proc/paper"), quick=True) == 2  # where even root makes no folder
+    assert paper(PaperSettings(out=Path("/proc/paper"), quick=True)) == 2  # where even root makes no folder
     assert "/proc cannot be written to: give another folder" in capsys.readouterr().err
 
 
 def test_a_folder_without_trials_is_not_drawn_and_not_made(tmp_path, capsys):
-    assert paper(out=tmp_path / "typo", draw=True) == 2
+    assert paper(PaperSettings(out=tmp_path / "typo", draw=True)) == 2
     assert "there is no trial in it to draw: give the folder of a run" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -181,7 +186,7 @@ def test_the_default_plan_is_announced_to_take_less_than_an_hour_on_two_cores(tm
         raise KeyboardInterrupt
 
     monkeypatch.setattr("motm_twin.studies.run.run", stopped)
-    assert paper(out=tmp_path, workers=2) == 130
+    assert paper(PaperSettings(out=tmp_path, workers=2)) == 130
     announced = re.search(r"expected to take (\d+) min with 2 processes", capsys.readouterr().out)
     assert announced is not None
     assert int(announced[1]) < 55  # the figures and photographs come after

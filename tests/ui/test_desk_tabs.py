@@ -28,7 +28,7 @@ from motm_twin.bus.commands import (
 )
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.methods import MethodLibrary
-from motm_twin.methods.default import DEFAULT_METHOD
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.fast import FAST
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene

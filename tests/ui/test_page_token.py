@@ -7,7 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from motm_twin.bus import running
-from motm_twin.cli_serve import OK, PageChoice, _Supervisor, serve, serve_recording
+from motm_twin.cli_serve import OK, _Supervisor, serve, serve_recording
+from motm_twin.settings import PageSettings, ServeSettings
 from motm_twin.ui.guard import check_token
 from motm_twin.ui.page_token import FILE, VARIABLE, chosen_token, own_token
 
@@ -76,8 +77,8 @@ def page_of(children):
 def test_the_page_asks_for_a_token_unless_that_is_switched_off(started, how):
     def begin(**wishes):
         started.clear()
-        choice = PageChoice(port=0, **wishes)
-        done = serve("exp1", page=choice, zenoh_port=0) if how == "twin" else serve_recording(
+        choice = PageSettings(port=0, **wishes)
+        done = serve(ServeSettings(page=choice, zenoh_port=0)) if how == "twin" else serve_recording(
             ["x.mcap"], page=choice, zenoh_port=0
         )  # fmt: skip
         assert done == OK
@@ -98,7 +99,7 @@ def test_the_page_asks_for_a_token_unless_that_is_switched_off(started, how):
 
 
 def test_no_token_is_for_this_machine_only(started, capsys):
-    assert serve("exp1", page=PageChoice(port=0, host="0.0.0.0", no_token=True), zenoh_port=0) == 2
+    assert serve(ServeSettings(page=PageSettings(port=0, host="0.0.0.0", no_token=True), zenoh_port=0)) == 2
     assert "--no-token is for this machine only" in capsys.readouterr().out
     assert started == []
 
@@ -114,7 +115,7 @@ def test_who_may_drive_is_told_with_the_address(monkeypatch, capsys, no_token, s
         return OK
 
     monkeypatch.setattr(_Supervisor, "run", run)
-    serve("exp1", page=PageChoice(port=0, no_token=no_token), zenoh_port=0)
+    serve(ServeSettings(page=PageSettings(port=0, no_token=no_token), zenoh_port=0))
     said = capsys.readouterr().out
     assert "http://127.0.0.1:1/?token=x" in said
     assert says in said
@@ -125,5 +126,5 @@ def test_a_private_folder_of_somebody_else_is_a_sentence(monkeypatch, capsys, st
         raise PermissionError("it belongs to somebody else")
 
     monkeypatch.setattr("motm_twin.ui.page_token.folder", somebody_elses)
-    assert serve("exp1", page=PageChoice(port=0), zenoh_port=0) == 2
+    assert serve(ServeSettings(page=PageSettings(port=0), zenoh_port=0)) == 2
     assert "belongs to somebody else" in capsys.readouterr().out

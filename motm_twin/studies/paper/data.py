@@ -56,7 +56,7 @@ def random(results: Iterable[Result]) -> list[Result]:
 
 
 def key(result: Result) -> Key:
-    """What two methods have in common when they are compared."""
+    """Variant and seed of a trial: two methods are compared where these are equal."""
     return result["variant"], result["seed"]
 
 
@@ -102,7 +102,7 @@ def measure(result: Result, *names: str) -> float | None:
 
 
 def command_of(spec: TrialSpec, verb: str = "run") -> str:
-    """What runs (or serves) this trial again. Only of a trial as shipped: `run` takes no parameters."""
+    """Command that runs (or serves) this trial again. Only of a trial as shipped: `run` takes no parameters."""
     assert not spec.parameters and not spec.changes
     options = {"variant": spec.variant, "seed": spec.seed, "method": spec.method}
     given = "".join(f" --{name} {value}" for name, value in options.items() if value is not None)

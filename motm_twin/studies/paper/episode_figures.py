@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import Normal, Stroke
 
@@ -20,32 +21,56 @@ from motm_twin.studies.paper.style import BLACK, BLUE, ONE_COLUMN, ORANGE, TWO_C
 DISTANCE_NAME, DISTANCE_TITLE = "gripper_distance", "Distance from gripper to the nearest seen obstacle"
 SHOWN = 2.0  # [m] of the axis
 DEEP_RED = "#C1121F"  # the region of the paper is red; that of `style` is nearer to orange, and beside it looks like it
+STRETCH_HEADER = (
+    "From [s]", "For [s]", "Least distance [m]", "To", "Gripper moved there [m]", "It moved here [m]", "Cause",
+)  # fmt: skip
 JUMP = 0.10  # [m] by which the distance falls in a period when something comes into view
 
 
 def draw_distance(episode: Episode) -> Drawn:
     """The distance over time; nothing is drawn where nothing is seen."""
     p = AvoidanceParameters()
-    time = np.array([each.time for each in episode.moments])
     distance = np.array([math.nan if each.distance is None else each.distance for each in episode.moments])
-    jumps = np.flatnonzero(np.abs(np.diff(distance)) > JUMP) + 1
     close = episode.measures["below_d_s"]
+    seen = int(np.isfinite(distance).sum())
+    excess = ("approach_excess_mps", "advance_excess_mps")
+    return Drawn(
+        name=DISTANCE_NAME,
+        title=DISTANCE_TITLE,
+        caption=(
+            f"Experiment 2 with four Temis, seed {episode.spec.seed}. As the robot itself sees it: horizontally, from "
+            "the gripper's centre to the cells that the lidar found outside the map. "
+            f"{_gaps(distance)} Triangles: stretches in which the referee's true distance is below d_s ({len(close)}), "
+            "with their causes in the table."
+        ),
+        command=command_of(episode.spec),
+        n=f"one trial, {len(episode.moments)} periods, in {seen} of them an obstacle is seen",
+        rows=[
+            {"time_s": each.time, "distance_m": each.distance, "static": each.static, "task": each.task,
+             "phase": each.phase}
+            for each in episode.moments
+        ],
+        facts={
+            "d_s": p.d_s, "d_i": p.d_i, "xi": p.xi, "stretches_below_d_s": close,
+            **{name: episode.measures[name] for name in excess},
+        },
+        header=STRETCH_HEADER,
+        cells=[_stretch(each) for each in close],
+        figure=_distance_figure(episode, distance, p),
+        notes=[_line(episode)],
+    )  # fmt: skip
+
+
+def _distance_figure(episode: Episode, distance: Array, p: AvoidanceParameters) -> Figure:
+    """The line, broken where it jumps, on the two regions of Sec. V."""
+    time = np.array([each.time for each in episode.moments])
+    jumps = np.flatnonzero(np.abs(np.diff(distance)) > JUMP) + 1
+    below, influence = f"below $d_s$ = {p.d_s} m", f"region of influence, below $d_i$ = {p.d_i} m"
     with styled():
         fig = figure(TWO_COLUMNS, 56.0)
         axes = fig.add_subplot()
-        axes.axhspan(
-            0.0,
-            p.d_s,
-            facecolor=DEEP_RED,
-            alpha=0.8,
-            hatch="////",
-            edgecolor="white",
-            lw=0.0,
-            label=f"below $d_s$ = {p.d_s} m",
-        )
-        axes.axhspan(
-            p.d_s, p.d_i, facecolor=ORANGE, alpha=0.35, lw=0.0, label=f"region of influence, below $d_i$ = {p.d_i} m"
-        )
+        axes.axhspan(0.0, p.d_s, facecolor=DEEP_RED, alpha=0.8, hatch="////", edgecolor="white", lw=0.0, label=below)
+        axes.axhspan(p.d_s, p.d_i, facecolor=ORANGE, alpha=0.35, lw=0.0, label=influence)
         axes.plot(
             np.insert(time, jumps, time[jumps]),
             np.insert(distance, jumps, math.nan),
@@ -55,7 +80,7 @@ def draw_distance(episode: Episode) -> Drawn:
             label="distance",
             path_effects=[Stroke(linewidth=2.6, foreground="white"), Normal()],  # seen on the red, also in grey
         )
-        for stretch in close:
+        for stretch in episode.measures["below_d_s"]:
             at = stretch["time"] + 0.5 * stretch["duration_s"]
             axes.plot(at, 0.03, "^", mfc=BLACK, mec="white", mew=0.6, ms=5, clip_on=False, zorder=3)
         axes.set_xlim(0.0, float(time[-1]))
@@ -63,64 +88,19 @@ def draw_distance(episode: Episode) -> Drawn:
         axes.set_xlabel("time [s]")
         axes.set_ylabel("distance [m]")
         fig.legend(loc="outside upper center", ncols=3)
-    seed = episode.spec.seed
-    seen = int(np.isfinite(distance).sum())
-    return Drawn(
-        name=DISTANCE_NAME,
-        title=DISTANCE_TITLE,
-        caption=(
-            f"Experiment 2 with four Temis, seed {seed}. As the robot itself sees it: horizontally, from the gripper's "
-            f"centre to the cells that the lidar found outside the map. {_gaps(distance)} Triangles: stretches in "
-            f"which the referee's true distance is below d_s ({len(close)}), with their causes in the table."
-        ),
-        command=command_of(episode.spec),
-        n=f"one trial, {len(episode.moments)} periods, in {seen} of them an obstacle is seen",
-        rows=[
-            {
-                "time_s": each.time,
-                "distance_m": each.distance,
-                "static": each.static,
-                "task": each.task,
-                "phase": each.phase,
-            }
-            for each in episode.moments
-        ],
-        facts={
-            "d_s": p.d_s,
-            "d_i": p.d_i,
-            "xi": p.xi,
-            "stretches_below_d_s": close,
-            "approach_excess_mps": episode.measures["approach_excess_mps"],
-            "advance_excess_mps": episode.measures["advance_excess_mps"],
-        },
-        header=(
-            "From [s]",
-            "For [s]",
-            "Least distance [m]",
-            "To",
-            "Gripper moved there [m]",
-            "It moved here [m]",
-            "Cause",
-        ),
-        cells=[
-            (
-                f"{each['time']:.2f}",
-                f"{each['duration_s']:.2f}",
-                f"{each['min_m']:.2f}",
-                each["other"],
-                f"{each['gripper_moved_m']:.2f}",
-                f"{each['other_moved_m']:.2f}",
-                each["cause"] + (", beside what stands: its d_s gives way" if each["static"] else ""),
-            )
-            for each in close
-        ],
-        figure=fig,
-        notes=[_line(episode)],
-    )
+    return fig
+
+
+def _stretch(each: dict[str, Any]) -> tuple[str, ...]:
+    """A stretch below d_s as a row of the table."""
+    numbers = (each[name] for name in ("time", "duration_s", "min_m"))
+    moved = (each[name] for name in ("gripper_moved_m", "other_moved_m"))
+    cause = each["cause"] + (", beside what stands: its d_s gives way" if each["static"] else "")
+    return (*(f"{one:.2f}" for one in numbers), each["other"], *(f"{one:.2f}" for one in moved), cause)
 
 
 def _gaps(distance: Array) -> str:
-    """Why there is no line, where there is none."""
+    """Reason of gaps in the line."""
     above, none = float(np.mean(distance > SHOWN)), float(np.mean(np.isnan(distance)))
     said = f"Distances above {SHOWN:g} m are cut off ({100 * above:.0f} % of the time)"
     said += f", and where no obstacle is seen there is no line ({100 * none:.0f} %)" if none else ""
@@ -128,7 +108,7 @@ def _gaps(distance: Array) -> str:
 
 
 def _line(episode: Episode) -> str:
-    """How well the damper line was kept."""
+    """Largest speeds above the damper line, in a sentence."""
     most, forward = episode.measures["approach_excess_mps"], episode.measures["advance_excess_mps"]
     if most is None:
         return "The gripper was never below d_i of anything that moves."
@@ -162,34 +142,6 @@ def draw_cutting_in(episode: Episode) -> Part:
     crossing = round(cut["time"] / PERIOD)
     index = max(0, crossing - round(BEFORE_S / PERIOD))
     here = episode.moments[index]
-    scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
-    with styled():
-        fig = figure(ONE_COLUMN, 78.0)
-        axes = fig.add_subplot()
-        ground.setting(axes, scene)
-        if here.target is not None:
-            ground.cubes(axes, [here.target], "#C00000", 14.0)
-        ground.path(axes, np.array(here.path), "#E3000F", width=1.2)
-        for pose in here.plan[PLAN_STEP::PLAN_STEP]:
-            ground.robot(axes, np.array(pose), scene.robot.footprint, alpha=0.25)
-        ground.robot(axes, np.array(here.pose), scene.robot.footprint)
-        for k, agent in enumerate(here.agents):
-            chosen = agent[0] == cut["agent"]
-            steps = range(round(HISTORY_S / HISTORY_STEP_S), 0, -1) if chosen else range(0)
-            for step in steps:
-                past = episode.moments[max(0, index - round(step * HISTORY_STEP_S / PERIOD))].agents[k]
-                ground.temi(axes, past[1], past[2], RADIUS, colour=ORANGE, alpha=0.5 - 0.09 * step)
-            ground.temi(axes, agent[1], agent[2], RADIUS, colour=ORANGE if chosen else "#DDDDDD")
-        there = episode.moments[crossing]
-        ground.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
-        axes.add_patch(_swept(episode, crossing, cut))
-        axes.plot(there.pose[0], there.pose[1], "x", color="black", ms=7, mew=1.8, zorder=9)
-        ground.metres(axes, *_window(here, there, cut["agent"]))
-        axes.plot([], [], "o", mfc=ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
-        axes.plot([], [], "s", mfc=BLUE, mec="black", label="Frankie (transparent: its plan)")
-        axes.plot([], [], "x", color="black", mew=1.8, ls="", label="Frankie 1 s later, when the cut-in begins")
-        axes.plot([], [], "-", color=ORANGE, lw=1.0, label="what the Temi then sweeps before it would touch it")
-        fig.legend(loc="outside lower center", ncols=1)
     return Drawn(
         name=CUTTING_IN_NAME,
         title=CUTTING_IN_TITLE,
@@ -212,8 +164,41 @@ def draw_cutting_in(episode: Episode) -> Part:
             "plan": here.plan,
             "agents": here.agents,
         },
-        figure=fig,
+        figure=_cutting_in_figure(episode, cut, index, crossing),
     )
+
+
+def _cutting_in_figure(episode: Episode, cut: dict[str, Any], index: int, crossing: int) -> Figure:
+    """The period ``index``, the plan of the robot, and both at the cut-in in period ``crossing``."""
+    here, there = episode.moments[index], episode.moments[crossing]
+    scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
+    with styled():
+        fig = figure(ONE_COLUMN, 78.0)
+        axes = fig.add_subplot()
+        ground.setting(axes, scene)
+        if here.target is not None:
+            ground.cubes(axes, [here.target], "#C00000", 14.0)
+        ground.path(axes, np.array(here.path), "#E3000F", width=1.2)
+        for pose in here.plan[PLAN_STEP::PLAN_STEP]:
+            ground.robot(axes, np.array(pose), scene.robot.footprint, alpha=0.25)
+        ground.robot(axes, np.array(here.pose), scene.robot.footprint)
+        for k, agent in enumerate(here.agents):
+            chosen = agent[0] == cut["agent"]
+            steps = range(round(HISTORY_S / HISTORY_STEP_S), 0, -1) if chosen else range(0)
+            for step in steps:
+                past = episode.moments[max(0, index - round(step * HISTORY_STEP_S / PERIOD))].agents[k]
+                ground.temi(axes, past[1], past[2], RADIUS, colour=ORANGE, alpha=0.5 - 0.09 * step)
+            ground.temi(axes, agent[1], agent[2], RADIUS, colour=ORANGE if chosen else "#DDDDDD")
+        ground.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
+        axes.add_patch(_swept(episode, crossing, cut))
+        axes.plot(there.pose[0], there.pose[1], "x", color="black", ms=7, mew=1.8, zorder=9)
+        ground.metres(axes, *_window(here, there, cut["agent"]))
+        axes.plot([], [], "o", mfc=ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
+        axes.plot([], [], "s", mfc=BLUE, mec="black", label="Frankie (transparent: its plan)")
+        axes.plot([], [], "x", color="black", mew=1.8, ls="", label="Frankie 1 s later, when the cut-in begins")
+        axes.plot([], [], "-", color=ORANGE, lw=1.0, label="what the Temi then sweeps before it would touch it")
+        fig.legend(loc="outside lower center", ncols=1)
+    return fig
 
 
 def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:

@@ -17,7 +17,7 @@ Choose = Callable[[Store, str], list[Result]]  # the trials of a method
 
 
 class Found(NamedTuple):
-    """What was measured of a goal."""
+    """Measured value of a goal."""
 
     good: bool
     said: str  # with its interval

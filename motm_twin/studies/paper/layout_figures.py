@@ -114,7 +114,7 @@ def placed(here: Standing, drop: str) -> tuple[Placement, tuple[Array, Array]]:
 
 
 def _cube() -> Array:
-    """Where the cube of the slot lies, shape (2,)."""
+    """Place [m] of the cube of the slot, shape (2,)."""
     return np.array(slots()[OBJECT])
 
 

@@ -38,7 +38,7 @@ class Without(NamedTuple):
 
     @property
     def title(self) -> str:
-        """What is left out."""
+        """Title of the modification that is left out."""
         return data.title(self.method)
 
 
@@ -95,12 +95,12 @@ def draw_ablations(store: Store) -> Part:
 
 
 def shown(slower: Estimate) -> bool:
-    """Whether the interval excludes no effect."""
+    """The interval excludes zero."""
     return slower.low > 0.0 or slower.high < 0.0
 
 
 def verdict(slower: Estimate, results: list[Result]) -> str:
-    """What the trials say of a modification, in a few words."""
+    """Verdict of the trials on a modification, in a few words."""
     placed, wanted = data.placed(results)
     harm = f"without it {wanted - placed} of {wanted} objects are not placed; " if placed < wanted else ""
     hits = data.contacts(results)

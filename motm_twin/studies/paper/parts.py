@@ -27,11 +27,11 @@ from motm_twin.studies.paper.data import Store
 from motm_twin.studies.paper.episode import Episode, watched
 from motm_twin.studies.paper.part import Missing, Part
 from motm_twin.studies.paper.plan import LITERAL, PLANS, SWEEPS, TEN
+from motm_twin.studies.settings import OPTIONS_OF_PLANS
 from motm_twin.studies.spec import Experiment, TrialSpec
 
 EPISODES = "episodes"
 EXAMPLE = "cut_ins"  # the measure by which the example of Experiment 2 is chosen
-OPTIONS = {"quick": " --quick", "default": "", "full": " --full --yes"}  # of `motm-twin paper`, by plan
 
 
 @dataclass
@@ -46,9 +46,9 @@ class Context:
     sources: tuple[str, ...] = ()  # of the trials; (): as it is now
 
     def command(self, name: str = "", *, plan: str = "") -> str:
-        """What makes this report, or only a part of it; ``plan``: another one than that of its trials."""
+        """Command that makes this report, or only a part of it; ``plan``: another one than that of its trials."""
         only = f" --only {name}" if name else ""
-        return f"motm-twin paper{OPTIONS[plan or self.plan]} --out {shlex.quote(str(self.out))}{only}"
+        return f"motm-twin paper{OPTIONS_OF_PLANS[plan or self.plan]} --out {shlex.quote(str(self.out))}{only}"
 
     @property
     def larger(self) -> str:
@@ -88,7 +88,7 @@ class Need(NamedTuple):
     beside: tuple[str, ...] = ()  # only what is compared with these experiments: the same arrangements and seeds
 
     def has(self, spec: TrialSpec, compared: Collection[tuple]) -> bool:
-        """Whether a trial of the experiment is one of them; ``compared``: arrangements of the experiments beside."""
+        """A trial of the experiment is one of them; ``compared``: arrangements of the experiments beside."""
         return (
             (not self.methods or spec.method in self.methods)
             and (not self.variants or spec.variant in self.variants)
@@ -106,7 +106,7 @@ class Source(NamedTuple):
 
 
 def arrangement(spec: TrialSpec) -> tuple:
-    """What two trials have in common that are compared."""
+    """Scene, variant and seed: trials are compared where these are equal."""
     return spec.scene, spec.variant, spec.seed
 
 

@@ -1,4 +1,4 @@
-"""What `motm-twin paper` runs: experiments as trial specs, by default, in full, or quickly; and what that costs."""
+"""Plans of `motm-twin paper`: experiments as trial specs, by default, in full, or quickly; and their expected cost."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class Plan:
 
 
 def hours(specs: Iterable[TrialSpec], workers: int) -> float:
-    """What trials are expected to take [h]."""
+    """Expected time of trials [h]."""
     return sum(map(cpu_seconds, specs)) / workers / 3600.0
 
 

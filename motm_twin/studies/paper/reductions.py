@@ -1,4 +1,4 @@
-"""How much quicker the paper's method is than every rival, by trial, beside the published reductions."""
+"""Reduction of the task time by the paper's method against every rival, by trial, beside the published reductions."""
 
 import math
 from typing import NamedTuple
@@ -160,7 +160,7 @@ def touched(found: list[Compared]) -> list[str]:
 
 
 def why(store: Store) -> list[str]:
-    """Where our times are shorter than the published ones, and why; only sentences for which there are numbers."""
+    """Reasons for times shorter than the published ones; only sentences for which there are numbers."""
     sentences = []
     for row in TABLE_I:
         if row.real or row.like == OURS:

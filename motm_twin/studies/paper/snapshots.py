@@ -10,9 +10,8 @@ from PIL import Image
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Pause, Reset, Step
 from motm_twin.bus.ranges import MAX_STEPS
-from motm_twin.perf.page import act
 from motm_twin.perf.page_reader import browser
-from motm_twin.perf.processes import served, wait_for
+from motm_twin.perf.processes import act, served, wait_for
 from motm_twin.record.made_with import SOURCE, made_with
 from motm_twin.studies.paper.data import command_of
 from motm_twin.studies.paper.episode import Episode, Moment

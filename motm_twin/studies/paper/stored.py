@@ -31,7 +31,7 @@ class Origin:
 
     @property
     def current(self) -> bool:
-        """Whether all trials were run by the source as it is now."""
+        """All trials were run by the source as it is now."""
         return self.sources == (made_with()[SOURCE],)
 
 
@@ -52,7 +52,7 @@ def origin(records: Iterable[Record], command: str) -> Origin:
 
 
 def now() -> dict[str, str]:
-    """What draws the report, in the same words."""
+    """Source, libraries and machine that draw the report, under the same names."""
     return {**made_with(), MACHINE: machine()}
 
 
@@ -86,7 +86,7 @@ def keys(experiments: Iterable[Experiment]) -> Keys:
 
 
 def of_plan(out: Path, wanted: Keys) -> Records:
-    """What these trials gave, each once and in their order: with the source as it is now, or else the newest."""
+    """Records of these trials, each once and in their order: of the source as it is now, or else the newest."""
     found: Records = {}
     for name, trials in wanted.items():
         records = Trials(out / name).read()

@@ -1,4 +1,4 @@
-"""How every figure looks: sizes of columns, letters, colours that colour-blind readers and grey printers tell apart.
+"""Style of every figure: widths, letters, and colours that colour-blind readers and grey printers tell apart.
 
 Colours are those of Okabe and Ito; no colour stands alone: hatches, markers and line styles say the same.
 """
@@ -55,7 +55,7 @@ COST = LinearSegmentedColormap.from_list("cost", ["#4CF06A", "#1F8F4A", "#14402C
 
 
 class Look(NamedTuple):
-    """How one method is drawn everywhere."""
+    """Colour, marker, line and hatch of a method in every figure."""
 
     colour: str
     marker: str
@@ -81,7 +81,7 @@ OTHER = Look("#BBBBBB", "p", "-.", "oo")
 
 
 def look(method: str) -> Look:
-    """How a method is drawn; methods that are not shipped share one look."""
+    """Look of a method; methods that are not shipped share one."""
     return LOOKS.get(method, OTHER)
 
 

@@ -1,0 +1,84 @@
+"""`motm-twin run`: a headless run, which may leave a session and a figure behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from motm_twin import interrupts
+from motm_twin.control.method import Method
+from motm_twin.control.tick import Tick
+from motm_twin.control.tuning import parameter
+from motm_twin.methods.fast import FAST
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_scene
+from motm_twin.record.changes import PERIODS_PER_SECOND
+from motm_twin.record.outputs import refuse_existing, refuse_unwritable
+from motm_twin.record.replay import Tracker
+from motm_twin.record.session import Session, SessionError, save_session
+from motm_twin.trial import run_scene
+
+if TYPE_CHECKING:
+    from motm_twin.studies.speed_plot import SpeedFigure
+
+
+def run_headless(
+    scene: str, variant: str | None, seed: int | None, method: Method = FAST, *, save: str | None = None,
+    plot: Path | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Run a scene to its end; the report of the run. Raises SceneError and SessionError, before it runs.
+
+    After Ctrl-C the session of the periods so far is kept, and KeyboardInterrupt says so.
+
+    ``save``: new file of the session; ``plot``: file of the figure of `studies.speed_plot`.
+    """
+    loaded = load_scene(scene, variant, seed)
+    refuse_unwritable(save, plot)
+    refuse_existing(save)
+    figure = None if plot is None else _figure(loaded, plot)
+    tracker, periods = Tracker(), 0
+
+    def on_tick(tick: Tick) -> None:
+        nonlocal periods
+        if not periods:
+            interrupts.loaded()  # all is compiled: from now on there is something to keep
+        periods = tick.index + 1
+        if save is not None:
+            tracker.add(tick)
+        if figure is not None:
+            figure.add(tick)
+
+    def keep(file: str, state_hash: str) -> None:
+        changed = {name: value for name, value in method.parameters.items() if value != parameter(name).default}
+        saved = Session(
+            title=f"{loaded.title}, headless",
+            scene=loaded,
+            method=method.name,
+            parameters=changed,
+            periods=periods,
+            state_hash=state_hash,
+            track=tracker.track,
+        )
+        save_session(saved, file)
+
+    try:
+        report = run_scene(loaded, on_tick=on_tick, method=method)
+    except KeyboardInterrupt:
+        if save is None or periods == 0:
+            raise
+        keep(save, "")  # of a period that broke off
+        raise KeyboardInterrupt(f"the {periods / PERIODS_PER_SECOND:.2f} s before are in {save}") from None
+    if figure is not None:
+        figure.draw(report)
+    if save is not None:
+        keep(save, report["state_hash"])
+    return report
+
+
+def _figure(scene: Scene, file: Path) -> SpeedFigure:
+    """Collects what the figure shows; raises SessionError for a kind of file that it can not be."""
+    from motm_twin.studies.speed_plot import FORMATS, SpeedFigure
+
+    if file.suffix.lower() not in FORMATS:
+        raise SessionError(f"no figure: give a file that ends in {', '.join(FORMATS)}", file=str(file))
+    return SpeedFigure(scene, file)

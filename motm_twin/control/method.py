@@ -1,0 +1,105 @@
+"""A method: everything that decides how the base drives and the arm reaches, under one name.
+
+Methods share all code that is the same. Most differ by parameters only; the others bring a placement strategy, a base
+controller, or an arm of their own. A method that plans the whole task beforehand asks for a rehearsal
+(`PlannerParts.rehearse`): a run of a simulated plant, period by period, which whoever builds the twin makes
+(`motm_twin.rehearse`).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.task_list import TaskEdit
+from motm_twin.model.edits import ParameterValue
+from motm_twin.model.geometry import Array
+from motm_twin.model.known import KnownWorld
+from motm_twin.perception.still_map import StillMap
+from motm_twin.planning.global_path import GraphCache
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.planner import BasePlanner
+from motm_twin.planning.types import BoolArray
+
+ARM_STEPS = 5  # of a period
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rehearsed:
+    """A run of the world as it is known beforehand: p periods, 5 p arm steps. Read only, so copies share it."""
+
+    poses: Array  # base at the beginning of each period, from where the commands given act; world, shape (p, 3)
+    twists: Array  # base twist commanded at the end of each period [m/s, rad/s], shape (p, 2)
+    in_range: BoolArray  # the target was in range of the arm, shape (p,)
+    blocked: BoolArray  # the base stood at the closest free place, shape (p,)
+    q: Array  # arm joints before each step [rad], shape (5 p, 7)
+    rates: Array  # commanded joint rates [rad/s], shape (5 p, 7)
+    closed: BoolArray  # the gripper was told to close, shape (5 p,)
+    phases: tuple[str, ...]  # of the arm, length 5 p
+    outcomes: tuple[tuple[int, str], ...]  # arm step, and what the arm said in it: picked, placed, missed, lost
+    failures: tuple[str, ...]  # tasks that were given up in rehearsal
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Rehearsed":
+        return self
+
+    @property
+    def periods(self) -> int:
+        """Length of the run."""
+        return len(self.poses)
+
+
+Timed = tuple[tuple[int, TaskEdit], ...]  # edits of the task list, each with the period at whose start it came
+Rehearse = Callable[[Timed], Rehearsed]  # raises ValueError when the rehearsal can not take an edit
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannerParts:
+    """Parts from which a method makes its planner."""
+
+    known: KnownWorld  # the robot, and the world as it knows it beforehand
+    parameters: PlanningParameters
+    clock: Callable[[], float] | None = None  # [s]; only where real time bounds a search
+    graphs: GraphCache | None = None  # of the planner before, when parameters change during a run
+    rehearse: Rehearse | None = None  # for methods that plan the whole task beforehand; a Twin gives it
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmParts:
+    """Parts from which a method makes its arm."""
+
+    known: KnownWorld
+    parameters: ArmParameters
+    rehearse: Rehearse | None = None  # as in `PlannerParts`: the same rehearsal for both
+
+
+def map_ahead(parts: PlannerParts) -> StillMap | None:
+    """The map without what moves, for a controller that is to expect that on its course; None: it is not."""
+    return StillMap(parts.known) if parts.parameters.staa.prediction > 0.0 else None
+
+
+def paper_planner(parts: PlannerParts) -> BasePlanner:
+    """Next-target-aware placement and modified STAA* (Paper, Sec. III and IV)."""
+    return BasePlanner(
+        parts.known.robot, parts.parameters, clock=parts.clock, graphs=parts.graphs, still=map_ahead(parts)
+    )
+
+
+def paper_arm(parts: ArmParts) -> Manipulator:
+    """The arm of MotM with obstacle avoidance (Paper, Sec. V)."""
+    return Manipulator(parts.known, parts.parameters)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A way to do the task, selectable by its name in `run`, `serve` and `bench`."""
+
+    name: str
+    title: str  # a few words, for tables and figures
+    summary: str  # one sentence: what it does otherwise than the paper's method
+    source: str  # "Paper, Sec. ...", an article, or "own"
+    known: str = ""  # what has been published of it
+    chosen: str = ""  # what is not, and what was chosen here
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)  # of `control.tuning`, other than shipped
+    planner: Callable[[PlannerParts], BasePlanner] = paper_planner
+    arm: Callable[[ArmParts], Manipulator] = paper_arm

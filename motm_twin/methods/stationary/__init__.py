@@ -1,1 +1,0 @@
-"""Stop, then manipulate: base poses by an inverse reachability map, and a base that stands while the arm works."""

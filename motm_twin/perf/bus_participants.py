@@ -1,0 +1,178 @@
+"""Participants of the bus benchmark: a sender of bare Zenoh; readers that note times, look seldom, or never read."""
+
+import contextlib
+import itertools
+import threading
+import time
+from typing import Any
+
+import msgspec
+import zenoh
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.session import LOOPBACK, free_port, open_client, open_server
+from motm_twin.perf.worker import Works
+
+KEY = "motm-bench/bare"
+
+
+class Bare:
+    """A publisher that is declared as that of the ticks is (`bus.latest`)."""
+
+    def __init__(self) -> None:
+        port = free_port()
+        self.endpoint = f"tcp/{LOOPBACK}:{port}"
+        self._session = open_server(port)
+        self._publisher = self._session.declare_publisher(
+            KEY,
+            encoding=zenoh.Encoding.APPLICATION_JSON,
+            congestion_control=zenoh.CongestionControl.DROP,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+        self._stop = threading.Event()
+
+    def send(self, payloads: list[str], period: float) -> None:
+        """Send these in turn, one every ``period`` [s], until the end."""
+        threading.Thread(target=self._send, args=([text.encode() for text in payloads], period), daemon=True).start()
+
+    def _send(self, payloads: list[bytes], period: float) -> None:
+        due, number = time.monotonic(), 0
+        while not self._stop.wait(max(0.0, due - time.monotonic())):
+            payload = payloads[number % len(payloads)]
+            self._publisher.put(payload, attachment=repr(time.monotonic()).encode())
+            due, number = due + period, number + 1
+
+
+class _Stamp(msgspec.Struct):
+    """The part of a tick that is looked at."""
+
+    server_time: float
+    index: int
+
+
+_stamp = msgspec.json.Decoder(_Stamp).decode
+
+
+class Readers:
+    """All readers of this process; times are monotonic [s], those of the server less ``clock``."""
+
+    def __init__(self) -> None:
+        self._sessions: list[zenoh.Session] = []
+        self._kept: list[Any] = []  # a subscriber ends when it is forgotten
+        self._heard: dict[str, list[tuple[float, bytes, bytes]]] = {}
+        self._counts: list[Any] = []
+
+    def listen(self, name: str, endpoint: str, key: str) -> None:
+        """Note under ``name`` when each sample of a key comes, in Zenoh's own thread."""
+        heard = self._heard[name] = []
+
+        def note(sample: zenoh.Sample) -> None:
+            now, attachment = time.monotonic(), sample.attachment
+            heard.append((now, sample.payload.to_bytes(), b"" if attachment is None else attachment.to_bytes()))
+
+        self._declare(endpoint, key, zenoh.handlers.Callback(note, indirect=False))
+
+    def delays(self, name: str, clock: float) -> list[float]:
+        """Delay [s] of each sample since its stamp: its attachment, else its server time."""
+        found = []
+        for at, payload, attachment in list(self._heard[name]):
+            sent = float(attachment) if attachment else _stamp(payload).server_time - clock
+            found.append(at - sent)
+        return found
+
+    def payloads(self, name: str) -> list[str]:
+        """The texts that came."""
+        return [payload.decode() for _, payload, _ in list(self._heard[name])]
+
+    def follow(self, endpoint: str, keys: list[str], sessions: int) -> None:
+        """So many sessions that read everything as it comes."""
+        for _ in range(sessions):
+            counter = itertools.count()
+            session = self._open(endpoint)
+            for key in keys:
+                self._kept.append(session.declare_subscriber(key, _counting(counter)))
+            self._counts.append(counter)
+
+    def jam(self, endpoint: str, keys: list[str], sessions: int) -> None:
+        """So many sessions that stay alive but never read: their queue is full after one message, and Zenoh waits."""
+        for _ in range(sessions):
+            session = self._open(endpoint)
+            for key in keys:
+                self._kept.append(session.declare_subscriber(key, zenoh.handlers.FifoChannel(1)))
+
+    def received(self) -> list[int]:
+        """Number of messages that each session of `follow` has received."""
+        return [next(counter) for counter in self._counts]  # counts the question too: nobody minds one more
+
+    def ages(self, endpoint: str, twin: str, pauses: list[float], seconds: float, clock: float) -> dict[str, Any]:
+        """Ages [s] of what readers get that look every so often [s], by a ring of one sample and by `TwinClient`."""
+        found: dict[str, list[float]] = {}
+        threads = []
+        with TwinClient(endpoint, twin) as client, contextlib.ExitStack() as stack:
+            key = client.keys.tick
+            while client.tick() is None:
+                time.sleep(0.01)
+            for pause in pauses:
+                session = stack.enter_context(open_client(endpoint))
+                ring: Any = session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+                for name, look in ((f"ring, {pause:g} s", _ring(ring)), (f"client, {pause:g} s", _client(client))):
+                    ages = found[name] = []
+                    work = threading.Thread(target=_look, args=(look, pause, seconds, clock, ages))
+                    threads.append(work)
+                    work.start()
+            for thread in threads:
+                thread.join()
+        return found
+
+    def _open(self, endpoint: str) -> zenoh.Session:
+        session = open_client(endpoint)
+        self._sessions.append(session)
+        return session
+
+    def _declare(self, endpoint: str, key: str, handler: Any) -> None:
+        self._kept.append(self._open(endpoint).declare_subscriber(key, handler))
+
+
+def _counting(counter: Any) -> Any:
+    return zenoh.handlers.Callback(lambda _: next(counter), indirect=False)
+
+
+def _ring(ring: Any) -> Any:
+    """Take what the ring holds; None when nothing came since."""
+
+    def look() -> float | None:
+        sample = ring.try_recv()
+        return None if sample is None else _stamp(sample.payload.to_bytes()).server_time
+
+    return look
+
+
+def _client(client: TwinClient) -> Any:
+    def look() -> float | None:
+        tick = client.tick()
+        return None if tick is None else tick.server_time
+
+    return look
+
+
+def _look(look: Any, pause: float, seconds: float, clock: float, ages: list[float]) -> None:
+    """Look again and again; the first looks, before the first sample, do not count."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        time.sleep(pause or 0.001)
+        server_time = look()
+        if server_time is not None:
+            ages.append(time.monotonic() - (server_time - clock))
+
+
+def bare() -> tuple[dict[str, str], Works]:
+    """Role of a sender of given bytes at a given rate, stamped, for comparison with a twin."""
+    sender = Bare()
+    return {"endpoint": sender.endpoint}, {"send": sender.send}
+
+
+def readers() -> tuple[dict[str, str], Works]:
+    """Role of all kinds of readers."""
+    them = Readers()
+    works = ("listen", "delays", "payloads", "follow", "jam", "received", "ages")
+    return {}, {name: getattr(them, name) for name in works}

@@ -1,0 +1,250 @@
+"""Holistic control: one quadratic program moves base and arm so that the hand goes to the target; no base planner.
+
+Haviland, Suenderhauf and Corke, "A Holistic Approach to Reactive Mobile Manipulation" (RA-L 2022), with the numbers of
+their published example. With the hand's error ``e = |dx| + |dy| + |dz|``, the base direction ``theta`` of the hand, and
+the arm's manipulability m:
+
+    min 1/2 x' diag(0.01 / e, 0.01, 1 / e) x - k_eps theta w - grad m' qdot     s.t.  J u + slack = nu
+
+over base twist, arm rates and slack; ``nu`` is 1.5 times the hand's error, its angular part 1.3 times more. The base
+has no goal of its own, knows no obstacles and no next target, and comes to rest because the hand does.
+"""
+
+import math
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from motm_twin.control.arm_motion import OVER, OVER_RIM, Motion
+from motm_twin.control.arm_program import Rows
+from motm_twin.control.arm_reference import rotation_error, tilt_for, tool_rotation
+from motm_twin.control.arm_view import View
+from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.method import ArmParts, Method, PlannerParts
+from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.qp import Program
+from motm_twin.control.qp_rows import ARM, BASE, SLACK
+from motm_twin.control.types import ArmInputs, ArmStep
+from motm_twin.model.exact import norm
+from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.kinematics import manipulability_gradient
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.profile import RobotProfile
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.planner import BasePlanner
+from motm_twin.planning.reach import ReachModel
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement
+
+_RESTING = ("stow", "carry")  # the arm is not on its way to anything: neither is the base
+_STEPS = 6.0  # arm steps of acceleration by which the base may be ahead of what the monitor let through last
+
+
+@dataclass(frozen=True, kw_only=True)
+class HolisticParameters:
+    """Numbers of the authors' example of a differential drive (robotics-toolbox-python, MIT)."""
+
+    base_weight: float = 0.01  # over e
+    rate_weight: float = 0.01
+    slack_weight: float = 1.0  # over e
+    k_eps: float = 0.5  # turns the base towards the hand
+    gain: float = 1.5  # [1/s]
+    angular_gain: float = 1.3  # times the gain
+    far: float = 0.5  # [m] of error beyond which speeds are scaled by `cruise / e`, else by `near_scale`
+    cruise: float = 0.7  # [m]
+    near_scale: float = 1.4
+    arrived: float = 0.02  # [m] smallest error that divides
+    damper_gain: float = 1.0  # [rad/s] eta, joint-limit damper
+    damper_start: float = 0.9  # [rad] rho_i
+    damper_stop: float = 0.1  # [rad] rho_s
+
+    def scale(self, error: float) -> float:
+        """Factor of all speeds at an error [m] of the hand: they were scaled after the program; here before it."""
+        return self.cruise / error if error > self.far else self.near_scale
+
+
+class AtOnce:
+    """The hand leaves as soon as there is a target: it takes the base with it."""
+
+    def transit_duration(self, distance: float, speed: float, time_to_range: float) -> float:
+        """Seconds [s] that the target is away; never None."""
+        return time_to_range
+
+
+class HolisticManipulator(Manipulator):
+    """The phases of a grasp of the paper's arm; the program moves the base as well."""
+
+    def __init__(
+        self, known: KnownWorld, parameters: ArmParameters, holistic: HolisticParameters | None = None
+    ) -> None:
+        """``parameters``: of the grasp phases and of the arm's obstacle avoidance."""
+        h = self._h = holistic or HolisticParameters()
+        qp = msgspec.structs.replace(
+            parameters.qp, damper_gain=h.damper_gain, damper_start=h.damper_start, damper_stop=h.damper_stop
+        )
+        super().__init__(known, msgspec.structs.replace(parameters, abandon_time=math.inf, qp=qp), AtOnce())
+
+    def step(self, inputs: ArmInputs) -> ArmStep:
+        """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""
+        limits = self.profile.base
+        room = inputs.dt * np.array([limits.linear_acceleration, limits.yaw_acceleration])
+        last = np.clip(self._state.twist, inputs.base_twist - _STEPS * room, inputs.base_twist + _STEPS * room)
+        wanted = np.clip(inputs.base_twist, last - room, last + room) if inputs.goal.kind == "none" else last
+        return super().step(msgspec.structs.replace(inputs, base_twist=wanted))
+
+    def _motion(self, view: View, inputs: ArmInputs) -> Motion:
+        """On the way: straight for the point above the target, however far it is."""
+        if self._state.phase != "transit":
+            return super()._motion(view, inputs)
+        h, point = self._h, self._hover(view)
+        error = point - view.p
+        scale = h.scale(float(np.abs(error).sum()))
+        angular = h.gain * h.angular_gain * rotation_error(view.R, self._rotation(view))
+        self._slate.velocity[:] = scale * np.concatenate([h.gain * error, angular])
+        return Motion(point, norm(error))
+
+    def _hover(self, view: View) -> Array:
+        p, point = self.parameters, view.target.copy()
+        if view.distance > OVER:
+            point[2] += p.transit_clearance if view.goal.kind == "pick" else OVER_RIM
+        elif view.goal.kind == "pick":
+            point[2] += p.hover_height
+        return point
+
+    def _rotation(self, view: View) -> Array:
+        """Down, as over the target; tilted outwards where the reach needs it."""
+        p = self.parameters
+        outward = math.atan2(view.target[1] - view.mount[1], view.target[0] - view.mount[0])
+        largest = p.place_tilt if view.goal.kind == "place" else p.pick_tilt
+        tilt = 0.0
+        if view.radius <= self._rules.reach(view.goal.kind):
+            tilt = tilt_for(view.radius, view.p[2] - view.mount[2], p.grasp_stretch, largest)
+        return tool_rotation(outward if self._state.yaw is None else self._state.yaw, tilt, outward)
+
+    def _program(self, view: View, inputs: ArmInputs, motion: Motion) -> tuple[Program, Rows]:
+        """The program of the arm with the holistic cost; while a grasp is under way the hand is held as there."""
+        program, rows = super()._program(view, inputs, motion)
+        if view.goal.kind == "none":
+            return program, rows
+        P, c, h = program.P.copy(), program.c.copy(), self._h
+        if self._state.phase in _RESTING:
+            c[BASE] = 0.0
+            return msgspec.structs.replace(program, c=c), rows
+        error = max(float(np.abs(motion.reference - view.p).sum()), h.arrived)
+        scale = h.scale(error)
+        P[BASE] = h.base_weight / error
+        c[BASE] = 0.0, -self._turning(scale * h.k_eps, float(P[BASE][1]), self._direction(view))
+        if self._state.phase == "transit":
+            P[ARM], P[SLACK] = h.rate_weight, h.slack_weight / error
+            c[ARM] = -scale * manipulability_gradient(view.q)
+        return msgspec.structs.replace(program, P=P, c=c), rows
+
+    def _turning(self, gain: float, weight: float, theta: float) -> float:
+        """Linear cost of the yaw rate: ``gain theta``, less where the base could not stop turning within theta."""
+        base = self.profile.base
+        b, lag = base.yaw_acceleration, base.velocity_lag
+        stoppable = b * (math.sqrt(lag * lag + 2.0 * abs(theta) / b) - lag)
+        return math.copysign(min(gain * abs(theta), weight * stoppable), theta)
+
+    def _direction(self, view: View) -> float:
+        """theta [rad] of the hand in the base frame."""
+        dx, dy, heading = view.p[0] - view.pose[0], view.p[1] - view.pose[1], view.pose[2]
+        c, s = math.cos(heading), math.sin(heading)
+        return math.atan2(-s * dx + c * dy, c * dx + s * dy)
+
+
+class HolisticPlacement(TangentPlacement):
+    """There is no place to stand: the hand leads."""
+
+    def place(self, problem: BaseProblem) -> Placement:
+        """The target itself; for a point to drive to, that point."""
+        target = problem.target
+        if target is None or target.kind == "drive":
+            return super().place(problem)
+        none = frozen(np.zeros(0))
+        return Placement(
+            mode="whole body", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none,
+            cost=none, rejected=(), chosen=-1, goal=frozen([*target.position[:2], problem.pose[2]]),
+            goal_has_heading=False, reason="base and arm move as one: there is no place to stand", next_goal=None,
+        )  # fmt: skip
+
+
+class HolisticBase(TangentController):
+    """Drives to points; while the hand leads there is nothing to plan, only to tell how far the target is."""
+
+    def __init__(self, profile: RobotProfile, planning: PlanningParameters) -> None:
+        super().__init__(profile, planning)
+        self._arm = profile.arm
+        self._model = ReachModel(profile, planning.reach)
+
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """No acceleration of its own towards a pick or a place: the program of the arm has the base."""
+        target = problem.target
+        if target is None or target.kind == "drive":
+            return super().plan(problem, placement, budget)
+        time = self._time_to_range(problem, target)
+        return BasePlan(
+            acceleration=frozen(np.zeros(2)),
+            status="goal",
+            reason="" if time == 0.0 else f"on its way to {target.name} the hand is held up, or about to leave",
+            global_path=frozen([problem.pose[:2], target.position[:2]]),
+            next_path=empty_path(),
+            intermediate_goal=placement.goal,
+            local_poses=frozen([[*problem.pose, *problem.twist]]),
+            local_times=frozen([0.0]),
+            bezier=empty_path(),
+            expansions=0,
+            cut_by_clock=False,
+            t_h=time,
+            k=1.0,
+            time_to_range=time,
+        )
+
+    def _time_to_range(self, problem: BaseProblem, target: Target) -> float:
+        """0 in reach, else the time [s] of the straight way."""
+        if self._model.contains(problem.pose, problem.twist, target):
+            return 0.0
+        x, y, heading = (float(value) for value in problem.pose)
+        mount = np.array([x + self._arm.mount_x * math.cos(heading), y + self._arm.mount_x * math.sin(heading)])
+        away = float(np.hypot(*(target.position[:2] - mount))) - self._model.parameters.r_max(target.kind)
+        return max(away, 0.05) / self._limits.forward_speed
+
+
+def holistic_planner(parts: PlannerParts) -> BasePlanner:
+    """Nothing to plan but drives to points."""
+    profile = parts.known.robot
+    return BasePlanner(
+        profile,
+        parts.parameters,
+        clock=parts.clock,
+        graphs=parts.graphs,
+        placement=HolisticPlacement(profile, TangentParameters()),
+        controller=HolisticBase(profile, parts.parameters),
+    )
+
+
+def holistic_arm(parts: ArmParts) -> Manipulator:
+    """Base and arm in one program."""
+    return HolisticManipulator(parts.known, parts.parameters)
+
+
+HOLISTIC = Method(
+    name="holistic",
+    title="Holistic whole body",
+    summary="One quadratic program moves base and arm together towards the target; no base planner, no next target.",
+    source="Haviland et al., A Holistic Approach to Reactive Mobile Manipulation (RA-L 2022)",
+    known=(
+        "The program with all its weights, gains, dampers, k_eps = 0.5 and the scaling of speeds, from the authors' "
+        "published example of a differential drive."
+    ),
+    chosen=(
+        "Limits and accelerations of the base as of all methods, instead of 4.0 m/s and rad/s; speeds are scaled "
+        "before the program instead of after it, so that these limits hold. The term of k_eps asks for no yaw rate "
+        "from which the base cannot stop turning in time: the published gain is a switch, and a base with limited "
+        "accelerations swings. Once the hand is over the target, the phases of a grasp and the weights of the hand "
+        "are ours. The rows of the arm before furniture and obstacles stay; the base has none, as published."
+    ),
+    planner=holistic_planner,
+    arm=holistic_arm,
+)

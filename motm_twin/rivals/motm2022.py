@@ -1,0 +1,317 @@
+"""MotM of 2022: the base drives along a tangent of a circle round the target, and round that circle until it is done.
+
+Burgess-Limerick, Lehnert, Leitner and Corke, "An Architecture for Reactive Mobile Manipulation On-The-Move"
+(2212.06991). The base knows no obstacles. With the base at a distance d from the target, the tangent point xi_C is
+``rho = sqrt(d^2 - r_C^2)`` away, and the base of constant forward speed v turns at
+
+    w = (k_alpha alpha + k_beta beta) v / rho,
+
+alpha the bearing error to xi_C and beta the angle from the direction towards the next target to the line to xi_C.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from motm_twin.control.method import Method, PlannerParts
+from motm_twin.model.geometry import Array, drive, frozen, wrap_angle
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import Stateful
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.planner import BasePlanner
+from motm_twin.planning.reach import ReachModel
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+
+_STEP = 0.1  # [s] of the prediction
+_NODE = 3  # steps between two nodes of the plan that is shown and that the arm reads
+_HORIZON = 80  # steps
+_AFTER = 18  # steps predicted beyond the arrival: a whole job
+SIDES = (1.0, -1.0)  # target on the left: counter-clockwise round it; on the right
+
+
+@dataclass(frozen=True, kw_only=True)
+class TangentParameters:
+    """Gains and lengths of the base controller."""
+
+    radius: float = 0.6  # [m] r_C, MotM: closest approach of the base to the target
+    k_alpha: float = 4.0  # MotM
+    k_beta: float = 2.2  # MotM
+    swing: float = 0.4  # [rad] own: beta turns the base away from xi_C by no more than this; more only costs time
+    near: float = 0.25  # [m] own: rho from which on the base goes round the circle, and smallest rho that divides
+    loyalty: float = 0.2  # [rad] own: the other tangent must be this much nearer to the heading
+
+
+class Tangent(NamedTuple):
+    """One of the two tangents from the base to the circle."""
+
+    point: tuple[float, float]  # xi_C [m]
+    heading: float  # [rad] of the line to it
+    rho: float  # [m]
+
+
+def tangent(pose: Array, centre: Array, radius: float, side: float) -> Tangent:
+    """The tangent from a base pose (3,) that passes with the centre (2,) to the left (side 1) or right (-1).
+
+    From within the circle: the heading that leads out of it and round it, with a rho of 0.
+    """
+    dx, dy = float(centre[0] - pose[0]), float(centre[1] - pose[1])
+    distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
+    if distance <= radius:
+        outwards = bearing - side * (0.5 * math.pi + min(1.0, 2.0 * (radius - distance) / max(radius, 1e-6)))
+        return Tangent((float(pose[0]), float(pose[1])), wrap_angle(outwards), 0.0)
+    rho = math.sqrt(distance * distance - radius * radius)
+    heading = wrap_angle(bearing - side * math.asin(radius / distance))
+    point = (float(pose[0]) + rho * math.cos(heading), float(pose[1]) + rho * math.sin(heading))
+    return Tangent(point, heading, rho)
+
+
+def departure(centre: Array, radius: float, side: float, onward: Array) -> float | None:
+    """Angle [rad] on the circle at which a base that goes round it heads for the point (2,) onward; None: it cannot."""
+    dx, dy = float(onward[0] - centre[0]), float(onward[1] - centre[1])
+    distance = math.hypot(dx, dy)
+    return None if distance <= radius else math.atan2(dy, dx) - side * math.acos(radius / distance)
+
+
+def _radius(target: Target, p: TangentParameters) -> float:
+    """A point to drive to has no circle."""
+    return 0.0 if target.kind == "drive" else p.radius
+
+
+@dataclass(kw_only=True)
+class TangentState:
+    """State between periods: the side on which the target is passed."""
+
+    target: tuple[str, str] | None = None
+    side: int = 0  # index into SIDES
+
+
+class TangentPlacement(Stateful[TangentState]):
+    """The two tangent points of the circle round the target; the one nearer to the heading is taken."""
+
+    def __init__(self, profile: RobotProfile, parameters: TangentParameters) -> None:
+        self._limits = profile.base
+        self._p = parameters
+        self._state = TangentState()
+
+    def place(self, problem: BaseProblem) -> Placement:
+        """Both tangent points with their costs [s], and the choice."""
+        target = problem.target
+        if target is None:
+            self._state = TangentState()
+            return _no_target(problem.pose)
+        radius = _radius(target, self._p)
+        sides = SIDES if radius > 0.0 else SIDES[:1]
+        lines = [tangent(problem.pose, target.position, radius, side) for side in sides]
+        swing = [abs(wrap_angle(line.heading - float(problem.pose[2]))) for line in lines]
+        chosen = self._choose(target, swing)
+        poses = np.array([[*line.point, line.heading] for line in lines])
+        if target.heading is not None:
+            poses[:, 2] = target.heading
+        current = [a / self._limits.yaw_rate + line.rho / self._limits.forward_speed
+                   for a, line in zip(swing, lines, strict=True)]  # fmt: skip
+        onward = [self._onward(line, target, radius, side, problem.next_target)
+                  for line, side in zip(lines, sides, strict=True)]  # fmt: skip
+        return Placement(
+            mode="drive" if target.kind == "drive" else "ring",
+            radius=radius,
+            poses=frozen(poses),
+            cost_current=frozen(current),
+            cost_next=frozen(onward),
+            cost=frozen(current),
+            rejected=("",) * len(lines),
+            chosen=chosen,
+            goal=frozen(poses[chosen]),
+            goal_has_heading=target.kind != "drive" or target.heading is not None,
+            reason=f"tangent point {lines[chosen].rho:.2f} m away, {math.degrees(swing[chosen]):.0f} deg off heading",
+            next_goal=None if problem.next_target is None else frozen(problem.next_target.position[:2]),
+        )  # fmt: skip
+
+    def _choose(self, target: Target, swing: list[float]) -> int:
+        state, name = self._state, (target.kind, target.name)
+        known = state.target == name and state.side < len(swing)
+        preferred = [a - (self._p.loyalty if known and k == state.side else 0.0) for k, a in enumerate(swing)]
+        chosen = int(np.argmin(preferred))
+        self._state = TangentState(target=name, side=chosen)
+        return chosen
+
+    def _onward(self, line: Tangent, target: Target, radius: float, side: float, following: Target | None) -> float:
+        """Time [s] round the circle and straight on to the next target."""
+        if following is None:
+            return 0.0
+        way = np.vstack([path_round(line, target.position, radius, side, following.position), following.position[:2]])
+        return float(np.hypot(*np.diff(way, axis=0).T).sum()) / self._limits.forward_speed
+
+
+def path_round(line: Tangent, centre: Array, radius: float, side: float, onward: Array | None) -> Array:
+    """From xi_C round the circle to where the base heads for the point onward, shape (m, 2) [m]."""
+    leaves = None if onward is None or radius <= 0.0 else departure(centre, radius, side, onward)
+    if leaves is None:
+        return np.array([line.point])
+    begins = math.atan2(line.point[1] - centre[1], line.point[0] - centre[0])
+    sweep = math.fmod(side * (leaves - begins), 2.0 * math.pi)
+    sweep += 2.0 * math.pi if sweep < 0.0 else 0.0
+    angle = begins + side * np.linspace(0.0, sweep, 2 + int(sweep / 0.2))
+    return np.asarray(centre)[:2] + radius * np.column_stack((np.cos(angle), np.sin(angle)))
+
+
+class TangentController:
+    """Constant forward speed, and the yaw rate of the law above; as braking distances go, it knows of none."""
+
+    def __init__(
+        self, profile: RobotProfile, planning: PlanningParameters, parameters: TangentParameters | None = None
+    ) -> None:
+        self._limits = profile.base
+        self._p = parameters or TangentParameters()
+        self._reach = ReachModel(profile, planning.reach)
+
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """This period's acceleration, and where the law will lead; ``budget`` is not needed: nothing is searched."""
+        target = problem.target
+        if target is None:
+            return self._rest(problem)
+        side = SIDES[placement.chosen]
+        acceleration = self._acceleration(
+            problem.pose, problem.twist, target, problem.next_target, side, problem.period
+        )
+        nodes, to_range = self._predicted(problem, target, side)
+        radius = _radius(target, self._p)
+        line = tangent(problem.pose, target.position, radius, side)
+        onward = None if problem.next_target is None else problem.next_target.position
+        circle = path_round(line, target.position, radius, side, onward)
+        return BasePlan(
+            acceleration=frozen(acceleration),
+            status="goal",
+            reason="",
+            global_path=frozen(np.vstack([problem.pose[:2], circle])),
+            next_path=empty_path() if onward is None else frozen(np.vstack([circle[-1], onward[:2]])),
+            intermediate_goal=frozen([*line.point, line.heading]),
+            local_poses=frozen(nodes),
+            local_times=frozen(np.arange(len(nodes)) * _NODE * _STEP),
+            bezier=empty_path(),
+            expansions=0,
+            cut_by_clock=False,
+            t_h=float(placement.cost_current[placement.chosen]),
+            k=1.0,
+            time_to_range=to_range,
+        )
+
+    def _acceleration(
+        self, pose: Array, twist: Array, target: Target, following: Target | None, side: float, period: float
+    ) -> Array:
+        """Acceleration (2,) towards the speeds of the law, within the limits."""
+        limits = self._limits
+        speed = limits.forward_speed
+        yaw_rate = self._curvature(pose, target, following, side) * speed
+        yaw_rate = min(max(yaw_rate, -limits.yaw_rate), limits.yaw_rate)
+        most = np.array([limits.linear_acceleration, limits.yaw_acceleration])
+        return np.clip((np.array([speed, yaw_rate]) - twist) / period, -most, most)
+
+    def _curvature(self, pose: Array, target: Target, following: Target | None, side: float) -> float:
+        """w / v [1/m]."""
+        p, radius = self._p, _radius(target, self._p)
+        line = tangent(pose, target.position, radius, side)
+        alpha = wrap_angle(line.heading - float(pose[2]))
+        round_it = max(0.0, 1.0 - line.rho / p.near) / radius if radius > 0.0 else 0.0
+        if line.rho <= p.near:
+            return side * round_it + p.k_alpha * alpha / p.near
+        wanted = _leaving(line, target, following)
+        beta = 0.0 if wanted is None else wrap_angle(line.heading - wanted)
+        turning = min(max(p.k_beta * beta, -p.k_alpha * p.swing), p.k_alpha * p.swing)
+        return (p.k_alpha * alpha + turning) / line.rho
+
+    def _predicted(self, problem: BaseProblem, target: Target, side: float) -> tuple[Array, float]:
+        """Poses and twists (j, 5) to which the law leads, and when the target comes into reach [s]."""
+        nodes, to_range, left = [], math.inf, _HORIZON
+        pose, twist = np.array(problem.pose), np.array(problem.twist)
+        for k, (pose, twist) in enumerate(self._steps(problem, target, side)):
+            if k % _NODE == 0:
+                nodes.append([*pose, *twist])
+            if math.isinf(to_range) and self._reach.contains(pose, twist, target):
+                to_range, left = k * _STEP, k + _AFTER
+            if k >= left:
+                break
+        if math.isinf(to_range):  # beyond the horizon: straight on
+            rho = tangent(pose, target.position, _radius(target, self._p), side).rho
+            to_range = _HORIZON * _STEP + rho / self._limits.forward_speed
+        return np.array(nodes), to_range
+
+    def _steps(self, problem: BaseProblem, target: Target, side: float) -> Iterator[tuple[Array, Array]]:
+        pose, twist = np.array(problem.pose), np.array(problem.twist)
+        for _ in range(_HORIZON + 1):
+            yield pose, twist
+            faster = self._acceleration(pose, twist, target, problem.next_target, side, _STEP) * _STEP
+            mean = twist + 0.5 * faster
+            pose, twist = drive(pose, float(mean[0]), float(mean[1]), _STEP), twist + faster
+
+    def _rest(self, problem: BaseProblem) -> BasePlan:
+        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
+        return BasePlan(
+            acceleration=frozen(np.clip(-problem.twist / problem.period, -most, most)),
+            status="idle",
+            reason="there is nothing to do",
+            global_path=empty_path(),
+            next_path=empty_path(),
+            intermediate_goal=frozen(problem.pose),
+            local_poses=frozen([[*problem.pose, *problem.twist]]),
+            local_times=frozen([0.0]),
+            bezier=empty_path(),
+            expansions=0,
+            cut_by_clock=False,
+            t_h=0.0,
+            k=1.0,
+            time_to_range=math.inf,
+        )
+
+
+def _leaving(line: Tangent, target: Target, following: Target | None) -> float | None:
+    """Heading [rad] that the base should have at xi_C: that of a drive, else towards the next target."""
+    if target.heading is not None:
+        return target.heading
+    if following is None:
+        return None
+    return math.atan2(following.position[1] - line.point[1], following.position[0] - line.point[0])
+
+
+def _no_target(pose: Array) -> Placement:
+    none = frozen(np.zeros(0))
+    return Placement(
+        mode="none", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none, cost=none,
+        rejected=(), chosen=-1, goal=frozen(pose), goal_has_heading=False, reason="there is no target", next_goal=None,
+    )  # fmt: skip
+
+
+def tangent_planner(parts: PlannerParts) -> BasePlanner:
+    """Tangent placement and controller; the tuned smallest ring and next weight belong to the paper's rule only."""
+    profile, p = parts.known.robot, TangentParameters()
+    return BasePlanner(
+        profile,
+        parts.parameters,
+        clock=parts.clock,
+        graphs=parts.graphs,
+        placement=TangentPlacement(profile, p),
+        controller=TangentController(profile, parts.parameters, p),
+    )
+
+
+MOTM2022 = Method(
+    name="motm2022",
+    title="MotM 2022, tangent to a circle",
+    summary="Drives along a tangent of a circle round the target at constant speed, with no obstacle avoidance.",
+    source="Burgess-Limerick et al., MotM (2212.06991)",
+    known=(
+        "r_C = 0.6 m; the tangent point of that circle that is nearer; w = (k_alpha alpha + k_beta beta) v / rho with "
+        "k_alpha = 4, k_beta = 2.2 and a constant v; the arm leaves by the transit rule, k_A = 0.5. Gains and law are "
+        "known from re-implementations, the full text was not available."
+    ),
+    chosen=(
+        "v = 0.5 m/s, as of all methods. Nearer: to the heading. beta: from the direction xi_C - next target to the "
+        "line to xi_C, the sign with which both angles vanish (as rho^1.3 and rho^1.7 for a fixed point); it "
+        "turns the base away from xi_C by at most 0.4 rad, as more only costs time on the open floor. From "
+        "rho = 0.25 m on the base goes round the circle until the job is done. Time to range: from the law itself, "
+        "predicted with the limits of the base. In range: as of all methods, instead of a manipulability above 0.08."
+    ),
+    planner=tangent_planner,
+)

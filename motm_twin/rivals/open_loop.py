@@ -1,0 +1,272 @@
+"""Open loop: the paper's method plans the whole task beforehand, and that plan is carried out, whatever happens.
+
+The base tracks the planned trajectory by its localised pose, the arm the planned joint positions, the gripper the
+planned times. With the error (e_x, e_y, e_h) of the pose in the robot's frame and the planned twist (v_r, w_r):
+
+    v = v_r cos e_h + k_x e_x,    w = w_r + k_y v_r sin(e_h) / e_h e_y + k_h e_h
+
+(Kanayama et al., "A stable tracking control method for an autonomous mobile robot", ICRA 1990, in the form of Samson).
+No camera, no lidar, no other plan; the monitor stops this robot as any other. Errors of localisation, of what was
+believed of the cubes, and of whatever is not as it was rehearsed end up in the grasp.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from motm_twin.control.arm_view import ManipulatorState
+from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.method import ARM_STEPS, ArmParts, Method, PlannerParts, Rehearse, Rehearsed, Timed
+from motm_twin.control.task_list import TaskEdit
+from motm_twin.control.types import ArmInputs, ArmStep
+from motm_twin.model.geometry import Array, frozen, to_frame, wrap_angle
+from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.names import MethodError
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import Stateful
+from motm_twin.planning.planner import BasePlanner
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+
+K_X, K_Y, K_H = 1.0, 4.0, 2.0  # [1/s], [1/m^2], [1/s]: critically damped at 0.5 m/s
+K_Q = 5.0  # [1/s] of the joints to their planned positions
+DOCKED = 0.04  # [m] from the end of a plan that is over
+SHOWN, STRIDE = 60, 3  # periods of the plan ahead that a Tick shows, every so many
+_OVER = "the rehearsed plan is over"
+
+
+@dataclass
+class ScriptState:
+    """The plan, and how far it is carried out."""
+
+    at: int = 0  # period, or arm step, that is next
+    plan: Rehearsed | None = None
+    edits: Timed = ()  # of the task list so far
+    refused: str = ""  # why a plan was kept although the tasks have changed
+
+
+class Script:
+    """The plan of a run: rehearsed when it is first looked at, and again when a person changes the task list."""
+
+    def __init__(self, rehearse: Rehearse, steps: int) -> None:
+        """``steps`` of a period."""
+        self._rehearse, self._steps = rehearse, steps
+
+    def plan(self, state: ScriptState) -> Rehearsed:
+        """The plan of now."""
+        if state.plan is None:
+            state.plan = self._rehearse(state.edits)
+        return state.plan
+
+    def retasked(self, state: ScriptState, edit: TaskEdit) -> None:
+        """Rehearse the whole run anew, with this edit at its period; the plan stays when the rehearsal refuses it."""
+        edits = (*state.edits, (state.at // self._steps, edit))
+        try:
+            state.plan, state.edits = self._rehearse(edits), edits
+        except ValueError as error:
+            state.refused = f"the task list has changed, and the plan has not: {error}"
+
+
+class TrackingController(Stateful[ScriptState]):
+    """The base follows the rehearsed trajectory; it is its own placement strategy."""
+
+    def __init__(self, profile: RobotProfile, rehearse: Rehearse) -> None:
+        self._limits = profile.base
+        self.script = Script(rehearse, steps=1)
+        self._state = ScriptState()
+
+    def place(self, problem: BaseProblem) -> Placement:
+        """Planned base pose of the next pick or place; the last pose once the plan is over."""
+        state, plan = self._state, self.script.plan(self._state)
+        n = next((n // ARM_STEPS for n, _ in plan.outcomes if n >= ARM_STEPS * state.at), plan.periods - 1)
+        goal, over = plan.poses[n], state.at >= plan.periods
+        zero = np.zeros(1)
+        return Placement(
+            mode="closest" if over or plan.blocked[state.at] else "drive",
+            radius=0.0,
+            poses=goal[None],
+            cost_current=frozen(zero),
+            cost_next=frozen(zero),
+            cost=frozen(zero),
+            rejected=("",),
+            chosen=0,
+            goal=goal,
+            goal_has_heading=True,
+            reason=_over(plan) if over else "as rehearsed",
+            next_goal=None,
+        )
+
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """The acceleration that brings the base to the tracking law's twist by the end of the period."""
+        state, plan = self._state, self.script.plan(self._state)
+        n, over = min(state.at, plan.periods - 1), state.at >= plan.periods
+        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
+        wanted = (
+            docking_twist(problem.pose, _end(plan, problem.target))
+            if over
+            else tracking_twist(problem.pose, plan.poses[n], plan.twists[n])
+        )
+        ahead = slice(n, n + SHOWN, STRIDE)
+        nodes = np.hstack([plan.poses[ahead], plan.twists[ahead]])
+        idle = over or bool(plan.blocked[n])
+        state.at += 1
+        return BasePlan(
+            acceleration=frozen(np.clip((wanted - problem.twist) / problem.period, -most, most)),
+            status="idle" if idle else "goal",
+            reason=state.refused or (_over(plan) if over else ""),
+            global_path=plan.poses[n:, :2],
+            next_path=empty_path(),
+            intermediate_goal=placement.goal,
+            local_poses=frozen(nodes),
+            local_times=frozen(problem.period * STRIDE * np.arange(len(nodes))),
+            bezier=empty_path(),
+            expansions=0,
+            cut_by_clock=False,
+            t_h=problem.period * (plan.periods - n),
+            k=1.0,
+            time_to_range=0.0 if over or plan.in_range[n] else math.inf,
+        )
+
+    def retasked(self, edit: TaskEdit) -> None:
+        """The task list has changed."""
+        self.script.retasked(self._state, edit)
+
+
+class OpenLoopPlanner(BasePlanner):
+    """Planner around one `TrackingController`."""
+
+    def __init__(self, parts: PlannerParts, tracking: TrackingController) -> None:
+        super().__init__(parts.known.robot, parts.parameters, placement=tracking, controller=tracking)
+        self._tracking = tracking
+
+    def retasked(self, edit: TaskEdit) -> None:
+        """A person has changed the task list."""
+        self._tracking.retasked(edit)
+
+
+@dataclass
+class OpenLoopState(ManipulatorState):
+    """State of the arm and of the plan behind it."""
+
+    script: ScriptState = field(default_factory=ScriptState)
+    due: list[str] = field(default_factory=list)  # outcomes that the task list was not ready for yet
+
+
+class OpenLoopArm(Manipulator):
+    """Joints and gripper as rehearsed; the base as its controller wants it."""
+
+    _state: OpenLoopState
+
+    def __init__(self, parts: ArmParts, rehearse: Rehearse) -> None:
+        super().__init__(parts.known, parts.parameters)
+        self.script = Script(rehearse, steps=ARM_STEPS)
+        self._state = OpenLoopState()
+
+    @property
+    def busy(self) -> bool:
+        """Are the fingers closing now, by the plan?"""
+        return self._state.phase == "closing"
+
+    def step(self, inputs: ArmInputs) -> ArmStep:
+        """The planned joint rates, and what brings the joints back to the plan; outcomes by the clock."""
+        state = self._state
+        plan, seen = self.script.plan(state.script), inputs.observation
+        view = self._look(inputs)
+        n, over = min(state.script.at, len(plan.q) - 1), state.script.at >= len(plan.q)
+        planned = np.zeros(7) if over else plan.rates[n]
+        rates = np.clip(planned + K_Q * (plan.q[n] - seen.q), -DQ_MAX, DQ_MAX)
+        if plan.phases[n] != state.phase:
+            state.phase, state.since = plan.phases[n], seen.time
+        state.gripper = "close" if plan.closed[n] else "open"
+        outcome = self._outcome(plan, inputs.goal.kind, n, over=over)
+        state.script.at += 1
+        return self._report(
+            view,
+            inputs,
+            twist=frozen(inputs.base_twist),
+            rates=frozen(rates),
+            slack=frozen(np.zeros(6)),
+            active=(),
+            status="open loop",
+            outcome=outcome,
+            reason=state.script.refused or (_over(plan) if over else ""),
+        )
+
+    def retasked(self, edit: TaskEdit) -> None:
+        """A person has changed the task list."""
+        self.script.retasked(self._state.script, edit)
+
+    def _outcome(self, plan: Rehearsed, goal: str, n: int, *, over: bool) -> str:
+        """Outcome that the plan has by now, as soon as the task list is at it."""
+        state = self._state
+        if not over:
+            state.due += [outcome for at, outcome in plan.outcomes if at == n]
+        if not state.due or {"picked": "pick", "missed": "pick", "placed": "place"}.get(state.due[0], goal) != goal:
+            return ""
+        outcome = state.due.pop(0)
+        if outcome in ("picked", "placed", "lost"):
+            state.holding = outcome == "picked"
+            state.reported = state.holding
+        return outcome
+
+
+def tracking_twist(pose: Array, planned_pose: Array, planned_twist: Array) -> Array:
+    """Twist (v, w) that leads from a pose (3,) to where the plan is now, which moves at the planned twist (2,)."""
+    e_x, e_y = to_frame(pose, planned_pose[:2])
+    e_h = wrap_angle(float(planned_pose[2] - pose[2]))
+    v_r, w_r = planned_twist
+    return np.array(
+        [v_r * math.cos(e_h) + K_X * e_x, w_r + K_Y * v_r * float(np.sinc(e_h / math.pi)) * e_y + K_H * e_h]
+    )
+
+
+def docking_twist(pose: Array, end: Array) -> Array:
+    """Twist (v, w) to the end of a plan (3,) that is over: straight for it, forwards or back, then turn on the spot."""
+    e_x, e_y = to_frame(pose, end[:2])
+    distance = math.hypot(e_x, e_y)
+    if distance < DOCKED:
+        return np.array([0.0, K_H * wrap_angle(float(end[2] - pose[2]))])
+    off = math.atan2(e_y, e_x) if e_x >= 0.0 else wrap_angle(math.atan2(e_y, e_x) + math.pi)
+    return np.array([math.copysign(K_X * distance * math.cos(off), e_x), K_H * off])
+
+
+def _end(plan: Rehearsed, target: Target | None) -> Array:
+    """Goal of a base that is late: a place it was to drive to, of which a plan needs the edge only; else its end."""
+    end = np.array(plan.poses[-1])
+    if target is not None and target.kind == "drive":
+        end[:2] = target.position
+        end[2] = end[2] if target.heading is None else target.heading
+    return end
+
+
+def _over(plan: Rehearsed) -> str:
+    return _OVER + (f"; in rehearsal {'; '.join(plan.failures)}" if plan.failures else "")
+
+
+def _rehearsed_by(parts: PlannerParts | ArmParts) -> Rehearse:
+    if parts.rehearse is None:
+        raise MethodError("open_loop needs a rehearsal of the task: let a Twin build it")
+    return parts.rehearse
+
+
+def _planner(parts: PlannerParts) -> BasePlanner:
+    return OpenLoopPlanner(parts, TrackingController(parts.known.robot, _rehearsed_by(parts)))
+
+
+def _arm(parts: ArmParts) -> Manipulator:
+    return OpenLoopArm(parts, _rehearsed_by(parts))
+
+
+OPEN_LOOP = Method(
+    name="open_loop",
+    title="Same plan, open loop",
+    summary="Rehearses the paper's method in the world as known beforehand, and carries that plan out by localisation.",
+    source="own; for the paper's argument that reacting is what makes manipulation on the move robust",
+    known="The paper and MotM name planned on-the-move manipulation as the rival, and no planner of it.",
+    chosen=(
+        "The plan is what the paper's method does without any noise, as good as it can be. It is tracked in pose, "
+        "joints and time, which is more than open loop: only perception and planning are missing. The monitor stays."
+    ),
+    planner=_planner,
+    arm=_arm,
+)

@@ -1,0 +1,236 @@
+"""The base and arm of a robot that stops to manipulate: parameters, the way to a pose, and the stand there."""
+
+import dataclasses
+import math
+
+import msgspec
+import numpy as np
+
+from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.method import ArmParts, PlannerParts
+from motm_twin.control.types import ArmInputs, ArmStep
+from motm_twin.model.geometry import Array, drive, frozen
+from motm_twin.model.state import Stateful
+from motm_twin.perception.still_map import StillMap
+from motm_twin.planning.braking import stopping_clearance
+from motm_twin.planning.collision import field_of
+from motm_twin.planning.controller import StaaController
+from motm_twin.planning.global_path import GraphCache
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+from motm_twin.rivals.reachability import TargetReach
+
+DEG = math.pi / 180.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StationaryParameters:
+    """Parameters of standing poses: candidates, costs, and when a pose is close enough."""
+
+    manipulability_weight: float = 5.0  # [s] more than the best pose for one without any: none of 0 to 40 s is quicker
+    onward_weight: float = 1.0  # of the way on to the next target, in `sequential`: a second is a second on both ways
+    arm_clearance: float = 0.13  # [m] to either side of the arm: 0.07 m of forearm, and where it begins to be slowed
+    over_cost: float = 100.0  # [s] of a pose with less, to an obstacle outside the map: only when there is no other
+    directions: int = 36  # of candidates about the target, as many as the paper's ring has
+    headings: int = 16  # at each position, as many as `motm` has where it tries any heading
+    radius_step: float = 0.05  # [m] between rings of candidates, as the paper's rings have here
+    next_headings: int = 8  # of a next target's poses, at the best position of each direction: half, to save time
+    equal_share: float = 0.01  # of the best manipulability: less than that is no difference
+    fixed_poses: int = 7  # Paper, Sec. VI, after Reister et al.
+    fixed_inset: float = 0.10  # [m] from the edge of a table, where things stand that an arm shall reach
+    moved: float = 0.15  # [m] by which the target has moved when the choice is made anew: what is believed errs by 0.1
+    park_distance: float = 0.15  # [m] from the chosen pose at which the base may rest: as near as STAA* comes here
+    park_share: float = 0.90  # of the manipulability of the chosen pose that it must have there: or it drives on
+    park_slack: float = 0.02  # [m] inside the reach, because localisation errs by 1 cm
+    goal_distance: float = 0.06  # [m] to which the search must come, and
+    goal_heading: float = 10.0 * DEG  # [rad], once the base has become slow too far away: else it would stay there
+    slow_v: float = 0.10  # [m/s] and
+    slow_w: float = 0.30  # [rad/s] below which a base near its pose creeps
+    patience: float = 3.0  # [s] standing on the way, where the map shows one and there is none, until another pose,
+    refused_distance: float = 0.20  # [m] this far away at least, is chosen
+    stands_v: float = 0.01  # [m/s] and
+    stands_w: float = 0.02  # [rad/s] below which the base stands: fingers neither close nor open above
+
+
+DRIVING, STOPPING, PARKED = "driving", "stopping", "parked"
+
+
+@dataclasses.dataclass(kw_only=True)
+class ParkingState:
+    """Phase of the base, and its target."""
+
+    target: tuple[str, str] | None = None
+    phase: str = DRIVING
+    exact: bool = False  # the base has become slow at the pose and still does not serve: it has to come nearer
+
+
+def stopping_base(parameters: PlanningParameters) -> PlanningParameters:
+    """The same base controller, but one whose search ends at the chosen pose instead of passing it."""
+    return dataclasses.replace(
+        parameters, staa=dataclasses.replace(parameters.staa, termination="reach_goal", drive_on=False)
+    )
+
+
+class ParkingController(StaaController, Stateful[ParkingState]):
+    """STAA* to the chosen pose, then the shortest stop there is, as soon as that ends near enough to it."""
+
+    def __init__(
+        self, parts: PlannerParts, graphs: GraphCache, *, overlap: bool, parameters: StationaryParameters | None = None,
+        still: StillMap | None = None,
+    ) -> None:  # fmt: skip
+        """``overlap``: the arm is told how soon the base will stand, and moves already while it arrives."""
+        self.stationary = parameters or StationaryParameters()
+        super().__init__(
+            parts.known.robot, stopping_base(parts.parameters), clock=parts.clock, graphs=graphs, still=still
+        )
+        self._usual = self._p
+        self._exact = dataclasses.replace(
+            self._p,
+            pass_distance=min(self._p.pass_distance, self.stationary.goal_distance),
+            pass_heading=min(self._p.pass_heading, self.stationary.goal_heading),
+        )
+        self._overlap = overlap
+        self._arm_reach = TargetReach(parts.known, parts.parameters)
+        self._state = ParkingState()
+
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """Plan the acceleration of this period."""
+        target = problem.target
+        if target is None or target.kind == "drive" or placement.mode not in ("ring", "reach"):
+            self._state, self._p = ParkingState(), self._usual
+            return self._without_arm(super().plan(problem, placement, budget))
+        if self._state.target != (target.kind, target.name):
+            self._state = ParkingState(target=(target.kind, target.name))
+        self._tighten()
+        self._advance(problem, placement, target)
+        self._tighten()
+        if self._state.phase == DRIVING:
+            return self._arriving(super().plan(problem, placement, budget))
+        return self._standing(problem, placement)
+
+    def _tighten(self) -> None:
+        """Search with the tolerances of the state."""
+        self._p = self._exact if self._state.exact else self._usual
+
+    def _advance(self, problem: BaseProblem, placement: Placement, target: Target) -> None:
+        """Drive, stop, or stand."""
+        state = self._state
+        if state.phase == STOPPING and self._stands(problem.twist):
+            state.phase = PARKED
+        if state.phase == PARKED and not problem.engaged and not self._serves(problem.pose, target):
+            state.phase = DRIVING
+        if state.phase == DRIVING and placement.chosen >= 0 and self._may_stop(problem, placement, target):
+            state.phase = PARKED if self._stands(problem.twist) else STOPPING
+        if state.phase != DRIVING:
+            state.exact = False
+        elif self._slow(problem.twist) and placement.chosen >= 0 and self._at(problem.pose, placement):
+            state.exact = True
+
+    def _stands(self, twist: Array) -> bool:
+        return abs(twist[0]) < self.stationary.stands_v and abs(twist[1]) < self.stationary.stands_w
+
+    def _slow(self, twist: Array) -> bool:
+        return abs(twist[0]) < self.stationary.slow_v and abs(twist[1]) < self.stationary.slow_w
+
+    def _serves(self, pose: Array, target: Target) -> bool:
+        """Does a base that stands have the target in reach?"""
+        return self._reach.contains(pose, np.zeros(2), target, self._p)
+
+    def _may_stop(self, problem: BaseProblem, placement: Placement, target: Target) -> bool:
+        """Does the shortest stop from here end near enough to the chosen pose, and with as good a reach?
+
+        A base that has become slow near enough is content with any reach: creeping takes longer than a longer arm.
+        """
+        p, goal = self.stationary, np.asarray(placement.goal)
+        ahead = p.park_distance + problem.twist[0] ** 2 / (2.0 * self._limits.linear_acceleration) + 0.05
+        if math.hypot(*(problem.pose[:2] - goal[:2])) > ahead:
+            return False
+        end = self._stop_ends(problem)[-1, :3]
+        if math.hypot(*(end[:2] - goal[:2])) > p.park_distance:
+            return False
+        if not self._reach.reached_from(end[None], target, slack=p.park_slack)[0]:
+            return False
+        share = self._arm_reach.share(np.array([end, goal]), target)
+        wanted = 1e-6 if self._slow(problem.twist) else p.park_share * share[1]
+        good = share[0] >= wanted or share[1] == 0.0  # the paper's own candidates may be where the map ends
+        return bool(good) and self._stop_is_free(problem)
+
+    def _stop_ends(self, problem: BaseProblem) -> Array:
+        """Poses and twists of the shortest stop, one per period, shape (n, 5)."""
+        most = self._most() * problem.period
+        pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
+        rows = [np.array([*pose, *twist])]
+        while twist.any():
+            after = np.sign(twist) * np.maximum(np.abs(twist) - most, 0.0)
+            mean = 0.5 * (twist + after)
+            pose, twist = drive(pose, mean[0], mean[1], problem.period), after
+            rows.append(np.array([*pose, *twist]))
+        return np.array(rows)
+
+    def _stop_is_free(self, problem: BaseProblem) -> bool:
+        """With the margin of the search: it ends with another heading than the chosen one, which has room enough."""
+        wanted = self._p.margin_floor if self._slow(problem.twist) else self._p.margin
+        most, (x, y, heading), (v, w) = self._most(), problem.pose, problem.twist
+        free = stopping_clearance(
+            float(x), float(y), float(heading), float(v), float(w), float(most[0]), float(most[1]), wanted,
+            field_of(problem.world), self._body,
+        )  # fmt: skip
+        return free >= wanted
+
+    def _most(self) -> Array:
+        return np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
+
+    def _standing(self, problem: BaseProblem, placement: Placement) -> BasePlan:
+        """Come to rest, and stay."""
+        rows = self._stop_ends(problem)
+        times = np.arange(len(rows)) * problem.period
+        most = self._most()
+        left = float(times[-1]) if self._state.phase == STOPPING else 0.0
+        return BasePlan(
+            acceleration=frozen(np.clip(-problem.twist / problem.period, -most, most)),
+            status="goal",
+            reason="",
+            global_path=empty_path(),
+            next_path=empty_path(),
+            intermediate_goal=frozen(placement.goal),
+            local_poses=frozen(rows),
+            local_times=frozen(times),
+            bezier=empty_path(),
+            expansions=0,
+            cut_by_clock=False,
+            t_h=left,
+            k=self._k(left),
+            time_to_range=left if self._overlap or self._state.phase == PARKED else math.inf,
+        )
+
+    def _arriving(self, plan: BasePlan) -> BasePlan:
+        """The plan of a base on its way, with the time until it stands instead of that until it is in reach."""
+        if not self._overlap or not math.isfinite(plan.t_h):
+            return self._without_arm(plan)
+        brake = self._limits.forward_speed / (2.0 * self._limits.linear_acceleration)
+        on_the_way = float(plan.local_times[-1]) if plan.status == "goal" else plan.t_h
+        return msgspec.structs.replace(plan, time_to_range=max(on_the_way + brake, 0.05))
+
+    def _without_arm(self, plan: BasePlan) -> BasePlan:
+        return msgspec.structs.replace(plan, time_to_range=math.inf)
+
+
+_NEVER = -1.0  # [m/s] no hand is as slow as this
+
+
+class StandingManipulator(Manipulator):
+    """Fingers close on an object, and let go of it, only while the base stands."""
+
+    def __init__(self, parts: ArmParts, parameters: StationaryParameters | None = None) -> None:
+        super().__init__(parts.known, parts.parameters)
+        self.stationary = parameters or StationaryParameters()
+        waiting = msgspec.structs.replace(self.parameters, close_speed=_NEVER, release_speed=_NEVER)
+        self._standing_rules = self._rules
+        self._waiting_rules = dataclasses.replace(self._rules, parameters=waiting)
+
+    def step(self, inputs: ArmInputs) -> ArmStep:
+        """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""
+        v, w = inputs.observation.twist
+        stands = abs(v) < self.stationary.stands_v and abs(w) < self.stationary.stands_w
+        self._rules = self._standing_rules if stands else self._waiting_rules
+        return super().step(inputs)

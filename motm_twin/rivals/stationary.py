@@ -1,0 +1,150 @@
+"""The stop-then-manipulate methods of Reister et al. on this robot, and a stronger form of the best of them."""
+
+from motm_twin.control.method import ArmParts, Method, PlannerParts, map_ahead
+from motm_twin.planning.global_path import GraphCache
+from motm_twin.planning.planner import BasePlanner
+from motm_twin.rivals.parking import ParkingController, StandingManipulator, StationaryParameters
+from motm_twin.rivals.stationary_placement import FixedSetPlacement, StationaryPlacement, Terms
+
+MANIPULABILITY = Terms(current=False, onward=False)
+GREEDY_TERMS = Terms(current=True, onward=False)
+ALL_TERMS = Terms(current=True, onward=True)
+_SOURCE = "Reister, Grotz and Asfour, RA-L 2022; Paper, Sec. VI"
+_STANDING = (
+    "It drives with the same base controller and limits as motm, whose search ends at the pose. As soon as a stop at "
+    "full deceleration would end within 0.15 m of the pose and with 90 % of its manipulability, it does so: STAA* "
+    "alone creeps towards a pose. The arm is stowed until the base is told to stand, the fingers wait until it does, "
+    "and it leaves when the object is lifted 3 cm or let go. A pose that is no longer free or in reach is chosen anew."
+)
+_MAP = (
+    "Manipulability is sqrt(det(J J^T)) from inverse kinematics of this arm at the height of the object or the bin's "
+    "rim: the best over joint 7, both elbows and wrists and the faces of the cube, within joint limits and clear of "
+    "the table. Their measure and weights are not known to us. "
+)
+_COST = "A pose without manipulability costs 5 s more than the best one; ways count their seconds, weight 1."
+
+
+def stationary_planner(
+    parts: PlannerParts, terms: Terms, *, overlap: bool = False, parameters: StationaryParameters | None = None
+) -> BasePlanner:
+    """Poses from the inverse reachability map, and a base that stands there; ``overlap``: the arm comes early."""
+    graphs = parts.graphs or GraphCache()
+    placement = StationaryPlacement(parts, graphs, terms, parameters)
+    return _standing(parts, placement, graphs, overlap=overlap, parameters=parameters)
+
+
+def _standing(
+    parts: PlannerParts, placement: StationaryPlacement, graphs: GraphCache, *, overlap: bool = False,
+    parameters: StationaryParameters | None = None,
+) -> BasePlanner:  # fmt: skip
+    still = map_ahead(parts)
+    controller = ParkingController(parts, graphs, overlap=overlap, parameters=parameters, still=still)
+    return BasePlanner(
+        parts.known.robot,
+        parts.parameters,
+        clock=parts.clock,
+        placement=placement,
+        controller=controller,
+        graphs=graphs,
+        still=still,
+    )
+
+
+def _fixed_set(parts: PlannerParts) -> BasePlanner:
+    graphs = parts.graphs or GraphCache()
+    return _standing(parts, FixedSetPlacement(parts, graphs), graphs)
+
+
+def _irm(parts: PlannerParts) -> BasePlanner:
+    return stationary_planner(parts, MANIPULABILITY)
+
+
+def _greedy(parts: PlannerParts) -> BasePlanner:
+    return stationary_planner(parts, GREEDY_TERMS)
+
+
+def _sequential(parts: PlannerParts) -> BasePlanner:
+    return stationary_planner(parts, ALL_TERMS)
+
+
+def _sequential_overlap(parts: PlannerParts) -> BasePlanner:
+    return stationary_planner(parts, ALL_TERMS, overlap=True)
+
+
+def standing_arm(parts: ArmParts) -> StandingManipulator:
+    """The arm of all of them."""
+    return StandingManipulator(parts)
+
+
+IRM = Method(
+    name="irm",
+    title="IRM",
+    summary="Stops at the pose with the most manipulability, wherever that is.",
+    source=_SOURCE,
+    known="The pose is chosen by a manipulability metric only, without navigation costs; 192.9 s on their robot.",
+    chosen=(
+        "Of poses within 1 % of the best, the one that faces the target most: the heading hardly changes the measure. "
+        f"{_MAP}{_STANDING}"
+    ),
+    planner=_irm,
+    arm=standing_arm,
+)
+
+FIXED_SET = Method(
+    name="fixed_set",
+    title="Fixed set",
+    summary="Stops at one of seven fixed poses round the table, the one with the most manipulability.",
+    source=_SOURCE,
+    known="Seven fixed candidates spaced around and facing the object table, chosen among by manipulability.",
+    chosen=(
+        "The seven are equally spaced along a line 10 cm inside the table's edge, at right angles to the edge; their "
+        "distance and first place are those with which the worst point of the line is served best. At a bin it takes "
+        "the nearest of seven poses that face the bin. Where none is free and near enough, it does as irm; it measures "
+        "and stops as irm does."
+    ),
+    planner=_fixed_set,
+    arm=standing_arm,
+)
+
+GREEDY = Method(
+    name="greedy",
+    title="Greedy",
+    summary="Stops at the pose with the best sum of manipulability and way to it.",
+    source=_SOURCE,
+    known="Manipulability and the navigation cost to the candidate.",
+    chosen=f"{_COST} It measures and stops as irm does.",
+    planner=_greedy,
+    arm=standing_arm,
+)
+
+SEQUENTIAL = Method(
+    name="sequential",
+    title="Sequential",
+    summary="Stops at the pose with the best sum of manipulability, way to it, and way on to the next target.",
+    source=_SOURCE,
+    known=(
+        "A weighted cost of manipulability, navigation to the candidate and on to the next location; 172.3 s on their "
+        "robot, of which 40 s are an allowance for grasps."
+    ),
+    chosen=(
+        f"{_COST} The way on ends at the pose of the next target that is best by the same cost. It measures and stops "
+        "as irm does."
+    ),
+    planner=_sequential,
+    arm=standing_arm,
+)
+
+SEQUENTIAL_OVERLAP = Method(
+    name="sequential_overlap",
+    title="Sequential, arm early",
+    summary="As sequential, but the arm reaches out while the base arrives; the fingers close when it stands.",
+    source="own, after Reister, Grotz and Asfour",
+    known=(
+        "The hand arrives as the base does, says the paper of Reister et al. (Sec. II); not how, nor in which times."
+    ),
+    chosen="The arm starts by the rule of motm, with the time until the base stands. All else is as in sequential.",
+    planner=_sequential_overlap,
+    arm=standing_arm,
+)
+
+STATIONARY = (FIXED_SET, IRM, GREEDY, SEQUENTIAL, SEQUENTIAL_OVERLAP)

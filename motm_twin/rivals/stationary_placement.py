@@ -1,0 +1,422 @@
+"""Base placement of a robot that stops to manipulate: once per target, by manipulability and by the way there.
+
+    C_i = w_m (1 - m_i / m_max) + C_iC + w_N C_iN
+
+`irm` has the first term only, `greedy` the first two, `sequential` all three; `fixed_set` has seven poses to choose
+from.
+"""
+
+import dataclasses
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely.geometry import Point as ShapelyPoint
+from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
+from shapely.ops import unary_union
+
+from motm_twin.control.method import PlannerParts
+from motm_twin.model.geometry import Array, from_frame, frozen
+from motm_twin.model.known import KnownWorld, known_solids
+from motm_twin.model.scene import Bin, Solid
+from motm_twin.model.scene_shapes import base_outline, outline
+from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.collision import clearances, field_of
+from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.global_path import GraphCache, goal_table, robot_table
+from motm_twin.planning.placement import (
+    Candidates,
+    NextTargetPlacement,
+    PlacementState,
+    Searched,
+    spokes,
+)
+from motm_twin.planning.rejections import Here, rejections
+from motm_twin.planning.room import room_for
+from motm_twin.planning.types import BaseProblem, Placement, Target
+from motm_twin.rivals.parking import StationaryParameters
+from motm_twin.rivals.reachability import TargetReach
+
+IntArray = NDArray[np.integer[Any]]
+NOT_FREE, NO_REACH, REFUSED = "not free", "arm cannot reach", "the base did not get there"
+
+
+class Terms(NamedTuple):
+    """Which terms of the cost count."""
+
+    current: bool
+    onward: bool
+
+
+@dataclasses.dataclass(kw_only=True)
+class StationaryState(PlacementState):
+    """The choice that stays until its target is done."""
+
+    decided: Placement | None = None
+    at: Array | None = None  # [m] where the target was when it was made
+    over: bool = False  # the arm had to be over a seen obstacle when it was made
+    still_since: float | None = None  # [s] since when the base stands, but not at the chosen pose
+    refused: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))  # [m] poses that it did not get to
+
+
+class Judged(NamedTuple):
+    """Candidates with what is known of each."""
+
+    candidates: Candidates
+    direction: IntArray  # index of the direction about the target, shape (m,)
+    share: Array  # manipulability, of the best there is, shape (m,)
+    current: Array  # C_iC [s], inf when rejected
+    onward: Array  # C_iN [s]
+    cost: Array  # C_i [s]
+
+
+class StationaryPlacement(NextTargetPlacement):
+    """Base poses from the inverse reachability map; the paper's own candidates where it has none that is free."""
+
+    def __init__(
+        self, parts: PlannerParts, graphs: GraphCache, terms: Terms, parameters: StationaryParameters | None = None
+    ) -> None:
+        super().__init__(parts.known.robot, parts.parameters, graphs)
+        self.stationary = parameters or StationaryParameters()
+        self._terms = terms
+        self._arm_reach = TargetReach(parts.known, parts.parameters)
+        self._state: StationaryState = StationaryState()
+
+    def place(self, problem: BaseProblem) -> Placement:
+        """The choice made before as long as it serves, else a new one."""
+        target = problem.target
+        if target is None or target.kind == "drive":
+            return self._others(problem)
+        if self._state.target != (target.kind, target.name):
+            self._state = StationaryState(target=(target.kind, target.name))
+        state = self._state
+        if state.decided is not None:
+            if self._stuck(state, state.decided, problem, target):
+                state.refused = np.vstack((state.refused, state.decided.goal[:2]))
+            elif self._still_serves(state.decided, problem, target):
+                return state.decided
+        state.still_since, state.at = None, np.array(target.position[:2])
+        state.decided = self._decide(problem, target, state.refused)
+        if state.decided is None and len(state.refused):
+            state.refused = np.zeros((0, 2))
+            state.decided = self._decide(problem, target, state.refused)
+        if state.decided is None:
+            return self._others(problem)
+        state.goal = np.array(state.decided.goal)
+        state.over = bool(self._over_seen(state.goal[None], target, problem.world)[0])
+        return state.decided
+
+    def _over_seen(self, poses: Array, target: Target, world: WorldMap) -> NDArray[np.bool_]:
+        """Would the arm be over an obstacle outside the map? It counts as tall, and the arm would be held back."""
+        points = world.seen_points[world.seen_static]
+        return self._arm_reach.clear_of(poses, target, points) < self.stationary.arm_clearance
+
+    def _stuck(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
+        """Has the base been standing for long, but not at its place? The map may show a way where there is none."""
+        p = self.stationary
+        there = np.hypot(*(problem.pose[:2] - decided.goal[:2])) <= p.park_distance + p.park_slack
+        parked = there and self._reach.reached_from(problem.pose[None], target)[0]
+        if parked or problem.engaged or abs(problem.twist[0]) > p.slow_v or abs(problem.twist[1]) > p.slow_w:
+            state.still_since = None
+        elif state.still_since is None:
+            state.still_since = problem.time
+        return state.still_since is not None and problem.time - state.still_since > p.patience
+
+    def _others(self, problem: BaseProblem) -> Placement:
+        """The paper's placement, whose memory is not the one of this class."""
+        placement = super().place(problem)
+        self._state = StationaryState(target=self._state.target, goal=self._state.goal)  # for its hysteresis
+        return placement
+
+    def _still_serves(self, decided: Placement, problem: BaseProblem, target: Target) -> bool:
+        """Is the chosen pose free, and the target where it was, or at least in reach?"""
+        at = self._state.at
+        if at is None or np.hypot(*(target.position[:2] - at)) > self.stationary.moved:
+            return False
+        goal = decided.goal[None]
+        if not (self._reach.reached_from(goal, target)[0] and self._arm_reach.share(goal, target)[0] > 0.0):
+            return False
+        if not self._state.over and self._over_seen(goal, target, problem.world)[0]:
+            return False
+        margin = self._parameters.staa.margin
+        return bool(clearances(goal, margin, field_of(problem.world), self._body)[0] >= margin)
+
+    def _decide(self, problem: BaseProblem, target: Target, refused: Array) -> Placement | None:
+        """The cheapest candidate, with those of the other directions; None when none is free."""
+        self._room = room_for(self._parameters, self._footprint, problem.recovery.tightness)
+        graph = self._graphs.graph(problem.world, self._room.growth)
+        here = Here(problem.world, field_of(problem.world), self._body, graph, problem.pose)
+        from_robot = robot_table(graph, problem.pose, self._rates)
+        to_next = self._to_next(problem.next_target, here)
+        for pose, direction, mode in self._pose_sets(target):
+            judged = self._judge(pose, direction, target, here, from_robot, to_next, refused)
+            if np.isfinite(judged.cost).any():
+                return self._shown(judged, mode, target, here, from_robot, to_next)
+        return None
+
+    def _pose_sets(self, target: Target):
+        """Poses (m, 3) and their directions, in the order in which they are wanted, and how they are called."""
+        yield *self.dense(target), "pose"
+
+    def dense(self, target: Target) -> tuple[Array, IntArray]:
+        """Every pose of a polar grid about a target from which the arm reaches it, and its direction."""
+        p = self.stationary
+        largest = self._parameters.reach.r_max(target.kind) + self._mount_offset
+        poses, direction = [], []
+        for radius in np.arange(self._body.inner, largest, p.radius_step):
+            pose, _, place_of = spokes(target.position, radius, p.directions, p.headings)
+            poses.append(pose)
+            direction.append(place_of)
+        pose, about = np.concatenate(poses), np.concatenate(direction)
+        reached = self._arm_reach.good_share(pose, target) > 0.0
+        return pose[reached], about[reached]
+
+    def _judge(
+        self, pose: Array, direction: IntArray, target: Target, here: Here, from_robot: Table, to_next: Table | None,
+        refused: Array,
+    ) -> Judged:  # fmt: skip
+        wanted = self._parameters.placement.clearance
+        free = clearances(pose, wanted, here.field, here.body) >= wanted
+        share = self._arm_reach.share(pose, target)
+        place, place_of = np.unique(pose[:, :2], axis=0, return_inverse=True)
+        reached = self._arm_reach.good_share(pose, target) > 0.0
+        rejected = [("" if ok else NO_REACH) if fits else NOT_FREE for fits, ok in zip(free, reached, strict=True)]
+        for place_refused in refused:
+            for i in np.flatnonzero(np.hypot(*(pose[:, :2] - place_refused).T) <= self.stationary.refused_distance):
+                rejected[i] = rejected[i] or REFUSED
+        of_place: Any = place_of.reshape(-1).astype(np.int32)
+        candidates = Candidates("reach", 0.0, pose, place, of_place, rejected)
+        current, onward = self._costs(candidates, here.graph, from_robot, to_next)
+        cost = self._cost(target, share, self._arm_reach.azimuth(pose, target), current, onward)
+        cost = cost + self.stationary.over_cost * self._over_seen(pose, target, here.world)
+        return Judged(candidates, direction, share, current, onward, cost)
+
+    def _cost(self, target: Target, share: Array, azimuth: Array, current: Array, onward: Array) -> Array:
+        """C_i [s]; inf when rejected."""
+        del target  # a strategy may treat bins otherwise
+        p = self.stationary
+        viable = np.isfinite(current)
+        cost = p.manipulability_weight * (1.0 - share)
+        if not self._terms.current:  # equal manipulability (it does not depend on the heading): the robot faces it
+            cost = p.manipulability_weight * (p.equal_share * np.floor((1.0 - share) / p.equal_share))
+            cost += p.manipulability_weight * p.equal_share * (0.9 * azimuth / np.pi + 0.05 * (1.0 - share))
+        if self._terms.current:
+            cost = cost + np.where(viable, current, 0.0)
+        if self._terms.onward:
+            cost = cost + p.onward_weight * np.where(viable, onward, 0.0)
+        return np.where(viable, cost, np.inf)
+
+    def _to_next(self, target: Target | None, here: Here) -> Table | None:
+        """Costs to the poses of the next target, each with what its manipulability costs; None when they do not count.
+
+        At the best position of each direction, with some headings.
+        """
+        if target is None or not self._terms.onward:
+            return None
+        if target.kind == "drive":
+            poses = self._next_poses(target, here)
+            return None if poses is None else goal_table(here.graph, poses, self._rates)
+        wanted = self._parameters.placement.clearance
+        for pose, direction, _ in self._pose_sets(target):
+            free = clearances(pose, wanted, here.field, here.body) >= wanted
+            if free.any():
+                share = self._arm_reach.share(pose[free], target)
+                keep = _best_positions(pose[free], direction[free], share, self.stationary.next_headings)
+                offsets = self.stationary.manipulability_weight * (1.0 - share[keep])
+                return goal_table(here.graph, pose[free][keep], self._rates, offsets)
+        return None
+
+    def _shown(
+        self, judged: Judged, mode: str, target: Target, here: Here, from_robot: Table, to_next: Table | None
+    ) -> Placement:
+        """The choice, and the best of every direction, rejected ones with their reasons."""
+        keep = _best_of_directions(judged)
+        pose = judged.candidates.pose[keep]
+        current, onward, cost = judged.current[keep], judged.onward[keep], judged.cost[keep]
+        chosen = int(np.argmin(cost))
+        why = [judged.candidates.rejected[i] for i in keep]
+        reasons = rejections(pose, self._parameters.placement.clearance, here)
+        why = [reason if text == NOT_FREE else text for text, reason in zip(why, reasons, strict=True)]
+        self._last = Searched(here.graph, from_robot, to_next, pose, np.isfinite(cost))
+        return Placement(
+            mode="reach",
+            radius=float(np.hypot(*(pose[chosen, :2] - target.position[:2]))),
+            poses=frozen(pose),
+            cost_current=frozen(current),
+            cost_next=frozen(onward),
+            cost=frozen(cost),
+            rejected=tuple(why),
+            chosen=chosen,
+            goal=frozen(pose[chosen]),
+            goal_has_heading=True,
+            reason=self._reason(judged, keep[chosen], mode),
+            next_goal=None,
+        )
+
+    def _reason(self, judged: Judged, i: int, mode: str) -> str:
+        text = f"{mode} with {100.0 * judged.share[i]:.0f} % of the best manipulability"
+        if self._terms.current:
+            text += f", {judged.current[i]:.1f} s to it"
+        if self._terms.onward:
+            text += f" and {judged.onward[i]:.1f} s from it to the next target"
+        return text
+
+
+def _best_of_directions(judged: Judged) -> list[int]:
+    """Index of the cheapest candidate of each direction; of a direction without one, that of best manipulability."""
+    order = np.lexsort((-judged.share, judged.cost, judged.direction))
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = judged.direction[order][1:] != judged.direction[order][:-1]
+    return [int(i) for i in order[first]]
+
+
+def _best_positions(pose: Array, direction: IntArray, share: Array, headings: int) -> IntArray:
+    """Indices of all headings (every n-th) at the best position of each direction, equal positions together."""
+    chosen = []
+    for one in np.unique(direction):
+        of_it = np.flatnonzero(direction == one)
+        best = of_it[int(np.argmax(share[of_it]))]
+        same = of_it[(pose[of_it, :2] == pose[best, :2]).all(axis=1)]
+        chosen.append(same[:: max(1, -(-len(same) // headings))])
+    return np.concatenate(chosen)
+
+
+_PHASES = 32  # ways of setting the first pose, of which the best is taken
+_RIM_POINTS = 48  # of the line that the poses must serve
+_OFFSETS = 5  # distances from the table that are tried
+_STEP, _BIN_STEP = 0.05, 0.02  # [m] between them, at a table and at a bin
+_FARTHEST = 1.1  # [m] from a bin
+_NEAR, _BELOW = 0.10, 0.08  # [m] beside and above what carries an object
+
+
+class FixedPoses:
+    """The poses, found from the furniture that is known beforehand, by one rule for every table.
+
+    Things stand along a line `fixed_inset` inside the edge of the table. The poses are equally spaced along that line,
+    each at right angles to the edge and facing it. Their distance from the edge, and where along the line they begin,
+    are such that the point of the line that is served worst is reached with the most manipulability.
+    """
+
+    def __init__(self, known: KnownWorld, reach: TargetReach, clearance: float, parameters: StationaryParameters):
+        self._known, self._reach, self._clearance, self._p = known, reach, clearance, parameters
+        self._obstacles = unary_union([outline(solid.shape) for solid in known_solids(known)])
+        self._bins = {item.name: item for item in known.bins}
+        self._found: dict[tuple[str, ...], Array] = {}  # a pure function of the names
+
+    def round(self, target: Target) -> Array:
+        """The poses for a target, shape (7, 3); (0, 3) for an object that stands on no furniture of the map."""
+        if target.kind == "place":
+            key = ("bin", target.name)
+            if key not in self._found:
+                self._found[key] = self._round_bin(self._bins[target.name], target)
+            return self._found[key]
+        table = self._carrier(target)
+        if table is None:
+            return np.zeros((0, 3))
+        key = ("table", table.name, target.name)
+        if key not in self._found:
+            self._found[key] = self._round_table(outline(table.shape), target)
+        return self._found[key]
+
+    def _carrier(self, target: Target) -> Solid | None:
+        """The highest furniture below an object."""
+        item = next(item for item in self._known.objects if item.name == target.name)
+        at, bottom = ShapelyPoint(*target.position[:2]), item.position[2] - 0.5 * item.side
+        below = [
+            solid
+            for solid in self._known.solids
+            if abs(solid.z_max - bottom) <= _BELOW and outline(solid.shape).distance(at) <= _NEAR
+        ]
+        return max(below, key=lambda solid: (solid.z_max, solid.name), default=None)
+
+    def _round_table(self, table: Polygon, target: Target) -> Array:
+        rim, foot = self._rim(table), self._known.robot.footprint
+        if not len(rim):
+            return np.zeros((0, 3))
+        nose = 0.5 * foot.length + foot.offset_x + self._clearance
+        sets = [self._spaced(table, nose + k * _STEP, j / _PHASES) for k in range(_OFFSETS) for j in range(_PHASES)]
+        share = np.array([self._shares(np.concatenate(sets), target, point) for point in rim])
+        worst = share.reshape(len(share), len(sets), -1).max(axis=2).min(axis=0)
+        return sets[int(np.argmax(worst))]
+
+    def _spaced(self, table: Polygon, distance: float, phase: float) -> Array:
+        """Poses at a distance [m] of the base's centre from the edge, the first ``phase`` of a space along."""
+        count, edge = self._p.fixed_poses, table.exterior
+        poses = []
+        for at in self._along(table, (np.arange(count) + phase) / count):
+            nearest = edge.interpolate(edge.project(ShapelyPoint(*at)))
+            out = np.array([nearest.x, nearest.y]) - at
+            out /= np.hypot(*out)
+            poses.append((nearest.x + distance * out[0], nearest.y + distance * out[1], math.atan2(-out[1], -out[0])))
+        return np.array(poses)
+
+    def _rim(self, table: Polygon) -> Array:
+        """Points a little inside the edge of a table, which the arm must reach, shape (m, 2)."""
+        return self._along(table, np.arange(_RIM_POINTS) / _RIM_POINTS)
+
+    def _along(self, table: Polygon, shares: Array) -> Array:
+        """Points of the line a little inside the edge; none when the table is too narrow for one."""
+        inside = table.buffer(-self._p.fixed_inset)
+        if not isinstance(inside, Polygon) or inside.is_empty:
+            return np.zeros((0, 2))
+        points = [inside.exterior.interpolate(float(share), normalized=True) for share in shares]
+        return np.array([(point.x, point.y) for point in points])
+
+    def _shares(self, poses: Array, like: Target, point: Array) -> Array:
+        return self._reach.good_share(poses, Target(kind=like.kind, name=like.name, position=point))
+
+    def _round_bin(self, item: Bin, target: Target) -> Array:
+        """Poses in equal directions about a bin, each as near as the furniture lets it, facing the bin."""
+        sets, centre = [], np.array(item.centre)
+        obstacles = unary_union([self._obstacles, _square(item)])
+        for j in range(_PHASES):
+            angles = 2.0 * math.pi * (np.arange(self._p.fixed_poses) + j / _PHASES) / self._p.fixed_poses
+            sets.append(np.array([self._nearest(centre, angle, obstacles) for angle in angles]))
+        share = self._shares(np.concatenate(sets), target, centre).reshape(len(sets), -1)
+        return sets[int(np.argmax(share.max(axis=1)))]
+
+    def _nearest(self, centre: Array, angle: float, obstacles: BaseGeometry) -> tuple[float, float, float]:
+        heading = math.remainder(angle + math.pi, 2.0 * math.pi)
+        pose = (0.0, 0.0, 0.0)
+        for distance in np.arange(0.4, _FARTHEST, _BIN_STEP):
+            pose = (
+                float(centre[0] + distance * math.cos(angle)),
+                float(centre[1] + distance * math.sin(angle)),
+                heading,
+            )
+            if base_outline(pose, self._known.robot.footprint).distance(obstacles) >= self._clearance:
+                break
+        return pose
+
+
+class FixedSetPlacement(StationaryPlacement):
+    """Of the seven poses round a table the one with the most manipulability, of those round a bin the nearest.
+
+    When none of them is free and reaches the target, every pose counts, as in `irm`.
+    """
+
+    def __init__(self, parts: PlannerParts, graphs: GraphCache, parameters: StationaryParameters | None = None) -> None:
+        super().__init__(parts, graphs, Terms(current=False, onward=False), parameters)
+        self._fixed = FixedPoses(
+            parts.known, self._arm_reach, self._parameters.placement.clearance + 0.01, self.stationary
+        )
+
+    def _pose_sets(self, target: Target):
+        poses = self._fixed.round(target)
+        if len(poses):
+            yield poses, np.arange(len(poses)), "fixed pose"
+        yield *self.dense(target), "none of the fixed poses is free and near enough: pose"
+
+    def _cost(self, target: Target, share: Array, azimuth: Array, current: Array, onward: Array) -> Array:
+        """C_i [s]: for a bin the way to it."""
+        if target.kind == "place":
+            return current
+        return super()._cost(target, share, azimuth, current, onward)
+
+
+def _square(item: Bin) -> Polygon:
+    half = 0.5 * item.side
+    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    return Polygon(from_frame(np.array([*item.centre, item.yaw]), corners))

@@ -1,0 +1,101 @@
+"""Settings of the commands `serve` and `replay`; imports no part of the twin, so that the command line stays quick."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import FlagCreatePairsOff, Positional, arg
+
+from motm_twin.methods import DEFAULT_METHOD
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageSettings:
+    """Address of the page, and the people who may open it.
+
+    Args:
+        port: TCP port of the page.
+        host: Address to listen on.
+        token: Secret of at least 32 characters that the page asks for (or MOTM_TOKEN, which `ps` does not show);
+            without it one of your own, that the printed address carries.
+        no_token: Anybody with an account on this machine may look and drive. On loopback only.
+        names: Further names under which browsers may ask for the page, such as that of a proxy.
+        visitors: Pages that may be open at once.
+    """
+
+    port: int = 8080
+    host: str = "127.0.0.1"
+    token: str | None = None
+    no_token: FlagCreatePairsOff[bool] = False
+    names: Annotated[tuple[str, ...], arg(name="name")] = ()
+    visitors: int = 50
+
+    def checked(self) -> "PageSettings":
+        """The same with the token that is asked for, if any. Raises ValueError, OSError."""
+        from motm_twin.bus.session import require_free_port
+        from motm_twin.ui.guard import check_token
+        from motm_twin.ui.page_token import chosen_token
+
+        if self.visitors < 1:
+            raise ValueError(f"--visitors {self.visitors}: at least one page must be possible")
+        token = chosen_token(self.token, none=self.no_token)
+        check_token(self.host, token)
+        require_free_port(self.host, self.port, "choose another one with --port (0 takes any free one)")
+        return replace(self, token=token)
+
+    def arguments(self, endpoint: str, twin: str) -> list[str]:
+        """Arguments of `ui.viewer_process`."""
+        found = ["--endpoint", endpoint, "--twin", twin, "--host", self.host, "--port", str(self.port)]
+        found += ["--visitors", str(self.visitors), *(["--no-token"] if self.token is None else [])]
+        return found + [word for name in self.names for word in ("--name", name)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeSettings:
+    """Scene, robot and page of a served twin.
+
+    Args:
+        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
+        variant: Named variant of the scene.
+        seed: Seed of noise and random arrangements.
+        page: Page of the twin.
+        headless: Only the Zenoh server, no page.
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
+        record: MCAP file to record to, see docs/recording.md; it must not exist.
+        twin: Name of the twin in the Zenoh keys.
+        secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
+        ros2: Publish ROS 2 topics too, for zenoh-bridge-ros2dds (bridge) or rmw_zenoh (rmw).
+        data: Folder of the files that the commands save and record write; without it ./recordings.
+        plant: zenoh: drive a robot in another program (docs/external_robot.md); mirror: only show it.
+        connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
+        method: Who decides at the start: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME
+            of your own.
+        expansions_only: No clock ends a search of the base: the run is that of `motm-twin run`, bit for bit, however
+            slow the machine is.
+    """
+
+    scene: Positional[str] = "exp1"
+    variant: str | None = None
+    seed: int | None = None
+    page: Annotated[PageSettings, arg(name="")] = field(default_factory=PageSettings)
+    headless: bool = False
+    zenoh_port: int = 7447
+    record: Annotated[Path | None, arg(metavar="FILE")] = None
+    twin: str = "frankie"
+    secure: Annotated[str | None, arg(metavar="DIR")] = None
+    ros2: Literal["bridge", "rmw"] | None = None
+    data: Annotated[Path | None, arg(metavar="DIR")] = None
+    plant: Literal["simulated", "zenoh", "mirror"] = "simulated"
+    connect: Annotated[str | None, arg(metavar="ENDPOINT")] = None
+    method: str = DEFAULT_METHOD
+    expansions_only: FlagCreatePairsOff[bool] = False
+
+    def server_arguments(self, zenoh_port: int) -> list[str]:
+        """Arguments of `bus.server_process`; ``zenoh_port``: the one that was found free."""
+        given = {
+            "--port": zenoh_port, "--twin": self.twin, "--variant": self.variant, "--seed": self.seed,
+            "--method": self.method, "--plant": self.plant, "--connect": self.connect, "--data": self.data,
+            "--record": self.record and self.record.resolve(),
+        }  # fmt: skip
+        words = [word for name, value in given.items() if value is not None for word in (name, str(value))]
+        return [self.scene, *words, *(["--expansions-only"] if self.expansions_only else [])]
