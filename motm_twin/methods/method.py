@@ -7,8 +7,8 @@ controller, or an arm of their own.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from motm_twin.control.manipulation import Manipulator
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.methods.rehearsal import Rehearse
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.known import KnownWorld

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm_view import ManipulatorState
-from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.types import ArmInputs, ArmStep
+from motm_twin.control.arm.view import ManipulatorState
 from motm_twin.control.task_list import TaskEdit
-from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.methods.error import MethodError
 from motm_twin.methods.method import ArmParts, Method, PlannerParts
 from motm_twin.methods.rehearsal import ARM_STEPS, Rehearse, Rehearsed, Timed

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.control.arm_reference import stretch, tilt_of
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.arm.geometry import stretch, tilt_of
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.methods.stationary.arm_solutions import POSTURES, solve_arm
 from motm_twin.methods.stationary.reachability import (
     AZIMUTHS,

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from motm_twin.bench.measures.interval import Interval
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline

@@ -7,7 +7,7 @@ from motm_twin.bench.measures.gripper import GripperObstacles
 from motm_twin.bench.measures.interval import Interval, Sampler
 from motm_twin.bench.measures.smoothness import Smoothness
 from motm_twin.bench.measures.time_split import PARTS, TimeSplit
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.tick import Tick
 from motm_twin.model.scene import Scene
 

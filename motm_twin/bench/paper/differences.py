@@ -2,7 +2,7 @@
 
 from motm_twin.bench.measures.gripper import STATIC_AFTER
 from motm_twin.bench.paper.html import paragraphs, table, text
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.methods.registry import METHODS
 from motm_twin.perception.movers import MoverParameters
 

@@ -9,7 +9,7 @@ from motm_twin.bench.paper.data import command_of
 from motm_twin.bench.paper.episode import Episode
 from motm_twin.bench.paper.part import Drawn
 from motm_twin.bench.paper.style import BLACK, BLUE, ORANGE, TWO_COLUMNS, figure, styled
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.geometry import Array
 
 NAME, TITLE = "gripper_distance", "Distance from gripper to the nearest seen obstacle"

@@ -10,7 +10,7 @@ import numpy as np
 from motm_twin.bench.experiments.spec import TrialSpec, job_of, method_of
 from motm_twin.bench.measures import Measures
 from motm_twin.bench.paper.part import write_json
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import from_frame

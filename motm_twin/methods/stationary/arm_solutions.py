@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_reference import ELBOW
+from motm_twin.control.arm.geometry import ELBOW
 from motm_twin.model.geometry import Array
 
 POSTURES = 4  # per value of joint 7

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from motm_twin.control.arm_view import PREFERRED_RADIUS
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.view import PREFERRED_RADIUS
 from motm_twin.methods.stationary.reachability import ReachabilityMap, Task, reachability_map
 from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_reference import stretch, tilt_for, tool_rotation
-from motm_twin.control.furniture import FINGERS, HAND_BODY, IntArray, arm_balls
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.arm.bodies import FINGERS, HAND_BODY, IntArray, arm_balls
+from motm_twin.control.arm.geometry import stretch, tilt_for, tool_rotation
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.methods.stationary.arm_solutions import POSTURES, solve_arm
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN

@@ -4,8 +4,8 @@ import dataclasses
 
 import msgspec
 
-from motm_twin.control.manipulation import Manipulator
-from motm_twin.control.types import ArmInputs, ArmStep
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.types import ArmInputs, ArmStep
 from motm_twin.methods.method import ArmParts
 from motm_twin.methods.stationary.parameters import StationaryParameters
 
