@@ -15,6 +15,7 @@ from rich.console import Console
 
 from motm_twin.bus.children import Child, end_all
 from motm_twin.bus.config import VARIABLE, check_endpoint
+from motm_twin.bus.credentials import announce, client_file, forget, own_credentials
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.process import setter
@@ -70,6 +71,7 @@ def serve(
     page: PageChoice | None = None,
     headless: bool = False,
     zenoh_port: int = DEFAULT_PORT,
+    open_bus: bool = False,
     twin: str = DEFAULT_TWIN,
     secure: str | None = None,
     ros2: str | None = None,
@@ -90,11 +92,14 @@ def serve(
     methods.find(methods.own_name)
     try:
         Keys(twin)
+        if open_bus and secure is not None:
+            raise ValueError("--open-bus and --secure exclude each other")
         if connect is not None and plant == "simulated":
             raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
         if connect is not None:
             check_endpoint(connect)
         page = page if headless else page.checked()
+        own_credentials()  # or the reason why they cannot be kept
         folder = None if secure is None else Folder(Path(secure)).ready()
         if record is not None:
             _require_new(record)
@@ -106,11 +111,12 @@ def serve(
     except (OSError, ValueError) as error:
         console.print(f"motm-twin serve: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
-    supervisor = _Supervisor(console, twin, zenoh_port or free_port(), folder)
+    supervisor = _Supervisor(console, twin, zenoh_port or free_port(), folder, open_bus)
     server = ["--port", str(supervisor.zenoh_port), "--twin", twin]
     server += [] if variant is None else ["--variant", variant]
     server += [] if seed is None else ["--seed", str(seed)]
     server += ["--method", method]
+    server += ["--open-bus"] if open_bus else []
     server += ["--expansions-only"] if expansions_only else []
     server += [] if data is None else ["--data", str(data)]
     server += [] if record is None else ["--record", str(record.resolve())]
@@ -131,6 +137,7 @@ def serve_recording(
     page: PageChoice | None = None,
     headless: bool = False,
     zenoh_port: int = DEFAULT_PORT,
+    open_bus: bool = False,
     twin: str = DEFAULT_TWIN,
 ) -> int:
     """Play a recording under the keys of a twin, with its page; exit codes as of `serve`.
@@ -141,12 +148,14 @@ def serve_recording(
     try:
         Keys(twin)
         page = page if headless else page.checked()
+        own_credentials()  # or the reason why they cannot be kept
         require_free_port(LOOPBACK, zenoh_port, "is a twin running? Choose another one with --zenoh-port (0: any)")
     except (OSError, ValueError) as error:
         console.print(f"motm-twin replay: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
-    supervisor = _Supervisor(console, twin, zenoh_port or free_port(), None)
+    supervisor = _Supervisor(console, twin, zenoh_port or free_port(), None, open_bus)
     arguments = [*player, "--port", str(supervisor.zenoh_port), "--twin", twin]
+    arguments += ["--open-bus"] if open_bus else []
     supervisor.add(SERVER, "motm_twin.record.player_process", arguments)
     if not headless:
         supervisor.add_page(page)
@@ -156,8 +165,10 @@ def serve_recording(
 class _Supervisor:
     """Starts the processes, tells what happens, starts again what died, ends everything."""
 
-    def __init__(self, console: Console, twin: str, zenoh_port: int, folder: Folder | None) -> None:
-        self._console, self._twin, self._folder = console, twin, folder
+    def __init__(
+        self, console: Console, twin: str, zenoh_port: int, folder: Folder | None, open_bus: bool = False
+    ) -> None:
+        self._console, self._twin, self._folder, self._open_bus = console, twin, folder, open_bus
         self.zenoh_port = zenoh_port
         self.endpoint = f"tcp/{LOOPBACK}:{zenoh_port}"
         self._children: list[Child] = []
@@ -186,6 +197,8 @@ class _Supervisor:
     def run(self) -> int:
         """Look after the processes until a signal; the exit code."""
         with _signals(self._stop):
+            if self._open_bus:
+                announce(self.zenoh_port, self.endpoint, None)  # before the children connect
             self._say(f"motm-twin: starting twin [bold]{self._twin}[/bold]")
             for child in self._children:
                 child.start()
@@ -196,6 +209,7 @@ class _Supervisor:
                 end_all(self._children)
                 if self._note is not None:
                     self._note.unlink(missing_ok=True)
+                forget(self.zenoh_port)
         self._say("motm-twin: stopped")
         return code
 
@@ -224,6 +238,12 @@ class _Supervisor:
         match event["event"]:
             case "listening":
                 self._say(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
+                let_in = (
+                    "anybody on this machine"
+                    if self._open_bus
+                    else f"your programs; others with {client_file(self.zenoh_port)}"
+                )
+                self._print(f"{after}  Zenoh lets in {let_in}", markup=False)
                 if why := event.get("no_real_time"):
                     self._print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
             case "page":
