@@ -19,7 +19,7 @@ from motm_twin.bus.credentials import announce, client_file, forget, own_credent
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.process import setter
-from motm_twin.bus.running import Running, note
+from motm_twin.bus.running import Running, keep_young, note
 from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
 from motm_twin.console import plain_console
 from motm_twin.methods.default import DEFAULT_METHOD
@@ -34,6 +34,7 @@ from motm_twin.ui.page_token import chosen_token
 OK, FAILED, BAD_INPUT = 0, 1, 2
 SERVER = "twin server"
 WATCH = 0.1  # [s] between looks at the children
+YOUNG = 3600.0  # [s] between two times at which private files are made young again
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +167,7 @@ class _Supervisor:
     """Starts the processes, tells what happens, starts again what died, ends everything."""
 
     def __init__(
-        self, console: Console, twin: str, zenoh_port: int, folder: Folder | None, open_bus: bool = False
+        self, console: Console, twin: str, zenoh_port: int, folder: Folder | None = None, open_bus: bool = False
     ) -> None:
         self._console, self._twin, self._folder, self._open_bus = console, twin, folder, open_bus
         self.zenoh_port = zenoh_port
@@ -214,7 +215,11 @@ class _Supervisor:
         return code
 
     def _watch(self) -> int:
+        young = time.monotonic()
         while not self._stop.wait(WATCH):
+            if time.monotonic() - young > YOUNG:
+                young = time.monotonic()
+                keep_young()
             while not self._events.empty():
                 self._tell(*self._events.get())
             for child in self._children:

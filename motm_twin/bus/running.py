@@ -63,6 +63,14 @@ def _kept(path: Path) -> str:
         return file.read(200).decode("ascii", "replace") if private else ""
 
 
+def keep_young() -> None:
+    """Give the private files the time of now: systems clear old ones out of the folder for temporary files."""
+    with suppress(OSError):
+        for path in folder().iterdir():
+            with suppress(OSError):  # it has just gone
+                os.utime(path)
+
+
 def note(running: Running) -> Path:
     """Write the file of a `serve`; remove it at the end."""
     path = folder() / f"{running.pid}.json"

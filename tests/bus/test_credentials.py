@@ -6,14 +6,17 @@ import stat
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from contextlib import contextmanager
 
 import pytest
 import zenoh
 from fake_twin import FakeLibrary, FakeTwin
+from rich.console import Console
 from waiting import until
 
+from motm_twin import cli_serve
 from motm_twin.bus import credentials, running
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Load, Step
@@ -209,3 +212,13 @@ def test_a_folder_of_somebody_else_is_a_sentence(monkeypatch):
     monkeypatch.setattr(credentials, "folder", somebody_elses)
     with pytest.raises(ConfigError, match="the password for Zenoh cannot be kept: it belongs to somebody else"):
         open_server(free_port())
+
+
+def test_private_files_do_not_grow_old_while_a_twin_is_served(private, monkeypatch):
+    own_credentials()
+    os.utime(private / FILE, (0, 0))
+    monkeypatch.setattr(cli_serve, "YOUNG", 0.0)
+    supervisor = cli_serve._Supervisor(Console(), "frankie", free_port())
+    threading.Timer(0.3, supervisor._stop.set).start()
+    assert supervisor._watch() == cli_serve.OK
+    assert time.time() - (private / FILE).stat().st_mtime < 60.0
