@@ -46,6 +46,7 @@ SECONDS, MEGABYTES = 30.0, 500.0  # that one file may take
 PERIODS = 3  # of a session that is read are computed
 TICKS = 4  # periods of the recording
 BATCH = 200  # files of a child process
+GRACE = 5.0  # [s] beyond, until a child is given up
 LOST = ("hangs", "ends its process")  # verdicts on files that no answer came for
 SESSIONS, RUN = 0.6, 0.1  # shares: of sessions among the files, and of readable files that are computed again
 
@@ -337,7 +338,7 @@ class Hunt:
     def _heard(pipe: Connection) -> tuple[str, float, float]:
         """Verdict, time [s] and memory [MB] of the next file."""
         try:
-            return pipe.recv() if pipe.poll(SECONDS + 5.0) else (LOST[0], SECONDS, 0.0)
+            return pipe.recv() if pipe.poll(SECONDS + GRACE) else (LOST[0], SECONDS, 0.0)
         except EOFError:
             return LOST[1], 0.0, 0.0
 
