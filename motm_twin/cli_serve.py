@@ -32,7 +32,7 @@ from motm_twin.ui.page_token import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_token import chosen_token
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
-SERVER = "twin server"
+SERVER, PAGE = "twin server", "page"
 WATCH = 0.1  # [s] between looks at the children
 YOUNG = 3600.0  # [s] between two times at which private files are made young again
 
@@ -186,6 +186,8 @@ class _Supervisor:
             env.setdefault(threads, "1")
         if token is not None:
             env[VARIABLE_OF_TOKEN] = token
+        if name == PAGE:  # memory of visitors who have left goes back: `give_back` cannot trim Python's own arenas
+            env.setdefault("PYTHONMALLOC", "malloc")
         if self._folder is not None:
             env[VARIABLE] = str(self._folder.server if name == SERVER else self._folder.here)
         self._children.append(Child(name, module, arguments, lambda *event: self._events.put(event), env))
@@ -193,7 +195,7 @@ class _Supervisor:
     def add_page(self, page: PageChoice, more: Sequence[str] = ()) -> None:
         """The page; who may drive is told with its address."""
         self._open = page.token is None
-        self.add("page", "motm_twin.ui.viewer_process", [*page.arguments(self.endpoint, self._twin), *more], page.token)
+        self.add(PAGE, "motm_twin.ui.viewer_process", [*page.arguments(self.endpoint, self._twin), *more], page.token)
 
     def run(self) -> int:
         """Look after the processes until a signal; the exit code."""
