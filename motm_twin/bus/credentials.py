@@ -59,6 +59,9 @@ def announce(port: int, endpoint: str, own: Credentials | None) -> None:
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {"auth": {"usrpwd": dict.fromkeys(Credentials._fields) if own is None else own._asdict()}},
     }
+    for path in folder().glob("zenoh-*.json5"):
+        if _announced(other := int(path.stem.removeprefix("zenoh-"))) is None:  # its process is gone
+            forget(other)
     _write(client_file(port), json.dumps(settings, indent=2) + "\n")
 
 

@@ -120,5 +120,7 @@ def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Eve
         except zenoh.ZError as error:
             now = time.monotonic()
             if stop.is_set() or (deadline is not None and now >= deadline):
-                raise TimeoutError(f"nobody answers at {endpoint}: is the server running there?") from error
+                raise TimeoutError(
+                    f"nobody answers at {endpoint}: is the server running there, and does it let you in?"
+                ) from error
         stop.wait(max(0.0, began + ATTEMPT - now))

@@ -191,9 +191,12 @@ def test_a_port_is_forgotten_with_its_process(private):
     subprocess.run([sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(private.parent)}, check=True)
     assert client_file(port).exists()
     assert known_at(endpoint) is None
-    with open_server(port):
-        assert known_at(endpoint) == own_credentials()._asdict()
+    with open_server(other := free_port()):
+        assert not client_file(port).exists()
+        with open_server(port):
+            assert known_at(endpoint) == known_at(f"tcp/127.0.0.1:{other}") == own_credentials()._asdict()
     forget(port)
+    forget(other)
     assert [path.name for path in private.iterdir()] == [FILE]
 
 
