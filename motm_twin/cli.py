@@ -201,6 +201,7 @@ def bench(
     /,
     methods: tuple[str, ...] = (),
     trials: int | None = None,
+    changes: tuple[str, ...] = (),
     workers: int = 2,
     backend: Literal["loky", "ray"] | None = None,
     address: str | None = None,
@@ -217,7 +218,7 @@ def bench(
 ) -> int:
     """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
 
-    With methods, trials, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, blind, one_temi,
+    With methods, trials, changes, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, blind, one_temi,
     ablations, grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight,
     sweep_bezier_offset, sweep_radius_min, sweep_radius_max), compared in a table. It is kept on disk: after Ctrl-C or a
     crash the same command goes on where it ended.
@@ -228,6 +229,7 @@ def bench(
             of worlds of that challenge.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
+        changes: Fields of the resolved scene, as noise.lidar_range_sd=0.05, detections=named or agents.*.speed=0.6.
         workers: Processes.
         backend: loky, processes of this machine; ray, a Ray cluster (extra "cluster").
         address: Of the Ray cluster, or auto.
@@ -247,6 +249,7 @@ def bench(
     options = ["--workers", str(workers), "--out", str(out), "--seconds", str(seconds), "--minutes", str(minutes)]
     options += ["--share", str(share)]
     options += ["--methods", *methods] if methods else []
+    options += ["--changes", *changes] if changes else []
     options += ["--kinds", *kinds] if kinds else []
     options += ["--scenes", *scenes] if scenes else []
     given = {"--trials": trials, "--backend": backend, "--address": address, "--worlds": worlds, "--profile": profile}

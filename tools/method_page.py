@@ -1,4 +1,4 @@
-"""Write the tables of docs/method.md: the methods, from their registry, and every number, from where it is set.
+"""Write the tables of methods in docs/method.md, and those of numbers in docs/parameters.md, from the code.
 
     .venv/bin/python tools/method_page.py [--check]
 
@@ -19,7 +19,8 @@ from motm_twin.methods.method import Method
 from motm_twin.methods.registry import METHODS
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "method.md"
+METHOD, PARAMETERS = ROOT / "docs" / "method.md", ROOT / "docs" / "parameters.md"
+PAGES = (METHOD, PARAMETERS)
 BLOCK = re.compile(r"(<!-- (methods|numbers of ([^\s:]+)(?::(\w+))?) -->\n).*?(<!-- end -->\n)", re.S)
 
 
@@ -34,16 +35,14 @@ def _block(match: re.Match[str]) -> str:
 
 
 def methods_table() -> str:
-    """One row for each method: what it does, what has been published of it, and what was chosen here."""
-    lines = ["| method | what it does | source | known | chosen here |", "|---|---|---|---|---|"]
+    """One row for each method: what it does, where it comes from, and parameters other than those of `motm`."""
+    lines = ["| method | what it does | source | parameters |", "|---|---|---|---|"]
     return "\n".join([*lines, *(_method(method) for method in METHODS.values())]) + "\n"
 
 
 def _method(method: Method) -> str:
     other = ", ".join(f"`{name}` {_value(value)}" for name, value in method.parameters.items())
-    chosen = " ".join(part for part in (method.chosen, f"Parameters: {other}." if other else "") if part)
-    what = f"**{method.title}.** {method.summary}"
-    return _row(f"`{method.name}`", what, method.source, method.known, chosen)
+    return _row(f"`{method.name}`", f"**{method.title}.** {method.summary}", method.source, other)
 
 
 def _value(value: float | str | bool) -> str:
@@ -67,7 +66,7 @@ def numbers_table(file: str, name: str | None) -> str:
 def _fields(module: ast.Module, name: str, file: str) -> list[tuple[ast.expr, ast.expr]]:
     found = [node for node in ast.walk(module) if isinstance(node, ast.ClassDef) and node.name == name]
     if not found:
-        raise ValueError(f"{file} has no class {name}: put the right one into docs/method.md")
+        raise ValueError(f"{file} has no class {name}: put the right one into docs/parameters.md")
     fields = [node for node in found[0].body if isinstance(node, ast.AnnAssign)]
     return [(node.target, node.value) for node in fields if node.value is not None]
 
@@ -96,13 +95,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true")
     check = parser.parse_args().check
-    page = PAGE.read_text(encoding="utf-8")
-    if wanted(page) == page:
-        return 0
-    print(f"{'differs' if check else 'written'}: {PAGE.relative_to(ROOT)}")
-    if not check:
-        PAGE.write_text(wanted(page), encoding="utf-8")
-    return 1 if check else 0
+    texts = {path: path.read_text(encoding="utf-8") for path in PAGES}
+    other = [path for path, text in texts.items() if wanted(text) != text]
+    for path in other:
+        print(f"{'differs' if check else 'written'}: {path.relative_to(ROOT)}")
+        if not check:
+            path.write_text(wanted(texts[path]), encoding="utf-8")
+    return 1 if check and other else 0
 
 
 if __name__ == "__main__":

@@ -101,7 +101,10 @@ def _open_floor(speed: float, goals: tuple[tuple[float, float], ...], limit: flo
 
 
 def _before(case: Case) -> dict[str, Any]:
-    """A box before the base that drives: how far it goes on [m] while it touches it, and what is allowed."""
+    """A box before the base that drives: how far it goes on [m] while it touches it, and what is allowed.
+
+    The arm may not touch itself while it dodges.
+    """
     scene = _open_floor(case.speed, ((9.0, 0.0),), 120.0)
     base, body = scene.robot.base, scene.robot.footprint
     twin = Twin(scene, method=find_method(case.method))
@@ -121,7 +124,9 @@ def _before(case: Case) -> dict[str, Any]:
             break
     v = case.speed
     allowed = v * v / (2.0 * base.linear_acceleration) + v * (_LAG + base.velocity_lag) + OVER
-    return _ended(tick, good=went <= allowed and tick.done, told=f"{went:.3f} of {allowed:.3f} m")
+    itself = [one for one in tick.truth.contacts if one.other.startswith("panda")]
+    good = went <= allowed and tick.done and not itself
+    return _ended(tick, good=good, told=f"{went:.3f} of {allowed:.3f} m")
 
 
 def _goal(case: Case) -> dict[str, Any]:

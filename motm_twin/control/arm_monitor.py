@@ -13,6 +13,7 @@ give way rather than leave no answer.
 import math
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from numba import njit
 
@@ -31,7 +32,7 @@ from motm_twin.control.furniture import (
 from motm_twin.control.qp_rows import approach_row
 from motm_twin.model.arm_kernels import fk_arm
 from motm_twin.model.geometry import Array, frozen, to_frame
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation, Observation
 
@@ -93,12 +94,14 @@ class ArmMonitor:
         centre, radius = placed(self._balls.centre, self._balls.radius, observation.gripper_width, held_side)
         balls = self._balls._replace(centre=centre, radius=radius)
         kept = rates.copy()
+        folds = _unfold(kept, observation, dt)
         body, solid, distance, speed = _hold_back(
             observation.q, observation.dq, there, observation.twist, kept, dt, self._mount, balls,
             self._furniture, self._own, self._base.linear_acceleration,
         )  # fmt: skip
         if body < 0:
-            return Answer(actuation, "")
+            why = "braking: the hand would fold onto the forearm" if folds else ""
+            return Answer(msgspec.structs.replace(actuation, joint_velocity=kept) if folds else actuation, why)
         limits = np.array([self._base.linear_acceleration, self._base.yaw_acceleration]) * dt
         slower = twist - np.clip(twist, -limits, limits) if solid < len(self._furniture.z) else actuation.twist
         why = (
@@ -106,6 +109,19 @@ class ArmMonitor:
             f"{max(distance, 0.0):.3f} m before it"
         )
         return Answer(Actuation(twist=slower, joint_velocity=kept, gripper=actuation.gripper), why)
+
+
+def _unfold(rates: Array, now: Observation, dt: float) -> bool:
+    """Slow joint 6 in ``rates`` (7,), in place, so that it stops before the hand is folded onto the forearm.
+
+    Returns whether it was too fast. It is slowed no harder than it brakes in dt [s].
+    """
+    braking = 0.5 * float(DDQ_MAX[5])
+    slowest = -math.sqrt(2.0 * braking * max(float(now.q[5]) - WRIST_MIN, 0.0))
+    if rates[5] >= slowest - _ENOUGH:
+        return False
+    rates[5] = min(slowest, float(now.dq[5]) + float(DDQ_MAX[5]) * dt)
+    return True
 
 
 def _arrays(solids: Solids) -> _Furniture:

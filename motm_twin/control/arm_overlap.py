@@ -61,16 +61,18 @@ class ArmOverlap:
     ) -> tuple[Array, Array]:
         """Base twist (2,) and arm rates (7,) after those commanded last; the joints stop, or go to the stow pose.
 
-        The base stands, unless something is inside its own footprint: then it leaves that first, and the joints stop.
+        The base stands. When something is inside its own footprint, it leaves that as soon as the arm is stowed: a base
+        that turns or backs takes an arm that is out further into what it is in.
         """
         base, dt = self._profile.base, inputs.dt
-        leaving = self._inside_base(slate, inputs.obstacles.points)
+        way = self._stow - inputs.observation.q
+        stowed = float(np.abs(way).max()) < _STOWED
+        leaving = stowed and self._inside_base(slate, inputs.obstacles.points)
         limits = np.array([base.linear_acceleration, base.yaw_acceleration]) * dt
         wanted = inputs.base_twist if leaving else np.zeros(2)
         after = np.clip(wanted, twist - limits, twist + limits)
-        way = self._stow - inputs.observation.q
         joints = np.zeros(7)
-        if withdraws and not leaving and float(np.abs(way).max()) > _STOWED:
+        if withdraws and not stowed:
             hand = norm(times(slate.arm[:3], way))
             joints = way * min(1.0, SLOW / max(hand, 1e-9), SLOW / max(float(np.abs(way).max()) * 0.5, 1e-9))
         return after, np.clip(joints, rates - DDQ_MAX * dt, rates + DDQ_MAX * dt)

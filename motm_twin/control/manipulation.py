@@ -53,7 +53,7 @@ class Manipulator(Stateful[ManipulatorState]):
             mount=np.array([arm.mount_x, arm.mount_y, arm.mount_z]),
             room=GraspRoom(known, p.avoidance),
         )
-        self._slate = Slate(known.robot, p, joint_limits(p.qp.elbow_limit))
+        self._slate = Slate(known.robot, p, joint_limits(p.qp.elbow_limit, p.qp.wrist_limit))
         self._programs = ArmProgram(known, p)
         self._stow_joints = planar_joints(p.stow_radius, p.stow_height, p.stow_tilt)
         self._overlap = ArmOverlap(known.robot, self._stow_joints)

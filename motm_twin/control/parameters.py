@@ -6,6 +6,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.joint_limits import WRIST_MIN
+
 DEG = math.pi / 180.0
 Numbers = NDArray[np.void]  # one record of what `numbers` gives: a kernel reads `p[0].k_P`, and has one argument of it
 
@@ -35,6 +37,7 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     swing_tilt_slack_weight: float = 30.0
     swing_yaw_slack_weight: float = 5.0
     elbow_limit: float = -0.52  # [rad] joint 4: beyond -0.467 the elbow would bend the other way and lock
+    wrist_limit: float = WRIST_MIN  # [rad] joint 6
     posture_gain: float = 2.0  # [1/s] of joints 1, 3 and 5 to an arm in one plane, through the hand's azimuth
     swing_posture_gain: float = 8.0  # [1/s] the same while swinging: the elbow stays over the base
     posture_rate: float = 0.5  # [rad/s] largest of it, so that the hand stands still on the object

@@ -129,15 +129,19 @@ _LIMITS = np.vstack([Q_MIN, Q_MAX, DQ_MAX, DDQ_MAX])
 def joint_bounds(q: Array, previous: Array, dt: float, parameters: QpParameters) -> tuple[Array, Array]:
     """Bounds of the arm rates: speed, acceleration round the previous command, damper before position limits."""
     p, lower, upper = parameters, np.empty(7), np.empty(7)
-    limits = joint_limits(p.elbow_limit)
+    limits = joint_limits(p.elbow_limit, p.wrist_limit)
     _joint_bounds(q, previous, dt, limits, p.damper_gain, p.damper_start, p.damper_stop, lower, upper)
     return lower, upper
 
 
 @functools.cache
-def joint_limits(elbow_limit: float) -> Array:
-    """Least and largest joint angles, speeds and accelerations, shape (4, 7), the elbow never straighter than that."""
+def joint_limits(elbow_limit: float, wrist_limit: float) -> Array:
+    """Least and largest joint angles, speeds and accelerations, shape (4, 7).
+
+    ``elbow_limit`` is the largest angle of joint 4, ``wrist_limit`` the least of joint 6 [rad].
+    """
     limits = _LIMITS.copy()
+    limits[0, 5] = max(limits[0, 5], wrist_limit)
     limits[1, 3] = min(limits[1, 3], elbow_limit)
     return limits
 

@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 
 from motm_twin.bench.experiments.catalogue import EXPERIMENTS, experiment, methods_of
+from motm_twin.bench.experiments.command import changes_of
 from motm_twin.bench.experiments.spec import TrialSpec, job_of, jobs_of
 from motm_twin.methods.registry import METHODS
+from motm_twin.model.scene import EARLIER_NOISE
 from motm_twin.model.scene_file import load_scene
 
 HERE = Path(__file__).parent
@@ -102,3 +104,13 @@ def test_experiment_1_is_the_ten_published_trials_or_random_ones():
         experiment("exp1", trials=0)
     with pytest.raises(ValueError, match="exp1a"):
         experiment("exp1b")
+
+
+def test_changes_of_the_command_line_give_a_scene_of_another_noise():
+    changes = changes_of(["noise={}", "detections=named", "agents.*.speed=0.6"])
+    spec = experiment("exp2", ["fast"], 1).changed(changes).specs[0]
+    scene = job_of(spec).scene
+    assert (scene.noise, scene.detections) == (EARLIER_NOISE, "named")
+    assert {agent.speed for agent in scene.agents} == {0.6}
+    with pytest.raises(ValueError, match="FIELD=VALUE"):
+        changes_of(["detections"])

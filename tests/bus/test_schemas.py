@@ -43,7 +43,7 @@ def test_a_message_fits_what_was_published_under_its_version(name):
     assert published(name) == schema(name), f"{name!r} has grown or is described anew: run tools/schemas.py"
 
 
-def test_the_page_has_the_fields_and_commands_of_now(tool):
+def test_the_published_files_are_those_of_now(tool):
     for path, text in tool.wanted().items():
         assert path.read_text(encoding="utf-8") == text, f"{path.name}: run tools/schemas.py"
 

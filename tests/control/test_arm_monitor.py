@@ -1,15 +1,17 @@
 """Whatever drives the arm: it stops before mapped furniture and before its own base."""
 
+import coal
 import numpy as np
 import pytest
 
 from motm_twin.control.arm_monitor import ArmMonitor
 from motm_twin.control.targets import odometry_to_world
-from motm_twin.model.joint_limits import DDQ_MAX
+from motm_twin.model.joint_limits import DDQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import known_world
 from motm_twin.model.plant import Actuation
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.referee_geometry import RobotShapes
 
 SCENE = """
 format: motm-scene/1
@@ -62,3 +64,35 @@ def test_an_arm_that_is_driven_at_random_stops_before_furniture_and_its_own_base
     assert free > 0.03
     assert kept < 0.01
     assert said.startswith("braking: the ")
+
+
+@pytest.mark.parametrize("guarded", [True, False])
+def test_joint_6_stops_before_it_folds_the_hand_onto_the_forearm(guarded):
+    scene = load_scene("exp1", "trial1")
+    plant, monitor = SimulatedPlant(scene), ArmMonitor(known_world(scene))
+    said = ""
+    for k in range(150):
+        rates = np.zeros(7)
+        rates[5] = max(-0.2 * k, -2.0)
+        now = plant.observe()
+        actuation = Actuation(twist=np.zeros(2), joint_velocity=rates, gripper="open")
+        if guarded:
+            T = odometry_to_world(now)
+            actuation, said = monitor.check(actuation, now, np.zeros(2), DT, T_odom_world=T, held_side=0.0)
+        plant.command(actuation)
+        plant.step(DT)
+    touched = [one for one in plant.truth().contacts if one.other == "panda_link5"]
+    assert bool(touched) is not guarded
+    assert said == ("braking: the hand would fold onto the forearm" if guarded else "")
+
+
+def test_a_wrist_at_its_limit_is_clear_of_the_forearm_however_the_hand_is_turned():
+    shapes = RobotShapes(load_scene("exp1", "trial1").robot)
+    forearm = shapes.bodies.index("panda_link5")
+    ends = [i for i, body in enumerate(shapes.bodies) if body in ("panda_link7", "panda_hand") or "finger" in body]
+    for turn in np.linspace(Q_MIN[6], Q_MAX[6], 25):
+        T = shapes.place(np.zeros(3), np.array([0.0, -1.5, 0.0, -2.0, 0.0, WRIST_MIN, turn]), 0.08)
+        at = [coal.Transform3s(one[:3, :3].copy(), one[:3, 3].copy()) for one in T]
+        for i in ends:
+            pair = shapes.shapes[i], at[i], shapes.shapes[forearm], at[forearm]
+            assert coal.distance(*pair, coal.DistanceRequest(), coal.DistanceResult()) > 0.003

@@ -1,4 +1,4 @@
-"""docs/method.md: its tables are those of the code, and every method says what was chosen."""
+"""docs/method.md and docs/parameters.md: their tables are those of the code, and every method has its place."""
 
 import importlib.util
 from pathlib import Path
@@ -21,12 +21,14 @@ def tool():
 
 
 def test_the_tables_are_those_of_the_code(tool):
-    page = tool.PAGE.read_text(encoding="utf-8")
-    assert tool.wanted(page) == page, "run tools/method_page.py"
+    for path in (tool.METHOD, tool.PARAMETERS):
+        page = path.read_text(encoding="utf-8")
+        assert "| method |" in page or "| number |" in page, path.name
+        assert tool.wanted(page) == page, "run tools/method_page.py"
 
 
 def test_every_method_has_a_row(tool):
-    page = tool.PAGE.read_text(encoding="utf-8")
+    page = tool.METHOD.read_text(encoding="utf-8")
     assert not [name for name in METHODS if f"| `{name}` |" not in page]
 
 
@@ -43,14 +45,14 @@ def test_constants_of_a_file_are_shown_where_a_comment_says_what_they_are(tool):
 
 
 def test_every_number_of_a_rival_is_in_the_page(tool):
-    page = tool.PAGE.read_text(encoding="utf-8")
+    page = tool.PARAMETERS.read_text(encoding="utf-8")
     parts = ("parameters.py:StationaryParameters", "reachability.py", "fixed_set.py")
     for part in (*(f"stationary/{part}" for part in parts), "open_loop.py"):
         assert f"<!-- numbers of motm_twin/methods/{part} -->" in page, part
 
 
 def test_every_rival_has_a_section(tool):
-    rivals = tool.PAGE.read_text(encoding="utf-8").partition("\n## Methods of others\n")[2]
+    rivals = tool.METHOD.read_text(encoding="utf-8").partition("\n## Methods of others\n")[2]
     headings = "".join(line for line in rivals.splitlines() if line.startswith("### "))
     compared = ("staa", "motm2022", "holistic", "open_loop", *(method.name for method in STATIONARY))
     assert not [name for name in compared if f"`{name}`" not in headings]

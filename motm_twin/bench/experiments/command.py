@@ -1,8 +1,11 @@
 """`motm-twin bench exp1 --methods all --trials 50`: run experiments by name and print what they say."""
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
+import msgspec
 from rich.console import Console
 
 from motm_twin.bench.experiments.catalogue import EXPERIMENTS, experiment
@@ -19,6 +22,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """What only experiments have; each of these makes a name an experiment instead of a group with goals."""
     parser.add_argument("--methods", nargs="+", default=None, metavar="METHOD", help="names, or all, or ablations")
     parser.add_argument("--trials", type=int, default=None, help="random arrangements (default: the ten published)")
+    parser.add_argument("--changes", nargs="+", default=None, metavar="FIELD=VALUE", help="of the resolved scene")
     parser.add_argument("--backend", choices=BACKENDS, default=None, help="loky: this machine; ray: a cluster")
     parser.add_argument("--address", default=None, help="of the Ray cluster, or auto")
     parser.add_argument("--retry-failed", action="store_true", help="run trials again that were without success")
@@ -27,7 +31,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def wanted(options: argparse.Namespace) -> bool:
     """Was anything asked for that only experiments have?"""
     return options.retry_failed or any(
-        value is not None for value in (options.methods, options.trials, options.backend, options.address)
+        value is not None
+        for value in (options.methods, options.trials, options.changes, options.backend, options.address)
     )
 
 
@@ -37,7 +42,8 @@ def bench_experiments(names: list[str], options: argparse.Namespace, console: Co
     0 when all trials succeeded, 1 when not, 2 for bad input, 130 after Ctrl-C.
     """
     try:
-        chosen = [experiment(name, options.methods or (), options.trials) for name in names]
+        changes = changes_of(options.changes or ())
+        chosen = [experiment(name, options.methods or (), options.trials).changed(changes) for name in names]
         for each in chosen:
             console.print(f"[bold]{each.name}[/bold]: {each.title}, {len(each.specs)} trials")
         results = run(
@@ -64,6 +70,20 @@ def bench_experiments(names: list[str], options: argparse.Namespace, console: Co
     console.print(f"{where}; {machine()}", markup=False)
     succeeded = all(result["success"] for these in results.trials.values() for result in these)
     return OK if succeeded else FAILED
+
+
+def changes_of(given: Iterable[str]) -> dict[str, Any]:
+    """Changes of a scene from texts ``field=value``, the value as JSON or plain. Raises ValueError."""
+    changes = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f"change {text!r}: write FIELD=VALUE, as noise.lidar_range_sd=0.05")
+        try:
+            changes[name] = msgspec.json.decode(value)
+        except msgspec.DecodeError:
+            changes[name] = value
+    return changes
 
 
 def show(name: str, results: Results, out: Path, console: Console) -> None:

@@ -1,7 +1,7 @@
 """A trial: a scene, a seed, a method, and what is changed in either. An experiment: a list of them."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,11 @@ class Experiment(msgspec.Struct, frozen=True):
     name: str
     title: str
     specs: tuple[TrialSpec, ...]
+
+    def changed(self, changes: Mapping[str, Any]) -> "Experiment":
+        """The same trials with these fields of their scenes changed, too."""
+        specs = (msgspec.structs.replace(spec, changes={**spec.changes, **changes}) for spec in self.specs)
+        return msgspec.structs.replace(self, specs=tuple(specs))
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):

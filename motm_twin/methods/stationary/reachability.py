@@ -108,9 +108,10 @@ def reachability_map(task: Task) -> ReachabilityMap:
 
 
 def _joint_range() -> tuple[Array, Array]:
-    """Limits that the arm's control keeps: a little inside the joints', and the elbow never straight."""
+    """Limits that the arm's control keeps: a little inside the joints', elbow never straight, wrist never folded."""
     qp = ArmParameters().qp
     low, high = Q_MIN + qp.damper_stop, Q_MAX - qp.damper_stop
+    low[5] = max(low[5], qp.wrist_limit)
     high[3] = min(high[3], qp.elbow_limit)
     return low, high
 
