@@ -304,12 +304,16 @@ class Hunt:
         self._kinds = (Sessions(), Recordings(folder))
         self.verdicts: Counter[str] = Counter()
         self.found: list[str] = []
-        self.slowest, self.largest = 0.0, 0.0
+        self.slowest, self.largest = (0.0, -1), (0.0, -1)  # and the number of the file
 
     def report(self) -> str:
         """What became of the files so far."""
         verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in sorted(self.verdicts.items()))
-        return f"{verdicts}; slowest {self.slowest:.1f} s, largest {self.largest:.0f} MB; {len(self.found)} found"
+        worst = (
+            f"slowest {self.slowest[0]:.1f} s (file {self.slowest[1]}), "
+            f"largest {self.largest[0]:.0f} MB (file {self.largest[1]})"
+        )
+        return f"{verdicts}; {worst}; {len(self.found)} found"
 
     def run(self, first: int, count: int) -> None:
         """Read files number ``first`` to ``first + count``."""
@@ -343,7 +347,7 @@ class Hunt:
             return LOST[1], 0.0, 0.0
 
     def _note(self, number: int, verdict: str, seconds: float, peak: float) -> None:
-        self.slowest, self.largest = max(self.slowest, seconds), max(self.largest, peak)
+        self.slowest, self.largest = max(self.slowest, (seconds, number)), max(self.largest, (peak, number))
         kind = self._kind(number)
         if verdict in ("read", "refused"):
             self.verdicts[f"{kind.suffix[1:]} {verdict}"] += 1
