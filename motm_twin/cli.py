@@ -74,6 +74,7 @@ def serve(
     name: tuple[str, ...] = (),
     visitors: int = 50,
     zenoh_port: int = 7447,
+    open_bus: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     record: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     twin: str = "frankie",
     secure: Annotated[str | None, tyro.conf.arg(metavar="DIR")] = None,
@@ -98,7 +99,8 @@ def serve(
         no_token: Anybody with an account on this machine may look and drive. On loopback only.
         name: Further names under which browsers may ask for the page, such as that of a proxy.
         visitors: Pages that may be open at once.
-        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs are let in.
+        open_bus: Anybody with an account on this machine may look and drive over Zenoh.
         record: MCAP file to record to, see docs/recording.md; it must not exist.
         twin: Name of the twin in the Zenoh keys.
         secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
@@ -121,6 +123,7 @@ def serve(
         headless=headless,
         page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name, visitors=visitors),
         zenoh_port=zenoh_port,
+        open_bus=open_bus,
         record=record,
         twin=twin,
         secure=secure,

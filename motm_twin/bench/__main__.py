@@ -141,7 +141,7 @@ def _bench_groups(groups: list[str], options: argparse.Namespace, console: Conso
 
 def _reached(name: str, options: argparse.Namespace, console: Console) -> bool:
     if name == page.NAME:
-        return page.bench_page(options.out, options.seconds, options.minutes, console)
+        return page.bench_page(options.out, options.seconds, options.minutes, options.visits, console)
     if name == bus.NAME:
         return bus.bench_bus(options.out, options.seconds, console)
     if name == soak.NAME:

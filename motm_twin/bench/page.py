@@ -30,14 +30,16 @@ LIMITS = {
         name="memory of the viewer, rise of the slope, for sure", unit="MB/min", limit=0.0, decimals=2
     ),
     "page_rise": Limit(name="memory of the page's scripts, rise of the slope", unit="MB/min", limit=0.0, decimals=2),
+    "visits_mb": Limit(name="memory of the viewer, after pages that broke off", unit="MB", limit=5.0, decimals=1),
     "stop_s": Limit(name="Ctrl-C until all has ended", unit="s", limit=2.0, decimals=2),
 }
 
 
-def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> bool:
+def bench_page(out: Path, seconds: float, minutes: float, visits: int, console: Console) -> bool:
     """Measure, print, write ``out/page.json``; True when no number exceeds its limit.
 
-    Takes about 2.5 x ``seconds`` + ``minutes`` + 2 min.
+    ``visits``: pages that come and break off. Takes about 2.5 x ``seconds`` + ``minutes`` + 2 min, and 2 min for 1,000
+    visits.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     report = Report()
@@ -48,6 +50,7 @@ def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> b
             ("drags", lambda: _drags(twin, report)),
             ("late joiners", lambda: _joining(twin, report)),
             ("first load", lambda: _loading(twin, report)),
+            ("visits", lambda: _visits(twin, report, visits)),
             ("memory", lambda: _memory(twin, report, minutes)),
             ("stop", lambda: report.values.update(stop_s=twin.interrupt())),
         ]
@@ -99,6 +102,12 @@ def _loading(twin: Served, report: Report) -> None:
     report.details["first_load_mb"] = {"http": load.http_bytes / 1e6, "websocket": by_websocket / 1e6}
 
 
+def _visits(twin: Served, report: Report, count: int) -> None:
+    rows = page_measures.visits(twin, count)
+    report.values["visits_mb"] = rows[count] - rows[1]
+    report.details["viewer_mb_after_visits"] = {str(number): value for number, value in rows.items()}
+
+
 def _memory(twin: Served, report: Report, minutes: float) -> None:
     """With a browser that shows the page all the time, where there is one."""
     try:
@@ -131,4 +140,5 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds", type=float, default=60.0, help="page, bus, scale: of each measurement (default 60)"
     )
+    parser.add_argument("--visits", type=int, default=1000, help="page: that come and break off (default 1,000)")
     parser.add_argument("--minutes", type=float, default=3.0, help="page: of the look at memory (default 3)")

@@ -1,5 +1,6 @@
 """A reader of the page without a browser: it speaks Viser's websocket protocol, counts, and can act on widgets."""
 
+import socket
 import threading
 import time
 from types import TracebackType
@@ -66,6 +67,11 @@ class PageReader:
         """Leave."""
         self._socket.close()
         self._thread.join(2.0)
+
+    def abort(self) -> None:
+        """Break off in the middle, without a word."""
+        self._socket.socket.shutdown(socket.SHUT_RDWR)
+        self.close()
 
     def __enter__(self) -> "PageReader":
         """Connected from the start."""

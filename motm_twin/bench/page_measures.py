@@ -1,6 +1,7 @@
 """What the page costs: the control period, the viewer's processor time and memory, how soon a drag arrives."""
 
 import itertools
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -23,6 +24,8 @@ BODY = "measured"
 DRIVEN = "is driving"  # what a refusal says while somebody else has the wheel
 PIECES = 8  # of half a series of memory
 SURE = 2.2  # standard errors: 95 % with 12 degrees of freedom, those of two lines through 8 pieces
+PANEL, JOIN = 20, 10.0  # widgets that a panel has at least, and time [s] for them to come
+SETTLE = 2.5  # [s] until the memory of pages that have left is given back
 WHEEL = 15.0  # [s] to wait for the wheel
 
 
@@ -174,6 +177,26 @@ def memory(
         time.sleep(every)
     time_min, viewer, heap = np.array(rows).T
     return {"time": time_min, "viewer": viewer, "page": heap}
+
+
+def visits(served: Served, most: int) -> dict[int, float]:
+    """Memory [MB] of the viewer after so many pages in all, one after the other, that break off with a whole panel.
+
+    Time stands. The first page has a row of its own: once it has left, what the start of the viewer needed is given
+    back.
+    """
+    logging.getLogger("websockets.client").setLevel(logging.CRITICAL)  # it is surprised by what breaks off
+    act(served.client, Pause())
+    rows: dict[int, float] = {}
+    done = 0
+    for count in sorted({1, most // 4, most // 2, most} - {0}):
+        for _ in range(done, count):
+            reader = PageReader(served.port, token=served.token)
+            reader.wait(lambda page: page.replayed is not None and len(page.widgets) > PANEL, JOIN)
+            reader.abort()
+        time.sleep(SETTLE)
+        done, rows[count] = count, memory_mb(served.viewer)
+    return rows
 
 
 class Slope(NamedTuple):

@@ -110,6 +110,7 @@ def replay(
     name: tuple[str, ...] = (),
     visitors: int = 50,
     zenoh_port: int = 7447,
+    open_bus: _Flag = False,
     twin: str = "frankie",
 ) -> int:
     """Play a recording back: in the page, and on Zenoh under the keys of a twin.
@@ -129,7 +130,8 @@ def replay(
         no_token: Anybody with an account on this machine may look. On loopback only.
         name: Further names under which browsers may ask for the page, such as that of a proxy.
         visitors: Pages that may be open at once.
-        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs are let in.
+        open_bus: Anybody with an account on this machine may look over Zenoh.
         twin: Name in the Zenoh keys.
     """
     from motm_twin.bus.commands import SPEED_MAX, SPEED_MIN
@@ -147,6 +149,7 @@ def replay(
         headless=headless,
         page=PageChoice(port=port, host=host, token=token, no_token=no_token, names=name, visitors=visitors),
         zenoh_port=zenoh_port,
+        open_bus=open_bus,
         twin=twin,
     )
 
