@@ -1,12 +1,18 @@
 """Print the ticks of every twin behind an endpoint. Needs only Zenoh: pip install eclipse-zenoh."""
 
+import os
 import sys
+import tempfile
 from contextlib import suppress
+from pathlib import Path
 
 import zenoh
 
-config = zenoh.Config()
-config.insert_json5("connect/endpoints", f'["{sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"}"]')
+endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
+file = f"motm-twin-{os.getuid()}/zenoh-{endpoint.rsplit(':')[-1]}.json5"  # with the password, by `motm-twin serve`
+own = Path(tempfile.gettempdir(), file)
+config = zenoh.Config.from_file(str(own)) if own.exists() else zenoh.Config()
+config.insert_json5("connect/endpoints", f'["{endpoint}"]')
 config.insert_json5("listen/endpoints", "[]")
 config.insert_json5("scouting/multicast/enabled", "false")
 with suppress(KeyboardInterrupt), zenoh.open(config) as session:

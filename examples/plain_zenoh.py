@@ -2,9 +2,12 @@
 
 import itertools
 import json
+import os
 import secrets
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import zenoh
 
@@ -16,7 +19,9 @@ numbers = itertools.count(time.time_ns() // 1000)  # rising, also when the progr
 
 
 def open_session():
-    config = zenoh.Config()
+    # `motm-twin serve` leaves this file, with the password, for other programs of the same user.
+    own = Path(tempfile.gettempdir(), f"motm-twin-{os.getuid()}", f"zenoh-{ENDPOINT.rsplit(':')[-1]}.json5")
+    config = zenoh.Config.from_file(str(own)) if own.exists() else zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("scouting/multicast/enabled", "false")
     try:

@@ -10,13 +10,16 @@ wall 10 m away.
 import itertools
 import json
 import math
+import os
 import queue
 import random
 import signal
 import sys
+import tempfile
 import threading
 import time
 import uuid
+from pathlib import Path
 
 import zenoh
 
@@ -41,7 +44,9 @@ class Drives:
 
 def main() -> None:
     """Be a robot until Ctrl-C."""
-    config = zenoh.Config()
+    # `motm-twin serve` leaves this file, with the password, for other programs of the same user.
+    own = Path(tempfile.gettempdir(), f"motm-twin-{os.getuid()}", f"zenoh-{ENDPOINT.rsplit(':')[-1]}.json5")
+    config = zenoh.Config.from_file(str(own)) if own.exists() else zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
     config.insert_json5("scouting/multicast/enabled", "false")

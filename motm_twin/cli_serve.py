@@ -14,21 +14,23 @@ from rich.console import Console
 
 from motm_twin.bus.children import Child, end_all
 from motm_twin.bus.config import VARIABLE, check_endpoint
-from motm_twin.bus.keys import DEFAULT_TWIN, Keys
+from motm_twin.bus.credentials import announce, client_file, forget, own_credentials
+from motm_twin.bus.keys import Keys
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.bus.process import setter
-from motm_twin.bus.running import Running, note
+from motm_twin.bus.running import Running, keep_young, note
 from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
 from motm_twin.console import plain_console
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import folder_problem
 from motm_twin.security.folder import Folder
-from motm_twin.settings import PageSettings, ServeSettings
+from motm_twin.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.ui.page_token import VARIABLE as VARIABLE_OF_TOKEN
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
-SERVER = "twin server"
+SERVER, PAGE = "twin server", "page"
 WATCH = 0.1  # [s] between looks at the children
+YOUNG = 3600.0  # [s] between two times at which private files are made young again
 
 
 def serve(given: ServeSettings) -> int:
@@ -46,7 +48,7 @@ def serve(given: ServeSettings) -> int:
     except (OSError, ValueError) as error:
         console.print(f"motm-twin serve: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
-    supervisor = _Supervisor(console, given.twin, given.zenoh_port or free_port(), folder)
+    supervisor = _Supervisor(console, given.twin, given.zenoh_port or free_port(), folder, given.open_bus)
     supervisor.add(SERVER, "motm_twin.bus.server_process", given.server_arguments(supervisor.zenoh_port))
     if not given.headless:
         own = [] if methods.own_name == given.method else ["--own-method", methods.own_name, given.method]
@@ -60,11 +62,14 @@ def serve(given: ServeSettings) -> int:
 def _checked(given: ServeSettings) -> PageSettings:
     """Check all but the scene and the method; the page with its token. Raises ValueError, OSError."""
     Keys(given.twin)
+    if given.open_bus and given.secure is not None:
+        raise ValueError("--open-bus and --secure exclude each other")
     if given.connect is not None:
         if given.plant == "simulated":
             raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
         check_endpoint(given.connect)
     page = given.page if given.headless else given.page.checked()
+    own_credentials()  # or the reason why they cannot be kept
     if given.record is not None:
         _require_new(given.record)
     if given.data is not None and (problem := folder_problem(given.data)):
@@ -74,25 +79,21 @@ def _checked(given: ServeSettings) -> PageSettings:
     return page
 
 
-def serve_recording(
-    player: list[str], *, page: PageSettings, headless: bool = False, zenoh_port: int, twin: str = DEFAULT_TWIN
-) -> int:
-    """Play a recording under the keys of a twin, with its page; exit codes as of `serve`.
-
-    ``player``: arguments of `record.player_process`, the file first.
-    """
+def serve_recording(given: ReplaySettings) -> int:
+    """Play a recording under the keys of a twin, with its page; exit codes as of `serve`."""
     console = plain_console()
     try:
-        Keys(twin)
-        page = page if headless else page.checked()
-        require_free_port(LOOPBACK, zenoh_port, "is a twin running? Choose another one with --zenoh-port (0: any)")
+        Keys(given.twin)
+        page = given.page if given.headless else given.page.checked()
+        own_credentials()  # or the reason why they cannot be kept
+        hint = "is a twin running? Choose another one with --zenoh-port (0: any)"
+        require_free_port(LOOPBACK, given.zenoh_port, hint)
     except (OSError, ValueError) as error:
         console.print(f"motm-twin replay: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
-    supervisor = _Supervisor(console, twin, zenoh_port or free_port(), None)
-    arguments = [*player, "--port", str(supervisor.zenoh_port), "--twin", twin]
-    supervisor.add(SERVER, "motm_twin.record.player_process", arguments)
-    if not headless:
+    supervisor = _Supervisor(console, given.twin, given.zenoh_port or free_port(), None, given.open_bus)
+    supervisor.add(SERVER, "motm_twin.record.player_process", given.server_arguments(supervisor.zenoh_port))
+    if not given.headless:
         supervisor.add_page(page)
     return supervisor.run()
 
@@ -100,8 +101,10 @@ def serve_recording(
 class _Supervisor:
     """Starts the processes, tells what happens, starts again what died, ends everything."""
 
-    def __init__(self, console: Console, twin: str, zenoh_port: int, folder: Folder | None) -> None:
-        self._console, self._twin, self._folder = console, twin, folder
+    def __init__(
+        self, console: Console, twin: str, zenoh_port: int, folder: Folder | None = None, open_bus: bool = False
+    ) -> None:
+        self._console, self._twin, self._folder, self._open_bus = console, twin, folder, open_bus
         self.zenoh_port = zenoh_port
         self.endpoint = f"tcp/{LOOPBACK}:{zenoh_port}"
         self._children: list[Child] = []
@@ -118,6 +121,8 @@ class _Supervisor:
             env.setdefault(threads, "1")
         if token is not None:
             env[VARIABLE_OF_TOKEN] = token
+        if name == PAGE:  # memory of visitors who have left goes back: `give_back` cannot trim Python's own arenas
+            env.setdefault("PYTHONMALLOC", "malloc")
         if self._folder is not None:
             env[VARIABLE] = str(self._folder.server if name == SERVER else self._folder.here)
         self._children.append(Child(name, module, arguments, lambda *event: self._events.put(event), env))
@@ -125,11 +130,13 @@ class _Supervisor:
     def add_page(self, page: PageSettings, more: Sequence[str] = ()) -> None:
         """The page; who may drive is told with its address."""
         self._open = page.token is None
-        self.add("page", "motm_twin.ui.viewer_process", [*page.arguments(self.endpoint, self._twin), *more], page.token)
+        self.add(PAGE, "motm_twin.ui.viewer_process", [*page.arguments(self.endpoint, self._twin), *more], page.token)
 
     def run(self) -> int:
         """Look after the processes until a signal; the exit code."""
         with _signals(self._stop):
+            if self._open_bus:
+                announce(self.zenoh_port, self.endpoint, None)  # before the children connect
             self._say(f"motm-twin: starting twin [bold]{self._twin}[/bold]")
             for child in self._children:
                 child.start()
@@ -140,11 +147,16 @@ class _Supervisor:
                 end_all(self._children)
                 if self._note is not None:
                     self._note.unlink(missing_ok=True)
+                forget(self.zenoh_port)
         self._say("motm-twin: stopped")
         return code
 
     def _watch(self) -> int:
+        young = time.monotonic()
         while not self._stop.wait(WATCH):
+            if time.monotonic() - young > YOUNG:
+                young = time.monotonic()
+                keep_young()
             while not self._events.empty():
                 self._tell(*self._events.get())
             for child in self._children:
@@ -168,6 +180,12 @@ class _Supervisor:
         match event["event"]:
             case "listening":
                 self._say(f"{after}  Zenoh: {event['endpoint']}, keys motm/{self._twin}/**")
+                let_in = (
+                    "anybody on this machine"
+                    if self._open_bus
+                    else f"your programs; others with {client_file(self.zenoh_port)}"
+                )
+                self._print(f"{after}  Zenoh lets in {let_in}", markup=False)
                 if why := event.get("no_real_time"):
                     self._print(f"{after}  no real-time scheduling: {why} (docs/install.md)", markup=False)
             case "page":

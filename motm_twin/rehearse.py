@@ -9,9 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.loop import PERIOD
 from motm_twin.control.method import ARM_STEPS, Rehearsed, Timed
-from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import command_pose, frozen
 from motm_twin.model.known import KnownWorld

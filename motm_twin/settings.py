@@ -60,7 +60,8 @@ class ServeSettings:
         seed: Seed of noise and random arrangements.
         page: Page of the twin.
         headless: Only the Zenoh server, no page.
-        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs are let in.
+        open_bus: Anybody with an account on this machine may look and drive over Zenoh.
         record: MCAP file to record to, see docs/recording.md; it must not exist.
         twin: Name of the twin in the Zenoh keys.
         secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
@@ -80,6 +81,7 @@ class ServeSettings:
     page: Annotated[PageSettings, arg(name="")] = field(default_factory=PageSettings)
     headless: bool = False
     zenoh_port: int = 7447
+    open_bus: FlagCreatePairsOff[bool] = False
     record: Annotated[Path | None, arg(metavar="FILE")] = None
     twin: str = "frankie"
     secure: Annotated[str | None, arg(metavar="DIR")] = None
@@ -98,4 +100,38 @@ class ServeSettings:
             "--record": self.record and self.record.resolve(),
         }  # fmt: skip
         words = [word for name, value in given.items() if value is not None for word in (name, str(value))]
-        return [self.scene, *words, *(["--expansions-only"] if self.expansions_only else [])]
+        flags = {"--open-bus": self.open_bus, "--expansions-only": self.expansions_only}
+        return [self.scene, *words, *(name for name, on in flags.items() if on)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplaySettings:
+    """A recording, its speed, and its page.
+
+    Args:
+        file: An MCAP recording. (A saved session is computed again with `rerun`.)
+        page: Page of the recording.
+        speed: 1 as it was, 1/8 to 8.
+        loop: Begin again at the end.
+        paused: Wait for play.
+        headless: Only on Zenoh, no page.
+        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one. Your own programs are let in.
+        open_bus: Anybody with an account on this machine may look over Zenoh.
+        twin: Name in the Zenoh keys.
+    """
+
+    file: Annotated[Positional[str], arg(metavar="FILE")]
+    page: Annotated[PageSettings, arg(name="")] = field(default_factory=PageSettings)
+    speed: float = 1.0
+    loop: FlagCreatePairsOff[bool] = False
+    paused: FlagCreatePairsOff[bool] = False
+    headless: FlagCreatePairsOff[bool] = False
+    zenoh_port: int = 7447
+    open_bus: FlagCreatePairsOff[bool] = False
+    twin: str = "frankie"
+
+    def server_arguments(self, zenoh_port: int) -> list[str]:
+        """Arguments of `record.player_process`; ``zenoh_port``: the one that was found free."""
+        words = [self.file, "--speed", str(self.speed), "--port", str(zenoh_port), "--twin", self.twin]
+        flags = {"--loop": self.loop, "--paused": self.paused, "--open-bus": self.open_bus}
+        return words + [name for name, on in flags.items() if on]

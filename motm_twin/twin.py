@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from motm_twin.control.arm.controller import Manipulator, NoArm
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.loop import PERIOD, ControlLoop, Settings
-from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.method import ArmParts, Method, PlannerParts, Rehearsed, Timed
-from motm_twin.control.no_arm import NoArm
-from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.task_list import TaskEdit, TaskList, edited
 from motm_twin.control.tick import Tick

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from motm_twin.control.arm_monitor import ArmMonitor
-from motm_twin.control.arm_reference import rotation_error
-from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.geometry import rotation_error
+from motm_twin.control.arm.monitor import ArmMonitor
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.program import base_bounds, joint_bounds
+from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.control.monitor import Monitor
-from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.qp_rows import base_bounds, joint_bounds
-from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.interrupts import deaf
 from motm_twin.measures.agents import compile_gaps
 from motm_twin.methods.registry import find_method

@@ -12,8 +12,11 @@ from pathlib import Path
 
 import zenoh
 
+from motm_twin.bus.credentials import guard, known_at, own_credentials, to_come
+
 SHIPPED = Path(__file__).with_name("zenoh.json5")
 VARIABLE = "MOTM_ZENOH_CONFIG"
+_AUTH = "transport/auth/usrpwd"
 _ENDPOINT = re.compile(
     r"((tcp|udp|tls|quic|ws)/[^?#\s]+:\d{1,5}|(unixsock-stream|unixpipe|vsock|serial)/[^?#\s]+)([?#].*)?"
 )
@@ -35,12 +38,17 @@ def session_config(
     mode: str | None = None,
     own: Sequence[str] = (),
     asks: Sequence[str] = (),
+    guarded: int | None = None,
 ) -> zenoh.Config:
     """The file with these addresses: ``listen`` on top of its own, ``connect`` instead of them unless empty.
 
     ``mode`` is that of the file unless it is given. On the keys ``own`` only this session speaks and answers, and only
     it asks on ``asks``, whoever connects to it; a file with an access control of its own decides that itself. A
-    wildcard passes such a rule, so receivers take nothing from one (`keys.spoken_on`). Raises ConfigError.
+    wildcard passes such a rule, so receivers take nothing from one (`keys.spoken_on`).
+
+    At the port ``guarded``, the one that ``listen`` begins with, a program is let in with the password of this user, or
+    one of those that the file names. A session that connects to such a port has the password (`bus.credentials`).
+    Raises ConfigError.
     """
     for endpoint in connect:
         check_endpoint(endpoint)
@@ -52,6 +60,10 @@ def session_config(
         settings["connect/endpoints"] = connect
     if (own or asks) and not json.loads(config.get_json("access_control/enabled")):
         settings["access_control"] = _reserved(own, asks)
+    if guarded is not None:
+        settings[f"{_AUTH}/dictionary_file"] = str(_guarded(guarded, listen[0], config))
+    elif len(connect) == 1 and not listen:
+        settings |= _own_password(config, connect[0])
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
@@ -81,6 +93,40 @@ def _reserved(own: Sequence[str], asks: Sequence[str]) -> dict[str, object]:
         "subjects": [{"id": "everybody"}],
         "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["everybody"]}],
     }
+
+
+def _guarded(port: int, endpoint: str, config: zenoh.Config) -> Path:
+    """The list of the passwords that are right at a port."""
+    try:
+        return guard(port, endpoint, _passwords(config))
+    except OSError as error:
+        raise ConfigError(_unkept(error)) from error
+
+
+def _own_password(config: zenoh.Config, endpoint: str) -> dict[str, object]:
+    """Settings of a session that needs the user's password: a port that asks for none takes nobody who has one."""
+    try:
+        own = known_at(endpoint) or {}
+        if not own and json.loads(config.get_json(f"{_AUTH}/user")) is None and to_come(endpoint):
+            own = own_credentials()._asdict()
+    except OSError as error:
+        raise ConfigError(_unkept(error)) from error
+    return {f"{_AUTH}/{name}": value for name, value in own.items()}
+
+
+def _unkept(error: OSError) -> str:
+    return f"the password for Zenoh cannot be kept: {error}"
+
+
+def _passwords(config: zenoh.Config) -> list[str]:
+    """Lines "user:password" of those whom the file lets in."""
+    name = json.loads(config.get_json(f"{_AUTH}/dictionary_file"))
+    if name is None:
+        return []
+    try:
+        return Path(name).read_text(encoding="utf-8").split()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{name}: the passwords cannot be read: {error}") from error
 
 
 def configured_endpoint() -> str | None:

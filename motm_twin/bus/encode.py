@@ -24,8 +24,8 @@ from motm_twin.bus.messages import (
     TaskMessage,
     TickMessage,
 )
+from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import Tick
-from motm_twin.control.types import ArmStep
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import BodyTruth, Observation, Truth
 from motm_twin.model.scene import PlanarPose

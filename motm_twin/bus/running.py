@@ -1,11 +1,16 @@
-"""Which twins this user has running on this machine: one small file per `serve`, for the health check."""
+"""The private folder of a user on this machine: which twins run, one small file per `serve`, and the user's secrets."""
 
 import json
 import os
+import secrets
+import stat
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
+
+_BYTES, _TRIES = 24, 3
 
 
 class Running(msgspec.Struct, frozen=True, kw_only=True):
@@ -24,7 +29,46 @@ def folder() -> Path:
     path.mkdir(mode=0o700, exist_ok=True)
     if path.is_symlink() or path.stat().st_uid != os.getuid():
         raise PermissionError(f"{path} belongs to somebody else")
+    if path.stat().st_mode & 0o077:
+        path.chmod(0o700)
     return path
+
+
+def own_secret(path: Path, otherwise: str) -> str:
+    """The secret in a file of the private folder, made when it is missing; nobody else can read it.
+
+    Raises OSError, with what to do ``otherwise``.
+    """
+    for _ in range(_TRIES):
+        if found := _kept(path):
+            return found
+        path.unlink(missing_ok=True)  # empty, a link, or readable by others: nobody's secret
+        with tempfile.NamedTemporaryFile(dir=path.parent) as file:  # readable by the user only
+            file.write(secrets.token_urlsafe(_BYTES).encode())
+            file.flush()
+            with suppress(FileExistsError):  # another program has just made it
+                os.link(file.name, path)
+    raise OSError(f"{path} cannot be made: {otherwise}")
+
+
+def _kept(path: Path) -> str:
+    """The secret in the file; "" when there is none that is only the user's."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return ""
+    with os.fdopen(descriptor, "rb") as file:
+        status = os.fstat(descriptor)
+        private = stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077
+        return file.read(200).decode("ascii", "replace") if private else ""
+
+
+def keep_young() -> None:
+    """Give the private files the time of now: systems clear old ones out of the folder for temporary files."""
+    with suppress(OSError):
+        for path in folder().iterdir():
+            with suppress(OSError):  # it has just gone
+                os.utime(path)
 
 
 def note(running: Running) -> Path:
@@ -42,14 +86,15 @@ def all_running() -> list[Running]:
             running = msgspec.json.decode(path.read_bytes(), type=Running)
         except (OSError, msgspec.DecodeError, json.JSONDecodeError):
             continue
-        if _lives(running.pid):
+        if lives(running.pid):
             found.append(running)
         else:
             path.unlink(missing_ok=True)
     return found
 
 
-def _lives(pid: int) -> bool:
+def lives(pid: int) -> bool:
+    """Whether there is a process of this number."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -68,12 +68,17 @@ class TwinServer:
         data: Path = DEFAULT_FOLDER,
         methods: Methods | None = None,
         robot: RobotChoice | None = None,
+        open_bus: bool = False,
     ) -> None:
-        """``robot``: one in another program instead of the simulated one; ``make_twin`` is not used then."""
+        """``robot``: one in another program instead of the simulated one; ``make_twin`` is not used then.
+
+        ``open_bus``: let in every program of this machine, not only those of this user.
+        """
         self.keys = Keys(twin)
         self.port = port or free_port(host)
         plant = PlantKeys(twin)
-        self._session = open_server(self.port, host, (*self.keys.own, *plant.told), plant.asked)
+        own = (*self.keys.own, *plant.told)
+        self._session = open_server(self.port, host, own, plant.asked, open_bus=open_bus)
         clock = ServerClock()
         self._keeper = Keeper(
             data,

@@ -91,6 +91,7 @@ def main() -> None:
             data=options.data,
             methods=methods,
             robot=_robot(options, budget, stop),
+            open_bus=options.open_bus,
         )
     except TimeoutError:  # stopped before the router was there
         leave(0)
@@ -139,6 +140,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--record", type=Path, help="MCAP file to record to from the start")
     parser.add_argument("--expansions-only", action="store_true", help="no clock ends a search of the base")
     parser.add_argument("--paused", action="store_true", help="do not play at the start")
+    parser.add_argument("--open-bus", action="store_true", help="anybody on this machine is let in")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])
 

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import zenoh
 
 from motm_twin.bus.config import session_config
+from motm_twin.bus.credentials import announce, forget
 
 LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
 FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
@@ -69,19 +70,26 @@ def free_port(host: str = LOOPBACK) -> int:
     for port in random.SystemRandom().sample(range(*FREE), TRIES):
         with contextlib.suppress(PortTaken):
             require_free_port(host, port, "")
+            forget(port)
             return port
     raise PortTaken(host, port, f"so were {TRIES - 1} others")
 
 
-def open_server(port: int, host: str = LOOPBACK, own: Sequence[str] = (), asks: Sequence[str] = ()) -> zenoh.Session:
+def open_server(
+    port: int, host: str = LOOPBACK, own: Sequence[str] = (), asks: Sequence[str] = (), *, open_bus: bool = False
+) -> zenoh.Session:
     """A session that listens on one TCP port, and alone speaks on the keys ``own`` and asks on ``asks``.
 
-    Raises as `require_free_port`.
+    It lets in the programs of this user (`bus.credentials`); with ``open_bus`` everybody on this machine. Raises
+    ConfigError, and as `require_free_port`.
 
     It connects to nobody, unless the configuration file names a router.
     """
     require_free_port(host, port, "choose another one with --zenoh-port (0 takes any free one)")
-    return zenoh.open(session_config(listen=[f"tcp/{host}:{port}"], connect=[], mode="peer", own=own, asks=asks))
+    endpoint, guarded = f"tcp/{f'[{host}]' if ':' in host else host}:{port}", None if open_bus else port
+    if open_bus:
+        announce(port, endpoint, None)
+    return zenoh.open(session_config(listen=[endpoint], connect=[], mode="peer", own=own, asks=asks, guarded=guarded))
 
 
 def open_client(endpoint: str) -> zenoh.Session:
@@ -102,15 +110,17 @@ def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Eve
     Raises ConfigError at once for an endpoint that is none.
     """
     deadline = None if wait is None else time.monotonic() + wait
-    config = session_config(listen=[], connect=[endpoint], mode="client")
-    config.insert_json5("connect/timeout_ms", json.dumps(round(ATTEMPT * 1000)))
     stop = stop or threading.Event()
     while True:
         began = time.monotonic()
+        config = session_config(listen=[], connect=[endpoint], mode="client")  # it may ask for a password by now
+        config.insert_json5("connect/timeout_ms", json.dumps(round(ATTEMPT * 1000)))
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
             now = time.monotonic()
             if stop.is_set() or (deadline is not None and now >= deadline):
-                raise TimeoutError(f"nobody answers at {endpoint}: is the server running there?") from error
+                raise TimeoutError(
+                    f"nobody answers at {endpoint}: is the server running there, and does it let you in?"
+                ) from error
         stop.wait(max(0.0, began + ATTEMPT - now))

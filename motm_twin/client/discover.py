@@ -86,7 +86,7 @@ def opened(endpoint: str) -> zenoh.Session:
     try:
         return open_client(endpoint)
     except zenoh.ZError as error:
-        raise NoTwin(f"nobody answers at {endpoint}: is the server running there, and does it know you?") from error
+        raise NoTwin(f"nobody answers at {endpoint}: is the server running there, and does it let you in?") from error
 
 
 def require_answer(session: zenoh.Session, twin: str, endpoint: str, *, within: float) -> None:
@@ -97,7 +97,7 @@ def require_answer(session: zenoh.Session, twin: str, endpoint: str, *, within: 
 
 def silent(twin: str, endpoint: str) -> NoTwin:
     """What is said of a twin that does not answer."""
-    return NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there? ({BEHIND})")
+    return NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there, and does it let you in? ({BEHIND})")
 
 
 def _alive(session: zenoh.Session) -> list[str]:

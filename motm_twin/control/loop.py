@@ -7,10 +7,11 @@ import msgspec
 import numpy as np
 
 from motm_twin.control import by_hand
-from motm_twin.control.arm_monitor import ArmMonitor
-from motm_twin.control.arm_program import AT_SUPPORT
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.monitor import ArmMonitor
+from motm_twin.control.arm.program import AT_SUPPORT
+from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.control.lag import dwell_to_plan, followed
-from motm_twin.control.manipulation import Manipulator
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.progress import Progress, ProgressState, base_has_to_move
 from motm_twin.control.reasons import standing
@@ -21,7 +22,6 @@ from motm_twin.control.stages import Stages
 from motm_twin.control.targets import Targets, odometry_to_world
 from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.tick import Event, Tick
-from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.model.edits import Edit
 from motm_twin.model.geometry import Array, command_pose, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from motm_twin.control.manipulation import Manipulator
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.task_list import TaskEdit
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.geometry import Array

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from motm_twin.control.parameters import Numbers, numbers
+from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.control.self_check import FULL_TRUST, Trust
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX

@@ -1,8 +1,8 @@
 """Why the robot stands, in one sentence with names and numbers."""
 
+from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.task_list import name_of
-from motm_twin.control.types import ArmStep
 from motm_twin.model.plant import Observation
 from motm_twin.model.scene import DriveTo
 from motm_twin.planning.types import BasePlan

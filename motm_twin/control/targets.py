@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from motm_twin.control.arm.types import ArmGoal
 from motm_twin.control.task_list import name_of
 from motm_twin.control.tick import ObjectBelief
-from motm_twin.control.types import ArmGoal
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.plant import Observation

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from motm_twin.control.types import ArmStep
+from motm_twin.control.arm.types import ArmStep
 from motm_twin.model.edits import Edit
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Observation, Truth

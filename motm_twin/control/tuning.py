@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
 from motm_twin.planning.parameters import DEG, PENALTIES, TERMINATIONS, PlanningParameters

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm_phases import enter
-from motm_twin.control.arm_view import ManipulatorState, View
-from motm_twin.control.manipulation import Manipulator
-from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.qp_rows import anchor, base_bounds, joint_bounds
-from motm_twin.control.types import ArmInputs, ArmStep
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.parameters import ArmParameters, numbers
+from motm_twin.control.arm.phases import enter
+from motm_twin.control.arm.program import anchor, base_bounds, joint_bounds
+from motm_twin.control.arm.types import ArmInputs, ArmStep
+from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.known import KnownWorld
@@ -38,6 +38,7 @@ class ArmAction(Manipulator):
 
     def __init__(self, known: KnownWorld, parameters: ArmParameters | None = None) -> None:
         super().__init__(known, parameters)
+        self._base, self._lag = numbers(known.robot.base), known.robot.arm.velocity_lag
         self._state: ArmActionState = ArmActionState()
 
     def take(self, rates: Array, gripper: str) -> None:
@@ -49,7 +50,7 @@ class ArmAction(Manipulator):
         state, p = self._state, self.parameters
         view = self._look(inputs)
         outcome = self._fingers(view)
-        anchor(self._slate.record, state.twist, state.rates, inputs.dt, self.profile.arm.velocity_lag)
+        anchor(state.twist, state.rates, (view.arm.wanted, view.arm.dq), self._base, inputs.dt, self._lag)
         state.twist = np.clip(inputs.base_twist, *base_bounds(state.twist, inputs.dt, self.profile))
         low, high = joint_bounds(view.q, state.rates, inputs.dt, p.qp)
         state.rates = np.clip(state.asked_rates, low, high)

@@ -6,13 +6,13 @@ For imitation, as a baseline, and to see that the environment is the same task.
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.control.lag import followed
 from motm_twin.control.loop import PERIOD
 from motm_twin.control.method import ArmParts, PlannerParts
-from motm_twin.control.parameters import ArmParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tuning import tuned
-from motm_twin.control.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.gym.env import MotmEnv
 from motm_twin.gym.method import check_fits
 from motm_twin.gym.view import AgentView

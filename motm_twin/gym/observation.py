@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.control.types import ArmGoal
+from motm_twin.control.arm.types import ArmGoal
 from motm_twin.gym.library import spaces
 from motm_twin.gym.view import AgentView
 from motm_twin.model.arm_kernels import TCP, fk_arm

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.measures.interval import Interval
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.tick import Tick
 from motm_twin.measures.agents import Encounters
 from motm_twin.measures.gripper import GripperObstacles

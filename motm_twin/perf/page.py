@@ -1,6 +1,7 @@
 """Page benchmark: cost of the page to the control loop and the machine, and delays seen by its users."""
 
 import itertools
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -24,6 +25,8 @@ READERS = 5
 DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], points, [s] between two of them
 ARRIVED = 0.05  # [m] short of the end of a drag still counts as there
 BODY = "measured"
+PANEL, JOIN = 20, 10.0  # widgets that a panel has at least, and time [s] for them to come
+SETTLE = 2.5  # [s] until the memory of pages that have left is given back
 PIECES = 8  # of half a series of memory
 SURE = 2.2  # standard errors: 95 % with 12 degrees of freedom, those of two lines through 8 pieces
 
@@ -144,6 +147,26 @@ def memory(
     return {"time": time_min, "viewer": viewer, "page": heap}
 
 
+def visits(served: Served, most: int) -> dict[int, float]:
+    """Memory [MB] of the viewer after so many pages in all, one after the other, that break off with a whole panel.
+
+    Time stands. The first page has a row of its own: once it has left, what the start of the viewer needed is given
+    back.
+    """
+    logging.getLogger("websockets.client").setLevel(logging.CRITICAL)  # it is surprised by what breaks off
+    act(served.client, Pause())
+    rows: dict[int, float] = {}
+    done = 0
+    for count in sorted({1, most // 4, most // 2, most} - {0}):
+        for _ in range(done, count):
+            reader = PageReader(served.port, token=served.token)
+            reader.wait(lambda page: page.replayed is not None and len(page.widgets) > PANEL, JOIN)
+            reader.abort()
+        time.sleep(SETTLE)
+        done, rows[count] = count, memory_mb(served.viewer)
+    return rows
+
+
 class Slope(NamedTuple):
     """Slope of a line through values [unit/min], and its standard error."""
 
@@ -210,14 +233,16 @@ LIMITS = {
         name="memory of the viewer, rise of the slope, for sure", unit="MB/min", limit=0.0, decimals=2
     ),
     "page_rise": Limit(name="memory of the page's scripts, rise of the slope", unit="MB/min", limit=0.0, decimals=2),
+    "visits_mb": Limit(name="memory of the viewer, after pages that broke off", unit="MB", limit=5.0, decimals=1),
     "stop_s": Limit(name="Ctrl-C until all has ended", unit="s", limit=2.0, decimals=2),
 }
 
 
-def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> bool:
+def bench_page(out: Path, seconds: float, minutes: float, pages: int, console: Console) -> bool:
     """Measure, print, write ``out/page.json``; True when no number exceeds its limit.
 
-    Takes about 2.5 x ``seconds`` + ``minutes`` + 2 min.
+    ``pages``: pages that come and break off. Takes about 2.5 x ``seconds`` + ``minutes`` + 2 min, and 2 min for 1,000
+    visits.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     report = Report()
@@ -228,6 +253,7 @@ def bench_page(out: Path, seconds: float, minutes: float, console: Console) -> b
             ("drags", lambda: _drags(twin, report)),
             ("late joiners", lambda: _joining(twin, report)),
             ("first load", lambda: _loading(twin, report)),
+            ("visits", lambda: _visits(twin, report, pages)),
             ("memory", lambda: _memory(twin, report, minutes)),
             ("stop", lambda: report.values.update(stop_s=twin.interrupt())),
         ]
@@ -277,6 +303,12 @@ def _loading(twin: Served, report: Report) -> None:
     load = page_reader.first_load(twin.url)
     report.values.update(load_mb=(load.http_bytes + by_websocket) / 1e6, picture_s=load.complete_at)
     report.details["first_load_mb"] = {"http": load.http_bytes / 1e6, "websocket": by_websocket / 1e6}
+
+
+def _visits(twin: Served, report: Report, count: int) -> None:
+    rows = visits(twin, count)
+    report.values["visits_mb"] = rows[count] - rows[1]
+    report.details["viewer_mb_after_visits"] = {str(number): value for number, value in rows.items()}
 
 
 def _memory(twin: Served, report: Report, minutes: float) -> None:

@@ -4,6 +4,7 @@ import base64
 import io
 import os
 import shutil
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -76,6 +77,11 @@ class PageReader:
         """Leave."""
         self._socket.close()
         self._thread.join(2.0)
+
+    def abort(self) -> None:
+        """Break off in the middle, without a word."""
+        self._socket.socket.shutdown(socket.SHUT_RDWR)
+        self.close()
 
     def __enter__(self) -> "PageReader":
         """Connected from the start."""

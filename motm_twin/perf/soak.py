@@ -2,6 +2,7 @@
 
 import re
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
@@ -16,8 +17,10 @@ from typing import Any
 import msgspec
 from rich.console import Console
 
+from motm_twin.bus import running
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Speed
+from motm_twin.bus.credentials import FILE, own_credentials
 from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.perf import bus, fuzz
 from motm_twin.perf.bus import Measured
@@ -194,6 +197,7 @@ def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
     Raises RuntimeError, saying what was left behind: processes, files in its folder, its port.
     """
     zenoh_port, took = free_port(), []
+    _share_password(folder)
     for number in range(count):
         took.append(_start_and_stop(folder, zenoh_port, early=number % 4 == 3))
         if (number + 1) % 10 == 0:
@@ -202,6 +206,14 @@ def starts(count: int, folder: Path, say: Say) -> dict[str, float]:
     return {"starts": float(count), "start_s": max(up for up, _ in took), "stop_p50_s": spread["p50"]} | {
         "stop_max_s": spread["max"]
     }
+
+
+def _share_password(folder: Path) -> None:
+    """Let what is served with this folder for temporary files ask for the password that this process has."""
+    own_credentials()
+    private = folder / running.folder().name
+    private.mkdir(mode=0o700, exist_ok=True)
+    shutil.copy(running.folder() / FILE, private / FILE)
 
 
 def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[float, float]:
@@ -237,7 +249,8 @@ def _there(process: subprocess.Popen, client: TwinClient, early: bool) -> bool:
 def left_behind(mark: str, folder: Path, port: int) -> list[str]:
     """Processes with the mark in their environment, files in the folder, and the port when it is not free."""
     left = [f"process {pid}" for pid in _marked(mark)]
-    left += [f"file {path.relative_to(folder)}" for path in folder.rglob("*") if not path.is_dir()]
+    files = (path for path in folder.rglob("*") if not path.is_dir() and path.name != FILE)
+    left += [f"file {path.relative_to(folder)}" for path in files]
     try:
         require_free_port(LOOPBACK, port, "")
     except PortTaken as error:

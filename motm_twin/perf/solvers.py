@@ -9,9 +9,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.control import manipulation, qp
-from motm_twin.control.parameters import ArmParameters, QpParameters
-from motm_twin.control.qp import SOLVERS, Program
+from motm_twin.control.arm import controller, qp
+from motm_twin.control.arm.parameters import ArmParameters, QpParameters
+from motm_twin.control.arm.qp import SOLVERS, Program
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.period import one_core
 from motm_twin.perf.report import grid, load_average, machine, write
@@ -41,7 +41,7 @@ def bench_solvers(out: Path, console: Console, *, quick: bool = False) -> bool:
 def _run(solver: str, programs: list[Program] | None, most: int | None) -> dict[str, Any]:
     """One run with a solver, cut off after ``most`` periods; its programs are added to the list."""
     twin = Twin(load_scene(SCENE, VARIANT), arm=ArmParameters(qp=QpParameters(solver=solver)))
-    solve, stopped = manipulation.solve, 0
+    solve, stopped = controller.solve, 0
 
     def kept(program: Program, **named: Any) -> Any:
         nonlocal stopped
@@ -51,14 +51,14 @@ def _run(solver: str, programs: list[Program] | None, most: int | None) -> dict[
         stopped += bool(answer.reason)
         return answer
 
-    manipulation.solve = kept
+    controller.solve = kept
     try:
         while True:
             tick = twin.advance()
             if tick.done or tick.time >= twin.scene.time_limit or twin.index == most:
                 break
     finally:
-        manipulation.solve = solve
+        controller.solve = solve
     cut_off = twin.index == most and not tick.done
     return {"task_s": round(tick.time, 2), "success": tick.success, "cut_off": cut_off, "not_solved": stopped}
 

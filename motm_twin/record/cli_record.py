@@ -14,7 +14,7 @@ from tyro.conf import Positional
 
 from motm_twin.console import plain_console
 from motm_twin.record.session import SessionError
-from motm_twin.settings import PageSettings
+from motm_twin.settings import ReplaySettings
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 ANSWER = 5.0  # [s] in which the twin must answer once its server does
@@ -97,42 +97,22 @@ def _tell_refused(text: str) -> None:
     console.print(f"motm-twin record: {text}", style="red", markup=False)
 
 
-def replay(
-    file: _File,
-    /,
-    page: Annotated[PageSettings, tyro.conf.arg(name="")] = PageSettings(),  # noqa: B008 - frozen
-    speed: float = 1.0,
-    loop: _Flag = False,
-    paused: _Flag = False,
-    headless: _Flag = False,
-    zenoh_port: int = 7447,
-    twin: str = "frankie",
-) -> int:
+def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
     """Play a recording back: in the page, and on Zenoh under the keys of a twin.
 
     Exit code 0: ended on request; 1: a process died again and again; 2: bad input.
-
-    Args:
-        file: An MCAP recording. (A saved session is computed again with `rerun`.)
-        page: Page of the recording.
-        speed: 1 as it was, 1/8 to 8.
-        loop: Begin again at the end.
-        paused: Wait for play.
-        headless: Only on Zenoh, no page.
-        zenoh_port: TCP port of Zenoh, on loopback; 0 takes any free one.
-        twin: Name in the Zenoh keys.
     """
     from motm_twin.bus.commands import SPEED_MAX, SPEED_MIN
     from motm_twin.cli_serve import serve_recording
 
+    file, speed = settings.file, settings.speed
     if not file.endswith(".mcap"):
         raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
     if not Path(file).is_file():
         raise SessionError("there is no such file", file=file)
     if not SPEED_MIN <= speed <= SPEED_MAX:
         raise SessionError(f"--speed {speed:g}: use {SPEED_MIN:g} to {SPEED_MAX:g}")
-    player = [file, "--speed", str(speed), *(["--loop"] if loop else []), *(["--paused"] if paused else [])]
-    return serve_recording(player, page=page, headless=headless, zenoh_port=zenoh_port, twin=twin)
+    return serve_recording(settings)
 
 
 def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Method = None) -> int:

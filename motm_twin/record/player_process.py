@@ -25,6 +25,7 @@ def main() -> None:
             speed=options.speed,
             loop=options.loop,
             playing=not options.paused,
+            open_bus=options.open_bus,
         )
     except (SessionError, PortTaken, ValueError) as error:
         report("refused", text=str(error))
@@ -50,6 +51,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--speed", type=float, default=1.0, help="1 as it was, 1/8 to 8")
     parser.add_argument("--loop", action="store_true", help="begin again at the end")
     parser.add_argument("--paused", action="store_true", help="do not play at the start")
+    parser.add_argument("--open-bus", action="store_true", help="anybody on this machine is let in")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])
 

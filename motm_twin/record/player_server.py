@@ -33,12 +33,13 @@ class PlayerServer:
         speed: float = 1.0,
         loop: bool = False,
         playing: bool = True,
+        open_bus: bool = False,
     ) -> None:
         """Raises SessionError for a file that can not be played, PortTaken for the port."""
         frames = Frames(path)
         keys = self.keys = Keys(twin)
         self.port = port or free_port(host)
-        self._session = open_server(self.port, host, keys.own)
+        self._session = open_server(self.port, host, keys.own, open_bus=open_bus)
         self._clock = ServerClock()
         self._encode = msgspec.json.Encoder().encode
         self._decode_event = msgspec.json.Decoder(NumberedEvent).decode

@@ -155,7 +155,11 @@ def _differing(payload: bytes, tick: Tick, *, of_truth: bool) -> list[str]:
     """The fields that are not as recorded; empty for an equal period. ``of_truth``: those of the ground truth too."""
     now = msgspec.json.decode(msgspec.json.encode(tick_message(tick, 0, 0.0)))
     found: list[str] = []
-    _compare(_bare(msgspec.json.decode(payload), of_truth), _bare(now, of_truth), "", found)
+    try:
+        then = msgspec.json.decode(payload)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:  # in what nobody has read until now
+        return [f"what was recorded of it cannot be read: {error}"]
+    _compare(_bare(then, of_truth), _bare(now, of_truth), "", found)
     return found
 
 

@@ -16,16 +16,15 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from motm_twin.control.arm_motion import OVER, OVER_RIM, Motion
-from motm_twin.control.arm_program import Rows
-from motm_twin.control.arm_reference import rotation_error, tilt_for, tool_rotation
-from motm_twin.control.arm_view import View
-from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.geometry import rotation_error, tilt_for, tool_rotation
+from motm_twin.control.arm.motion import OVER, OVER_RIM, Motion
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.program import ARM, BASE, SLACK, Rows
+from motm_twin.control.arm.qp import Program
+from motm_twin.control.arm.types import ArmInputs, ArmStep
+from motm_twin.control.arm.view import View
 from motm_twin.control.method import ArmParts, Method, PlannerParts
-from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.qp import Program
-from motm_twin.control.qp_rows import ARM, BASE, SLACK
-from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.kinematics import manipulability_gradient
@@ -101,8 +100,7 @@ class HolisticManipulator(Manipulator):
         error = point - view.p
         scale = h.scale(float(np.abs(error).sum()))
         angular = h.gain * h.angular_gain * rotation_error(view.R, self._rotation(view))
-        self._slate.velocity[:] = scale * np.concatenate([h.gain * error, angular])
-        return Motion(point, norm(error))
+        return Motion(point, norm(error), scale * np.concatenate([h.gain * error, angular]))
 
     def _hover(self, view: View) -> Array:
         p, point = self.parameters, view.target.copy()

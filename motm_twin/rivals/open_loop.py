@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm_view import ManipulatorState
-from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.types import ArmInputs, ArmStep
+from motm_twin.control.arm.view import ManipulatorState
 from motm_twin.control.method import ARM_STEPS, ArmParts, Method, PlannerParts, Rehearse, Rehearsed, Timed
 from motm_twin.control.task_list import TaskEdit
-from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.model.geometry import Array, frozen, to_frame, wrap_angle
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.names import MethodError

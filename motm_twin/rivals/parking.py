@@ -6,9 +6,9 @@ import math
 import msgspec
 import numpy as np
 
-from motm_twin.control.manipulation import Manipulator
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.types import ArmInputs, ArmStep
 from motm_twin.control.method import ArmParts, PlannerParts
-from motm_twin.control.types import ArmInputs, ArmStep
 from motm_twin.model.geometry import Array, drive, frozen
 from motm_twin.model.state import Stateful
 from motm_twin.perception.still_map import StillMap

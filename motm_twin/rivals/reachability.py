@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_reference import ELBOW, stretch, tilt_for, tool_rotation
-from motm_twin.control.arm_view import PREFERRED_RADIUS
-from motm_twin.control.furniture import FINGERS, HAND_BODY, IntArray, arm_balls
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.arm.bodies import FINGERS, HAND_BODY, IntArray, arm_balls
+from motm_twin.control.arm.geometry import ELBOW, stretch, tilt_for, tool_rotation
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.view import PREFERRED_RADIUS
 from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN

@@ -18,8 +18,7 @@ from motm_twin.bus.config import SHIPPED
 from motm_twin.security.authority import Authority, Identity
 from motm_twin.security.rights import ROLES, access_control, identity, router_access_control
 
-PEOPLE_VERSION = "motm.security/1"
-LOCAL_USER = "here"
+PEOPLE_VERSION = "motm.security/2"
 DAYS = 365
 NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
@@ -36,13 +35,15 @@ class People(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     version: str = PEOPLE_VERSION
     hosts: list[str]  # names and addresses of the server; the first one is written into the files of clients
     port: int
-    passwords: bool = False  # user and password within TLS, instead of certificates on both sides
+    passwords: bool = False  # user and password alone within TLS, without certificates of clients
     names: dict[str, list[str]] = {}  # by role
 
     def check(self) -> None:
         """Raise SecurityError for what can not be used."""
         if self.version != PEOPLE_VERSION:
-            raise SecurityError(f"people.json has version {self.version!r}: this program reads {PEOPLE_VERSION!r}")
+            raise SecurityError(
+                f"people.json has version {self.version!r}: make the folder anew, this program reads {PEOPLE_VERSION!r}"
+            )
         if not self.hosts or not all(HOST.fullmatch(host) for host in self.hosts):
             raise SecurityError("name at least one host: the DNS name or address under which clients find the server")
         if not 1 <= self.port <= 65535:
@@ -115,8 +116,6 @@ class Folder:
         self._write("server.crt", server.certificate, _PUBLIC)
         self._write("server.key", server.key, _SECRET)
         made = [self._client(people, role, name, days) for role, names in people.names.items() for name in names]
-        if people.passwords:
-            self._password(LOCAL_USER)
         self._server(people)
         return made
 
@@ -167,18 +166,15 @@ class Folder:
         settings: dict[str, Any] = {
             "listen": {"endpoints": [f"tls/0.0.0.0:{people.port}"]},
             "tls": tls,
-            "access_control": access_control(people.names, by=by, local=None if mutual else LOCAL_USER),
+            "usrpwd": {"dictionary_file": str((self.path / "users.txt").resolve())},
+            "access_control": access_control(people.names, by=by),
         }
-        here: dict[str, Any] = {}
-        if people.passwords:
-            password = self._users()[LOCAL_USER]
-            settings["usrpwd"] = {"dictionary_file": str((self.path / "users.txt").resolve())}
-            here = {"usrpwd": {"user": LOCAL_USER, "password": password}}
+        self._write_users(self._users())  # there is a list, even of nobody
         if people.names.get("twin"):
             rights = router_access_control(people.names, by=by)
             self._write("router.json5", _settings(**{**settings, "access_control": rights, "mode": "router"}), _SECRET)
         self._write("server.json5", _settings(**settings), _SECRET)
-        self._write("here.json5", _settings(**here), _SECRET)
+        self._write("here.json5", _settings(), _SECRET)
         self._write("people.json", msgspec.json.format(msgspec.json.encode(people)) + b"\n", _PUBLIC)
 
     def _client(self, people: People, role: str, name: str, days: int) -> Path:
@@ -190,11 +186,10 @@ class Folder:
         at_router = bool(people.names.get("twin")) and role != "twin"
         settings: dict[str, Any] = {"mode": "client"} if at_router else {}
         settings |= {"connect": {"endpoints": [f"tls/{_address(people.hosts[0])}:{people.port}"]}}
-        if people.passwords:
-            user = identity(role, name)
-            settings["usrpwd"] = {"user": user, "password": self._password(user)}
-        else:
-            own = self._authority().issue(identity(role, name), days=days)
+        user = identity(role, name)
+        settings["usrpwd"] = {"user": user, "password": self._password(user)}
+        if not people.passwords:
+            own = self._authority().issue(user, days=days)
             tls |= {"enable_mtls": True, **_own(own)}
         self._write(self.of(role, name).name, _settings(tls=tls, **settings), _SECRET)
         return self.of(role, name)

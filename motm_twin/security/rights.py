@@ -6,6 +6,8 @@ Rules name messages as they pass the server: ``ingress`` comes from the client, 
 from collections.abc import Sequence
 from typing import Any
 
+from motm_twin.bus.credentials import USER
+
 STATE = (
     "tick",
     "grid",
@@ -41,11 +43,11 @@ def identity(role: str, name: str) -> str:
     return f"{role}-{name}"
 
 
-def access_control(people: Named, *, by: str, local: str | None = None) -> dict[str, Any]:
+def access_control(people: Named, *, by: str) -> dict[str, Any]:
     """The setting ``access_control`` for these people.
 
-    ``by``: "cert_common_names" or "usernames", how they are known; ``local``: user name of the processes of the twin
-    itself, which may do everything over the loopback interface; None: whoever connects there may.
+    ``by``: "cert_common_names" or "usernames", how they are known. Programs with the password of the user that serves
+    may do everything over the loopback interface.
     """
     rules = [
         _rule("everything", ["ingress", "egress"], EVERYTHING, ["**", *ROS2]),
@@ -53,8 +55,9 @@ def access_control(people: Named, *, by: str, local: str | None = None) -> dict[
         _rule("forge", ["ingress"], TOLD, (*READABLE, *COMMANDS, *OF_THE_TWIN), permission="deny"),  # only the server
         _rule("ask a robot", ["ingress"], ["query"], ASKED_BY_THE_TWIN, permission="deny"),
     ]
-    here: dict[str, Any] = {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"]}
-    subjects = [here if local is None else {**here, "usernames": [local]}]
+    subjects: list[dict[str, Any]] = [
+        {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"], "usernames": [USER]}
+    ]
     policies = [{"subjects": ["here"], "rules": ["everything", "forge", "ask a robot"]}]
     _grant(people, by, rules, subjects, policies)
     return _denying(rules, subjects, policies)

@@ -40,7 +40,7 @@ def _period(given: BenchSettings, console: Console) -> bool:
 RUNS: dict[str, Run] = {
     **{name: _group(name) for name in GROUPS},
     "period": _period,
-    page.NAME: lambda given, console: page.bench_page(given.out, given.seconds, given.minutes, console),
+    page.NAME: lambda given, console: page.bench_page(given.out, given.seconds, given.minutes, given.visits, console),
     bus.NAME: lambda given, console: bus.bench_bus(given.out, given.seconds, console),
     soak.NAME: lambda given, console: soak.bench_soak(given.out, given.share, console),
     scale.NAME: lambda given, console: scale.bench_scale(given.out, given.seconds, console),

@@ -26,6 +26,7 @@ class BenchSettings:
         out: Folder of the JSON results.
         seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
+        visits: Page only: pages that come and break off.
         share: Soak, period, task, faults and mismatch only: part of the full counts.
         kinds: Faults only: these kinds of faults, or none for trials without one.
         scenes: Faults only: these of exp1, exp1a and exp2.
@@ -45,6 +46,7 @@ class BenchSettings:
     out: Path = Path("out/bench")
     seconds: float = 60.0
     minutes: float = 3.0
+    visits: int = 1000
     share: float = 1.0
     kinds: tuple[str, ...] = ()
     scenes: tuple[str, ...] = ()

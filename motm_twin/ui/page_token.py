@@ -1,17 +1,11 @@
 """The secret of a user's pages: who has it may look and drive. Kept in a private file: an open page stays open."""
 
 import os
-import secrets
-import stat
-import tempfile
-from contextlib import suppress
-from pathlib import Path
 
-from motm_twin.bus.running import folder
+from motm_twin.bus.running import folder, own_secret
 
 VARIABLE = "MOTM_TOKEN"
 FILE = "page-token"  # in the user's private folder
-_BYTES, _TRIES = 24, 3
 
 
 def chosen_token(given: str | None, *, none: bool) -> str | None:
@@ -28,26 +22,4 @@ def chosen_token(given: str | None, *, none: bool) -> str | None:
 
 def own_token() -> str:
     """The user's token, made when it is missing; nobody else can read it. Raises OSError."""
-    path = folder() / FILE
-    for _ in range(_TRIES):
-        if found := _kept(path):
-            return found
-        path.unlink(missing_ok=True)  # empty, a link, or readable by others: nobody's secret
-        with tempfile.NamedTemporaryFile(dir=path.parent) as file:  # readable by the user only
-            file.write(secrets.token_urlsafe(_BYTES).encode())
-            file.flush()
-            with suppress(FileExistsError):  # another program has just made it
-                os.link(file.name, path)
-    raise OSError(f"{path} cannot be made: use --token or MOTM_TOKEN")
-
-
-def _kept(path: Path) -> str:
-    """The token in the file; "" when there is none that is only the user's."""
-    try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    except OSError:
-        return ""
-    with os.fdopen(descriptor, "rb") as file:
-        status = os.fstat(descriptor)
-        private = stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077
-        return file.read(200).decode("ascii", "replace") if private else ""
+    return own_secret(folder() / FILE, "use --token or MOTM_TOKEN")

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from motm_twin.bus.messages import ArmMessage, EventMessage, StatusMessage, TickMessage
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import Scene
 from motm_twin.ui import words

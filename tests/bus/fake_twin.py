@@ -9,8 +9,8 @@ import typing
 import numpy as np
 
 from motm_twin.bus.messages import SceneChoice
+from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import Event, ObjectBelief, TaskState, Tick
-from motm_twin.control.types import ArmStep
 from motm_twin.model.edits import AddObstacle, MoveBody, RemoveBody
 from motm_twin.model.plant import Actuation, BodyTruth, Observation, Truth
 from motm_twin.model.profile import RobotProfile

@@ -18,6 +18,7 @@ from waiting import asked, until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, MoveBody, Pause, Speed
+from motm_twin.bus.credentials import client_file
 from motm_twin.bus.running import all_running
 from motm_twin.bus.session import free_port, require_free_port
 from motm_twin.record.replay import rerun
@@ -51,10 +52,8 @@ def alive(pid):
 @pytest.mark.timeout(600)
 def test_a_plain_zenoh_subscriber_sees_the_robot_drive_and_a_clean_end():
     with serving("--headless", "--variant", "trial2", "--twin", "mine") as (process, port):
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("connect/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
+        until(client_file(port).exists, "no file for other programs", READY)
+        config = zenoh.Config.from_file(str(client_file(port)))
         config.insert_json5("connect/timeout_ms", "60000")
         ticks, grids = [], []
         with zenoh.open(config) as session:

@@ -13,6 +13,7 @@ from waiting import until
 
 from motm_twin.bus.cli_send import parse
 from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetParameter, Step
+from motm_twin.bus.credentials import own_credentials
 from motm_twin.bus.running import Running, note
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import free_port
@@ -36,6 +37,12 @@ def call(server, *arguments, **variables):
     command = [sys.executable, "-m", "motm_twin.cli", *arguments, *where]
     environment = {**os.environ, **variables}
     return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, env=environment)
+
+
+@pytest.fixture(scope="module")
+def known(server):
+    """User and password that the server asks for."""
+    return own_credentials()._asdict()
 
 
 @pytest.fixture
@@ -166,12 +173,13 @@ def test_twins_lists_who_is_alive(server):
 
 
 @pytest.mark.parametrize("mode", ["peer", "client"])
-def test_a_configuration_that_leads_somewhere_counts_before_the_twins_of_this_machine(server, elsewhere, mode):
+def test_a_configuration_that_leads_somewhere_counts_before_the_twins_of_this_machine(server, known, elsewhere, mode):
     file, recording = elsewhere / "there.json5", elsewhere / "x.mcap"
     settings = {
         "mode": mode,
         "connect": {"endpoints": [server.endpoint]},
         "scouting": {"multicast": {"enabled": False}},
+        "transport": {"auth": {"usrpwd": known}},
     }
     file.write_text(json.dumps(settings))
     there = {"MOTM_ZENOH_CONFIG": str(file)}

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 
-from motm_twin.control.manipulation import Manipulator
-from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles, ArmStep
+from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles, ArmStep
 from motm_twin.model.geometry import Array, compose, drive, from_frame, inverse, wrap_angle
 from motm_twin.model.kinematics import HAND, TCP
 from motm_twin.model.known import known_world

@@ -4,7 +4,7 @@ import coal
 import numpy as np
 import pytest
 
-from motm_twin.control.arm_monitor import ArmMonitor
+from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.model.joint_limits import DDQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import known_world

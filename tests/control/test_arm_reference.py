@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motm_twin.control.arm_reference import (
+from motm_twin.control.arm.geometry import (
     STRAIGHT,
     cube_yaw,
     from_polar,
@@ -23,7 +23,7 @@ from motm_twin.control.arm_reference import (
     tilt_of,
     tool_rotation,
 )
-from motm_twin.control.transit import TransitRule
+from motm_twin.control.arm.types import TransitRule
 from motm_twin.model.arm_kernels import fk_arm
 
 ANGLE = st.floats(-3.1, 3.1)

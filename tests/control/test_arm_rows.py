@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motm_twin.control.furniture import FINGERS, HELD, arm_balls, mapped_solids, placed, solid_bounds, solid_distance
-from motm_twin.control.parameters import QpParameters
-from motm_twin.control.qp_rows import base_bounds, damper, hand_state, joint_bounds, lag_factor
+from motm_twin.control.arm.bodies import FINGERS, HELD, arm_balls, mapped_solids, placed, solid_distance
+from motm_twin.control.arm.limits import damper_line
+from motm_twin.control.arm.parameters import QpParameters
+from motm_twin.control.arm.program import base_bounds, joint_bounds, lag_factor
+from motm_twin.control.arm.view import hand_state
 from motm_twin.model.assets import finger_boxes
 from motm_twin.model.body_geometry import CAPSULE_LINKS, CAPSULE_RADII, capsule_segments
 from motm_twin.model.geometry import drive
@@ -68,7 +70,7 @@ def test_joint_bounds_keep_speed_acceleration_and_brake_before_limits():
     q = READY.copy()
     q[0] = Q_MAX[0] - 0.05
     _, upper = joint_bounds(q, np.full(7, 0.3), 0.01, p)
-    assert upper[0] == pytest.approx(damper(0.05, p.damper_gain, p.damper_start, p.damper_stop))
+    assert upper[0] == pytest.approx(damper_line(0.05, p.damper_stop, p.damper_start, p.damper_gain))
 
 
 def test_a_joint_beyond_its_limit_is_driven_back_as_fast_as_its_acceleration_allows():
@@ -87,7 +89,7 @@ def test_base_bounds_are_one_step_of_acceleration_inside_the_speed_limits():
 
 def test_distances_to_mapped_furniture_equal_coal():
     known = known_world(load_scene("exp1", "trial1", 0))
-    solids = mapped_solids(known)
+    solids = mapped_solids(known).solids
     rng = np.random.default_rng(0)
     for k, solid in enumerate(known.solids):
         if isinstance(solid.shape, Prism):
@@ -106,23 +108,23 @@ def test_distances_to_mapped_furniture_equal_coal():
             expected = coal.distance(
                 coal.Sphere(1e-6), coal.Transform3s(np.eye(3), point), geometry, place, coal.DistanceRequest(), result
             )
-            d, *normal = solid_distance(*point, k, solids.first, solids.vertices, solids.radius, solids.z)
+            d, *normal = solid_distance(*point, k, solids)
             if d > 0.0:
                 assert d == pytest.approx(expected, abs=2e-5)
                 assert np.linalg.norm(normal) == pytest.approx(1.0)
 
 
 def test_bounds_of_solids_contain_them():
-    solids = mapped_solids(known_world(load_scene("exp1", "trial1", 0)))
-    bounds = solid_bounds(solids)
-    for k in range(len(solids.names)):
+    named = mapped_solids(known_world(load_scene("exp1", "trial1", 0)))
+    solids, bounds = named.solids, named.solids.bounds
+    for k in range(len(named.names)):
         inside = solids.vertices[solids.first[k] : solids.first[k + 1]]
         assert (inside[:, 0] >= bounds[k, 0] - 1e-9).all() and (inside[:, 1] <= bounds[k, 3] + 1e-9).all()
 
 
 def test_balls_cover_the_axis_of_every_capsule_from_the_elbow_to_the_hand():
     balls = arm_balls()
-    centre, radius = placed(balls.centre, balls.radius, 0.08, 0.04)
+    _, centre, radius, _ = placed(balls, 0.08, 0.04)
     T = fk_arm(READY)
     points = np.array([T[f, :3, :3] @ c + T[f, :3, 3] for f, c in zip(balls.frame, centre, strict=True)])
     for i, segment in enumerate(capsule_segments(T)):
@@ -138,8 +140,7 @@ def test_balls_cover_the_axis_of_every_capsule_from_the_elbow_to_the_hand():
 def test_no_corner_of_a_tilted_finger_is_lower_than_its_balls_by_more_than_2_millimetres(tilt, about, width):
     """A finger whose tip was one ball touched the table with a corner when the hand was tilted by 25 degrees."""
     down = np.array([math.sin(tilt) * math.cos(about), math.sin(tilt) * math.sin(about), math.cos(tilt)])  # hand frame
-    frame, centre, radius, body = arm_balls()
-    centre, radius = placed(centre, radius, width, 0.0)
+    frame, centre, radius, body = placed(arm_balls(), width, 0.0)
     fingers = (body >= FINGERS) & (body < HELD) & (radius > 0.0)
     assert (frame[fingers] == HAND).all()
     balls = (centre[fingers] @ down + radius[fingers]).max()

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.control.grasp_room import BLOCKED, GraspRoom
-from motm_twin.control.parameters import AvoidanceParameters
-from motm_twin.control.types import ArmGoal
+from motm_twin.control.arm.grasp_room import BLOCKED, GraspRoom
+from motm_twin.control.arm.parameters import AvoidanceParameters
+from motm_twin.control.arm.types import ArmGoal
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Box, Solid

@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from motm_twin.control.manipulation import Manipulator, _gave_way
-from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.types import ArmGoal, ArmInputs, ArmObstacles
+from motm_twin.control.arm.controller import Manipulator, _gave_way
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.types import ArmGoal, ArmInputs, ArmObstacles
 from motm_twin.model.body_geometry import CAPSULE_RADII, capsule_segments
 from motm_twin.model.geometry import compose, inverse
 from motm_twin.model.kinematics import Frankie, fk_arm

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from motm_twin.control.qp import Program, solve, violation
+from motm_twin.control.arm.qp import Program, solve, violation
 
 
 def random_program(seed: int) -> Program:

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.control.furniture import BODIES, HAND_BODY, arm_balls, placed
-from motm_twin.control.parameters import AvoidanceParameters
-from motm_twin.control.seen_rows import seen_distances
+from motm_twin.control.arm.bodies import BODIES, HAND_BODY, arm_balls, placed
+from motm_twin.control.arm.limits import seen_distances
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.kinematics import fk_arm
 
@@ -16,17 +16,14 @@ BALLS = arm_balls()
 
 
 def distances(points, heading=0.0, reach=0.35, q=READY):
-    centre, radius = placed(BALLS.centre, BALLS.radius, 0.08, 0.0)
     frames = fk_arm(np.asarray(q, dtype=float))
-    return seen_distances(
-        frames, BALLS.frame, centre, radius, BALLS.body, HAND_BODY, reach, np.array(points), MOUNT, heading
-    )
+    return seen_distances(frames, placed(BALLS, 0.08, 0.0), HAND_BODY, reach, np.array(points), MOUNT, heading)
 
 
 def test_a_point_beside_the_elbow_is_measured_from_its_surface():
     distance, normal, ball = distances([[0.15, 0.30]])
     elbow = BODIES.index("elbow")
-    centre, radius = placed(BALLS.centre, BALLS.radius, 0.08, 0.0)
+    _, centre, radius, _ = placed(BALLS, 0.08, 0.0)
     frame = fk_arm(np.asarray(READY, dtype=float))[BALLS.frame[ball[elbow, 0]]]
     here = MOUNT + (frame @ np.append(centre[ball[elbow, 0]], 1.0))[:3]
     expected = math.hypot(here[0] - 0.15, here[1] - 0.30) - radius[ball[elbow, 0]] - 0.025

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from motm_twin.control.parameters import ArmParameters
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.tuning import GROUPS, PARAMETERS, PRESETS, check, parameter, tuned
 from motm_twin.planning.parameters import PlanningParameters, StaaParameters
 

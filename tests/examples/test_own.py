@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from motm_twin.methods.registry import METHODS, find_method
+from motm_twin.model.kinematics import Frankie
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
 
@@ -70,6 +71,23 @@ def test_the_arm_of_the_text_leaves_by_its_own_rule(tmp_path):
     ticks = [twin.advance() for _ in range(90)]
     left = next(tick for tick in ticks if tick.arm[0].phase == "transit")
     assert 3.8 < left.plan.time_to_range <= 4.0
+
+
+def test_the_limit_of_the_text_keeps_the_hand_below_its_ceiling(tmp_path):
+    scene = load_scene("exp1", "trial1", 0)
+    text = blocks()[2].replace("Ceiling(1.0)", "Ceiling(0.8)")
+    given = 'LOW = Method(name="low", title="", summary="", source="", arm=arm)'
+    (tmp_path / "low.py").write_text(
+        f"from motm_twin.methods.method import Method\n{text}\n{given}\n", encoding="utf-8"
+    )
+    frankie, highest = Frankie(scene.robot), {}
+    for method in ("motm", f"{tmp_path / 'low.py'}:LOW"):
+        twin = Twin(scene, method=find_method(method))
+        seen = [twin.advance() for _ in range(120)]
+        heights = [frankie.tcp_pose(tick.observation.odometry, tick.observation.q)[0][2] for tick in seen[40:]]
+        highest[twin.method.name] = max(heights)
+    assert any("ceiling" in tick.arm[-1].active for tick in seen)
+    assert highest["low"] < 0.8 < highest["motm"] - 0.02
 
 
 def test_a_first_run_tells_where_the_time_goes(tmp_path):

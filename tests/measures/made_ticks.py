@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
+from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import TaskState, Tick
-from motm_twin.control.types import ArmStep
 from motm_twin.measures import Measures
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.plant import Actuation, BodyTruth, Observation, Truth

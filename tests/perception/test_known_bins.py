@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import shapely
 
-from motm_twin.control.furniture import mapped_solids
+from motm_twin.control.arm.bodies import mapped_solids
 from motm_twin.model.known import known_solids
 from motm_twin.model.scene import Bin
 from motm_twin.perception.base_map import base_map

@@ -11,122 +11,37 @@ COMPILED = ("njit", "kernel", "inlined")  # decorators of numeric kernels
 
 # Numeric kernels with more arguments: numba compiles them for arrays and numbers, and takes no struct. With the reason.
 KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "control/arm_monitor.py": (
+    "control/arm/limits.py": ("rows of the program", ("approach_row",)),
+    "control/arm/monitor.py": (
         "forces of the hold on all joints: state, limits and result arrays",
         ("_hold_back", "_worst"),
     ),
-    "control/arm_motion.py": (
-        "motion of a phase: state, target and limits in, reference and velocity out",
-        ("_fill_motion", "_fixed", "_inbound", "_swing", "_transit_rotation"),
-    ),
-    "control/arm_program.py": (
-        "fills the whole program in one pass",
-        ("_fill",),
-    ),
-    "control/arm_view.py": (
-        "poses and Jacobian of a step",
-        ("_look",),
-    ),
-    "control/furniture.py": (
-        "distances of all balls to all boxes",
-        ("body_distances", "damper_rows"),
-    ),
-    "control/grasp_room.py": (
-        "clearances of all hand poses",
-        ("_clearances",),
-    ),
-    "control/monitor.py": (
-        "outline of the footprint against all points of the scan",
-        ("_examine", "points_in_stop"),
-    ),
-    "control/predictor.py": (
-        "joints a little later",
-        ("_arm",),
-    ),
-    "control/qp.py": (
-        "arrays of the solver DAQP, and its answer",
-        ("_complete", "_fill_daqp"),
-    ),
-    "control/qp_rows.py": (
-        "rows of the program",
-        ("_joint_bounds", "approach_row"),
-    ),
-    "control/seen_rows.py": (
-        "rows of all seen points",
-        ("seen_distances", "seen_rows"),
-    ),
-    "control/speed_limits.py": (
-        "one row",
-        ("_added",),
-    ),
-    "perception/floor.py": (
-        "grid, its origin and resolution, and a ray",
-        ("mark_seen",),
-    ),
-    "perception/occupancy.py": (
-        "grid, its origin and resolution, and rays",
-        ("clear_rays", "mark_hits"),
-    ),
-    "planning/bezier.py": (
-        "two poses as cosine and sine, and the samples",
-        ("bezier_points", "time_below"),
-    ),
-    "planning/braking.py": (
-        "pose, twist, limits and field",
-        ("can_stop", "stopping_clearance"),
-    ),
-    "planning/commitment.py": (
-        "pose, twist, the kept nodes and limits",
-        ("follow",),
-    ),
-    "planning/escape.py": (
-        "pose, twist, lattice and limits",
-        ("follow_escape",),
-    ),
-    "planning/least_cost.py": (
-        "pose, goal, rates and table",
-        ("cost_from",),
-    ),
-    "planning/pocket.py": (
-        "lattice and its queue",
-        ("_fill",),
-    ),
-    "planning/reach.py": (
-        "nodes and the disc of the target",
-        ("_mark_reached",),
-    ),
-    "planning/rejections.py": (
-        "candidate, field and border",
-        ("_beyond_border", "_judge"),
-    ),
-    "planning/staa.py": (
-        "node, settings and arrays of the search",
-        ("_bezier_cost", "_judge"),
-    ),
-    "rivals/reachability.py": (
-        "cells of the map and the kinematics",
-        ("_fill",),
-    ),
-    "sim/agent_kernels.py": (
-        "agent, others and walls",
-        ("look_about", "steer"),
-    ),
-    "sim/plant_check.py": (
-        "measured and commanded motion with their limits",
-        ("_excess",),
-    ),
-    "sim/referee_geometry.py": (
-        "all bodies against all solids",
-        ("update_gaps",),
-    ),
+    "control/arm/program.py": ("bounds of all joint rates", ("_joint_bounds",)),
+    "control/arm/qp.py": ("arrays of the solver DAQP, and its answer", ("_complete", "_fill_daqp")),
+    "control/monitor.py": ("outline of the footprint against all points of the scan", ("_examine", "points_in_stop")),
+    "control/predictor.py": ("joints a little later", ("_arm",)),
+    "perception/floor.py": ("grid, its origin and resolution, and a ray", ("mark_seen",)),
+    "perception/occupancy.py": ("grid, its origin and resolution, and rays", ("clear_rays", "mark_hits")),
+    "planning/bezier.py": ("two poses as cosine and sine, and the samples", ("bezier_points", "time_below")),
+    "planning/braking.py": ("pose, twist, limits and field", ("can_stop", "stopping_clearance")),
+    "planning/commitment.py": ("pose, twist, the kept nodes and limits", ("follow",)),
+    "planning/escape.py": ("pose, twist, lattice and limits", ("follow_escape",)),
+    "planning/least_cost.py": ("pose, goal, rates and table", ("cost_from",)),
+    "planning/pocket.py": ("lattice and its queue", ("_fill",)),
+    "planning/reach.py": ("nodes and the disc of the target", ("_mark_reached",)),
+    "planning/rejections.py": ("candidate, field and border", ("_beyond_border", "_judge")),
+    "planning/staa.py": ("node, settings and arrays of the search", ("_bezier_cost", "_judge")),
+    "rivals/reachability.py": ("cells of the map and the kinematics", ("_fill",)),
+    "sim/agent_kernels.py": ("agent, others and walls", ("look_about", "steer")),
+    "sim/plant_check.py": ("measured and commanded motion with their limits", ("_excess",)),
+    "sim/referee_geometry.py": ("all bodies against all solids", ("update_gaps",)),
 }
 # Not mended yet. Who mends one takes it out; nothing new comes in.
 KNOWN = {
     "bus/loop.py:TwinLoop.__init__",
     "bus/server.py:TwinServer.__init__",
+    "control/arm/controller.py:Manipulator._report",
     "control/loop.py:ControlLoop.period",
-    "control/manipulation.py:Manipulator._report",
-    "control/speed_limits.py:fill_rows",
     "control/tuning.py:_number",
     "external/cli_robot.py:robot",
     "gym/env.py:MotmEnv.__init__",

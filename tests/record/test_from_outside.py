@@ -143,6 +143,19 @@ def test_a_tick_without_what_is_compared_is_a_difference(good, ticks, field, tmp
     assert "different first in period 0" in capsys.readouterr().out
 
 
+def test_a_tick_that_can_be_read_only_in_part_is_a_difference(good, tmp_path, capsys):
+    """Its bytes are no text where nothing but the comparison reads."""
+    file = McapFile(tmp_path / "changed.mcap")
+    for entry in read(good):
+        data = entry.data
+        if entry.topic == ch.TICK.topic:
+            data = json.dumps(json.loads(data) | {"robot": "BROKEN"}).encode().replace(b"BROKEN", b"\xff")
+        file.add(ch.CHANNELS[entry.topic], entry.log_time / 1e9, data)
+    file.close()
+    assert rerun_file(str(tmp_path / "changed.mcap")) == 1
+    assert "what was recorded of it cannot be read" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(("name", "value"), [("index", 10**400), ("index", -5), ("run", 2**60), ("first", 10**9)])
 def test_numbers_that_no_twin_gives_are_refused(ticks, name, value, tmp_path):
     path = written(tmp_path / "odd.mcap", [json.dumps(json.loads(ticks[0]) | {name: value}).encode()])

@@ -7,6 +7,7 @@ publishers of latched topics only in the root namespace (it does not mangle slas
 import pytest
 from ear import JAZZY, until
 
+from motm_twin.bus.credentials import own_credentials
 from motm_twin.ros2 import topics
 from motm_twin.ros2.definitions import DEFINITIONS
 from motm_twin.ros2.topics import PUBLISHED
@@ -30,7 +31,9 @@ def node(served, tmp_path_factory):
         text, _ = JAZZY.generate_msgdef(message, ros_version=2)
         file.write_text(text.split("=" * 80)[0])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ZENOH_CONFIG_OVERRIDE", 'mode="client"')
+        user, password = own_credentials()
+        known = f'transport/auth/usrpwd/user="{user}";transport/auth/usrpwd/password="{password}"'
+        patch.setenv("ZENOH_CONFIG_OVERRIDE", f'mode="client";{known}')
         patch.setattr(get_registry(), "messages_dir", folder)
         ip, port = "127.0.0.1", served.server.port
         session = ZenohSession.get_instance(ip, port)

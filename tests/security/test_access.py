@@ -2,6 +2,7 @@
 
 import json
 import sys
+import tempfile
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -160,8 +161,13 @@ def changed(file: Path, target: Path, change) -> Path:
 
 def refused(place, monkeypatch, file):
     monkeypatch.setenv(config.VARIABLE, str(file))
+    return refused_at(config.configured_endpoint() or "", monkeypatch, file)
+
+
+def refused_at(endpoint, monkeypatch, file):
+    monkeypatch.setenv(config.VARIABLE, str(file))
     try:
-        session = open_member(config.configured_endpoint() or "", wait=0.0)
+        session = open_member(endpoint, wait=0.0)
     except TimeoutError:
         return True
     session.close()
@@ -211,10 +217,21 @@ def test_who_was_removed_connects_in_vain(tmp_path, monkeypatch):
     file = tmp_path / "kept.json5"
     file.write_bytes(found.folder.of("driver", "bob").read_bytes())
     found.folder.remove("driver", "bob")
-    with found.serving(monkeypatch), found.visitor(monkeypatch, file) as session:
-        assert answers(session, "motm/mine/cmd/play") == []
-        assert not heard(found, session, "motm/mine/tick", found.publisher)
-        assert found.commands == []
+    with found.serving(monkeypatch):
+        assert refused(found, monkeypatch, file)
+
+
+def test_a_certificate_without_the_password_beside_it_does_not_open(place, monkeypatch, tmp_path):
+    file = changed(place.folder.of("driver", "bob"), tmp_path / "f.json5", lambda s: s["transport"].pop("auth"))
+    assert refused(place, monkeypatch, file)
+
+
+def test_another_user_of_the_machine_is_not_let_in_on_loopback(place, monkeypatch, tmp_path):
+    monkeypatch.delenv(config.VARIABLE)
+    with open_member(place.local, wait=3.0) as session:
+        assert answers(session, "motm/mine/status") == [b"status"]
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # where somebody else's files would be
+    assert refused_at(place.local, monkeypatch, place.folder.here)
 
 
 def test_the_shipped_configuration_is_closed():

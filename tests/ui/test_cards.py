@@ -9,8 +9,8 @@ from fake_twin import FakeTwin, fake_scene
 
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BeliefMessage, ContactMessage, EventMessage, ScoreMessage, TaskMessage, TickMessage
-from motm_twin.control.furniture import BODIES
-from motm_twin.control.manipulation import _BOUND_NAMES
+from motm_twin.control.arm.bodies import BODIES
+from motm_twin.control.arm.controller import _BOUND_NAMES
 from motm_twin.control.task_list import kind_of, name_of
 from motm_twin.measures.published import published
 from motm_twin.model.arm_kernels import manipulability

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
 from motm_twin.measures import Measures

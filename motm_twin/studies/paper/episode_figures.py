@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import Normal, Stroke
 
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene_file import load_scene

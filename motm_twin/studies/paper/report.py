@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from motm_twin.control.parameters import AvoidanceParameters
+from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.measures.gripper import STATIC_AFTER
 from motm_twin.methods.registry import METHODS

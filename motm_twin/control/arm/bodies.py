@@ -1,8 +1,4 @@
-"""Mapped furniture at its true height, and the rows that keep the arm's capsules away from it.
-
-Each capsule is covered by balls. For every body of the arm and every solid nearer than d_i, the nearest ball gives one
-row: its speed towards the solid is at most ``xi (d - d_s) / (d_i - d_s)``.
-"""
+"""The bodies of the arm as balls, solids at their true height, and the distances between them."""
 
 import math
 from dataclasses import dataclass
@@ -12,8 +8,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from motm_twin.control.nearest_first import nearest_first
-from motm_twin.control.qp_rows import approach_row
 from motm_twin.model.body_geometry import CAPSULE_FRAMES, CAPSULE_LINKS, CAPSULE_P0, CAPSULE_P1, CAPSULE_RADII
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array
@@ -42,20 +36,29 @@ _TIP = (  # balls of a finger's tip: x across, y from the pad outwards, z beyond
     *((x, y, 0.1094, 0.003) for x in (-0.0075, 0.0075) for y in (0.003, 0.0138)),  # the lowest of a tilted one
 )
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] the arm's own column, top above the mount
-MAX_ROWS = 32
+_FLOOR = 3.0  # [m] side of the floor round the robot
+COLUMN = 1  # of the robot's own solids the arm's column: elbow, forearm and wrist belong to it
+_Entry = tuple[str, Box | Cylinder | Prism, float, float]  # name, shape, bottom and top [m]
 _ROUNDING = 1e-9  # [m] more than distances are wrong by
 _ROUNDED_UP = 1.0 + 1e-9  # of a square, more than it is wrong by
 
 
-@dataclass(frozen=True)
-class Solids:
+class Solids(NamedTuple):
     """Solids as arrays: polygons (vertices first[i] to first[i + 1]) or discs (radius > 0), between two heights."""
 
-    names: tuple[str, ...]
     first: IntArray  # shape (n + 1,)
     vertices: Array  # [m], shape (m, 2); a disc has one, its centre
     radius: Array  # [m] of discs, 0 for polygons, shape (n,)
     z: Array  # bottom and top [m], shape (n, 2)
+    bounds: Array  # x, x, y, y, z, z [m] of the axis-aligned box of each, shape (n, 6)
+
+
+@dataclass(frozen=True)
+class NamedSolids:
+    """Solids and their names."""
+
+    names: tuple[str, ...]
+    solids: Solids
 
 
 class Balls(NamedTuple):
@@ -67,34 +70,25 @@ class Balls(NamedTuple):
     body: IntArray  # index into BODIES, shape (n,)
 
 
-def mapped_solids(known: KnownWorld) -> Solids:
+def mapped_solids(known: KnownWorld) -> NamedSolids:
     """Mapped furniture and bins, world frame."""
     return _arrays(
         [(solid.group or solid.name, solid.shape, solid.z_min, solid.z_max) for solid in known_solids(known)]
     )
 
 
-def own_body(known: KnownWorld) -> Solids:
-    """The base body and the arm's column, base frame."""
+def own_body(known: KnownWorld, *, floor: bool = False) -> NamedSolids:
+    """The base body and the arm's column, base frame; with the ``floor`` round the robot if asked for."""
     foot, arm = known.robot.footprint, known.robot.arm
     base = Box(centre=(foot.offset_x, 0.0), size=(foot.length, foot.width))
     column = Cylinder(centre=(arm.mount_x, arm.mount_y), radius=_COLUMN_RADIUS)
-    return _arrays(
-        [("own base", base, 0.0, foot.height), ("own column", column, foot.height, arm.mount_z + _COLUMN_TOP)]
-    )
-
-
-def own_body_and_floor(known: KnownWorld) -> Solids:
-    """The same, and the floor round the robot."""
-    own, reach = own_body(known), 3.0
-    floor = _arrays([("floor", Box(centre=(0.0, 0.0), size=(reach, reach)), -1.0, 0.0)])
-    return Solids(
-        names=own.names + floor.names,
-        first=np.concatenate((own.first, own.first[-1] + floor.first[1:])),
-        vertices=np.concatenate((own.vertices, floor.vertices)),
-        radius=np.concatenate((own.radius, floor.radius)),
-        z=np.concatenate((own.z, floor.z)),
-    )
+    entries: list[_Entry] = [
+        ("own base", base, 0.0, foot.height),
+        ("own column", column, foot.height, arm.mount_z + _COLUMN_TOP),
+    ]
+    if floor:
+        entries.append(("floor", Box(centre=(0.0, 0.0), size=(_FLOOR, _FLOOR)), -1.0, 0.0))
+    return _arrays(entries)
 
 
 def arm_balls() -> Balls:
@@ -126,24 +120,22 @@ def arm_balls() -> Balls:
 
 
 @njit(cache=True)
-def placed(centre: Array, radius: Array, width: float, held_side: float) -> tuple[Array, Array]:
-    """Centres and radii of balls with the finger tips at the gripper's width and the held cube; radius 0: not there."""
-    centre, radius = centre.copy(), radius.copy()
+def placed(balls: Balls, width: float, held_side: float) -> Balls:
+    """The balls with the finger tips at the gripper's width and the held cube; radius 0: not there."""
+    centre, radius = balls.centre.copy(), balls.radius.copy()
     tips = len(_TIP)
     for k in range(tips):
         centre[-1 - 2 * tips + k, 1] += 0.5 * width
         centre[-1 - tips + k, 1] -= 0.5 * width
     radius[-1] = 0.72 * held_side
-    return centre, radius
+    return Balls(balls.frame, centre, radius, balls.body)
 
 
 @njit(cache=True)
-def solid_distance(
-    x: float, y: float, z: float, k: int, first: IntArray, vertices: Array, radius: Array, heights: Array
-) -> tuple[float, float, float, float]:
+def solid_distance(x: float, y: float, z: float, k: int, solids: Solids) -> tuple[float, float, float, float]:
     """Signed distance [m] of a point to solid k, and the unit vector away from the solid."""
-    d, nx, ny = _plane_distance(x, y, k, first, vertices, radius)
-    below, above = heights[k, 0] - z, z - heights[k, 1]
+    d, nx, ny = _plane_distance(x, y, k, solids)
+    below, above = solids.z[k, 0] - z, z - solids.z[k, 1]
     dz, nz = (above, 1.0) if above >= below else (below, -1.0)
     if d > 0.0 and dz > 0.0:
         total = math.hypot(d, dz)
@@ -154,10 +146,9 @@ def solid_distance(
 
 
 @njit(cache=True)
-def _plane_distance(
-    x: float, y: float, k: int, first: IntArray, vertices: Array, radius: Array
-) -> tuple[float, float, float]:
-    start, end = first[k], first[k + 1]
+def _plane_distance(x: float, y: float, k: int, solids: Solids) -> tuple[float, float, float]:
+    vertices, radius = solids.vertices, solids.radius
+    start, end = solids.first[k], solids.first[k + 1]
     if radius[k] > 0.0:
         dx, dy = x - vertices[start, 0], y - vertices[start, 1]
         r = math.hypot(dx, dy)
@@ -210,13 +201,11 @@ def _overlap(low: Array, high: Array, k: int, bounds: Array) -> bool:
 
 
 @njit(cache=True)
-def _ball_centres(
-    T: Array, frame: IntArray, centre: Array, ball_radius: Array, body: IntArray, d_i: Array, T_solids_mount: Array,
-    mount_z: float,
-) -> tuple[Array, Array, Array]:  # fmt: skip
+def _ball_centres(T: Array, balls: Balls, d_i: Array, at_mount: Array) -> tuple[Array, Array, Array]:
     """Centres (n, 3) of the balls in the frame of the solids, and the corners of the box in which solids matter."""
+    frame, centre, ball_radius, body = balls.frame, balls.centre, balls.radius, balls.body
     at, low, high = np.empty((frame.shape[0], 3)), np.full(3, np.inf), np.full(3, -np.inf)
-    c, s = math.cos(T_solids_mount[2]), math.sin(T_solids_mount[2])
+    c, s = math.cos(at_mount[3]), math.sin(at_mount[3])
     for i in range(frame.shape[0]):
         if ball_radius[i] <= 0.0:
             continue
@@ -224,9 +213,9 @@ def _ball_centres(
         px = T[f, 0, 3] + T[f, 0, 0] * centre[i, 0] + T[f, 0, 1] * centre[i, 1] + T[f, 0, 2] * centre[i, 2]
         py = T[f, 1, 3] + T[f, 1, 0] * centre[i, 0] + T[f, 1, 1] * centre[i, 1] + T[f, 1, 2] * centre[i, 2]
         pz = T[f, 2, 3] + T[f, 2, 0] * centre[i, 0] + T[f, 2, 1] * centre[i, 1] + T[f, 2, 2] * centre[i, 2]
-        at[i, 0] = T_solids_mount[0] + c * px - s * py
-        at[i, 1] = T_solids_mount[1] + s * px + c * py
-        at[i, 2] = mount_z + pz
+        at[i, 0] = at_mount[0] + c * px - s * py
+        at[i, 1] = at_mount[1] + s * px + c * py
+        at[i, 2] = at_mount[2] + pz
         for axis in range(3):
             low[axis] = min(low[axis], at[i, axis] - reach)
             high[axis] = max(high[axis], at[i, axis] + reach)
@@ -235,53 +224,41 @@ def _ball_centres(
 
 @njit(cache=True)
 def body_distances(
-    T: Array,
-    frame: IntArray,
-    centre: Array,
-    ball_radius: Array,
-    body: IntArray,
-    bodies: int,
-    d_i: Array,
-    T_solids_mount: Array,
-    mount_z: float,
-    first: IntArray,
-    vertices: Array,
-    radius: Array,
-    heights: Array,
-    bounds: Array,
-    column: np.int64,
+    T: Array, balls: Balls, d_i: Array, at_mount: Array, solids: Solids, column: int
 ) -> tuple[Array, Array, IntArray]:
     """Nearest ball of each body to each solid closer than d_i; elbow, forearm and wrist keep off no solid ``column``.
 
-    ``T_solids_mount`` is the planar pose of the mount in the frame of the solids. Returns distances (bodies, n),
-    inf when further; directions away from the solid in the solids' frame (bodies, n, 3); index of the ball.
+    ``at_mount``: x, y, z [m] and heading of the mount in the frame of the solids, shape (4,). Returns distances
+    (bodies, n), inf when further; directions away from the solid in the solids' frame (bodies, n, 3); index of the
+    ball.
     """
-    solids = heights.shape[0]
-    distance = np.full((bodies, solids), np.inf)
-    normal = np.zeros((bodies, solids, 3))
-    ball = np.zeros((bodies, solids), dtype=np.int64)
-    at, low, high = _ball_centres(T, frame, centre, ball_radius, body, d_i, T_solids_mount, mount_z)
-    near = np.empty(solids, dtype=np.int64)
+    bodies, count_of = d_i.shape[0], solids.z.shape[0]
+    distance = np.full((bodies, count_of), np.inf)
+    normal = np.zeros((bodies, count_of, 3))
+    ball = np.zeros((bodies, count_of), dtype=np.int64)
+    at, low, high = _ball_centres(T, balls, d_i, at_mount)
+    near = np.empty(count_of, dtype=np.int64)
     count = 0
-    for k in range(solids):
-        if _overlap(low, high, k, bounds):
+    for k in range(count_of):
+        if _overlap(low, high, k, solids.bounds):
             near[count] = k
             count += 1
     if count == 0:
         return distance, normal, ball
-    for i in range(frame.shape[0]):
-        if ball_radius[i] <= 0.0:
+    for i in range(balls.frame.shape[0]):
+        own = balls.radius[i]
+        if own <= 0.0:
             continue
-        b, x, y, z = body[i], at[i, 0], at[i, 1], at[i, 2]
+        b, x, y, z = balls.body[i], at[i, 0], at[i, 1], at[i, 2]
         for n in range(count):
             k = near[n]
             if k == column and b < HAND_BODY:
                 continue
-            reach = min(d_i[b], distance[b, k]) + ball_radius[i] + _ROUNDING  # what is further off changes nothing
-            if not _near_solid(x, y, z, reach, k, bounds):
+            reach = min(d_i[b], distance[b, k]) + own + _ROUNDING  # what is further off changes nothing
+            if not _near_solid(x, y, z, reach, k, solids.bounds):
                 continue
-            d, nx, ny, nz = solid_distance(x, y, z, k, first, vertices, radius, heights)
-            d -= ball_radius[i]
+            d, nx, ny, nz = solid_distance(x, y, z, k, solids)
+            d -= own
             if d < d_i[b] and d < distance[b, k]:
                 distance[b, k] = d
                 normal[b, k, 0], normal[b, k, 1], normal[b, k, 2] = nx, ny, nz
@@ -289,54 +266,8 @@ def body_distances(
     return distance, normal, ball
 
 
-@njit(cache=True)
-def damper_rows(
-    T: Array,
-    frame: IntArray,
-    centre: Array,
-    distance: Array,
-    normal: Array,
-    ball: IntArray,
-    d_s: Array,
-    d_i: Array,
-    xi: float,
-    turn: float,
-    pose: Array,
-    mount: Array,
-) -> tuple[Array, Array, IntArray]:
-    """One row per body and solid, nearest first: coefficients of (v, w, arm) for the approach speed, its bound.
-
-    ``turn``: heading of the solids' frame in the frame of ``pose``. Returns (k, 9), (k,), and body * n + solid (k,).
-    """
-    solids = distance.shape[1]
-    flat = distance.ravel()
-    order = nearest_first(flat)
-    rows, limit, which = np.empty((len(order), 9)), np.empty(len(order)), np.empty(len(order), dtype=np.int64)
-    c, s = math.cos(turn), math.sin(turn)
-    for count in range(len(order)):
-        index = order[count]
-        b, k = index // solids, index % solids
-        i = ball[b, k]
-        nx = c * normal[b, k, 0] - s * normal[b, k, 1]
-        ny = s * normal[b, k, 0] + c * normal[b, k, 1]
-        approach_row(T, frame[i], centre[i], pose, mount, nx, ny, normal[b, k, 2], rows[count])
-        limit[count] = xi * (flat[index] - d_s[b]) / (d_i[b] - d_s[b])
-        which[count] = index
-    return rows, limit, which
-
-
-def solid_bounds(solids: Solids) -> Array:
-    """Axis-aligned bounds x, x, y, y, z, z of each solid, shape (n, 6)."""
-    bounds = np.empty((len(solids.names), 6))
-    for k in range(len(solids.names)):
-        corners = solids.vertices[solids.first[k] : solids.first[k + 1]]
-        low, high = corners.min(axis=0) - solids.radius[k], corners.max(axis=0) + solids.radius[k]
-        bounds[k] = low[0], high[0], low[1], high[1], solids.z[k, 0], solids.z[k, 1]
-    return bounds
-
-
-def _arrays(entries: list[tuple[str, Box | Cylinder | Prism, float, float]]) -> Solids:
-    first, vertices, radius, heights = [0], [], [], []
+def _arrays(entries: list[_Entry]) -> NamedSolids:
+    first, vertices, radius, heights, bounds = [0], [], [], [], []
     for _, shape, low, high in entries:
         if isinstance(shape, Cylinder):
             vertices.append(shape.centre)
@@ -347,15 +278,19 @@ def _arrays(entries: list[tuple[str, Box | Cylinder | Prism, float, float]]) -> 
         else:
             vertices += list(shape.corners)
             radius.append(0.0)
+        corners = np.array(vertices[first[-1] :], dtype=float)
+        (x, y), (x_max, y_max) = corners.min(axis=0) - radius[-1], corners.max(axis=0) + radius[-1]
         first.append(len(vertices))
         heights.append((low, high))
-    return Solids(
-        names=tuple(entry[0] for entry in entries),
+        bounds.append((x, x_max, y, y_max, low, high))
+    solids = Solids(
         first=np.array(first, dtype=np.int64),
         vertices=np.array(vertices, dtype=float).reshape(-1, 2),
         radius=np.array(radius, dtype=float),
         z=np.array(heights, dtype=float).reshape(-1, 2),
+        bounds=np.array(bounds, dtype=float).reshape(-1, 6),
     )
+    return NamedSolids(tuple(entry[0] for entry in entries), solids)
 
 
 def _corners(box: Box) -> list[tuple[float, float]]:

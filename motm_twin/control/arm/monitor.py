@@ -17,19 +17,19 @@ import msgspec
 import numpy as np
 from numba import njit
 
-from motm_twin.control.furniture import (
+from motm_twin.control.arm.bodies import (
     BODIES,
+    COLUMN,
     Balls,
     IntArray,
     Solids,
     arm_balls,
     body_distances,
     mapped_solids,
-    own_body_and_floor,
+    own_body,
     placed,
-    solid_bounds,
 )
-from motm_twin.control.qp_rows import approach_row
+from motm_twin.control.arm.limits import approach_row
 from motm_twin.model.arm_kernels import fk_arm
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
@@ -45,7 +45,6 @@ _ROUNDS = 4  # of holding back the body that is most above its speed: a wedged a
 _ENOUGH = 1e-3  # [m/s] over the line that is left alone
 _TAKING = 0.5  # [s] in which joints get to their limits while the arm takes up the way of a base that brakes
 _ORIGIN = frozen(np.zeros(3))
-_COLUMN = 1  # of the robot's own solids the arm's column: elbow, forearm and wrist belong to it
 
 
 class Answer(NamedTuple):
@@ -55,24 +54,14 @@ class Answer(NamedTuple):
     reason: str
 
 
-class _Furniture(NamedTuple):
-    """Mapped solids as `body_distances` has them."""
-
-    first: IntArray
-    vertices: Array
-    radius: Array
-    z: Array
-    bounds: Array
-
-
 class ArmMonitor:
     """Keeps the arm off mapped furniture, bins, floor and its own base, whatever its program says. It has no state."""
 
     def __init__(self, known: KnownWorld) -> None:
         """The robot and the furniture of its map."""
-        mapped, own = mapped_solids(known), own_body_and_floor(known)
+        mapped, own = mapped_solids(known), own_body(known, floor=True)
         self._names = (*mapped.names, *own.names)
-        self._furniture, self._own = _arrays(mapped), _arrays(own)
+        self._furniture, self._own = mapped.solids, own.solids
         self._balls = arm_balls()
         arm, self._base = known.robot.arm, known.robot.base
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
@@ -91,8 +80,7 @@ class ArmMonitor:
         if not self._has_arm or not (np.isfinite(rates).all() and np.isfinite(observation.odometry).all()):
             return Answer(actuation, "")
         there = np.append(to_frame(T_odom_world, observation.odometry[:2]), observation.odometry[2] - T_odom_world[2])
-        centre, radius = placed(self._balls.centre, self._balls.radius, observation.gripper_width, held_side)
-        balls = self._balls._replace(centre=centre, radius=radius)
+        balls = placed(self._balls, observation.gripper_width, held_side)
         kept = rates.copy()
         folds = _unfold(kept, observation, dt)
         body, solid, distance, speed = _hold_back(
@@ -124,14 +112,10 @@ def _unfold(rates: Array, now: Observation, dt: float) -> bool:
     return True
 
 
-def _arrays(solids: Solids) -> _Furniture:
-    return _Furniture(solids.first, solids.vertices, solids.radius, solids.z, solid_bounds(solids))
-
-
 @njit(cache=True)
 def _hold_back(
     q: Array, dq: Array, pose: Array, twist: Array, rates: Array, dt: float, mount: Array, balls: Balls,
-    furniture: _Furniture, own: _Furniture, braking: float,
+    furniture: Solids, own: Solids, braking: float,
 ) -> tuple[int, int, float, float]:  # fmt: skip
     """Lower arm rates (7,) for dt [s], in place, until no body is above its speed, or the joints brake all they can.
 
@@ -140,7 +124,7 @@ def _hold_back(
     speed [m/s]; body -1: none was.
     """
     T = fk_arm(q)
-    seen, own_seen = _near(T, pose, mount, balls, furniture, -1), _near(T, _ORIGIN, mount, balls, own, _COLUMN)
+    seen, own_seen = _near(T, pose, mount, balls, furniture, -1), _near(T, _ORIGIN, mount, balls, own, COLUMN)
     solids = furniture.z.shape[0]
     found, solid, near, speed = -1, 0, np.inf, 0.0
     row, own_row = np.empty(9), np.empty(9)
@@ -163,15 +147,14 @@ def _hold_back(
 
 @njit(cache=True)
 def _near(
-    T: Array, pose: Array, mount: Array, balls: Balls, solids: _Furniture, column: int
+    T: Array, pose: Array, mount: Array, balls: Balls, solids: Solids, column: int
 ) -> tuple[Array, Array, IntArray]:
     """`body_distances` of solids in whose frame the base is at a pose (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    there = np.array([pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1], pose[2]])
-    return body_distances(
-        T, balls.frame, balls.centre, balls.radius, balls.body, len(BODIES), np.full(len(BODIES), _LOOK), there,
-        mount[2], solids.first, solids.vertices, solids.radius, solids.z, solids.bounds, np.int64(column),
-    )  # fmt: skip
+    there = np.array([
+        pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1], mount[2], pose[2]
+    ])  # fmt: skip
+    return body_distances(T, balls, np.full(len(BODIES), _LOOK), there, solids, column)
 
 
 @njit(cache=True)

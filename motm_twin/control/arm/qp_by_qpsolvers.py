@@ -6,7 +6,7 @@ import numpy as np
 from qpsolvers import Problem, solve_problem
 from scipy.sparse import csc_matrix
 
-from motm_twin.control.qp import Program
+from motm_twin.control.arm.qp import Program
 from motm_twin.model.geometry import Array
 
 _OPTIONS: dict[str, dict[str, Any]] = {

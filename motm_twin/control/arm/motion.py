@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_phases import grasp_point
-from motm_twin.control.arm_reference import (
+from motm_twin.control.arm.geometry import (
     capped,
     carried_velocity,
     from_polar,
@@ -18,15 +17,17 @@ from motm_twin.control.arm_reference import (
     tilt_for,
     tool_rotation,
 )
-from motm_twin.control.arm_view import ManipulatorState, View
-from motm_twin.control.parameters import ArmParameters, Numbers
-from motm_twin.control.slate import Record, Slate
-from motm_twin.control.types import ArmInputs
+from motm_twin.control.arm.parameters import ArmParameters, Numbers
+from motm_twin.control.arm.phases import grasp_point
+from motm_twin.control.arm.types import ArmInputs
+from motm_twin.control.arm.view import Arm, ManipulatorState, View
 from motm_twin.model.exact import hypot, norm, wrap_angle
 from motm_twin.model.geometry import Array
 from motm_twin.model.kinematics import HAND, TCP
 
 _HOME, _OUT, _FIXED = 0, 1, 2
+_GOALS = ("none", "pick", "place")
+_NONE, _PICK, _PLACE = 0, 1, 2
 _SWINGS = {"stow": _HOME, "carry": _HOME, "transit": _OUT}  # phases in which the hand swings about the mount
 _ANCHORED = ("closing", "lift", "release")  # phases in which it keeps to a point chosen before
 _EASE = 1.5  # a transit of T seconds goes at gain EASE / T: it begins briskly and arrives softly
@@ -45,10 +46,11 @@ _HAND_CLEAR = 0.35  # [m] radius beyond which a retracting hand keeps its height
 
 
 class Motion(NamedTuple):
-    """Where the hand should be now. Its velocity towards it is on the slate."""
+    """Where the hand should be now, and its velocity towards it."""
 
     reference: Array  # desired tool centre point, odometry frame [m], shape (3,)
     error: float  # [m] of the tool centre point from there
+    velocity: Array  # nu: linear [m/s], angular [rad/s], odometry frame, shape (6,)
 
 
 class _Swing(NamedTuple):
@@ -63,50 +65,61 @@ class _Swing(NamedTuple):
     azimuth_gain: float  # [1/s]
 
 
+class _Way(NamedTuple):
+    """What leads the hand in this phase."""
+
+    kind: int  # home, out to the target, or to the reference as it is
+    over: Array  # [m] what it works at, shape (3,)
+    plan_times: Array
+    plan_poses: Array
+    radius: float
+    azimuth: float
+    distance: float
+    time_to_range: float
+    goal: int  # index into `_GOALS`
+    clear_z: float
+    anchor: Array
+    yaw: float  # [rad], nan: as the arm has it
+    fastest: float  # [m/s]
+
+
 def hand_motion(
-    state: ManipulatorState, view: View, inputs: ArmInputs, slate: Slate, parameters: ArmParameters
+    state: ManipulatorState, view: View, inputs: ArmInputs, parameters: ArmParameters, numbers: Numbers
 ) -> Motion:
-    """Reference and, on the slate, velocity of the hand for the phase of this step."""
-    phase, goal = state.phase, view.goal.kind
-    way = _SWINGS.get(phase, _FIXED)
-    reference = _point(state, view, parameters) if way == _FIXED else np.empty(3)
-    error = _fill_motion(
-        slate.record, way, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
-        view.radius, view.azimuth, view.distance, view.time_to_range, goal == "none", goal == "pick", goal == "place",
-        state.clear_z, state.anchor, math.nan if state.yaw is None or phase == "release" else state.yaw,
-        parameters.hold_speed if phase == "closing" else _RADIAL, reference,
+    """Reference and velocity of the hand for the phase of this step; ``numbers`` of the same parameters."""
+    phase = state.phase
+    kind = _SWINGS.get(phase, _FIXED)
+    reference = _point(state, view, parameters) if kind == _FIXED else np.empty(3)
+    way = _Way(
+        kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
+        view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
+        state.anchor, math.nan if state.yaw is None or phase == "release" else state.yaw,
+        parameters.hold_speed if phase == "closing" else _RADIAL,
     )  # fmt: skip
-    return Motion(reference, error)
+    error, velocity = _motion(view.arm, way, numbers, reference)
+    return Motion(reference, error, velocity)
 
 
 @njit(cache=True)
-def _fill_motion(
-    slate: Record, way: int, over: Array, plan_times: Array, plan_poses: Array, radius: float, azimuth: float,
-    distance: float, time_to_range: float, idle: bool, pick: bool, place: bool, clear_z: float, anchor: Array,
-    yaw: float, fastest: float, reference: Array,
-) -> float:  # fmt: skip
-    """Fill in velocity and reference, return the error; ``way``: home, out to the target, or to the reference as it is.
+def _motion(arm: Arm, way: _Way, parameters: Numbers, reference: Array) -> tuple[float, Array]:
+    """Error and velocity; fills in the reference of a swing.
 
     One kernel of all phases, so that none of them begins with a kernel that has to be loaded first.
     """
-    s = slate[0]
-    parameters = s.arm_numbers
-    if way == _FIXED:
-        _fixed(s.p, s.R, s.mount, reference, over, yaw, fastest, place, parameters, s.velocity)
-        return norm(reference - s.p)
-    if way == _HOME:
-        planar, rotation = 1.0, _stow_rotation(s.p, s.mount, parameters)
-        swing = _stowed(s.p, s.mount, azimuth, idle, clear_z, parameters)
+    velocity = np.empty(6)
+    if way.kind == _FIXED:
+        _fixed(arm, way, reference, parameters, velocity)
+        return norm(reference - arm.p), velocity
+    if way.kind == _HOME:
+        planar, rotation = 1.0, _stow_rotation(arm.p, arm.mount, parameters)
+        swing = _stowed(arm, way, parameters)
     else:
-        planar = _planar_share(s.p, s.mount, s.target, time_to_range)
-        rotation = _transit_rotation(s.p, s.R, s.T, s.mount, s.target, radius, pick, place, yaw, planar, parameters)
-        swing = _inbound(
-            s.p, s.q, s.pose, s.twist, s.mount, s.base_mount, s.target, plan_times, plan_poses, distance,
-            time_to_range, pick, place,
-            clear_z if hypot(s.p[0] - anchor[0], s.p[1] - anchor[1]) < _NEIGHBOURS else -math.inf, parameters,
-        )  # fmt: skip
-    _swing(swing, rotation, s.p, s.q, s.R, s.pose, s.twist, s.base_mount, planar, parameters, s.velocity, reference)
-    return norm(reference - s.p)
+        planar = _planar_share(arm.p, arm.mount, arm.target, way.time_to_range)
+        rotation = _transit_rotation(arm, way, planar, parameters)
+        beside = hypot(arm.p[0] - way.anchor[0], arm.p[1] - way.anchor[1]) < _NEIGHBOURS
+        swing = _inbound(arm, way, way.clear_z if beside else -math.inf, parameters)
+    _swing(swing, rotation, arm, planar, parameters, velocity, reference)
+    return norm(reference - arm.p), velocity
 
 
 def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
@@ -139,32 +152,29 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
 
 
 @njit(cache=True)
-def _fixed(
-    p: Array, R: Array, mount: Array, point: Array, over: Array, yaw: float, fastest: float, place: bool,
-    parameters: Numbers, velocity: Array,
-) -> None:  # fmt: skip
-    """Closed loop on a point that stands in the odometry frame; the hand is turned as ``over`` what it works at.
+def _fixed(arm: Arm, way: _Way, point: Array, parameters: Numbers, velocity: Array) -> None:
+    """Closed loop on a point that stands in the odometry frame; the hand is turned as over what it works at.
 
-    Down over the object, tilted outwards where the reach needs it; ``yaw`` [rad] nan: it stays as the arm has it.
+    Down over the object, tilted outwards where the reach needs it.
     """
-    n = parameters[0]
-    linear = capped(n.k_P * (point - p), fastest)
+    n, p, mount = parameters[0], arm.p, arm.mount
+    linear = capped(n.k_P * (point - p), way.fastest)
     linear[2] = min(max(linear[2], -_VERTICAL), _VERTICAL)
-    outward = _outward(mount, over)
-    radius = hypot(over[0] - mount[0], over[1] - mount[1])
-    tilt = tilt_for(radius, p[2] - mount[2], n.grasp_stretch, _largest_tilt(place, parameters))
-    rotation = tool_rotation(_outward(mount, p) if math.isnan(yaw) else yaw, tilt, outward)
-    velocity[:3], velocity[3:] = linear, _turn(rotation, R, parameters)
+    outward = _outward(mount, way.over)
+    radius = hypot(way.over[0] - mount[0], way.over[1] - mount[1])
+    tilt = tilt_for(radius, p[2] - mount[2], n.grasp_stretch, _largest_tilt(way.goal == _PLACE, parameters))
+    rotation = tool_rotation(_outward(mount, p) if math.isnan(way.yaw) else way.yaw, tilt, outward)
+    velocity[:3], velocity[3:] = linear, _turn(rotation, arm.R, parameters)
 
 
 @njit(cache=True)
-def _stowed(p: Array, mount: Array, azimuth: float, idle: bool, clear_z: float, parameters: Numbers) -> _Swing:
+def _stowed(arm: Arm, way: _Way, parameters: Numbers) -> _Swing:
     """Gripper, object and elbow inside the footprint, turned a little towards the target, unless there is none."""
-    n = parameters[0]
-    azimuth = 0.0 if idle else min(max(azimuth, -n.stow_azimuth), n.stow_azimuth)
+    n, p, mount = parameters[0], arm.p, arm.mount
+    azimuth = 0.0 if way.goal == _NONE else min(max(way.azimuth, -n.stow_azimuth), n.stow_azimuth)
     z = mount[2] + n.stow_height
     if hypot(p[0] - mount[0], p[1] - mount[1]) > _HAND_CLEAR:
-        z = max(z, clear_z)
+        z = max(z, way.clear_z)
     return _Swing(n.stow_radius, azimuth, z, 0.0, 0.0, n.k_transit, n.k_transit)
 
 
@@ -176,15 +186,15 @@ def _stow_rotation(p: Array, mount: Array, parameters: Numbers) -> Array:
 
 @njit(cache=True)
 def _swing(
-    swing: _Swing, rotation: Array, p: Array, q: Array, R: Array, pose: Array, twist: Array, base_mount: Array,
-    planar: float, parameters: Numbers, velocity: Array, reference: Array,
-) -> None:  # fmt: skip
+    swing: _Swing, rotation: Array, arm: Arm, planar: float, parameters: Numbers, velocity: Array, reference: Array
+) -> None:
     """Towards a point by radius, azimuth and height, relative to the moving base.
 
     ``planar`` 1: the hand turns with its azimuth, as the whole arm does about joint 1.
     """
+    p, pose, twist, base_mount = arm.p, arm.pose, arm.expected, arm.base_mount
     n = parameters[0]
-    radius, azimuth = _hand_polar(p, q, pose, base_mount)
+    radius, azimuth = _hand_polar(p, arm.q, pose, base_mount)
     radial = swing.gain * (swing.radius - radius) + swing.radius_rate
     turning = swing.azimuth_gain * (swing.azimuth - azimuth) + swing.azimuth_rate
     turning = min(max(turning, -n.hand_yaw_rate), n.hand_yaw_rate)
@@ -197,30 +207,27 @@ def _swing(
     linear = carried_velocity(p, pose, twist)
     linear += np.array([c * radial - s * across, s * radial + c * across, 0.0])
     linear[2] = min(max(n.k_transit * (swing.z - p[2]), -_VERTICAL), _VERTICAL)
-    angular = _turn(rotation, R, parameters)
+    angular = _turn(rotation, arm.R, parameters)
     angular[2] += planar * (twist[1] + turning)
     velocity[:3], velocity[3:] = linear, angular
     reference[:] = from_polar(swing.radius, swing.azimuth, swing.z, pose, base_mount)
 
 
 @njit(cache=True)
-def _inbound(
-    p: Array, q: Array, pose: Array, twist: Array, mount: Array, base_mount: Array, target: Array, plan_times: Array,
-    plan_poses: Array, distance: float, time_to_range: float, pick: bool, place: bool, lowest: float,
-    parameters: Numbers,
-) -> _Swing:  # fmt: skip
+def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
     """The hover point, at the limited radius on the line from the mount, where the base will be on arrival.
 
     The hand turns towards it first and reaches out last: an arm stretched out early meets more obstacles, and a hand
     held up by one on its way out would slide along it, away from its target.
     """
-    n = parameters[0]
-    remaining = time_to_range if math.isfinite(time_to_range) else n.abandon_time
-    radius, azimuth = polar(target, pose_at(remaining, pose, plan_times, plan_poses), base_mount)
+    n, target, pose, mount = parameters[0], arm.target, arm.pose, arm.mount
+    pick, place, distance = way.goal == _PICK, way.goal == _PLACE, way.distance
+    remaining = way.time_to_range if math.isfinite(way.time_to_range) else n.abandon_time
+    radius, azimuth = polar(target, pose_at(remaining, pose, way.plan_times, way.plan_poses), arm.base_mount)
     gain = n.k_transit if remaining <= 0.0 else min(n.k_transit, _EASE / remaining)
     radius_rate, azimuth_rate = 0.0, 0.0
     if remaining <= 0.0:
-        radius_rate, azimuth_rate = _apparent_motion(target, pose, twist, radius, azimuth)
+        radius_rate, azimuth_rate = _apparent_motion(target, pose, arm.expected, radius, azimuth)
     over = n.transit_clearance
     if distance < OVER:
         over = n.hover_height if pick else 0.0
@@ -236,12 +243,12 @@ def _inbound(
     if early > 0.0:
         radius_rate = n.extension_speed if radius - early > n.swing_radius else 0.0
         radius = max(radius - early, n.swing_radius)
-    now, heading = _hand_polar(p, q, pose, base_mount)
+    now, heading = _hand_polar(arm.p, arm.q, pose, arm.base_mount)
     turned = (n.withdrawal_azimuth - abs(azimuth - heading)) / (n.withdrawal_azimuth - n.extension_azimuth)
     turned = min(max(turned, 0.0), 1.0)
     if radius > n.swing_radius and turned < 1.0:
         radius, radius_rate = n.swing_radius + turned * (radius - n.swing_radius), turned * radius_rate
-    if p[2] < z - 0.03 and now < _FOOT_RADIUS + 0.02:  # first up, then out
+    if arm.p[2] < z - 0.03 and now < _FOOT_RADIUS + 0.02:  # first up, then out
         radius, radius_rate = min(radius, _FOOT_RADIUS), 0.0
     return _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)
 
@@ -279,20 +286,18 @@ def _planar_share(p: Array, mount: Array, target: Array, time_to_range: float) -
 
 
 @njit(cache=True)
-def _transit_rotation(
-    p: Array, R: Array, T: Array, mount: Array, target: Array, radius: float, pick: bool, place: bool, yaw: float,
-    planar: float, parameters: Numbers,
-) -> Array:  # fmt: skip
+def _transit_rotation(arm: Arm, way: _Way, planar: float, parameters: Numbers) -> Array:
     """In the arm's own plane at first, at last as over the object; tilted so that the camera looks ahead for it."""
-    n = parameters[0]
-    own, outward = _outward(mount, p), _outward(mount, target)
+    n, p, mount, pick = parameters[0], arm.p, arm.mount, way.goal == _PICK
+    own, outward = _outward(mount, p), _outward(mount, arm.target)
     near = hypot(p[0] - mount[0], p[1] - mount[1])
-    tilt = tilt_for(min(radius, _FAR), p[2] - mount[2], n.grasp_stretch, _largest_tilt(place, parameters))
+    largest = _largest_tilt(way.goal == _PLACE, parameters)
+    tilt = tilt_for(min(way.radius, _FAR), p[2] - mount[2], n.grasp_stretch, largest)
     if pick:
-        tilt = max(tilt, _look_tilt(p, R, T, target, outward, parameters))
+        tilt = max(tilt, _look_tilt(arm, outward, parameters))
     tilt = min(tilt, n.stow_tilt + _TILT_ROOM * max(0.0, near - n.stow_radius))
     outward += planar * wrap_angle(own - outward)
-    wanted = yaw if pick and not math.isnan(yaw) else own
+    wanted = way.yaw if pick and not math.isnan(way.yaw) else own
     return tool_rotation(wanted + planar * wrap_angle(own - wanted), tilt, outward)
 
 
@@ -302,10 +307,10 @@ def _largest_tilt(place: bool, parameters: Numbers) -> float:
 
 
 @njit(cache=True)
-def _look_tilt(p: Array, R: Array, T: Array, target: Array, outward: float, parameters: Numbers) -> float:
+def _look_tilt(arm: Arm, outward: float, parameters: Numbers) -> float:
     """Tilt that brings the object into the view cone of the palm camera."""
-    n = parameters[0]
-    eye = p - norm(T[TCP, :3, 3] - T[HAND, :3, 3]) * R[:, 2]
+    n, T, target = parameters[0], arm.T, arm.target
+    eye = arm.p - norm(T[TCP, :3, 3] - T[HAND, :3, 3]) * arm.R[:, 2]
     ahead = (target[0] - eye[0]) * math.cos(outward) + (target[1] - eye[1]) * math.sin(outward)
     down = max(eye[2] - target[2], 0.05)
     return min(max(math.atan2(ahead, down) - n.look_cone, 0.0), n.look_tilt)

@@ -11,20 +11,20 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_reference import QUARTER, cube_yaw, tool_rotation
-from motm_twin.control.furniture import (
+from motm_twin.control.arm.bodies import (
     FINGERS,
     HAND_BODY,
     HELD,
-    IntArray,
+    Balls,
+    Solids,
     arm_balls,
     mapped_solids,
     placed,
-    solid_bounds,
     solid_distance,
 )
-from motm_twin.control.parameters import AvoidanceParameters
-from motm_twin.control.types import ArmGoal
+from motm_twin.control.arm.geometry import QUARTER, cube_yaw, tool_rotation
+from motm_twin.control.arm.parameters import AvoidanceParameters
+from motm_twin.control.arm.types import ArmGoal
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.kinematics import HAND
@@ -62,13 +62,9 @@ class GraspRoom:
 
     def __init__(self, known: KnownWorld, parameters: AvoidanceParameters) -> None:
         """Furniture and bins of the pre-made map."""
-        self._solids = solids = mapped_solids(known)
-        self._arrays = (solids.first, solids.vertices, solids.radius, solids.z, solid_bounds(solids))
+        self._mapped = mapped_solids(known)
         self._keep = np.array([parameters.furniture_d_s, parameters.fingers_d_s])
-        balls = arm_balls()
-        hand = (balls.body >= HAND_BODY) & (balls.body < HELD) & (balls.frame == HAND)
-        self._hand = np.flatnonzero(hand)
-        self._balls = balls
+        self._balls = arm_balls()
 
     def yaw(self, goal: ArmGoal, near: float, natural: float, width: float, T_odom_world: Array) -> tuple[float, Room]:
         """The hand's yaw [rad], odometry frame, and its room: of the two pairs of faces the one that costs least.
@@ -84,11 +80,10 @@ class GraspRoom:
 
     def room(self, goal: ArmGoal, yaw: float, width: float, T_odom_world: Array) -> Room:
         """Room for the hand over the object with this yaw [rad], odometry frame."""
-        centre, radius = placed(self._balls.centre, self._balls.radius, width, 0.0)
-        solid, k, item, j = _clearances(
-            to_frame(T_odom_world, goal.position), yaw - float(T_odom_world[2]), goal.side, goal.position, yaw, width,
-            self._hand, centre, radius, self._balls.body, self._keep, *self._arrays, goal.neighbours,
-        )  # fmt: skip
+        balls = placed(self._balls, width, 0.0)
+        place = np.array([*to_frame(T_odom_world, goal.position), yaw - float(T_odom_world[2])])
+        solid, k = _furniture_room(place, goal.side, balls, self._keep, self._mapped.solids)
+        item, j = _object_room(goal.position, yaw, width, goal.neighbours)
         item -= _BESIDE
         cost = sum(
             _SHORT * min(1.0, max(0.0, 1.0 - room / easy)) for room, easy in zip((solid, item), _EASY, strict=True)
@@ -99,46 +94,52 @@ class GraspRoom:
         if item < 0.0:
             return Room(cost + BLOCKED, goal.neighbour_names[j], bool(goal.neighbours[j, 5] > 0.0), False)
         blocked = solid < -_YIELDS
-        return Room(cost + BLOCKED * blocked, self._solids.names[k], blocked, True)
+        return Room(cost + BLOCKED * blocked, self._mapped.names[k], blocked, True)
 
 
 @njit(cache=True)
-def _clearances(
-    target: Array, yaw_world: float, side: float, position: Array, yaw: float, width: float,
-    hand: IntArray, centre: Array, ball_radius: Array, body: IntArray, keep: Array,
-    first: IntArray, vertices: Array, radius: Array, z: Array, bounds: Array, neighbours: Array,
-) -> tuple[float, int, float, int]:  # fmt: skip
-    """Least room [m] to furniture beyond what is kept, which, to other objects, which; inf and -1: none is near.
+def _furniture_room(place: Array, side: float, balls: Balls, keep: Array, solids: Solids) -> tuple[float, int]:
+    """Least room [m] of the hand to furniture beyond what is kept (2,), and to which; inf and -1: none is near.
 
-    ``target`` (3,), ``yaw_world`` are the object's place and the hand's yaw in the world, ``position`` (3,), ``yaw`` in
-    the odometry frame, as ``neighbours`` (n, 6): x, y, z, yaw, side, seen.
+    ``place`` (4,): the object's x, y, z [m] and the hand's yaw [rad], world.
     """
-    R = tool_rotation(yaw_world, 0.0, 0.0)
+    R = tool_rotation(place[3], 0.0, 0.0)
     best, which = np.inf, -1
+    z, bounds, centre = solids.z, solids.bounds, balls.centre
     for k in range(z.shape[0]):
-        if z[k, 1] <= target[2] - 0.5 * side + _BELOW or z[k, 0] > target[2] + 0.5:
+        if z[k, 1] <= place[2] - 0.5 * side + _BELOW or z[k, 0] > place[2] + 0.5:
             continue
-        if not (bounds[k, 0] - REACH < target[0] < bounds[k, 1] + REACH):
+        if not (bounds[k, 0] - REACH < place[0] < bounds[k, 1] + REACH):
             continue
-        if not (bounds[k, 2] - REACH < target[1] < bounds[k, 3] + REACH):
+        if not (bounds[k, 2] - REACH < place[1] < bounds[k, 3] + REACH):
             continue
-        for i in hand:
-            if ball_radius[i] <= 0.0:
+        for i in range(centre.shape[0]):
+            body = balls.body[i]
+            if body < HAND_BODY or body >= HELD or balls.frame[i] != HAND or balls.radius[i] <= 0.0:
                 continue
-            x = target[0] + R[0, 0] * centre[i, 0] + R[0, 1] * centre[i, 1]
-            y = target[1] + R[1, 0] * centre[i, 0] + R[1, 1] * centre[i, 1]
+            x = place[0] + R[0, 0] * centre[i, 0] + R[0, 1] * centre[i, 1]
+            y = place[1] + R[1, 0] * centre[i, 0] + R[1, 1] * centre[i, 1]
             for up in _WAY:
-                height = target[2] + _HAND - centre[i, 2] + up
-                d, _, _, _ = solid_distance(x, y, height, k, first, vertices, radius, z)
-                d -= ball_radius[i] + (keep[1] if body[i] >= FINGERS else keep[0])
+                height = place[2] + _HAND - centre[i, 2] + up
+                d, _, _, _ = solid_distance(x, y, height, k, solids)
+                d -= balls.radius[i] + (keep[1] if body >= FINGERS else keep[0])
                 if d < best:
                     best, which = d, k
+    return best, which
+
+
+@njit(cache=True)
+def _object_room(position: Array, yaw: float, width: float, neighbours: Array) -> tuple[float, int]:
+    """Least room [m] of the open hand to other objects (n, 6): x, y, z, yaw, side, seen, and to which; inf, -1: none.
+
+    Position and yaw of the hand are in their frame.
+    """
     nearest, who = np.inf, -1
     for n in range(neighbours.shape[0]):
         gap = _object_gap(position, yaw, width, neighbours[n])
         if gap < nearest:
             nearest, who = gap, n
-    return best, which, nearest, who
+    return nearest, who
 
 
 @njit(cache=True)

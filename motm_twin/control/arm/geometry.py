@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from motm_twin.model.exact import hypot, norm, product, wrap_angle
 from motm_twin.model.geometry import Array
@@ -179,3 +180,23 @@ def release_point(centre: Array, yaw: float, half: float, mount: Array, preferre
     x = min(max(c * wanted[0] + s * wanted[1], -half), half)
     y = min(max(-s * wanted[0] + c * wanted[1], -half), half)
     return np.array([centre[0] + c * x - s * y, centre[1] + s * x + c * y])
+
+
+@njit(cache=True)
+def nearest_distance(gripper: Array, points: Array) -> float:
+    """Horizontal distance [m] of the gripper centre to the nearest seen point, inf when there is none."""
+    nearest = math.inf
+    for i in range(points.shape[0]):
+        dx, dy = points[i, 0] - gripper[0], points[i, 1] - gripper[1]
+        nearest = min(nearest, dx * dx + dy * dy)
+    return math.sqrt(nearest)
+
+
+@njit(cache=True)
+def nearest_static(gripper: Array, points: Array, static: NDArray[np.bool_]) -> float:
+    """The same to the nearest static one."""
+    nearest = math.inf
+    for i in range(points.shape[0]):
+        if static[i]:
+            nearest = min(nearest, math.hypot(points[i, 0] - gripper[0], points[i, 1] - gripper[1]))
+    return nearest

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm_reference import hand_yaw, planar_joints, pose_at, tilt_of
-from motm_twin.control.arm_view import ManipulatorState, View
-from motm_twin.control.grasp_room import GraspRoom
-from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.types import ArmInputs, ArmTiming
+from motm_twin.control.arm.geometry import hand_yaw, planar_joints, pose_at, tilt_of
+from motm_twin.control.arm.grasp_room import GraspRoom
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.types import ArmInputs, ArmTiming
+from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, to_frame, wrap_angle
 from motm_twin.model.profile import RobotProfile

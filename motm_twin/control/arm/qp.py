@@ -47,7 +47,7 @@ def load(solver: str) -> None:
     """
     _refuse_unknown(solver)
     if solver != "daqp":
-        importlib.import_module("motm_twin.control.qp_by_qpsolvers")
+        importlib.import_module("motm_twin.control.arm.qp_by_qpsolvers")
 
 
 def solve(program: Program, *, solver: str, residual: float) -> Answer:
@@ -220,7 +220,7 @@ def _not_finite(program: Program) -> str:
 
 
 def _by_qpsolvers(program: Program, solver: str) -> tuple[int, Array | None]:
-    from motm_twin.control.qp_by_qpsolvers import minimiser  # see `load`
+    from motm_twin.control.arm.qp_by_qpsolvers import minimiser  # see `load`
 
     p = program
     flaw = _flaw(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)

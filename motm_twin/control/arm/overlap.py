@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from motm_twin.control.furniture import BODIES, arm_balls, placed
-from motm_twin.control.seen_rows import seen_distances
-from motm_twin.control.slate import Slate
-from motm_twin.control.types import ArmInputs
+from motm_twin.control.arm.bodies import BODIES, arm_balls, placed
+from motm_twin.control.arm.limits import seen_distances
+from motm_twin.control.arm.types import ArmInputs
+from motm_twin.control.arm.view import Arm
 from motm_twin.model.exact import norm, times
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX
@@ -42,44 +42,39 @@ class ArmOverlap:
         self._profile, self._stow = profile, stow_joints
         self._balls = arm_balls()
 
-    def find(self, slate: Slate, inputs: ArmInputs, held_side: float, *, lasts: bool) -> Overlap | None:
+    def find(self, arm: Arm, inputs: ArmInputs, held_side: float, *, lasts: bool) -> Overlap | None:
         """What is deepest in something seen; ``held_side`` [m] of a held cube, 0: none; ``lasts``: there was one."""
         points = inputs.obstacles.points
         if not len(points):
             return None
-        centre, radius = placed(self._balls.centre, self._balls.radius, inputs.observation.gripper_width, held_side)
-        distance, _, _ = seen_distances(
-            slate.T, self._balls.frame, centre, radius, self._balls.body, len(BODIES), 0.0, points, slate.mount,
-            slate.pose[2],
-        )  # fmt: skip
+        balls = placed(self._balls, inputs.observation.gripper_width, held_side)
+        distance, _, _ = seen_distances(arm.T, balls, len(BODIES), 0.0, points, arm.mount, arm.pose[2])
         deepest = int(distance.argmin())
         depth = -float(distance[deepest, 0])
         return Overlap(BODIES[deepest], depth) if depth > (CLEAR if lasts else DEPTH) else None
 
-    def way_out(
-        self, slate: Slate, inputs: ArmInputs, twist: Array, rates: Array, *, withdraws: bool
-    ) -> tuple[Array, Array]:
-        """Base twist (2,) and arm rates (7,) after those commanded last; the joints stop, or go to the stow pose.
+    def way_out(self, arm: Arm, inputs: ArmInputs, twist: Array, *, withdraws: bool) -> tuple[Array, Array]:
+        """Base twist (2,) after that commanded last, and arm rates (7,): the joints stop, or go to the stow pose.
 
         The base stands. When something is inside its own footprint, it leaves that as soon as the arm is stowed: a base
         that turns or backs takes an arm that is out further into what it is in.
         """
         base, dt = self._profile.base, inputs.dt
-        way = self._stow - inputs.observation.q
+        way = self._stow - arm.q
         stowed = float(np.abs(way).max()) < _STOWED
-        leaving = stowed and self._inside_base(slate, inputs.obstacles.points)
+        leaving = stowed and self._inside_base(arm.pose, inputs.obstacles.points)
         limits = np.array([base.linear_acceleration, base.yaw_acceleration]) * dt
         wanted = inputs.base_twist if leaving else np.zeros(2)
         after = np.clip(wanted, twist - limits, twist + limits)
         joints = np.zeros(7)
         if withdraws and not stowed:
-            hand = norm(times(slate.arm[:3], way))
+            hand = norm(times(arm.jacobian[:3], way))
             joints = way * min(1.0, SLOW / max(hand, 1e-9), SLOW / max(float(np.abs(way).max()) * 0.5, 1e-9))
-        return after, np.clip(joints, rates - DDQ_MAX * dt, rates + DDQ_MAX * dt)
+        return after, np.clip(joints, arm.dq - DDQ_MAX * dt, arm.dq + DDQ_MAX * dt)
 
-    def _inside_base(self, slate: Slate, points: Array) -> bool:
+    def _inside_base(self, pose: Array, points: Array) -> bool:
         body = self._profile.footprint
-        return _inside(slate.pose, points, 0.5 * body.length, 0.5 * body.width, body.offset_x)
+        return _inside(pose, points, 0.5 * body.length, 0.5 * body.width, body.offset_x)
 
 
 @njit(cache=True)

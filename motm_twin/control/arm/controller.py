@@ -1,26 +1,24 @@
 """The arm side of the control period: phases, reference, QP and obstacle avoidance (Paper, Sec. V)."""
 
 import math
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
 
-from motm_twin.control.arm_avoidance import nearest_static
-from motm_twin.control.arm_motion import Motion, hand_motion
-from motm_twin.control.arm_overlap import STANDS, ArmOverlap, Overlap
-from motm_twin.control.arm_phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
-from motm_twin.control.arm_program import ArmProgram, Rows
-from motm_twin.control.arm_reference import planar_joints
-from motm_twin.control.arm_view import ManipulatorState, View, look
-from motm_twin.control.furniture import IntArray
-from motm_twin.control.grasp_room import GraspRoom
-from motm_twin.control.parameters import ArmParameters
-from motm_twin.control.qp import Program, load, solve
-from motm_twin.control.qp_rows import ARM, BASE, FURNITURE_ELASTIC, SLACK, joint_limits, lag_factor
-from motm_twin.control.slate import Slate
+from motm_twin.control.arm.bodies import IntArray
+from motm_twin.control.arm.geometry import nearest_static, planar_joints
+from motm_twin.control.arm.grasp_room import GraspRoom
+from motm_twin.control.arm.limits import Limit
+from motm_twin.control.arm.motion import Motion, hand_motion
+from motm_twin.control.arm.overlap import STANDS, ArmOverlap, Overlap
+from motm_twin.control.arm.parameters import ArmParameters, numbers
+from motm_twin.control.arm.phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
+from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ArmProgram, Rows, lag_factor
+from motm_twin.control.arm.qp import Program, load, solve
+from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, TransitRule
+from motm_twin.control.arm.view import ManipulatorState, View, look
 from motm_twin.control.task_list import TaskEdit
-from motm_twin.control.transit import TransitRule
-from motm_twin.control.types import ArmInputs, ArmStep, ArmTiming
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation
@@ -30,7 +28,8 @@ _STOWED = 0.25  # [rad] joints this near to the stow pose are there
 _TURNED = 0.8  # [rad] and joint 1, which may turn a little towards the target
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
 _GIVES_WAY = 0.02  # [m/s] by which rows of furniture give way before that is a fault
-_LIMITERS = ("moving obstacle", "static obstacle", "")  # by `Rows.tightest`
+NO_ARM = "no arm"  # status of the program of a robot without one
+_REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
 _GRASPING = ("transit", "final", "closing", "lift", "retry")
 
 
@@ -38,9 +37,16 @@ class Manipulator(Stateful[ManipulatorState]):
     """Picks and places while the base drives; one `step` per arm period (100 Hz)."""
 
     def __init__(
-        self, known: KnownWorld, parameters: ArmParameters | None = None, timing: ArmTiming | None = None
+        self,
+        known: KnownWorld,
+        parameters: ArmParameters | None = None,
+        timing: ArmTiming | None = None,
+        limits: Sequence[Limit] = (),
     ) -> None:
-        """Arm side for one robot and its mapped furniture; ``timing`` replaces the transit rule of MotM."""
+        """Arm side for one robot and its mapped furniture.
+
+        ``timing`` replaces the transit rule of MotM; ``limits`` are more of them, after the usual ones.
+        """
         self.parameters = parameters or ArmParameters()
         self.profile = known.robot
         p = self.parameters
@@ -53,8 +59,8 @@ class Manipulator(Stateful[ManipulatorState]):
             mount=np.array([arm.mount_x, arm.mount_y, arm.mount_z]),
             room=GraspRoom(known, p.avoidance),
         )
-        self._slate = Slate(known.robot, p, joint_limits(p.qp.elbow_limit, p.qp.wrist_limit))
-        self._programs = ArmProgram(known, p)
+        self._numbers = numbers(p)
+        self._programs = ArmProgram(known, p, limits)
         self._stow_joints = planar_joints(p.stow_radius, p.stow_height, p.stow_tilt)
         self._overlap = ArmOverlap(known.robot, self._stow_joints)
         self._state = ManipulatorState()
@@ -80,7 +86,7 @@ class Manipulator(Stateful[ManipulatorState]):
             if view is None or bad:
                 return self._damped_stop(inputs, None, f"{bad} is not finite")
         held_side = self._state.side if self._state.holding else 0.0
-        overlap = self._overlap.find(self._slate, inputs, held_side, lasts=self._state.inside_since is not None)
+        overlap = self._overlap.find(view.arm, inputs, held_side, lasts=self._state.inside_since is not None)
         if overlap is not None:
             return self._stand_clear(view, inputs, overlap)
         self._state.inside_since = None
@@ -104,7 +110,7 @@ class Manipulator(Stateful[ManipulatorState]):
             motion=motion,
             slack=x[SLACK],
             active=active,
-            limiter=_LIMITERS[rows.tightest],
+            limiter=rows.limiter,
             allowed=rows.allowed,
             status=gave or "solved",
             outcome=outcome,
@@ -112,16 +118,16 @@ class Manipulator(Stateful[ManipulatorState]):
         )
 
     def _look(self, inputs: ArmInputs) -> View:
-        """What this step sees; until the next, whatever is on the slate is of it."""
-        return look(inputs, self._slate, lag_factor(inputs.dt, self.profile), self.parameters)
+        """The view of this step."""
+        return look(inputs, self._rules.mount, lag_factor(inputs.dt, self.profile), self.parameters)
 
     def _motion(self, view: View, inputs: ArmInputs) -> Motion:
-        """What the hand should do in this step; its velocity is written on the slate."""
-        return hand_motion(self._state, view, inputs, self._slate, self.parameters)
+        """The motion of the hand in this step."""
+        return hand_motion(self._state, view, inputs, self.parameters, self._numbers)
 
     def _active(self, rows: Rows, active: IntArray) -> tuple[str, ...]:
         """Names of the active rows, and of the active bounds of base twist and arm rates."""
-        names, which, count = self._programs.names, rows.which.item, rows.count
+        names, which, count = rows.names, rows.which.item, len(rows.which)
         found: dict[str, None] = {}
         for k in active.tolist():
             if k < count:
@@ -146,7 +152,7 @@ class Manipulator(Stateful[ManipulatorState]):
     def _program(self, view: View, inputs: ArmInputs, motion: Motion) -> tuple[Program, Rows]:
         """The program of this step."""
         state = self._state
-        program, rows = self._programs.fill(self._slate, view, state, inputs, self._relaxing(view, inputs))
+        program, rows = self._programs.fill(view, state, inputs, self._relaxing(view, inputs), motion.velocity)
         if state.phase in ("stow", "carry") and view.time - state.since > self.parameters.stuck_time:
             program = self._free_return(view, program)
         return program, rows
@@ -170,7 +176,7 @@ class Manipulator(Stateful[ManipulatorState]):
             state.inside_since = view.time
         withdraws = view.time - state.inside_since > STANDS
         outcome = start_over(state, view, self.parameters) if withdraws else ""
-        state.twist, state.rates = self._overlap.way_out(self._slate, inputs, state.twist, view.dq, withdraws=withdraws)
+        state.twist, state.rates = self._overlap.way_out(view.arm, inputs, state.twist, withdraws=withdraws)
         state.stop_rates = None
         why = f"something that the lidar sees is {overlap.depth:.2f} m inside the {overlap.body}"
         return self._report(
@@ -220,7 +226,7 @@ class Manipulator(Stateful[ManipulatorState]):
         """The step for the Tick; the arrays given are read-only."""
         state = self._state
         if motion is not None:
-            there, error = motion
+            there, error, _ = motion
             there.setflags(write=False)
         else:
             there, error = frozen(np.zeros(3) if view is None else view.p), 0.0
@@ -280,3 +286,17 @@ def _not_finite(inputs: ArmInputs) -> str:
 
 def _safe_step(dt: float) -> float:
     return dt if math.isfinite(dt) and dt > 0.0 else 0.01
+
+
+class NoArm(Manipulator):
+    """Passes the wanted twist of the base on; joints rest and the gripper stays open."""
+
+    def step(self, inputs: ArmInputs) -> ArmStep:
+        """The wanted twist as it is: the monitor keeps it within the limits."""
+        if not np.isfinite(inputs.base_twist).all():
+            return self._damped_stop(inputs, None, "wanted base twist is not finite")
+        self._state.twist = inputs.base_twist.copy()
+        return self._report(
+            None, inputs, twist=frozen(inputs.base_twist), rates=_REST, slack=_NO_SLACK, active=(), status=NO_ARM,
+            outcome="", reason="",
+        )  # fmt: skip

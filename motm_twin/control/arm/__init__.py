@@ -1,0 +1,1 @@
+"""The arm side of the control period (Paper, Sec. V): phases, motion of the hand, limits, program, monitor."""

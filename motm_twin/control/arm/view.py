@@ -1,0 +1,259 @@
+"""The view of one arm step: hand, base and goal in the odometry frame, computed once."""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numba import njit
+
+from motm_twin.control.arm.geometry import mount_point, nearest_distance, polar, release_point, tilt_of
+from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.arm.types import ArmGoal, ArmInputs
+from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
+from motm_twin.model.exact import hypot, times
+from motm_twin.model.geometry import Array
+from motm_twin.model.state import LATER
+
+_NOTHING, _PICK, _PLACE = 0, 1, 2
+_GOALS = {"pick": _PICK, "place": _PLACE}
+PREFERRED_RADIUS = 0.60  # [m] from the mount at which the arm is most at ease
+
+
+@dataclass
+class ManipulatorState:
+    """Everything the arm side remembers from step to step."""
+
+    phase: str = "stow"
+    since: float = 0.0  # [s] when the phase began
+    goal: str = ""  # kind and name of the goal of the last step
+    holding: bool = False
+    side: float = 0.0  # [m] of the object in the gripper
+    gripper: str = "open"
+    yaw: float | None = None  # [rad] of the hand over the object, once chosen
+    anchor: Array = field(default_factory=lambda: np.zeros(3))  # [m] point that closing, lift and release hold on to
+    clear_z: float = 0.0  # [m] height that cleared what the last target stood on
+    in_range_since: float | None = None  # [s] since when a target in range has not been dealt with
+    start_over: bool = False  # go to the stow pose before another try
+    reported: bool = False  # "picked" has been said
+    released: float | None = None  # [s] when the gripper was told to open over the bin
+    relaxed: Array = field(default_factory=lambda: np.zeros((0, 2)))  # [m] past grasp for which static obstacles yield
+    twist: Array = field(default_factory=lambda: np.zeros(2))  # commanded last
+    rates: Array = field(default_factory=lambda: np.zeros(7))  # commanded last [rad/s]
+    stop_rates: Array | None = None  # [rad/s] at the beginning of a damped stop
+    tight: str = field(default="", metadata=LATER)  # what is nearer to the chosen faces than the arm keeps from it
+    tight_tries: int = field(default=0, metadata=LATER)  # times that came to nothing with such faces
+    no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
+    inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when something stands where the arm is
+    late: float = field(default=0.0, metadata=LATER)  # [s] by which the fingers took longer than they should, lately
+
+
+class Arm(NamedTuple):
+    """Arm and base of one step as kernels read them, in the odometry frame unless something else is said."""
+
+    q: Array  # [rad], shape (7,)
+    dq: Array  # [rad/s], shape (7,)
+    pose: Array  # of the base, shape (3,)
+    measured: Array  # base twist now, shape (2,)
+    wanted: Array  # base twist that its planner wants, shape (2,)
+    expected: Array  # base twist expected while the commanded arm rates act, shape (2,)
+    T_odom_world: Array  # planar pose of the world frame, shape (3,)
+    base_mount: Array  # [m] of the arm, base frame, shape (3,)
+    mount: Array  # [m] of the arm, shape (3,)
+    T: Array  # arm transforms relative to the mount, shape (11, 4, 4)
+    jacobian: Array  # of the arm's tool centre point, axes of the mount, shape (6, 7)
+    p: Array  # [m] tool centre point, shape (3,)
+    R: Array  # rotation of the hand, shape (3, 3)
+    J: Array  # Jacobian of the tool centre point over (v, w, arm), shape (6, 9)
+    factor: Array  # lower factor of `jacobian` times its transpose, shape (6, 6)
+    target: Array  # [m] that the object's centre is to reach or is at, shape (3,)
+
+
+class View(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One instant, in the odometry frame."""
+
+    time: float
+    dt: float
+    goal: ArmGoal
+    finite: bool  # a sum of all numbers that the step reads is
+    arm: Arm
+    beta: float  # share of a commanded change of the base twist that is there when the arm's rates act
+    radius: float  # of the target about the mount [m]
+    azimuth: float  # of the target about the mount, base frame [rad]
+    distance: float  # horizontal, of the tool centre point from the target [m]
+    time_to_range: float
+    width: float
+    gripper_moving: bool
+    age: float  # [s] of what the robot said last
+    tilt: float  # of the tool axis from straight down [rad]
+    manipulability: float
+    nearest: float  # horizontal, of the tool centre point from the nearest seen obstacle [m], inf when there is none
+
+    @property
+    def pose(self) -> Array:
+        """Pose of the base, shape (3,)."""
+        return self.arm.pose
+
+    @property
+    def mount(self) -> Array:
+        """Position of the arm mount [m], shape (3,)."""
+        return self.arm.mount
+
+    @property
+    def q(self) -> Array:
+        """Joints [rad], shape (7,)."""
+        return self.arm.q
+
+    @property
+    def p(self) -> Array:
+        """Tool centre point [m], shape (3,)."""
+        return self.arm.p
+
+    @property
+    def R(self) -> Array:
+        """Rotation of the hand, shape (3, 3)."""
+        return self.arm.R
+
+    @property
+    def target(self) -> Array:
+        """Point that the object's centre is to reach or is at [m], shape (3,)."""
+        return self.arm.target
+
+    @property
+    def velocity(self) -> Array:
+        """Of the tool centre point, measured, shape (3,)."""
+        return times(self.arm.J[:3, :2], self.arm.measured) + times(self.arm.J[:3, 2:], self.arm.dq)
+
+    def seen(self, parameters: ArmParameters) -> bool:
+        """Has the object been seen recently?"""
+        last = self.goal.last_seen
+        return last is not None and self.time - last <= parameters.seen_within
+
+    def sure(self, parameters: ArmParameters) -> bool:
+        """Has the robot said lately where the hand is? What was told it since then it may not have heard."""
+        return self.age <= parameters.sure_age
+
+
+def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParameters) -> View:
+    """The view of one step; ``base_mount`` (3,) [m] of the arm in the base frame, beta from `lag_factor`."""
+    observation, goal = inputs.observation, inputs.goal
+    half = max(0.0, goal.release_half_width - 0.5 * goal.side - parameters.release_margin)
+    told = Told(
+        observation.q, observation.dq, observation.odometry, observation.twist, inputs.base_twist, inputs.T_odom_world,
+        base_mount, goal.position, goal.yaw,
+    )  # fmt: skip
+    kind = _GOALS.get(goal.kind, _NOTHING)
+    arm, radius, azimuth, distance, dexterity, nearest, total = _look(
+        told, inputs.obstacles.points, inputs.plan_poses, kind, half, parameters.release_height, beta
+    )
+    return View(
+        time=observation.time,
+        dt=inputs.dt,
+        goal=goal,
+        finite=math.isfinite(total + observation.time + observation.gripper_width + inputs.dt),
+        arm=arm,
+        beta=beta,
+        radius=radius,
+        azimuth=azimuth,
+        distance=distance,
+        time_to_range=inputs.time_to_range,
+        width=observation.gripper_width,
+        gripper_moving=observation.gripper_moving,
+        age=observation.age,
+        tilt=tilt_of(arm.R),
+        manipulability=dexterity,
+        nearest=nearest,
+    )
+
+
+class Told(NamedTuple):
+    """What the robot reports, and the goal."""
+
+    q: Array
+    dq: Array
+    pose: Array
+    measured: Array
+    wanted: Array
+    T_odom_world: Array
+    base_mount: Array
+    position: Array  # [m] of the goal, shape (3,)
+    yaw: float
+
+
+@njit(cache=True)
+def _look(
+    told: Told, points: Array, plan_poses: Array, goal: int, half: float, rise: float, beta: float
+) -> tuple[Arm, float, float, float, float, float, float]:
+    """The arm, what `View` has beside it, and a sum of all numbers, finite when each is.
+
+    ``half`` and ``rise`` [m]: half the release square, and how far above the bin's rim the object is released.
+    """
+    t = told
+    q, pose, measured, wanted = t.q.copy(), t.pose.copy(), t.measured.copy(), t.wanted.copy()
+    T = fk_arm(q)
+    jacobian, p, R, J = point_jacobian(T, 7, T[TCP, :3, 3]), np.empty(3), np.empty((3, 3)), np.empty((6, 9))
+    hand_of(T, jacobian, pose, t.base_mount, p, R, J)
+    mount, target = mount_point(pose, t.base_mount), np.empty(3)
+    if goal == _PICK:
+        target[:] = t.position
+    elif goal == _PLACE:  # the point of the release square that is easiest to reach
+        target[:2] = release_point(t.position, t.yaw, half, mount, PREFERRED_RADIUS)
+        target[2] = t.position[2] + rise
+    else:
+        target[:] = mount + np.array([1.0, 0.0, 0.0])
+    expected, root = np.empty(2), np.empty((6, 6))
+    for k in range(2):
+        expected[k] = measured[k] + beta * (wanted[k] - measured[k])
+    radius, azimuth = polar(target, pose, t.base_mount)
+    distance = hypot(p[0] - target[0], p[1] - target[1])
+    dexterity = factor(jacobian, root)
+    arm = Arm(
+        q=q, dq=t.dq.copy(), pose=pose, measured=measured, wanted=wanted, expected=expected,
+        T_odom_world=t.T_odom_world.copy(), base_mount=t.base_mount.copy(), mount=mount, T=T, jacobian=jacobian, p=p,
+        R=R, J=J, factor=root, target=target,
+    )  # fmt: skip
+    total = q.sum() + t.dq.sum() + pose.sum() + measured.sum() + wanted.sum() + t.T_odom_world.sum()
+    total += t.position.sum() + t.yaw + _sum_of_rows(points) + _sum_of_rows(plan_poses)
+    return arm, radius, azimuth, distance, dexterity, nearest_distance(p, points), total
+
+
+@njit(cache=True)
+def hand_state(q: Array, pose: Array, mount: Array) -> tuple[Array, Array, Array, Array]:
+    """Arm transforms (11, 4, 4), position (3,) and rotation (3, 3) of the tool centre point, its Jacobian (6, 9)."""
+    T, p, R, J = fk_arm(q), np.empty(3), np.empty((3, 3)), np.empty((6, 9))
+    hand_of(T, point_jacobian(T, 7, T[TCP, :3, 3]), pose, mount, p, R, J)
+    return T, p, R, J
+
+
+@njit(cache=True)
+def hand_of(T: Array, arm: Array, pose: Array, mount: Array, p: Array, R: Array, J: Array) -> None:
+    """Fill in p, R, J of `hand_state`; T from `fk_arm`, ``arm``: Jacobian in the axes of the mount, shape (6, 7).
+
+    Columns of J: v, w, arm; axes of the planar frame of ``pose``.
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x, y = mount[0] + T[TCP, 0, 3], mount[1] + T[TCP, 1, 3]
+    p[0], p[1], p[2] = pose[0] + c * x - s * y, pose[1] + s * x + c * y, mount[2] + T[TCP, 2, 3]
+    for k in range(3):
+        R[0, k] = c * T[TCP, 0, k] - s * T[TCP, 1, k]
+        R[1, k] = s * T[TCP, 0, k] + c * T[TCP, 1, k]
+        R[2, k] = T[TCP, 2, k]
+    J[:, :2] = 0.0
+    J[0, 0], J[1, 0] = c, s
+    J[0, 1], J[1, 1] = -(s * x + c * y), c * x - s * y
+    J[5, 1] = 1.0
+    for k in range(7):
+        for r in (0, 3):
+            J[r, 2 + k] = c * arm[r, k] - s * arm[r + 1, k]
+            J[r + 1, 2 + k] = s * arm[r, k] + c * arm[r + 1, k]
+            J[r + 2, 2 + k] = arm[r + 2, k]
+
+
+@njit(cache=True)
+def _sum_of_rows(matrix: Array) -> float:
+    total = 0.0
+    for row in range(matrix.shape[0]):
+        for column in range(matrix.shape[1]):
+            total += matrix[row, column]
+    return total

@@ -1,0 +1,227 @@
+"""Another user of the machine is not let in at the Zenoh port of a twin; programs of its user are, by themselves."""
+
+import json
+import os
+import stat
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+import zenoh
+from fake_twin import FakeLibrary, FakeTwin
+from rich.console import Console
+from waiting import until
+
+from motm_twin import cli_serve
+from motm_twin.bus import credentials, running
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Load, Step
+from motm_twin.bus.config import SHIPPED, VARIABLE, ConfigError
+from motm_twin.bus.credentials import FILE, client_file, forget, known_at, own_credentials
+from motm_twin.bus.server import TwinServer
+from motm_twin.bus.session import free_port, open_client, open_member, open_server
+from motm_twin.client import connect
+from motm_twin.client.discover import NoTwin, running_twins
+
+
+@pytest.fixture(autouse=True)
+def private(tmp_path, monkeypatch):
+    """The private folder of a user who has none yet."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return running.folder()
+
+
+@contextmanager
+def another_user(tmp_path, monkeypatch):
+    """Programs that find the files of this user as little as somebody else's do."""
+    other = tmp_path / "other"
+    other.mkdir(exist_ok=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(tempfile, "tempdir", str(other))
+        yield
+
+
+@contextmanager
+def serving(**options):
+    with TwinServer(
+        library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False, **options
+    ) as server:
+        until(lambda: server.loop.status().state == "paused", "the twin never started")
+        yield server
+
+
+def plain(endpoint, *, mode="client", user=None, password=None):
+    """A session of Zenoh alone."""
+    config = zenoh.Config.from_file(str(SHIPPED))
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    if user is not None:
+        config.insert_json5("transport/auth/usrpwd", json.dumps({"user": user, "password": password}))
+    return zenoh.open(config)
+
+
+def is_let_in(server, session):
+    """Whether a session hears the twin, is answered by it, sees it, reaches its robot, or has it do something."""
+    heard, arrived, began = [], [], server.loop.status().time
+    hears = session.declare_subscriber(server.keys.status, heard.append)
+    robot = server._session.declare_subscriber("motm/frankie/plant/state", arrived.append)
+    now = server.loop.status().server_time
+    envelope = {"sender": "stranger", "seq": 1, "expires": now + 30.0, "command": {"type": "step"}}
+    found, deadline = {}, time.monotonic() + 2.0
+    while time.monotonic() < deadline:
+        session.put("motm/frankie/plant/state", b"{}")
+        found |= {
+            "hears": found.get("hears") or bool(heard),
+            "is answered": found.get("is answered") or any(r.ok for r in session.get(server.keys.status, timeout=0.3)),
+            "sees it": found.get("sees it")
+            or any(reply.ok for reply in session.liveliness().get(server.keys.alive, timeout=0.3)),
+            "drives": found.get("drives")
+            or any(r.ok for r in session.get("motm/frankie/cmd/step", payload=json.dumps(envelope), timeout=0.3)),
+            "speaks": found.get("speaks") or bool(arrived),
+        }
+        if all(found.values()):
+            break
+    if found["drives"]:
+        leaving = {**envelope, "seq": 2, "command": {"type": "hand_over"}}
+        list(session.get("motm/frankie/cmd/hand_over", payload=json.dumps(leaving)))
+    hears.undeclare()
+    robot.undeclare()
+    assert len(set(found.values())) == 1, found
+    if not found["drives"]:
+        assert server.loop.status().time == began
+    return found["drives"]
+
+
+STRANGERS = [(None, None), ("here", "guess"), ("here", ""), ("somebody", "guess")]
+
+
+@pytest.mark.parametrize("user, password", STRANGERS)
+@pytest.mark.parametrize("mode", ["client", "peer"])
+def test_who_does_not_have_the_password_neither_looks_nor_drives(mode, user, password):
+    with serving() as server:
+        try:
+            session = plain(server.endpoint, mode=mode, user=user, password=password)
+        except zenoh.ZError:
+            assert mode == "client"
+            return
+        with session:
+            assert mode == "peer"
+            assert not is_let_in(server, session)
+
+
+@pytest.mark.parametrize("mode", ["client", "peer"])
+def test_who_has_it_looks_and_drives_with_zenoh_alone(mode):
+    with serving() as server, plain(server.endpoint, mode=mode, **own_credentials()._asdict()) as session:
+        assert is_let_in(server, session)
+
+
+def test_the_file_of_the_port_is_the_whole_configuration_of_a_program():
+    with serving() as server, zenoh.open(zenoh.Config.from_file(str(client_file(server.port)))) as session:
+        assert is_let_in(server, session)
+
+
+def test_own_programs_are_let_in_by_themselves_and_those_of_others_are_not(tmp_path, monkeypatch):
+    with serving() as server:
+        for opened in (open_client, open_member):
+            with opened(server.endpoint) as session:
+                assert is_let_in(server, session)
+        with connect(server.endpoint, "frankie") as twin:
+            twin.step()
+            twin.hand_over()
+        with another_user(tmp_path, monkeypatch):
+            with open_client(server.endpoint) as session:
+                assert not is_let_in(server, session)
+            with pytest.raises(TimeoutError):
+                open_member(server.endpoint, wait=0.0)
+            with pytest.raises(NoTwin):
+                connect(server.endpoint, "frankie", timeout=1.0)
+            assert running_twins(server.endpoint) == []
+
+
+def test_another_user_to_whom_the_file_was_given_is_let_in(tmp_path, monkeypatch):
+    with serving() as server:
+        given = tmp_path / "given.json5"
+        given.write_bytes(client_file(server.port).read_bytes())
+        with another_user(tmp_path, monkeypatch):
+            monkeypatch.setenv(VARIABLE, str(given))
+            with connect() as twin:
+                twin.step()
+
+
+def test_a_bus_can_be_open_to_all(tmp_path, monkeypatch):
+    with serving(open_bus=True) as server:
+        with plain(server.endpoint) as session:
+            assert is_let_in(server, session)
+        with zenoh.open(zenoh.Config.from_file(str(client_file(server.port)))) as session:
+            assert is_let_in(server, session)
+        with connect(server.endpoint, "frankie") as twin:
+            twin.step()
+            twin.hand_over()
+        with another_user(tmp_path, monkeypatch), connect(server.endpoint, "frankie") as twin:
+            twin.step()
+
+
+def test_a_client_that_came_first_meets_the_twin_and_again_when_that_was_started_anew():
+    port = free_port()
+    with TwinClient(f"tcp/127.0.0.1:{port}", "frankie") as client:
+        for _ in range(2):
+            with serving(port=port):
+                until(lambda: client.alive and client.status(), "they never met")
+                assert client.command(Step()).ok
+            until(lambda: not client.alive, "it is still heard")
+
+
+def test_a_router_without_a_password_is_met_as_before():
+    port = free_port()
+    config = zenoh.Config.from_file(str(SHIPPED))
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
+    with zenoh.open(config), open_member(f"tcp/127.0.0.1:{port}", wait=5.0):
+        pass
+
+
+def test_a_port_is_forgotten_with_its_process(private):
+    port = free_port()
+    endpoint = f"tcp/127.0.0.1:{port}"
+    code = f"from motm_twin.bus.credentials import guard; guard({port}, {endpoint!r})"
+    subprocess.run([sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(private.parent)}, check=True)
+    assert client_file(port).exists()
+    assert known_at(endpoint) is None
+    with open_server(other := free_port()):
+        assert not client_file(port).exists()
+        with open_server(port):
+            assert known_at(endpoint) == known_at(f"tcp/127.0.0.1:{other}") == own_credentials()._asdict()
+    forget(port)
+    forget(other)
+    assert [path.name for path in private.iterdir()] == [FILE]
+
+
+def test_nobody_else_reads_the_files(private):
+    private.chmod(0o755)
+    with serving():
+        assert stat.S_IMODE(private.stat().st_mode) == 0o700
+        modes = {path.suffix: stat.S_IMODE(path.stat().st_mode) for path in private.iterdir()}
+        assert modes == {"": 0o600, ".json5": 0o600, ".users": 0o600}
+
+
+def test_a_folder_of_somebody_else_is_a_sentence(monkeypatch):
+    def somebody_elses():
+        raise PermissionError("it belongs to somebody else")
+
+    monkeypatch.setattr(credentials, "folder", somebody_elses)
+    with pytest.raises(ConfigError, match="the password for Zenoh cannot be kept: it belongs to somebody else"):
+        open_server(free_port())
+
+
+def test_private_files_do_not_grow_old_while_a_twin_is_served(private, monkeypatch):
+    own_credentials()
+    os.utime(private / FILE, (0, 0))
+    monkeypatch.setattr(cli_serve, "YOUNG", 0.0)
+    supervisor = cli_serve._Supervisor(Console(), "frankie", free_port())
+    threading.Timer(0.3, supervisor._stop.set).start()
+    assert supervisor._watch() == cli_serve.OK
+    assert time.time() - (private / FILE).stat().st_mtime < 60.0
