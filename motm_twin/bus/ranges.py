@@ -1,6 +1,7 @@
 """Ranges of the numbers, names and lists in commands, which types can not express.
 
-They are wide: what a scene, a task list or a parameter really allows is checked by the twin itself.
+Bounds of edits are those of `model.edits` and `model.faults`. What a scene, a task list or a parameter allows beyond
+them is checked by the twin itself.
 """
 
 import math
@@ -36,20 +37,26 @@ from motm_twin.bus.commands import (
     Step,
 )
 from motm_twin.model import faults
-from motm_twin.model.edits import FARTHEST, ParameterValue
+from motm_twin.model.edits import (
+    FARTHEST,
+    FARTHEST_PUSH,
+    FASTEST_THROW,
+    LARGEST,
+    LARGEST_TURN,
+    LONGEST_NAME,
+    SHAPES,
+    SMALLEST,
+    ParameterValue,
+)
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 
-MAX_NAME = 64
+MAX_NAME = LONGEST_NAME
 MAX_STEPS = 1000
 MAX_INDEX = 10**7  # periods: almost six days
 MAX_TASKS = 60
 MAX_CANDIDATES = 10_000
 MAX_COORDINATE = 1000.0  # [m], [rad]
-SIZE_RANGE = (0.02, 5.0)  # [m]
-SHAPES = ("box", "cylinder", "temi", "person")
-MAX_THROW = 10.0  # [m/s]
 MAX_DRIVE, MAX_TURN = 10.0, 20.0  # [m/s], [rad/s]; the base takes what it can
-MAX_PUSH = 5.0  # [m]
 TOLERANCE_RANGE = (0.01, 5.0)  # [m]
 MAX_VALUE = 1e6  # of a parameter
 MAX_SEED = 2**31 - 1
@@ -78,10 +85,10 @@ ALLOWED: dict[tuple[str, str], str] = {  # what docs/zenoh.md says of (command, 
     ("move_body", "x"): _BODY,
     ("send_agent", "x"): _BODY,
     ("move_object", "x"): _BODY,
-    ("add_obstacle", "size"): f"each {SIZE_RANGE[0]:g} to {SIZE_RANGE[1]:g}",
-    ("release_body", "velocity"): f"its length at most {MAX_THROW:g}",
-    ("push_robot", "dx"): f"length with dy at most {MAX_PUSH:g}",
-    ("push_robot", "turn"): "at most pi either way",
+    ("add_obstacle", "size"): f"each {SMALLEST:g} to {LARGEST:g}",
+    ("release_body", "velocity"): f"its length at most {FASTEST_THROW:g}",
+    ("push_robot", "dx"): f"length with dy at most {FARTHEST_PUSH:g}",
+    ("push_robot", "turn"): f"at most {LARGEST_TURN:g} either way",
     ("inject_fault", "fault"): "one of the table of faults",
     ("inject_fault", "seconds"): f"{faults.SHORTEST:g} to {faults.LONGEST:g}",
     ("inject_fault", "delay"): f"0 to {faults.LONGEST_DELAY:g}",
@@ -129,10 +136,10 @@ def check_command(command: Command) -> None:
         case SendAgent(x=x, y=y) | MoveObject(x=x, y=y):
             _place(x, y, farthest=FARTHEST)
         case ReleaseBody(velocity=(vx, vy)):
-            _number("speed of a thrown body [m/s]", math.hypot(vx, vy), 0.0, MAX_THROW)
+            _number("speed of a thrown body [m/s]", math.hypot(vx, vy), 0.0, FASTEST_THROW)
         case PushRobot(dx=dx, dy=dy, turn=turn):
-            _number("length of a push [m]", math.hypot(dx, dy), 0.0, MAX_PUSH)
-            _number("turn of a push [rad]", turn, -math.pi, math.pi)
+            _number("length of a push [m]", math.hypot(dx, dy), 0.0, FARTHEST_PUSH)
+            _number("turn of a push [rad]", turn, -LARGEST_TURN, LARGEST_TURN)
         case InjectFault():
             _fault(command)
         case Drive(v=v, w=w):
@@ -195,7 +202,7 @@ def _obstacle(command: AddObstacle) -> None:
     if command.shape not in SHAPES:
         raise Refused(f"shape {command.shape[:MAX_NAME]!r}: there are {', '.join(SHAPES)}")
     for extent in command.size:
-        _number("size [m]", extent, *SIZE_RANGE)
+        _number("size [m]", extent, SMALLEST, LARGEST)
     if command.shape == "cylinder" and command.size[0] != command.size[1]:
         raise Refused(
             f"size {list(command.size)} of a cylinder: it is diameter, diameter, height, and the first two differ"

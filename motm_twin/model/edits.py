@@ -10,6 +10,11 @@ from motm_twin.model.faults import NAMES, USUAL_JOINT
 from motm_twin.model.scene import Task
 
 FARTHEST = 100.0  # [m] from the origin that a body may be put
+LONGEST_NAME = 64  # characters of the name of a body
+SHAPES = ("box", "cylinder", "temi", "person")
+SMALLEST, LARGEST = 0.02, 5.0  # [m] of each side of a body
+FASTEST_THROW = 10.0  # [m/s]
+FARTHEST_PUSH, LARGEST_TURN = 0.5, 1.0  # [m], [rad] of a push of the base
 FAULTS = NAMES
 ParameterValue = float | bool | str
 

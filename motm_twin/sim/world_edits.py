@@ -8,6 +8,12 @@ import numpy as np
 from motm_twin.model import faults
 from motm_twin.model.edits import (
     FARTHEST,
+    FARTHEST_PUSH,
+    LARGEST,
+    LARGEST_TURN,
+    LONGEST_NAME,
+    SHAPES,
+    SMALLEST,
     AddObstacle,
     FreezeBody,
     InjectFault,
@@ -31,12 +37,7 @@ from motm_twin.sim.scenery import Scenery
 from motm_twin.sim.slides import Obstruction
 from motm_twin.sim.solids import NOTHING
 
-SHAPES = ("box", "cylinder", "temi", "person")
-LARGEST = 20.0  # [m] of an obstacle
 MOST_BODIES = 100  # that persons may have added
-LONGEST_NAME = 100
-FARTHEST_PUSH = 0.5  # [m]
-LARGEST_TURN = 1.0  # [rad] of a push
 _PUSH_LOOKS = 10  # places on the way of a push that are looked at
 _TOUCHED = 0.01  # [m] about a point in which somebody else must not be
 _QUOTED = 40  # characters of a wrong name that are shown
@@ -126,8 +127,8 @@ def _check_new(furnishings: Furnishings, state: PlantState, edit: AddObstacle) -
         raise EditError(f"name {_quoted(edit.name)} is too long: at most {LONGEST_NAME} characters")
     if edit.shape not in SHAPES:
         raise EditError(f"shape {_quoted(edit.shape)} is unknown: use one of {', '.join(SHAPES)}")
-    if not all(math.isfinite(value) and 0.0 < value <= LARGEST for value in edit.size):
-        raise EditError(f"size {edit.size} of {_quoted(edit.name)}: each must be above 0 and at most {LARGEST:.0f} m")
+    if not all(SMALLEST <= value <= LARGEST for value in edit.size):
+        raise EditError(f"size {edit.size} of {_quoted(edit.name)}: each must be {SMALLEST:g} to {LARGEST:g} m")
     if len(layout.obstacles) + sum(item.added for item in state.agents) >= MOST_BODIES:
         raise EditError(f"there are {MOST_BODIES} added bodies already: remove one first")
 

@@ -19,7 +19,8 @@ from motm_twin.bus.commands import (
     command_name,
 )
 from motm_twin.bus.gate import MAX_SEEN, MAX_SENDERS, CommandGate
-from motm_twin.bus.ranges import MAX_TASKS, MAX_THROW
+from motm_twin.bus.ranges import MAX_TASKS
+from motm_twin.model.edits import FASTEST_THROW
 
 
 class Clock:
@@ -206,12 +207,12 @@ def test_every_command_has_its_key_and_passes_with_what_is_allowed():
         "branch": {"index": 0},
         "add_obstacle": {"name": "Ä <b>", "shape": "person", "x": -100, "y": 100},
         "move_body": {"name": "a", "x": 0, "y": 0, "heading": 3},
-        "release_body": {"name": "a", "velocity": [0, -MAX_THROW]},
+        "release_body": {"name": "a", "velocity": [0, -FASTEST_THROW]},
         "freeze_body": {"name": "a", "frozen": False},
         "send_agent": {"name": "a", "x": 0, "y": 0},
         "remove_body": {"name": "a"},
         "move_object": {"name": "a", "x": 0, "y": 0},
-        "push_robot": {"dx": 0.3, "dy": 0.4, "turn": -3},
+        "push_robot": {"dx": 0.3, "dy": 0.4, "turn": -1},
         "inject_fault": {"fault": "camera_delay", "seconds": 60, "delay": 5, "amount": None},
         "insert_task": {"tasks": [{"type": "pick", "object": "c"}, {"type": "place", "bin": "b"}] * (MAX_TASKS // 2)},
         "remove_task": {"index": 0},
