@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,9 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import folder_problem
 from motm_twin.security.folder import Folder
 from motm_twin.settings import PageSettings, ReplaySettings, ServeSettings
+from motm_twin.ui.guard import check_token
 from motm_twin.ui.page_token import VARIABLE as VARIABLE_OF_TOKEN
+from motm_twin.ui.page_token import chosen_token
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 SERVER, PAGE = "twin server", "page"
@@ -68,7 +71,7 @@ def _checked(given: ServeSettings) -> PageSettings:
         if given.plant == "simulated":
             raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
         check_endpoint(given.connect)
-    page = given.page if given.headless else given.page.checked()
+    page = given.page if given.headless else _checked_page(given.page)
     own_credentials()  # or the reason why they cannot be kept
     if given.record is not None:
         _require_new(given.record)
@@ -79,12 +82,22 @@ def _checked(given: ServeSettings) -> PageSettings:
     return page
 
 
+def _checked_page(page: PageSettings) -> PageSettings:
+    """The page with the token that is asked for, if any. Raises ValueError, OSError."""
+    if page.visitors < 1:
+        raise ValueError(f"--visitors {page.visitors}: at least one page must be possible")
+    token = chosen_token(page.token, none=page.no_token)
+    check_token(page.host, token)
+    require_free_port(page.host, page.port, "choose another one with --port (0 takes any free one)")
+    return replace(page, token=token)
+
+
 def serve_recording(given: ReplaySettings) -> int:
     """Play a recording under the keys of a twin, with its page; exit codes as of `serve`."""
     console = plain_console()
     try:
         Keys(given.twin)
-        page = given.page if given.headless else given.page.checked()
+        page = given.page if given.headless else _checked_page(given.page)
         own_credentials()  # or the reason why they cannot be kept
         hint = "is a twin running? Choose another one with --zenoh-port (0: any)"
         require_free_port(LOOPBACK, given.zenoh_port, hint)

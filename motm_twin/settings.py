@@ -1,6 +1,6 @@
 """Settings of the commands `serve` and `replay`; imports no part of the twin, so that the command line stays quick."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -29,19 +29,6 @@ class PageSettings:
     no_token: FlagCreatePairsOff[bool] = False
     names: Annotated[tuple[str, ...], arg(name="name")] = ()
     visitors: int = 50
-
-    def checked(self) -> "PageSettings":
-        """The same with the token that is asked for, if any. Raises ValueError, OSError."""
-        from motm_twin.bus.session import require_free_port
-        from motm_twin.ui.guard import check_token
-        from motm_twin.ui.page_token import chosen_token
-
-        if self.visitors < 1:
-            raise ValueError(f"--visitors {self.visitors}: at least one page must be possible")
-        token = chosen_token(self.token, none=self.no_token)
-        check_token(self.host, token)
-        require_free_port(self.host, self.port, "choose another one with --port (0 takes any free one)")
-        return replace(self, token=token)
 
     def arguments(self, endpoint: str, twin: str) -> list[str]:
         """Arguments of `ui.viewer_process`."""

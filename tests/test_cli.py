@@ -202,8 +202,8 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(mo
         "/proc/out.json": "/proc cannot be written to: give another folder",  # even root cannot
     }
     computed = []
-    for module in ("cli_run.run_scene", "cli_rerun.rerun", "cli_what_if.compare"):
-        monkeypatch.setattr(f"motm_twin.record.{module}", lambda *given, **named: computed.append(given))
+    for module in ("cli_run.run_scene", "record.cli_rerun.rerun", "record.cli_what_if.compare"):
+        monkeypatch.setattr(f"motm_twin.{module}", lambda *given, **named: computed.append(given))
     commands = (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off"))
     for arguments, (report, said) in itertools.product(commands, reports.items()):
         monkeypatch.setattr(sys, "argv", ["motm-twin", *arguments, "--json", report])

@@ -312,7 +312,7 @@ def test_zigzag_is_counted_per_metre_and_a_curve_is_none():
 
 
 def test_a_real_trial_has_measures_that_add_up():
-    scene = load_scene(str(Path(__file__).parent / "half_a_metre.yaml"))
+    scene = load_scene(str(Path(__file__).parents[1] / "studies" / "half_a_metre.yaml"))
     result = run_scene(scene)
     found = result["measures"]
     for split in (found["phases_s"], found["parts_s"], {leg["task"]: leg["time_s"] for leg in found["legs"]}):
