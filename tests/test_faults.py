@@ -15,7 +15,7 @@ from motm_twin.model.faults import KINDS
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.finding import KINDS as FINDINGS
 from motm_twin.sim.plant import SimulatedPlant
-from motm_twin.studies.faults import CAUSES, Watch, matters
+from motm_twin.studies.faults import CAUSES, Watch, noticeable
 from motm_twin.twin import Twin
 
 LASTS = 2.0  # [s]
@@ -26,7 +26,7 @@ def moments():
     """Snapshots of one trial at the moments at which each kind of fault matters."""
     scene = load_scene("exp1", "trial1")
     twin, found = Twin(msgspec.structs.replace(scene, detections="named")), {}  # objects that can be swapped
-    wanted = {kind: matters(kind) for kind in KINDS}
+    wanted = {kind: noticeable(kind) for kind in KINDS}
     while len(found) < len(wanted):
         tick = twin.advance()
         for kind, now in wanted.items():

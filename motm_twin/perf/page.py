@@ -18,7 +18,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.perf import page_reader
 from motm_twin.perf.page_reader import PageReader
 from motm_twin.perf.processes import Served, act, cpu_seconds, memory_mb, now, restart, served, ticks, wait_for
-from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure
+from motm_twin.perf.report import Limit, Report, Steps, conclude, measure, percentiles
 from motm_twin.ui.hub import LAYERS
 
 READERS = 5
@@ -270,15 +270,10 @@ def _periods(twin: Served, report: Report, seconds: float) -> None:
         took, rate = periods(twin, seconds / 2, readers)
         found[readers] += took
         rates += [rate] if readers else []
-    without, with_readers = (_percentiles(values) for values in found.values())
+    without, with_readers = (percentiles(values) for values in found.values())
     report.values["ratio"] = with_readers["p99"] / without["p99"]
     report.details["period_ms"] = {"0 readers": without, f"{READERS} readers": with_readers}
     report.details["bytes_per_s_and_reader"] = float(np.mean(rates))
-
-
-def _percentiles(values: list[float]) -> Values:
-    p50, p99 = np.percentile(values, (50, 99))
-    return {"p50": float(p50), "p99": float(p99), "max": float(max(values)), "periods": float(len(values))}
 
 
 def _drawing(twin: Served, report: Report, seconds: float) -> None:

@@ -82,7 +82,7 @@ def _grasps(tick: Tick) -> bool:
     return tick.arm[-1].phase == "final"
 
 
-def matters(kind: str) -> Callable[[Tick], bool]:
+def noticeable(kind: str) -> Callable[[Tick], bool]:
     """Condition in which a fault of this kind can be noticed: the base drives, the camera looks, the hand reaches."""
     if kind == "joint_stuck":
         return _reaches
@@ -94,7 +94,7 @@ def matters(kind: str) -> Callable[[Tick], bool]:
 
 
 @dataclass
-class Seen:
+class Injection:
     """Findings after one injection."""
 
     at: float  # [s]
@@ -108,15 +108,15 @@ class Watch:
 
     kind: str
     due: list[float] = field(default_factory=lambda: list(TIMES))
-    seen: list[Seen] = field(default_factory=list)
+    seen: list[Injection] = field(default_factory=list)
     false: dict[str, int] = field(default_factory=dict)  # findings while nothing was wrong: periods
 
     def next_edit(self, tick: Tick) -> InjectFault | None:
         """The fault, when its time has come and it matters."""
-        if self.kind == NONE or not self.due or tick.time < self.due[0] or not matters(self.kind)(tick):
+        if self.kind == NONE or not self.due or tick.time < self.due[0] or not noticeable(self.kind)(tick):
             return None
         self.due.pop(0)
-        self.seen.append(Seen(at=tick.time))
+        self.seen.append(Injection(at=tick.time))
         return InjectFault(fault=self.kind, seconds=LASTS)
 
     def look(self, tick: Tick, kinds: Iterable[str]) -> None:
@@ -130,7 +130,7 @@ class Watch:
             self.false[kind] = self.false.get(kind, 0) + 1
 
 
-def run_cell(scene: str, kind: str, seed: int, method: str = FAST.name) -> dict[str, Any]:
+def run_trial(scene: str, kind: str, seed: int, method: str = FAST.name) -> dict[str, Any]:
     """One trial with a fault."""
     from motm_twin.methods.registry import find_method  # a worker loads the methods by itself
     from motm_twin.twin import Twin
@@ -192,11 +192,11 @@ def bench_faults(
     cells = [(scene, kind, seed) for seed in seeds for kind in chosen for scene in places]
     run = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
     results: list[dict[str, Any]] = []
-    for one in run(joblib.delayed(run_cell)(*cell) for cell in cells):
+    for one in run(joblib.delayed(run_trial)(*cell) for cell in cells):
         assert one is not None  # joblib's types allow it
         results.append(one)
         if not good(one):
-            console.print(f"  {told_of(one)}", style="yellow", markup=False)
+            console.print(f"  {failure_line(one)}", style="yellow", markup=False)
         results.sort(key=lambda one: (chosen.index(one["kind"]), places.index(one["scene"]), one["seed"]))
         _written(out, results, whole=len(results) == len(cells))
     console.print(table_of(results))
@@ -221,7 +221,7 @@ def in_time(delay: float | None) -> bool:
     return delay is not None and delay <= WITHIN + 1e-6
 
 
-def told_of(one: dict[str, Any]) -> str:
+def failure_line(one: dict[str, Any]) -> str:
     """A trial that was not good, in one line."""
     where = f"{one['scene']} seed {one['seed']} {one['kind']}: {one['placed']}/{one['places']} in {one['time_s']} s"
     caused = f"; {'; '.join(one['caused'])}" if one["caused"] else ""

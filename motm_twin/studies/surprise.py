@@ -125,7 +125,7 @@ def _before(case: Case) -> dict[str, Any]:
     allowed = v * v / (2.0 * base.linear_acceleration) + v * (_LAG + base.velocity_lag) + OVER
     itself = [one for one in tick.truth.contacts if one.other.startswith("panda")]
     good = went <= allowed and tick.done and not itself
-    return _ended(tick, good=good, told=f"{went:.3f} of {allowed:.3f} m")
+    return _result(tick, good=good, told=f"{went:.3f} of {allowed:.3f} m")
 
 
 def _goal(case: Case) -> dict[str, Any]:
@@ -147,7 +147,7 @@ def _goal(case: Case) -> dict[str, Any]:
         if tick.done or tick.time >= scene.time_limit:
             break
     good = tick.done and reversals <= REVERSALS and not _caused(tick)
-    return _ended(tick, good=good, told=f"left at {given_up:.1f} s, {reversals} reversals")
+    return _result(tick, good=good, told=f"left at {given_up:.1f} s, {reversals} reversals")
 
 
 def _hand(case: Case) -> dict[str, Any]:
@@ -167,7 +167,7 @@ def _hand(case: Case) -> dict[str, Any]:
             twin.post(RemoveBody(name="box"))
         if tick.done or tick.time >= scene.time_limit:
             break
-    return _ended(tick, good=tick.success and not _caused(tick), told=f"{len(_caused(tick))} caused")
+    return _result(tick, good=tick.success and not _caused(tick), told=f"{len(_caused(tick))} caused")
 
 
 def _caused(tick: Tick) -> list[str]:
@@ -177,7 +177,7 @@ def _caused(tick: Tick) -> list[str]:
     ]
 
 
-def _ended(tick: Tick, *, good: bool, told: str) -> dict[str, Any]:
+def _result(tick: Tick, *, good: bool, told: str) -> dict[str, Any]:
     """Fields of a result that all parts have."""
     return {
         "good": bool(good), "told": told, "time_s": round(tick.time, 2), "done": tick.done, "success": tick.success,

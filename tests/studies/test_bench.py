@@ -2,13 +2,16 @@
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from motm_twin.studies import bench as command
 from motm_twin.studies import groups
+from motm_twin.studies.efficiency import counts, trials_per_hour
 from motm_twin.studies.groups import GROUPS, Trial, failed, run_group
+from motm_twin.studies.spec import TrialSpec
 
 
 def result(**changes):
@@ -107,3 +110,16 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_is_measured(tmp_path
         assert command.main([*names, "--out", "/proc/results"]) == 2  # where even root makes no folder
         assert "/proc cannot be written to: give another folder" in capsys.readouterr().err
     assert file.read_text() == "mine"
+
+
+SCENE = str(Path(__file__).parent / "half_a_metre.yaml")
+
+
+def test_processes_are_doubled_up_to_all_of_them():
+    assert [list(counts(workers)) for workers in (1, 2, 3, 4, 6)] == [[1], [1, 2], [1, 2, 3], [1, 2, 4], [1, 2, 4, 6]]
+
+
+def test_a_rate_is_that_of_trials_that_succeed():
+    assert trials_per_hour([TrialSpec(SCENE)], 1) > 0.0
+    with pytest.raises(RuntimeError, match="time limit"):
+        trials_per_hour([TrialSpec(SCENE, changes={"time_limit": 0.2})], 1)

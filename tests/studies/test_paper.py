@@ -22,9 +22,9 @@ from motm_twin.studies.paper import (
     time_figures,
 )
 from motm_twin.studies.paper.data import Store
-from motm_twin.studies.paper.episode import Episode, Moment, watched
+from motm_twin.studies.paper.episode import Episode, Moment, watch_trial
 from motm_twin.studies.paper.part import Drawn, Missing, save
-from motm_twin.studies.paper.parts import NAMES, PARTS, Context, made
+from motm_twin.studies.paper.parts import NAMES, PARTS, Context, make_part
 from motm_twin.studies.paper.plan import TEN
 from motm_twin.studies.paper.report import write
 from motm_twin.studies.paper.stored import origin
@@ -228,7 +228,7 @@ def test_what_was_not_run_is_missing_with_its_reason(tmp_path):
     context = Context(Store({}), tmp_path, Console(quiet=True), pages=False)
     for source in PARTS:
         if source.needs:
-            part = made(source, context)
+            part = make_part(source, context)
             assert isinstance(part, Missing), source.name
             assert part.reason
             assert part.command == f"motm-twin paper --out {tmp_path} --only {source.name}"
@@ -313,7 +313,7 @@ def test_an_episode_of_the_source_of_the_trials_is_taken_from_the_folder(tmp_pat
     episode = msgspec.structs.replace(watched_trial([]), source="0123456789ab")
     name = f"{job_of(episode.spec).key(episode.source)}.json"
     (tmp_path / name).write_bytes(msgspec.json.encode(episode))
-    assert watched(episode.spec, tmp_path, "0123456789ab") == episode
+    assert watch_trial(episode.spec, tmp_path, "0123456789ab") == episode
     part = snapshots.draw(episode)
     assert isinstance(part, Missing)
     assert "another source (0123456789ab)" in part.reason

@@ -30,7 +30,7 @@ def paper(settings: Annotated[PaperSettings, tyro.conf.arg(name="")]) -> int:
         return _refused(problem)
     plan = PLANS[given.plan]()
     try:
-        records = _kept(given, plan) if given.draw else _run(given, plan, console)
+        records = _records_in_folder(given, plan) if given.draw else _run(given, plan, console)
     except ValueError as error:  # a scene, method or folder with which no trial can be run; or hours
         return _refused(str(error))
     except KeyboardInterrupt:
@@ -57,12 +57,12 @@ def _problem(given: PaperSettings) -> str:
     return f"--out {given.out}: {problem}" if problem else ""
 
 
-def said(hours: float) -> str:
+def duration_text(hours: float) -> str:
     """A duration as one says it."""
     return f"{hours:.1f} h" if hours >= 1.0 else f"{60.0 * hours:.0f} min"
 
 
-def _kept(given: PaperSettings, plan) -> dict:
+def _records_in_folder(given: PaperSettings, plan) -> dict:
     """The records in the folder. Raises ValueError when there are none, and what is asked for is drawn from some."""
     from motm_twin.studies.paper.parts import NAMES, needed
     from motm_twin.studies.paper.stored import stored
@@ -107,7 +107,7 @@ def _announce(given: PaperSettings, wanted, console: Console) -> None:
     from motm_twin.studies.paper.stored import missing
 
     left, count = missing(given.out, wanted, retry_failed=given.retry_failed)
-    expected = said(hours(left, given.workers))
+    expected = duration_text(hours(left, given.workers))
     console.print(
         f"{len(left)} of {count} trials to run, expected to take {expected} with {given.workers} processes on this "
         "machine; then the figures"

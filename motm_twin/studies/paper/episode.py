@@ -100,7 +100,7 @@ class Watcher:
         return _rounded(found[0]) if found else None
 
 
-def watched(spec: TrialSpec, folder: Path, source: str) -> Episode:
+def watch_trial(spec: TrialSpec, folder: Path, source: str) -> Episode:
     """The episode of a trial of motm as shipped: from the folder, as this or else the current source made it, or now.
 
     ``source``: of the trial. Where that is another one than now and left no episode, the episode is of another run.

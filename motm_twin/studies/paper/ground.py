@@ -120,7 +120,7 @@ def _below_top(solid: Solid, scene: Scene) -> bool:
     return bool(solid.group and tops and solid not in tops)
 
 
-class Standing(NamedTuple):
+class FirstPeriod(NamedTuple):
     """A scene, what the robot knows of it, and its map in the first period."""
 
     scene: Scene
@@ -129,7 +129,7 @@ class Standing(NamedTuple):
 
 
 @functools.cache
-def standing(scene: str, variant: str) -> Standing:
+def first_period(scene: str, variant: str) -> FirstPeriod:
     """The first period of a scene."""
     loaded = load_scene(scene, variant)
-    return Standing(loaded, known_world(loaded), Twin(loaded, method=MOTM).advance().map)
+    return FirstPeriod(loaded, known_world(loaded), Twin(loaded, method=MOTM).advance().map)

@@ -9,7 +9,7 @@ from motm_twin.planning.parameters import DEG, PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.types import BaseProblem, Placement, Target
 from motm_twin.studies.paper import ground
-from motm_twin.studies.paper.ground import Standing, standing
+from motm_twin.studies.paper.ground import FirstPeriod, first_period
 from motm_twin.studies.paper.part import Drawn
 from motm_twin.studies.paper.style import BLACK, COST, ONE_COLUMN, TWO_COLUMNS, figure, styled
 
@@ -94,7 +94,7 @@ OBJECT = "B5"
 RED, CYAN = "#E3000F", "#00C8D7"
 
 
-def placed(here: Standing, drop: str) -> tuple[Placement, tuple[Array, Array]]:
+def placed(here: FirstPeriod, drop: str) -> tuple[Placement, tuple[Array, Array]]:
     """The candidates for the object with a drop location as the next target, and both paths of the chosen one."""
     strategy = NextTargetPlacement(here.scene.robot, PlanningParameters())
     bins = {item.name: item.centre for item in here.scene.bins}
@@ -120,7 +120,7 @@ def _cube() -> Array:
 
 def draw_placement() -> Drawn:
     """Candidates as spheres, brighter green for lower cost; red to the best one, cyan on to the next target."""
-    here = standing("exp1", "trial1")
+    here = first_period("exp1", "trial1")
     found = {drop: placed(here, drop) for drop in ("drop1", "drop2")}
     rows = []
     with styled():

@@ -24,7 +24,7 @@ from motm_twin.studies.paper import (
     time_figures,
 )
 from motm_twin.studies.paper.data import Store
-from motm_twin.studies.paper.episode import Episode, watched
+from motm_twin.studies.paper.episode import Episode, watch_trial
 from motm_twin.studies.paper.part import Missing, Part
 from motm_twin.studies.paper.plan import LITERAL, PLANS, SWEEPS, TEN
 from motm_twin.studies.settings import OPTIONS_OF_PLANS
@@ -67,7 +67,7 @@ class Context:
         self.console.print(f"  watching exp2 seed {best['seed']} again, for its figures")
         spec = TrialSpec("exp2", best["variant"], best["seed"], best["method"])
         source = self.sources[0] if len(self.sources) == 1 else made_with()[SOURCE]
-        return watched(spec, self.out / EPISODES, source)
+        return watch_trial(spec, self.out / EPISODES, source)
 
 
 SECTIONS = {
@@ -130,7 +130,7 @@ def needed(experiments: Iterable[Experiment], names: Collection[str]) -> tuple[E
     return tuple(found)
 
 
-def made(source: Source, context: Context) -> Part:
+def make_part(source: Source, context: Context) -> Part:
     """The part, with the command that makes it."""
     part = source.make(context)
     more = isinstance(part, Missing) and part.larger

@@ -12,7 +12,7 @@ from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal,
 from motm_twin.planning.parameters import DEG, StaaParameters, growth
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.studies.paper import ground
-from motm_twin.studies.paper.ground import Standing, standing
+from motm_twin.studies.paper.ground import FirstPeriod, first_period
 from motm_twin.studies.paper.part import Drawn
 from motm_twin.studies.paper.style import BLACK, BLUE, GREY, ONE_COLUMN, RED, figure, styled
 
@@ -78,7 +78,7 @@ PATH_GOAL = np.array([4.2, 2.70, 180.0 * DEG])  # behind it: the base pose of a 
 PATH_RED, PATH_YELLOW = "#E3000F", "#FFE600"
 
 
-def paths(here: Standing) -> dict[str, Array]:
+def paths(here: FirstPeriod) -> dict[str, Array]:
     """Both global paths, shape (m, 2) [m]: with the cost of rotation, and the shortest."""
     limits = here.scene.robot.base
     graph = GraphCache().graph(here.world, growth(here.scene.robot.footprint, StaaParameters()))
@@ -86,7 +86,7 @@ def paths(here: Standing) -> dict[str, Array]:
     return {"with rotation cost": with_rotation, "without (STAA*)": shortest_path(graph, PATH_START, PATH_GOAL, limits)}
 
 
-def measured(path: Array, here: Standing) -> dict[str, float]:
+def measured(path: Array, here: FirstPeriod) -> dict[str, float]:
     """Length [m], turning [deg] and PathRTR [s] of a path from start to goal pose, driven forwards."""
     limits = here.scene.robot.base
     steps = np.diff(path, axis=0)
@@ -109,7 +109,7 @@ def _sentence(text: str) -> str:
 
 def draw_global_path() -> Drawn:
     """Both paths between the same poses round the table of Experiment 1."""
-    here = standing("exp1", "trial1")
+    here = first_period("exp1", "trial1")
     found = paths(here)
     looks = {
         "with rotation cost": (PATH_RED, "-", 2.4, "white"),

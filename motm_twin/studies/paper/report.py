@@ -15,8 +15,8 @@ from motm_twin.studies.paper import data, goals, html
 from motm_twin.studies.paper.data import Result, Store
 from motm_twin.studies.paper.html import Section, paragraphs, table, text
 from motm_twin.studies.paper.part import Drawn, Missing, Part, save, write_json
-from motm_twin.studies.paper.parts import PARTS, SECTIONS, Context, made
-from motm_twin.studies.paper.stored import COMMAND, MACHINE, NOT_RECORDED, PLAN, Origin, now
+from motm_twin.studies.paper.parts import PARTS, SECTIONS, Context, make_part
+from motm_twin.studies.paper.stored import COMMAND, MACHINE, NOT_RECORDED, PLAN, Origin, current_origin
 from motm_twin.studies.paper.tables import group_of
 
 VERSION = "motm-twin"  # of this package, in what a trial was made with
@@ -34,7 +34,7 @@ def record(store: Store, origin: Origin, command: str, parts: Sequence[Part]) ->
         "machine": origin.machine,
         "plan": origin.plan,
         "command": origin.command,
-        "drawn": {"written": datetime.now(UTC).isoformat(timespec="seconds"), COMMAND: command, **now()},
+        "drawn": {"written": datetime.now(UTC).isoformat(timespec="seconds"), COMMAND: command, **current_origin()},
         "trials": len(everything),
         "without_success": [_without_success(name, result) for name, result in everything if not result["success"]],
         "experiments": {name: _experiment(results) for name, results in store.trials.items()},
@@ -190,7 +190,7 @@ def write(context: Context, origin: Origin, command: str, names: Sequence[str], 
     parts: dict[str, Part] = {}
     for source in PARTS:
         if source.name in names:
-            parts[source.name] = part = made(source, context)
+            parts[source.name] = part = make_part(source, context)
             if isinstance(part, Drawn):
                 save(part, context.out / FIGURES)
             else:
@@ -212,7 +212,7 @@ def stale(origin: Origin) -> list[str]:
         return []
     return [
         f"Warning: the trials were run by source {', '.join(origin.sources)}, this report was drawn by "
-        f"{now()[SOURCE]}. The numbers below tell of the former."
+        f"{current_origin()[SOURCE]}. The numbers below tell of the former."
     ]
 
 

@@ -37,26 +37,26 @@ class Origin:
 
 def origin(records: Iterable[Record], command: str) -> Origin:
     """That of these trials; without any all that is shown is made now, by this command."""
-    notes = [record.made_with for record in records] or [{**now(), PLAN: "no trials", COMMAND: command}]
+    notes = [record.made_with for record in records] or [{**current_origin(), PLAN: "no trials", COMMAND: command}]
     names = [*dict.fromkeys(name for note in notes for name in note), PLAN, COMMAND, MACHINE, SOURCE]
     counts = {name: Counter(note.get(name, NOT_RECORDED) for note in notes) for name in names}
     apart = (PLAN, COMMAND, MACHINE)
     return Origin(
         sources=tuple(counts[SOURCE]),
         plans=tuple(counts[PLAN]),
-        plan=_said(counts[PLAN]),
-        command=_said(counts[COMMAND]),
-        machine=_said(counts[MACHINE]),
-        made_with={name: _said(values) for name, values in counts.items() if name not in apart},
+        plan=_counted(counts[PLAN]),
+        command=_counted(counts[COMMAND]),
+        machine=_counted(counts[MACHINE]),
+        made_with={name: _counted(values) for name, values in counts.items() if name not in apart},
     )
 
 
-def now() -> dict[str, str]:
+def current_origin() -> dict[str, str]:
     """Source, libraries and machine that draw the report, under the same names."""
     return {**made_with(), MACHINE: machine()}
 
 
-def _said(values: Counter[str]) -> str:
+def _counted(values: Counter[str]) -> str:
     if len(values) == 1:
         return next(iter(values))
     return "; ".join(f"{value} ({count} {'trial' if count == 1 else 'trials'})" for value, count in values.items())

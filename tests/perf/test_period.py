@@ -1,6 +1,7 @@
-"""The benches of the period: every row is there, and worlds that grow are valid."""
+"""The period and the solvers of the arm's program."""
 
 import io
+import json
 
 import msgspec
 import pytest
@@ -10,6 +11,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.perf import growth, growth_scenes, period
 from motm_twin.perf.growth import sweeps
 from motm_twin.perf.report import wanted_table
+from motm_twin.perf.solvers import bench_solvers
 from motm_twin.twin import Twin
 
 
@@ -75,3 +77,12 @@ def test_a_large_floor_gives_the_same_plan_as_the_room_alone():
     assert one.map.distance.size < 0.5 * 1200**2
     assert one.placement.chosen == other.placement.chosen
     assert one.plan.acceleration == pytest.approx(other.plan.acceleration)
+
+
+def test_a_quick_look_cuts_the_runs_off_and_says_so(tmp_path):
+    said = io.StringIO()
+    assert bench_solvers(tmp_path, Console(file=said, width=200), quick=True)
+    rows = json.loads((tmp_path / "solvers.json").read_text(encoding="utf-8"))["rows"]
+    assert all(row["cut_off"] and not row["success"] and row["task_s"] <= 1.0 for row in rows.values())
+    assert said.getvalue().count("cut off") == len(rows)
+    assert "NO" not in said.getvalue()

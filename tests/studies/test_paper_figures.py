@@ -1,10 +1,12 @@
-"""Figures of the method: the paper's numbers, from the planner's own functions."""
+"""Figures of the report: the numbers of the paper in those of the method, and photographs of the page."""
 
 import numpy as np
 import pytest
 
-from motm_twin.studies.paper import layout_figures, planner_figures
-from motm_twin.studies.paper.ground import standing
+from motm_twin.bus.ranges import MAX_STEPS
+from motm_twin.perf.processes import served
+from motm_twin.studies.paper import layout_figures, planner_figures, snapshots
+from motm_twin.studies.paper.ground import first_period
 
 
 def test_the_bezier_figure_has_the_numbers_of_the_paper():
@@ -16,7 +18,7 @@ def test_the_bezier_figure_has_the_numbers_of_the_paper():
 
 
 def test_with_rotation_cost_the_global_path_takes_the_other_side_and_turns_less():
-    here = standing("exp1", "trial1")
+    here = first_period("exp1", "trial1")
     ours, staa = (planner_figures.measured(path, here) for path in planner_figures.paths(here).values())
     assert staa["length_m"] < ours["length_m"]
     assert ours["turning_deg"] < staa["turning_deg"] - 180.0
@@ -24,7 +26,7 @@ def test_with_rotation_cost_the_global_path_takes_the_other_side_and_turns_less(
 
 
 def test_another_drop_location_changes_the_chosen_base_pose():
-    here = standing("exp1", "trial1")
+    here = first_period("exp1", "trial1")
     (one, _), (two, _) = (layout_figures.placed(here, drop) for drop in ("drop1", "drop2"))
     assert np.hypot(*(one.goal[:2] - two.goal[:2])) > 0.5
     assert len(one.poses) == 72
@@ -36,3 +38,14 @@ def test_the_layout_has_the_twelve_slots_and_both_boxes():
     rows = layout_figures.draw_layout().rows
     assert sum(row["what"] == "slot" for row in rows) == 12
     assert {(row["x_m"], row["y_m"]) for row in rows if row["what"] == "box of 1a"} == {(2.7, 1.7), (3.9, 0.96)}
+
+
+def test_a_twin_is_stepped_beyond_what_one_command_allows() -> None:
+    late = MAX_STEPS + 10
+    with served("exp1", "--expansions-only") as twin:
+        snapshots._rewind(twin.client)
+        snapshots._step_to(twin.client, late)
+        tick, status = twin.client.tick(), twin.client.status()
+    assert tick is not None
+    assert status is not None
+    assert (tick.index, status.state) == (late, "paused")

@@ -1,4 +1,4 @@
-"""A trial spec says all that a result depends on, and says what is wrong with it before anything runs."""
+"""A trial, its scene and its changes."""
 
 from pathlib import Path
 
