@@ -12,6 +12,7 @@ from motm_twin import __version__
 from motm_twin.bus.cli_bus import send, twins, watch
 from motm_twin.bus.config import ConfigError
 from motm_twin.console import plain_console, table_console
+from motm_twin.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK
 from motm_twin.external.cli_robot import robot
 from motm_twin.interrupts import interruptible
 from motm_twin.methods import DEFAULT_METHOD
@@ -23,8 +24,6 @@ from motm_twin.security.cli_security import security
 from motm_twin.settings import ServeSettings
 from motm_twin.studies.paper.cli_paper import paper
 from motm_twin.studies.settings import BenchSettings
-
-OK, FAILED, BAD_INPUT, STOPPED = 0, 1, 2, 130
 
 
 def run(
@@ -161,7 +160,7 @@ def main() -> None:
         code = BAD_INPUT
     except KeyboardInterrupt as stopped:
         print("; ".join(["motm-twin: stopped", *stopped.args]), file=sys.stderr)
-        code = STOPPED
+        code = INTERRUPTED
     sys.exit(code)
 
 

@@ -22,6 +22,7 @@ from motm_twin.bus.process import setter
 from motm_twin.bus.running import Running, keep_young, note
 from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
 from motm_twin.console import plain_console
+from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import folder_problem
 from motm_twin.security.folder import Folder
@@ -30,7 +31,6 @@ from motm_twin.ui.guard import check_token
 from motm_twin.ui.page_token import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_token import chosen_token
 
-OK, FAILED, BAD_INPUT = 0, 1, 2
 SERVER, PAGE = "twin server", "page"
 WATCH = 0.1  # [s] between looks at the children
 YOUNG = 3600.0  # [s] between two times at which private files are made young again

@@ -7,10 +7,9 @@ from contextlib import contextmanager
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.config import ConfigError
 from motm_twin.client.discover import NoTwin
+from motm_twin.exit_codes import BAD_INPUT, INTERRUPTED
 from motm_twin.model.names import MethodError
 from motm_twin.model.scene_error import SceneError
-
-BAD_INPUT, INTERRUPTED = 2, 130  # exit codes
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import numpy as np
 
 from motm_twin.control.arm.controller import Manipulator, NoArm
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.loop import PERIOD, ControlLoop, Settings
+from motm_twin.control.loop import ControlLoop, Settings
 from motm_twin.control.method import ArmParts, Method, PlannerParts, Rehearsed, Timed
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.task_list import TaskEdit, TaskList, edited
@@ -31,6 +31,7 @@ from motm_twin.model.edits import (
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Pick, PlanarPose, Scene
 from motm_twin.model.state import HasState, state_hash
 from motm_twin.model.twin_plant import ExternalPlant, TwinPlant, WorldRehearsal

@@ -8,10 +8,10 @@ import msgspec
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Command, HandOver, Inspect, Load, Refused, TakeWheel
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
+from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
 
-OK, REFUSED, BAD_INPUT = 0, 1, 2
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in (*SERVER_COMMANDS, *EDITS)}
 
 
@@ -29,7 +29,7 @@ def send(
             return _sent(handle, wanted, timeout)
     except (NoTwin, TimeoutError) as error:
         print(f"motm-twin send: {error}", file=sys.stderr)
-        return REFUSED
+        return FAILED
 
 
 def parse(command: str, fields: list[str], json: str | None = None) -> Command:
@@ -84,7 +84,7 @@ def _sent(handle: Twin, command: Command, timeout: float) -> int:
         answer = handle.send(command, timeout)
     except Refused as refusal:
         print(msgspec.json.encode({"ok": False, "reason": str(refusal)}).decode())
-        return REFUSED
+        return FAILED
     print(msgspec.json.encode(answer).decode())
     if not isinstance(command, TakeWheel | HandOver | Inspect):
         handle.client.command(HandOver())  # this program ends now: others need not wait for its silence

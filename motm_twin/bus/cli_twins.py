@@ -7,8 +7,7 @@ import msgspec
 
 from motm_twin.client.discover import BEHIND, Found, NoTwin, running_twins
 from motm_twin.console import printable
-
-OK, NONE = 0, 1
+from motm_twin.exit_codes import FAILED, OK
 
 
 def twins(endpoint: str | None, *, as_json: bool) -> int:
@@ -17,13 +16,13 @@ def twins(endpoint: str | None, *, as_json: bool) -> int:
         found = running_twins(endpoint)
     except NoTwin as error:
         print(f"motm-twin twins: {error}", file=sys.stderr)
-        return NONE
+        return FAILED
     for twin in found:
         print(msgspec.json.encode(twin).decode() if as_json else printable(_line(twin)))
     if not found and not as_json:
         where = "on this machine" if endpoint is None else f"at {endpoint}: {BEHIND}"
         print(f"motm-twin twins: none is running {where}", file=sys.stderr)
-    return OK if any(twin.alive for twin in found) else NONE
+    return OK if any(twin.alive for twin in found) else FAILED
 
 
 def _line(twin: Found) -> str:

@@ -9,8 +9,8 @@ import msgspec
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
 from motm_twin.console import printable
+from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 
-OK, NO_TWIN, BAD_INPUT = 0, 1, 2
 KEYS = ("tick", "robot", "scan", "grid", "event", "metrics", "status", "scene")
 FIRST = 5.0  # [s] for the first message
 _SLICE = 0.5  # [s]
@@ -33,7 +33,7 @@ def watch(key: str, *, once: bool, as_json: bool, field: str | None, endpoint: s
         return OK
     except (NoTwin, TimeoutError) as error:
         print(f"motm-twin watch: {error}", file=sys.stderr)
-        return NO_TWIN
+        return FAILED
     except LookupError as error:
         print(f"motm-twin watch: {error.args[0]}", file=sys.stderr)
         return BAD_INPUT

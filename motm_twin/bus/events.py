@@ -17,8 +17,8 @@ from motm_twin.bus.messages import (
     StatusMessage,
     TickMessage,
 )
-from motm_twin.bus.pacing import PERIOD
 from motm_twin.model.edits import Drive, Edit, MoveBody
+from motm_twin.model.period import PERIOD
 
 HISTORY = 1000  # events that can be asked for
 SAME_DRAG = 1.0  # [s] of simulated time within which more moves of a held body, or twists by hand, are not told again

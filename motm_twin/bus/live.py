@@ -9,12 +9,12 @@ import msgspec
 from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import path_message, tick_message
 from motm_twin.bus.messages import InspectedMessage, SessionInfo, TickMessage
-from motm_twin.bus.pacing import PERIOD
 from motm_twin.bus.ports import MakeTwin, Sink, TwinLike
 from motm_twin.bus.preview import Preview, tasks_previewed
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.model.edits import Edit, InsertTask, MoveTask, ParameterValue, RemoveTask, SetParameter
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget

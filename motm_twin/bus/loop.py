@@ -35,7 +35,7 @@ from motm_twin.bus.keeping import Keeper
 from motm_twin.bus.live import LiveTwin
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.methods import MethodLibrary
-from motm_twin.bus.pacing import PERIOD, Pacer
+from motm_twin.bus.pacing import Pacer
 from motm_twin.bus.ports import MakeTwin, Methods, Reply, SceneLibrary, SessionReply, Sink
 from motm_twin.bus.quiet import Quiet
 from motm_twin.bus.real_time import RealTime
@@ -44,6 +44,7 @@ from motm_twin.bus.session_desk import SessionDesk
 from motm_twin.bus.source import SceneSource
 from motm_twin.bus.wheel import Wheel
 from motm_twin.finish import SETTLE_PERIODS
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.record.session import LoggedEdit
 

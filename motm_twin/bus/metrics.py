@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, StatusMessage, TickMessage
-from motm_twin.bus.pacing import PERIOD
+from motm_twin.model.period import PERIOD
 
 PERIOD_WINDOW = 10.0  # [s] of wall time
 STAGE_WINDOW = 1.0  # [s]

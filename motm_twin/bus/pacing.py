@@ -2,7 +2,8 @@
 
 from collections import deque
 
-PERIOD = 0.05  # [s] of simulated time
+from motm_twin.model.period import PERIOD
+
 MAX_LAG = 0.25  # [s] of real time; what is later than this is not caught up with
 WINDOW = 1.0  # [s] over which the actual factor is measured
 FEWEST = 5

@@ -6,8 +6,8 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 
-from motm_twin.bus.pacing import PERIOD
 from motm_twin.control.tick import Tick
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation
 
 EVERY = 2  # of the samples, which come at 100 Hz

@@ -21,6 +21,7 @@ from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.real_time import refusal
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.bus.session import PortTaken, open_member
+from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.memory import freeze_setup, share_arenas
 from motm_twin.methods import DEFAULT_METHOD
@@ -31,7 +32,6 @@ from motm_twin.planning.types import SearchBudget
 if TYPE_CHECKING:
     from motm_twin.control.method import Method
 
-BAD_INPUT = 2
 SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period is 0.05 s
 WATCH = 0.1  # [s] between looks at the state for the report
 

@@ -25,6 +25,7 @@ from motm_twin.control.tick import Event, Tick
 from motm_twin.model.edits import Edit
 from motm_twin.model.geometry import Array, command_pose, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import HasState, Stateful
@@ -37,7 +38,6 @@ from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.rejections import NO_PATH
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
 
-PERIOD = 0.05  # [s] the paper's 20 Hz (Sec. IV)
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
 BIN_SD = 0.05  # [m] how far from the middle of its bin an object may lie
 LOST_SD = 0.1  # [m] how far from the hand an object may be that was lost just now

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import Positional
 
-OK, FAILED, BAD_INPUT = 0, 1, 2
+from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 
 
 def robot(

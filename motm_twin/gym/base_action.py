@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from motm_twin.control.by_hand import ByHand
-from motm_twin.control.loop import PERIOD
 from motm_twin.gym.forecast import Forecast
 from motm_twin.model.edits import Drive
 from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.planning.parameters import PlanningParameters

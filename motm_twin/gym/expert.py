@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.control.lag import followed
-from motm_twin.control.loop import PERIOD
 from motm_twin.control.method import ArmParts, PlannerParts
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tuning import tuned
@@ -19,6 +18,7 @@ from motm_twin.gym.view import AgentView
 from motm_twin.methods.registry import find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.period import PERIOD
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.types import BasePlan, SearchBudget
 

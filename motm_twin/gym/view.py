@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 from motm_twin.control.arm.types import ArmGoal
 from motm_twin.control.lag import dwell_to_plan
-from motm_twin.control.loop import PERIOD
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
 from motm_twin.gym.base_action import BaseAction
 from motm_twin.model.geometry import Array, command_pose
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation
 from motm_twin.planning.types import BaseProblem, Target
 from motm_twin.twin import Twin

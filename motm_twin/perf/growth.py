@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.control.loop import PERIOD
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.perf import growth_scenes as scenes
 from motm_twin.perf import page

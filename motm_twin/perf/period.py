@@ -19,10 +19,10 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.control.loop import PERIOD
 from motm_twin.control.method import Method
 from motm_twin.methods.fast import FAST
 from motm_twin.methods.modifications import MOTM
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import (

@@ -13,10 +13,10 @@ from rich.console import Console
 from tyro.conf import Positional
 
 from motm_twin.console import plain_console
+from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.record.session import SessionError
 from motm_twin.settings import ReplaySettings
 
-OK, FAILED, BAD_INPUT = 0, 1, 2
 ANSWER = 5.0  # [s] in which the twin must answer once its server does
 _File = Annotated[Positional[str], tyro.conf.arg(metavar="FILE")]
 _Json = Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")]

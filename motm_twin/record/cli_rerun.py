@@ -5,14 +5,13 @@ from rich.console import Console
 
 from motm_twin.console import plain_console
 from motm_twin.control.method import Method
+from motm_twin.exit_codes import FAILED, OK
 from motm_twin.methods.registry import find_method
 from motm_twin.record.outputs import refuse_unwritable, write_json
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, rerun, updated
 from motm_twin.record.rerun_file import RunReport, rerun_run
 from motm_twin.record.session import Session, SessionError, load_session, save_session
-
-OK, DIFFERENT = 0, 1
 
 
 def rerun_file(file: str, *, update: bool = False, report: str | None = None, method: str | None = None) -> int:
@@ -41,7 +40,7 @@ def rerun_file(file: str, *, update: bool = False, report: str | None = None, me
             plain_console().print(f"{file} was written with this run's state.", markup=False)
     if report is not None:
         write_json({"file": file, "updated": update, **msgspec.to_builtins(again)}, report)
-    return OK if again.ok or update else DIFFERENT
+    return OK if again.ok or update else FAILED
 
 
 class NotComputed(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,7 +80,7 @@ def _rerun_recording(file: str, report: str | None, own: Method | None) -> int:
         parts = {"complete": recording.health.complete, "text": recording.health.text}
         runs = {"runs": msgspec.to_builtins(found), "not_computed": msgspec.to_builtins(left)}
         write_json({"file": file, "ok": ok, **parts, **runs}, report)
-    return OK if ok else DIFFERENT
+    return OK if ok else FAILED
 
 
 def _print_not_computed(console: Console, run: NotComputed) -> None:

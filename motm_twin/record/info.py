@@ -9,10 +9,9 @@ from rich.table import Table
 
 from motm_twin.console import table_console
 from motm_twin.methods import UNNAMED_METHOD
+from motm_twin.model.period import PERIOD
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
-
-PERIOD = 0.05  # [s]
 
 
 class ChannelInfo(msgspec.Struct, frozen=True, kw_only=True):

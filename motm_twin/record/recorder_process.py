@@ -7,10 +7,10 @@ from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.session import LOOPBACK, open_member
 from motm_twin.client.discover import NoTwin, require_answer
+from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.record.recorder import Recorder, RecordingFailed
 from motm_twin.record.session import SessionError
 
-OK, FAILED, BAD_INPUT = 0, 1, 2
 LISTENS = 1.0  # [s] at most until the twin knows that it is recorded; what came meanwhile is recorded too
 
 

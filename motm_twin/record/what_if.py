@@ -20,6 +20,7 @@ from multiprocessing.connection import Connection, wait
 
 import msgspec
 
+from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.interrupts import deaf
 from motm_twin.methods.registry import find_method
 from motm_twin.model.names import MethodError
@@ -28,7 +29,6 @@ from motm_twin.record.session import Session, SessionError, decode_session, enco
 from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, run_one
 from motm_twin.warm_up import compile_kernels
 
-OK, FAILED, BAD_INPUT = 0, 1, 2
 NICE = 10  # the live twin comes first
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 

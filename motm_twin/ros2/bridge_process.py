@@ -11,11 +11,11 @@ from motm_twin.bus.config import ConfigError
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.session import LOOPBACK, open_member
+from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.ros2.bridge import Bridge
 from motm_twin.ros2.forms import BRIDGE, DISTROS, FORMS, RMW, BridgeForm, Form, RmwForm
 from motm_twin.ros2.robot_model import FILES
 
-BAD_INPUT = 2
 CLOSING = 15.0  # [s] that closing may take: its peers may be gone
 QUIET = 5.0  # [s] before the same sentence is said again
 

@@ -10,6 +10,7 @@ import tyro
 from rich.console import Console
 
 from motm_twin.console import plain_console, table_console
+from motm_twin.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK
 from motm_twin.generate.barn import PREFIX
 from motm_twin.perf import anytime, bus, growth, page, period, scale, soak, solvers
 from motm_twin.perf.report import machine
@@ -22,7 +23,6 @@ from motm_twin.studies.run import Results, kept_text, run
 from motm_twin.studies.settings import BenchSettings
 from motm_twin.studies.summary import published_beside, reasons_table, rows, summary_table, write_summary
 
-OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
 
 Run = Callable[[BenchSettings, Console], bool]  # True when every number was reached

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from motm_twin.bus.client import Grid
 from motm_twin.bus.messages import GRID_VERSION, TICK_VERSION, EventMessage, GridInfo, TickMessage
+from motm_twin.model.period import PERIOD
 from motm_twin.ui.samples import Part, Sample, sample
 
-PERIOD = 0.05  # [s]
 PERIODS = 2400  # 120 s
 MAX_BYTES = 32_000_000  # of compressed ticks; an ordinary two minutes need a quarter of it
 MAX_GRID_BYTES = 8_000_000

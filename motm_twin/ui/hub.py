@@ -31,8 +31,9 @@ from motm_twin.bus.commands import (
     TakeWheel,
 )
 from motm_twin.bus.messages import StatusMessage, TickMessage
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
-from motm_twin.ui.history import PERIOD, History, Span
+from motm_twin.ui.history import History, Span
 from motm_twin.ui.playback import Playback
 from motm_twin.ui.what_if import OwnMethod, WhatIf
 

@@ -3,10 +3,10 @@
 import time
 from typing import TYPE_CHECKING, Protocol
 
+from motm_twin.model.period import PERIOD
+
 if TYPE_CHECKING:
     from motm_twin.ui.history import Span
-
-PERIOD = 0.05  # [s]
 
 
 class Looking(Protocol):

@@ -12,9 +12,9 @@ from PIL import Image
 
 from motm_twin.bus.commands import Branch, UndoBranch
 from motm_twin.bus.messages import StatusMessage, TickMessage
+from motm_twin.model.period import PERIOD
 from motm_twin.ui.export import export_html
 from motm_twin.ui.hub import Hub, Shown, Visitor
-from motm_twin.ui.playback import PERIOD
 from motm_twin.ui.widgets import HOLD, Changing, Html, buttons
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.process import Reporter, leave, stop_event
 from motm_twin.bus.session import LOOPBACK
+from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.memory import freeze_setup, share_arenas
 from motm_twin.ui.crowd import VISITORS
 from motm_twin.ui.guard import open_page, page_url
 from motm_twin.ui.page_token import VARIABLE, chosen_token
 from motm_twin.ui.viewer import Viewer
 
-BAD_INPUT = 2
 NICENESS = 5  # drawing yields to control
 
 

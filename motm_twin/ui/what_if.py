@@ -20,9 +20,9 @@ from pathlib import Path
 import msgspec
 
 from motm_twin.model.edits import ParameterValue
+from motm_twin.model.period import PERIOD
 
 RUNS = ("as it was", "changed")
-PERIOD = 0.05  # [s]
 ERROR_LINES = 12  # of the standard error of the process that are kept
 WATCH_SPEED = 3.0  # times real time
 WATCH_END = 3.0  # [s] the ends are shown before both follow the twin again

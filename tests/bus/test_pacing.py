@@ -1,6 +1,7 @@
 import pytest
 
-from motm_twin.bus.pacing import PERIOD, Pacer
+from motm_twin.bus.pacing import Pacer
+from motm_twin.model.period import PERIOD
 
 
 def run(pacer, seconds, cost):

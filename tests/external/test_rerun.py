@@ -192,7 +192,7 @@ def test_a_run_that_differs_is_told_beside_one_that_cannot_be_computed(
         return message
 
     path = changed(begun.in_first_run, tmp_path / "moved.mcap", moved)
-    assert cli_rerun.rerun_file(str(path)) == cli_rerun.DIFFERENT
+    assert cli_rerun.rerun_file(str(path)) == cli_rerun.FAILED
     printed = capsys.readouterr().out
     assert "different first in period 7" in printed
     assert "not computed" in printed

@@ -13,9 +13,9 @@ from waiting import asked, until
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
 from motm_twin.bus.messages import EventsMessage
-from motm_twin.bus.pacing import PERIOD
 from motm_twin.bus.server import TwinServer
 from motm_twin.bus.session import open_client
+from motm_twin.model.period import PERIOD
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
 from motm_twin.record.mcap_file import McapFile

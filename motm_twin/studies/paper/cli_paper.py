@@ -7,11 +7,11 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from motm_twin.exit_codes import BAD_INPUT, INTERRUPTED
 from motm_twin.model.names import hint
 from motm_twin.record.outputs import folder_problem
 from motm_twin.studies.settings import PaperSettings
 
-BAD_INPUT, INTERRUPTED = 2, 130
 WARN_HOURS = 3.0  # beyond this nobody starts by accident
 
 

@@ -11,6 +11,7 @@ from matplotlib.patheffects import Normal, Stroke
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME
 from motm_twin.model.geometry import Array
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene_file import load_scene
 from motm_twin.studies.paper import ground
 from motm_twin.studies.paper.data import command_of
@@ -121,7 +122,6 @@ def _line(episode: Episode) -> str:
 
 CUTTING_IN_NAME, CUTTING_IN_TITLE = "cutting_in", "Cutting in front of a moving obstacle"
 BEFORE_S = 1.0  # [s] the moment shown is before the cut-in
-PERIOD = 0.05  # [s]
 HISTORY_S, HISTORY_STEP_S = 3.0, 0.75  # [s] of the Temi's way
 PLAN_STEP = 3  # every third node of the plan
 RADIUS = 0.25  # [m] of a Temi, for its outline only

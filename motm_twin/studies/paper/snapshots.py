@@ -10,6 +10,7 @@ from PIL import Image
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Pause, Reset, Step
 from motm_twin.bus.ranges import MAX_STEPS
+from motm_twin.model.period import PERIOD
 from motm_twin.perf.page_reader import browser
 from motm_twin.perf.processes import act, served, wait_for
 from motm_twin.record.made_with import SOURCE, made_with
@@ -27,7 +28,6 @@ ONLY_SCENE = "* { visibility: hidden !important } canvas { visibility: visible !
 MIDDLE = 0.6  # [m] above the floor: half of the robot
 SETTLED_MS = 4000  # [ms] of a paused twin until the picture is complete
 ANSWER = 600.0  # [s] for some minutes of the run on a busy machine
-PERIOD = 0.05  # [s]
 
 
 def moments(episode: Episode) -> list[int]:
