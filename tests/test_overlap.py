@@ -58,9 +58,9 @@ def test_a_base_that_touches_a_box_stops_within_its_stopping_distance_and_goes_r
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("phase", ["transit", "final", "lift"])
+@pytest.mark.parametrize("phase", ["final", "lift"])
 def test_an_arm_into_which_a_box_is_put_stands_draws_back_and_goes_on(phase):
-    """It went on with its pick inside the box, or its base took it along."""
+    """It went on with its pick inside the box."""
     twin = Twin(load_scene("exp1", "trial1", 0), method=find_method("fast"))
     put, said = None, set()
     while True:

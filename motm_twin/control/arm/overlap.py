@@ -56,18 +56,16 @@ class ArmOverlap:
     def way_out(self, arm: Arm, inputs: ArmInputs, twist: Array, *, withdraws: bool) -> tuple[Array, Array]:
         """Base twist (2,) after that commanded last, and arm rates (7,): the joints stop, or go to the stow pose.
 
-        The base stands. When something is inside its own footprint, it leaves that as soon as the arm is stowed: a base
-        that turns or backs takes an arm that is out further into what it is in.
+        The base stands, unless something is inside its own footprint: then it leaves that first, and the joints stop.
         """
         base, dt = self._profile.base, inputs.dt
-        way = self._stow - arm.q
-        stowed = float(np.abs(way).max()) < _STOWED
-        leaving = stowed and self._inside_base(arm.pose, inputs.obstacles.points)
+        leaving = self._inside_base(arm.pose, inputs.obstacles.points)
         limits = np.array([base.linear_acceleration, base.yaw_acceleration]) * dt
         wanted = inputs.base_twist if leaving else np.zeros(2)
         after = np.clip(wanted, twist - limits, twist + limits)
+        way = self._stow - arm.q
         joints = np.zeros(7)
-        if withdraws and not stowed:
+        if withdraws and not leaving and float(np.abs(way).max()) > _STOWED:
             hand = norm(times(arm.jacobian[:3], way))
             joints = way * min(1.0, SLOW / max(hand, 1e-9), SLOW / max(float(np.abs(way).max()) * 0.5, 1e-9))
         return after, np.clip(joints, arm.dq - DDQ_MAX * dt, arm.dq + DDQ_MAX * dt)
