@@ -1,4 +1,4 @@
-"""Who is let in at a Zenoh port of this user: programs that have the user's password.
+"""Access to a Zenoh port of this user, for programs that have the user's password.
 
 The password is made once, and kept in the user's private folder. Each port that asks for it has a file beside it: the
 whole Zenoh configuration of a client, which programs without this package load as it is.
@@ -82,7 +82,7 @@ def known_at(endpoint: str) -> dict[str, str | None] | None:
 
 
 def to_come(endpoint: str) -> bool:
-    """Whether nobody listens there yet: a twin of this user may, and will ask for the password."""
+    """True when nobody listens there yet: a twin of this user may, and will ask for the password."""
     port = _local_port(endpoint)
     return port is not None and not _somebody_listens(endpoint, port)
 

@@ -94,7 +94,7 @@ def all_running() -> list[Running]:
 
 
 def lives(pid: int) -> bool:
-    """Whether there is a process of this number."""
+    """True when there is a process of this number."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -71,7 +71,7 @@ class LidarLimits(NamedTuple):
 
 
 class Around(NamedTuple):
-    """What a limit reads of one step besides the arm."""
+    """Surroundings of the arm in one step, as limits read them."""
 
     points: Array  # seen outside the map, odometry frame [m], shape (m, 2)
     static: NDArray[np.bool_]  # shape (m,)
@@ -399,7 +399,7 @@ def lidar_limits(
 
 @njit(cache=True)
 def _near(point: Array, gripper: Array, targets: Array) -> bool:
-    """Whether a point is where it may matter to the gripper or to a grasp."""
+    """True for a point near enough to matter to the gripper or to a grasp."""
     dx, dy = point[0] - gripper[0], point[1] - gripper[1]
     if dx * dx + dy * dy < _NEAR * _NEAR:
         return True

@@ -46,7 +46,7 @@ _HAND_CLEAR = 0.35  # [m] radius beyond which a retracting hand keeps its height
 
 
 class Motion(NamedTuple):
-    """Where the hand should be now, and its velocity towards it."""
+    """Desired position of the hand, and its velocity towards it."""
 
     reference: Array  # desired tool centre point, odometry frame [m], shape (3,)
     error: float  # [m] of the tool centre point from there
