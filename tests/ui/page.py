@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from motm_twin.perf.processes import served
-from motm_twin.ui.framing import FIELD_OF_VIEW, overview
+from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 800, "height": 560}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--no-sandbox"]

@@ -9,11 +9,21 @@ import viser
 
 from motm_twin.bus.commands import Answer
 from motm_twin.bus.messages import SceneChoice, StatusMessage
-from motm_twin.ui.desk import Desk
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
+from motm_twin.ui.panel.panel import Panel
 
 ENCODE = msgspec.json.Encoder().encode
+
+
+def status(**changes):
+    """The state of a server that plays exp2."""
+    fields = {
+        "version": "motm.status/1", "twin": "frankie", "run": 1, "server_time": 0.0, "state": "playing", "text": "",
+        "scene": "exp2", "variant": "random", "seed": 0, "time": 1.0, "speed": 1.0, "actual_speed": 1.0,
+        "capped": False, "scenes": [],
+    }  # fmt: skip
+    return StatusMessage(**{**fields, **changes})
 
 
 class Client:
@@ -56,7 +66,7 @@ class Page:
 
 
 class Person:
-    """A desk, and somebody who uses it."""
+    """A panel, and somebody who uses it."""
 
     def __init__(self, server, scene, ticks):
         self.scene, self.ticks = scene, ticks
@@ -70,29 +80,26 @@ class Person:
         self.sent = []
         self.hub.send = self._send
         self.cameras = []
-        stage = SimpleNamespace(cameras=SimpleNamespace(choose=lambda client, preset: self.cameras.append(preset)))
-        self.desk = Desk(self.hub, self.visitor, stage)
+        scene_view = SimpleNamespace(cameras=SimpleNamespace(choose=lambda client, preset: self.cameras.append(preset)))
+        self.panel = Panel(self.hub, self.visitor, scene_view)
         self.widgets = server.gui._gui_input_handle_from_uuid
-        self.status = StatusMessage(
-            version="motm.status/1", twin="frankie", run=1, server_time=0.0, state="playing", text="", scene="exp2",
-            variant="random", seed=0, time=1.0, speed=1.0, actual_speed=1.0, capped=False,
-            scenes=[SceneChoice(name="exp2", title="", variants=["random", "still"]),
-                    SceneChoice(name="exp1", title="", variants=["trial1"])],
-            driver=self.visitor.sender, driver_name="Ann",
-        )  # fmt: skip
+        self.status = status(driver=self.visitor.sender, driver_name="Ann", scenes=[
+            SceneChoice(name="exp2", title="", variants=["random", "still"]),
+            SceneChoice(name="exp1", title="", variants=["trial1"]),
+        ])  # fmt: skip
 
     def _send(self, visitor, command):
         visitor.sent = time.monotonic()
         self.sent.append(command)
 
     def shows(self, state="playing", tick=None, **changes):
-        """Let the desk show this."""
+        """Let the panel show this."""
         self.status = msgspec.structs.replace(self.status, state=state, **changes)
         self.client.now = self.status
         newest = self.ticks[-1] if tick is None else tick
         at = self.hub.view.at
         shown = newest if at is None else self.hub.history.at(at)
-        self.desk.update(
+        self.panel.update(
             Shown(state=state, status=self.status, scene=self.scene, tick=shown, newest=newest, live=at is None,
                   view=self.hub.view)
         )  # fmt: skip
@@ -137,5 +144,5 @@ def label(widget):
 
 
 def grey_(widget):
-    """Whether a widget cannot be used now."""
+    """A widget that cannot be used now."""
     return getattr(widget._impl.props, "disabled", False)

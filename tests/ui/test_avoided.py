@@ -8,8 +8,8 @@ from fake_twin import FakeTwin, fake_scene
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage, TickMessage
 from motm_twin.model.furniture import pieces
-from motm_twin.ui.avoided import avoided, gripper, limited_by, unmapped
-from motm_twin.ui.why_cards import headline, now_card
+from motm_twin.ui.panel.explain import avoided, gripper, limited_by, unmapped
+from motm_twin.ui.panel.why_tab import headline, now_card
 
 replace = msgspec.structs.replace
 SCENE = fake_scene()

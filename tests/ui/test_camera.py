@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from motm_twin.model.scene_file import load_scene
-from motm_twin.ui.camera import Cameras
-from motm_twin.ui.framing import overview
+from motm_twin.ui.scene.cameras import Cameras, overview
 
 SCENE = load_scene("exp1", "trial1")
 LIBRARY = np.array([3.0, 3.0, 3.0])  # where a page of Viser puts its camera until it hears where

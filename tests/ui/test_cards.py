@@ -17,14 +17,22 @@ from motm_twin.model.arm_kernels import manipulability
 from motm_twin.model.joint_limits import DQ_MAX, READY
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene_file import load_scene
-from motm_twin.ui import words
-from motm_twin.ui.candidate_card import candidate_card, legend
-from motm_twin.ui.plots import Curve, number, path_of, plots_html
-from motm_twin.ui.samples import Part, Sample, sample
-from motm_twin.ui.score_card import score_card
-from motm_twin.ui.task_list import in_hand as in_hand_of
-from motm_twin.ui.timing_card import timing_card
-from motm_twin.ui.why_cards import READY_MANIPULABILITY, arm_card, bands, events_card, headline, now_card, task_card
+from motm_twin.ui.history import Part, Sample, sample
+from motm_twin.ui.panel import explain
+from motm_twin.ui.panel.drive_tab import in_hand as in_hand_of
+from motm_twin.ui.panel.plots import Curve, number, path_of, plots_html
+from motm_twin.ui.panel.score import score_card, timing_card
+from motm_twin.ui.panel.why_tab import (
+    READY_MANIPULABILITY,
+    arm_card,
+    bands,
+    candidate_card,
+    events_card,
+    headline,
+    legend,
+    now_card,
+    task_card,
+)
 
 EVIL = "<img src=x onerror=alert(1)>"
 replace = msgspec.structs.replace
@@ -63,26 +71,26 @@ def test_a_base_that_stands_moves_neither_forwards_nor_backwards(tick):
 def test_every_phase_has_a_sentence_about_its_target(tick, phase, kind):
     tick = with_arm(in_hand(tick, kind), phase=phase)
     target = tick.tasks[tick.task_index].target
-    assert target in words.doing(tick) or "cube1" in words.doing(tick)
+    assert target in explain.doing(tick) or "cube1" in explain.doing(tick)
 
 
 def test_the_sentence_tells_whether_the_base_moves(tick):
     reaching = with_arm(in_hand(tick, "pick"), phase="final")
-    assert words.doing(reaching) == "Closing in on cube1, on the move"
+    assert explain.doing(reaching) == "Closing in on cube1, on the move"
     still = replace(reaching, robot=replace(tick.robot, twist=[0.0, 0.0]))
-    assert words.doing(still) == "Closing in on cube1"
-    assert words.doing(with_arm(still, reason="waiting for a sight of cube1")) == "Looking for cube1"
+    assert explain.doing(still) == "Closing in on cube1"
+    assert explain.doing(with_arm(still, reason="waiting for a sight of cube1")) == "Looking for cube1"
     carrying = with_arm(in_hand(tick, "place"), phase="carry")
-    assert words.doing(carrying) == "Carrying cube1 to drop1"
+    assert explain.doing(carrying) == "Carrying cube1 to drop1"
 
 
 def test_the_end_tells_what_was_given_up(tick):
     done = [replace(task, status="done") for task in tick.tasks]
     ended = replace(tick, tasks=done, task_index=len(done), done=True, success=True)
-    assert words.doing(ended) == "All 8 tasks are done"
+    assert explain.doing(ended) == "All 8 tasks are done"
     failed = replace(ended, tasks=[replace(done[0], status="failed"), *done[1:]], success=False)
-    assert words.doing(failed) == "All tasks have ended; given up: pick cube1"
-    assert words.doing(replace(ended, tasks=[], task_index=0)) == "Nothing to do: the list of tasks is empty"
+    assert explain.doing(failed) == "All tasks have ended; given up: pick cube1"
+    assert explain.doing(replace(ended, tasks=[], task_index=0)) == "Nothing to do: the list of tasks is empty"
 
 
 def test_what_holds_the_robot_up_is_told_once_with_numbers(tick):
@@ -90,13 +98,13 @@ def test_what_holds_the_robot_up_is_told_once_with_numbers(tick):
         tick, active=["lidar moving"], limiter="moving obstacle", obstacle_distance=0.4, allowed_approach=0.257
     )
     tries = [replace(tick.tasks[0], attempts=2), *tick.tasks[1:]]
-    why = words.waiting(replace(slowed, stop_reason="braking: something", tasks=tries, task_index=0))
+    why = explain.waiting(replace(slowed, stop_reason="braking: something", tasks=tries, task_index=0))
     assert why[0] == ("Braking: something", True)
     assert why[1] == ("A moving obstacle 0.40 m away: the gripper may approach at 0.26 m/s", False)
     assert why[-1] == ("This is the second try at cube1", False)
     retreat = with_arm(slowed, allowed_approach=-0.1)
-    assert "backs off at 0.10 m/s or more" in words.slowed_by(retreat.arm)
-    assert words.slowed_by(with_arm(slowed, active=[]).arm) == ""
+    assert "backs off at 0.10 m/s or more" in explain.slowed_by(retreat.arm)
+    assert explain.slowed_by(with_arm(slowed, active=[]).arm) == ""
 
 
 def test_every_row_and_bound_of_the_arms_program_is_told_in_words(tick):
@@ -104,10 +112,10 @@ def test_every_row_and_bound_of_the_arms_program_is_told_in_words(tick):
     names = ["lidar static", "lidar moving", "lidar height", *_BOUND_NAMES]
     names += [f"{body} - {other}" for body in BODIES for other in ("lidar", "own base", "own column", "desk - left")]
     for name in names:
-        ((what, by),) = words.constraints(with_arm(tick, active=[name]).arm, READY)
+        ((what, by),) = explain.constraints(with_arm(tick, active=[name]).arm, READY)
         assert by != "at its limit"
         assert " - " not in what
-    assert words.constraints(with_arm(tick, active=["brand new"]).arm, READY) == [("brand new", "at its limit")]
+    assert explain.constraints(with_arm(tick, active=["brand new"]).arm, READY) == [("brand new", "at its limit")]
 
 
 def test_rows_are_grouped_and_joints_tell_their_limit(tick):
@@ -118,7 +126,7 @@ def test_rows_are_grouped_and_joints_tell_their_limit(tick):
     )  # fmt: skip
     q = np.array(READY)
     q[3] = -0.2
-    assert words.constraints(step.arm, q) == [
+    assert explain.constraints(step.arm, q) == [
         ("joint 4", "near the end of its range"),
         ("joint 2", "at full speed"),
         ("joints 1, 3", "accelerates all it may"),
@@ -274,7 +282,7 @@ def test_names_from_outside_are_escaped_on_every_card(tick):
 
 
 def test_a_finished_run_stands_beside_the_published_times_and_says_its_end_once(tick):
-    from motm_twin.ui.score_card import result_card
+    from motm_twin.ui.panel.score import result_card
 
     ended = [replace(task, status="done") for task in tick.tasks]
     done = replace(

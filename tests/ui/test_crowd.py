@@ -12,8 +12,17 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.ui.crowd import BURST, BYTES, BYTES_BURST, LARGEST, MESSAGES, VISITORS, Allowance, Crowd
-from motm_twin.ui.guard import open_page
+from motm_twin.ui.page_server import (
+    BURST,
+    BYTES,
+    BYTES_BURST,
+    LARGEST,
+    MESSAGES,
+    VISITORS,
+    Allowance,
+    PageLimit,
+    open_page,
+)
 
 MOST = 3
 
@@ -70,11 +79,11 @@ def test_a_page_that_is_not_counted_yet_when_the_last_place_is_taken_is_closed()
         async def close(self, code, text):
             closed.append((code, text))
 
-    crowd = Crowd(1)
-    crowd.here = 1
-    asyncio.run(crowd.bounded(None)(Late()))
-    assert closed == [(1013, crowd.text())]
-    assert crowd.here == 1
+    limit = PageLimit(1)
+    limit.here = 1
+    asyncio.run(limit.bounded(None)(Late()))
+    assert closed == [(1013, limit.text())]
+    assert limit.here == 1
 
 
 def test_a_page_sends_as_fast_as_people_move_and_no_faster():
@@ -112,10 +121,10 @@ def test_a_flood_is_read_at_the_rate_that_is_allowed():
             slept.append(seconds)
             clock[0] += seconds
 
-        monkeypatch.setattr("motm_twin.ui.crowd.asyncio.sleep", sleep)
-        monkeypatch.setattr("motm_twin.ui.crowd.time.monotonic", lambda: clock[0])
+        monkeypatch.setattr("motm_twin.ui.page_server.asyncio.sleep", sleep)
+        monkeypatch.setattr("motm_twin.ui.page_server.time.monotonic", lambda: clock[0])
         with pytest.raises(EOFError):
-            await Crowd().bounded(handler)(Flood())
+            await PageLimit().bounded(handler)(Flood())
 
     with pytest.MonkeyPatch.context() as patch:
         asyncio.run(run(patch))
@@ -149,7 +158,7 @@ def test_no_page_at_all_is_refused():
 def test_memory_is_given_back_after_pages_have_left(page, monkeypatch, loaded):
     """Once for all that leave at about the same time."""
     given = []
-    monkeypatch.setattr("motm_twin.ui.crowd.give_back", lambda: given.append(time.monotonic()))
+    monkeypatch.setattr("motm_twin.ui.page_server.give_back", lambda: given.append(time.monotonic()))
     if not loaded:
         monkeypatch.setattr(PageReader, "send", lambda *_: None)
     readers = [PageReader(page.get_port()) for _ in range(MOST)]

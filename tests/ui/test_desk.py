@@ -8,31 +8,25 @@ import pytest
 import viser
 from hypothesis import given
 from hypothesis import strategies as st
+from person import status as of_server
 
 from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, Load, MoveTask, Pause, Play, TakeWheel
-from motm_twin.bus.messages import StatusMessage, TaskMessage
-from motm_twin.ui.cards import status_card
-from motm_twin.ui.disturb import Thing
-from motm_twin.ui.disturb_tab import about, faults
-from motm_twin.ui.history import Span
+from motm_twin.bus.messages import TaskMessage
+from motm_twin.ui.history import Playback, Span
 from motm_twin.ui.hub import Hub, View, clean_name
-from motm_twin.ui.playback import Playback
-from motm_twin.ui.replay_tab import file_name, rerun_text, slider_start
-from motm_twin.ui.task_list import ended_lines, jobs, label, moved
-from motm_twin.ui.wheel import asked_line, driver_line
-from motm_twin.ui.widgets import Changing
+from motm_twin.ui.panel.disturb import Thing
+from motm_twin.ui.panel.disturb_tab import about, faults
+from motm_twin.ui.panel.drive_tab import ended_lines, jobs, label, moved
+from motm_twin.ui.panel.panel import asked_line, driver_line, status_card
+from motm_twin.ui.panel.replay_tab import file_name, rerun_text, slider_start
+from motm_twin.ui.panel.widgets import Block
 
 HOSTILE = '<img src=x onerror="alert(1)">&"\''
 SPAN = Span(100, 500, 5.0, 25.0)
 
 
 def status(driver="", name="", **changes):
-    fields = {
-        "version": "motm.status/1", "twin": "frankie", "run": 1, "server_time": 0.0, "state": "playing", "text": "",
-        "scene": "exp2", "variant": "random", "seed": 0, "time": 12.34, "speed": 1.0, "actual_speed": 1.0,
-        "capped": False, "scenes": [],
-    }  # fmt: skip
-    return StatusMessage(driver=driver, driver_name=name, **{**fields, **changes})
+    return of_server(driver=driver, driver_name=name, **{"time": 12.34, **changes})
 
 
 def task(kind, target, state="waiting", attempts=0):
@@ -122,17 +116,16 @@ def test_notes_do_not_pile_up_and_the_same_is_not_shown_twice(hub):
 def test_rows_of_buttons_turn_grey_too():
     server = viser.ViserServer("127.0.0.1", 0, verbose=False)
     try:
-        changing = Changing()
-        row = changing(server.gui.add_button_group("", ("a", "b")))
-        button = changing(server.gui.add_button("c"))
+        block = Block(server.gui, SimpleNamespace(driving=lambda act: act), None)
+        row, button = block.row(("a", "b"), print), block.button("c", print)
         sent = []
         row._queue_update = lambda name, value: sent.append((name, value))
         for on in (False, False, True):
-            changing.enable(on)
+            block.enable(on)
             assert button.disabled is not on
         assert sent == [("disabled", True), ("disabled", False)]
-        changing.enable(False)
-        assert changing(server.gui.add_button_group("", ("d",)))._impl.props.disabled
+        block.enable(False)
+        assert block.row(("d",), print)._impl.props.disabled
     finally:
         server.stop()
 

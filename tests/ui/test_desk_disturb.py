@@ -12,7 +12,7 @@ from motm_twin.bus.ranges import check_command
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
-from motm_twin.ui import disturb
+from motm_twin.ui.panel import disturb
 
 
 @pytest.fixture(scope="module")

@@ -34,8 +34,7 @@ from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
 from motm_twin.ui.hub import Shown
-from motm_twin.ui.why_cards import headline
-from motm_twin.ui.widgets import Html
+from motm_twin.ui.panel.why_tab import headline
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +59,7 @@ def person(scene, ticks):
 
 
 def test_it_can_be_shown_before_there_is_a_twin(person):
-    person.desk.update(
+    person.panel.update(
         Shown(state="waiting", status=None, scene=None, tick=None, newest=None, live=True, view=person.hub.view)
     )
     person.shows("lost")
@@ -70,19 +69,17 @@ def test_it_can_be_shown_before_there_is_a_twin(person):
 
 def test_what_the_robot_does_stands_above_the_tabs_and_nowhere_else(person):
     person.shows()
-    said = headline(person.ticks[-1], person.scene)
-    assert [html._handle.content for html in texts(person.desk) if "big" in html._handle.content] == [said]
-    assert (
-        person.desk._headline._handle._impl.parent_container_id == person.desk._status._handle._impl.parent_container_id
-    )
+    said, page = headline(person.ticks[-1], person.scene), person.panel
+    assert [html.content for html in texts(page) if "big" in html.content] == [said]
+    assert page._headline._impl.parent_container_id == page._status._impl.parent_container_id
 
 
 def texts(part, depth=3):
-    """Every Html of a desk and of its parts."""
-    found = [value for value in vars(part).values() if isinstance(value, Html)]
-    parts = [*vars(part).values(), *vars(part).get("_tabs", [])]
+    """Every piece of HTML of a panel and of its parts."""
+    parts = [*vars(part).values(), *vars(part).get("_blocks", [])]
+    found = [value for value in parts if isinstance(value, viser.GuiHtmlHandle)]
     inner = [p for p in parts if depth and type(p).__module__.startswith("motm_twin.ui") and hasattr(p, "__dict__")]
-    return found + [html for part in inner if not isinstance(part, Html) for html in texts(part, depth - 1)]
+    return found + [html for part in inner for html in texts(part, depth - 1)]
 
 
 def test_play_speed_and_scene(person):
@@ -97,7 +94,7 @@ def test_play_speed_and_scene(person):
 
 
 def test_a_run_that_has_ended_begins_anew_by_its_button_and_by_no_key_that_was_meant_to_pause_it(person):
-    drive = person.desk._tabs[0]
+    drive = person.panel._blocks[1]
     drive.toggle()
     assert person.sent == [Pause()]
     person.shows("done")

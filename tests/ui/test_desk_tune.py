@@ -1,21 +1,24 @@
 """Sliders and the twin's parameters: what is sent, what is followed, what a comparison takes."""
 
 import pytest
+from person import status
 
 from motm_twin.bus.commands import SetParameter
-from motm_twin.bus.messages import MethodChoice, StatusMessage
+from motm_twin.bus.messages import MethodChoice
 from motm_twin.bus.methods import MethodLibrary
 from motm_twin.control.tuning import PARAMETERS, PRESETS, check, parameter
 from motm_twin.methods.fast import FAST
-from motm_twin.ui.tune_tab import summary
-from motm_twin.ui.tuning_values import DEFAULTS, HOLD, INTERVAL, TuningValues, hint, marks, shipped_with, title
-
-
-def status(**changes):
-    return StatusMessage(
-        version="motm.status/1", twin="frankie", run=1, server_time=0.0, state="playing", text="", scene="exp2",
-        variant="random", seed=0, time=1.0, speed=1.0, actual_speed=1.0, capped=False, scenes=[], **changes,
-    )  # fmt: skip
+from motm_twin.ui.panel.tune_tab import (
+    DEFAULTS,
+    HOLD,
+    INTERVAL,
+    TuningValues,
+    hint,
+    marks,
+    shipped_with,
+    summary,
+    title,
+)
 
 
 def driven_by(method):

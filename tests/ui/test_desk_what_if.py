@@ -12,9 +12,9 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.record.changes import parse_changes
 from motm_twin.record.session import encode_session
 from motm_twin.twin import Twin
-from motm_twin.ui.other_view import labels
+from motm_twin.ui.panel.tune_tab import begun_since, result
+from motm_twin.ui.scene.robot_view import labels
 from motm_twin.ui.what_if import RUNS, Other, Outcome, Runs, State, WhatIf, arguments
-from motm_twin.ui.what_if_panel import begun_since, result
 
 HOSTILE = "<script>alert(1)</script>"
 

@@ -12,7 +12,7 @@ from websockets.asyncio.client import connect
 
 from motm_twin.bus.session import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.ui.guard import Guard, check_token, open_page, page_url
+from motm_twin.ui.page_server import Guard, check_token, open_page, page_url
 
 TOKEN = "0123456789abcdef0123456789abcdef"
 OTHER_TOKEN = TOKEN[::-1]

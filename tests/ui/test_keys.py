@@ -6,8 +6,8 @@ import http.client
 import pytest
 from page import serving, until, visiting
 
-from motm_twin.ui.guard import open_page
 from motm_twin.ui.page_scripts import SCRIPTS
+from motm_twin.ui.page_server import open_page
 
 
 @pytest.mark.parametrize("accepted", ["identity", "gzip"])

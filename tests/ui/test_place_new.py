@@ -12,13 +12,11 @@ from fake_twin import FakeTwin, fake_scene
 from motm_twin.bus.commands import Answer, MoveBody, TakeWheel
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import TickMessage
-from motm_twin.ui.aim import Surroundings
-from motm_twin.ui.drag import Drag
-from motm_twin.ui.framing import FIELD_OF_VIEW, overview
-from motm_twin.ui.free_place import NEAREST, free_place
 from motm_twin.ui.hub import View
-from motm_twin.ui.pointing import Pointing
-from motm_twin.ui.sight import Sight
+from motm_twin.ui.panel.disturb import NEAREST, free_place
+from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, Visibility, overview
+from motm_twin.ui.scene.drag import Drag
+from motm_twin.ui.scene.picking import Clicks, Surroundings
 
 SCENE = fake_scene()
 TABLE = (4.2, 1.77)
@@ -68,15 +66,15 @@ def test_without_a_way_it_stands_before_the_robot_and_out_of_sight_only_when_not
 
 
 def test_behind_a_table_or_beside_the_picture_is_out_of_sight(tick, surroundings):
-    low = Sight(camera((TABLE[0], 7.0, 0.9), (TABLE[0], 1.77, 0.6)), surroundings, tick)
+    low = Visibility(camera((TABLE[0], 7.0, 0.9), (TABLE[0], 1.77, 0.6)), surroundings, tick)
     assert low.sees((TABLE[0] + 0.7, 3.0), 0.8)
     assert not low.sees((TABLE[0], 0.5), 0.8)  # behind the table
     assert not low.sees((TABLE[0] + 6.0, 3.0), 0.8)
     assert not low.sees((TABLE[0], 9.0), 0.8)
-    high = Sight(camera(*overview(SCENE)), surroundings, tick)
+    high = Visibility(camera(*overview(SCENE)), surroundings, tick)
     x, y = high.middle()
     assert high.sees((x, y), 0.5) or (x, y) == pytest.approx(TABLE, abs=1.5)
-    assert Sight(camera((0.0, 0.0, 1.0), (3.0, 0.0, 1.5)), surroundings, tick).middle() is None
+    assert Visibility(camera((0.0, 0.0, 1.0), (3.0, 0.0, 1.5)), surroundings, tick).middle() is None
 
 
 class Hub:
@@ -90,6 +88,9 @@ class Hub:
 
     def drives(self, _):
         return True
+
+    def refusal(self, _):
+        return ""
 
     def keep_wheel(self, _):
         self.kept += 1
@@ -110,8 +111,7 @@ def pointing(tick, surroundings):
     def on_click():
         return lambda act: act
 
-    drag = SimpleNamespace(refusal=lambda _: "")
-    made = Pointing(SimpleNamespace(scene=SimpleNamespace(on_click=on_click)), Hub(), drag)
+    made = Clicks(SimpleNamespace(scene=SimpleNamespace(on_click=on_click)), Hub())
     made.tick, made.surroundings = tick, surroundings
     return made
 

@@ -12,7 +12,7 @@ from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage, TickMessage
 from motm_twin.bus.session import free_port
 from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.stage import Stage
+from motm_twin.ui.scene.scene_view import SceneView
 from motm_twin.ui.what_if import Other
 
 FIXED = ("/scene/", "/light/", "/furniture/")
@@ -31,7 +31,7 @@ def stage():
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     with TwinClient(f"tcp/127.0.0.1:{free_port()}") as client:
         hub = Hub(server, client)
-        drawn = Stage(server, hub)
+        drawn = SceneView(server, hub)
         yield drawn
         drawn.stop()
         hub.stop()

@@ -14,21 +14,25 @@ from motm_twin.bus.messages import GRID_VERSION, BodyMessage, GridInfo, TickMess
 from motm_twin.model.scene import Box, Cylinder, DriveTo, Prism, Solid
 from motm_twin.model.scene_file import load_scene
 from motm_twin.ui import colours
-from motm_twin.ui.aim import Ray, Surroundings
-from motm_twin.ui.backdrop import floor_glb, ground_glb, sky_glb
-from motm_twin.ui.drag import on_plane, throw
-from motm_twin.ui.framing import ASPECT, FIELD_OF_VIEW, extent, from_above, overview
-from motm_twin.ui.free_place import free_place, is_free
-from motm_twin.ui.furniture import bin_mesh, loose_box_mesh, solids_mesh
-from motm_twin.ui.light import SHADOW_SHIFT, on_screen, shining
-from motm_twin.ui.marks_view import believed, drive_points, target_spot
-from motm_twin.ui.plan_view import dashes, relative_cost
-from motm_twin.ui.pointing import waiting_job
-from motm_twin.ui.robot_view import GHOST_GAP, GHOSTS, ghost_poses
-from motm_twin.ui.rotation import matrices_wxyz, yaw_wxyz
-from motm_twin.ui.selection_view import spot_of
-from motm_twin.ui.shadows import box_shadow_glb
-from motm_twin.ui.textures import MARGIN, floor, ground_tone
+from motm_twin.ui.panel.disturb import free_place, is_free
+from motm_twin.ui.scene.cameras import ASPECT, FIELD_OF_VIEW, extent, from_above, overview
+from motm_twin.ui.scene.drag import on_plane, spot_of, throw
+from motm_twin.ui.scene.furniture import bin_mesh, loose_box_mesh, solids_mesh
+from motm_twin.ui.scene.light import (
+    MARGIN,
+    SHADOW_SHIFT,
+    box_shadow_glb,
+    floor,
+    floor_glb,
+    ground_glb,
+    ground_tone,
+    on_screen,
+    shining,
+    sky_glb,
+)
+from motm_twin.ui.scene.picking import Ray, Surroundings, waiting_job
+from motm_twin.ui.scene.plan_view import believed, dashes, drive_points, relative_cost, target_spot
+from motm_twin.ui.scene.robot_view import GHOST_GAP, GHOSTS, ghost_poses
 
 
 @pytest.fixture
@@ -90,11 +94,10 @@ def test_a_loose_box_has_its_size():
 
 def test_the_floor_covers_the_map_and_goes_over_into_the_ground_around():
     scene = fake_scene()
-    picture, centre, size = floor(scene)
-    assert size[0] == scene.bounds[2] - scene.bounds[0] + 2 * MARGIN
-    corner = np.asarray(picture, dtype=float)[0, 0]
-    assert np.abs(corner - ground_tone(np.array(0.5 * math.hypot(*size)))).max() < 1.5
-    for mesh in (floor_glb(scene), ground_glb(centre), sky_glb(centre)):
+    picture, (x, y, u, v) = floor(scene)
+    assert u - x == scene.bounds[2] - scene.bounds[0] + 2 * MARGIN
+    assert np.abs(picture[0, 0] - ground_tone(np.array(0.5 * math.hypot(u - x, v - y)))).max() < 1.5
+    for mesh in (floor_glb(scene), ground_glb((1.0, 2.0)), sky_glb((1.0, 2.0))):
         assert mesh[:4] == b"glTF"
 
 
@@ -111,16 +114,6 @@ def test_a_shadow_lies_under_its_body_and_away_from_the_sun():
     assert (low[:2] < -0.2).all()
     assert (high[:2] > 0.2).all()
     assert high[0] > 0.2 + shift[0]
-
-
-def test_quaternions_turn_like_their_matrices():
-    rng = np.random.default_rng(1)
-    q = rng.normal(size=(200, 4))
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    R = np.array([trimesh.transformations.quaternion_matrix(row)[:3, :3] for row in q])
-    assert np.abs(np.abs((matrices_wxyz(R) * q).sum(axis=1)) - 1.0).max() < 1e-12
-    turn = trimesh.transformations.quaternion_matrix(yaw_wxyz(0.7))
-    np.testing.assert_allclose(turn[:2, :2] @ [1.0, 0.0], [math.cos(0.7), math.sin(0.7)])
 
 
 def test_ghosts_keep_apart_and_are_few():

@@ -6,8 +6,7 @@ import threading
 from viser._messages import RemoveNotificationMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
-from motm_twin.ui.guard import LOOPBACK, open_page
-from motm_twin.ui.threads import LoopEvent, write_through_the_loop
+from motm_twin.ui.page_server import LOOPBACK, LoopEvent, open_page, write_through_the_loop
 
 WRITERS, MESSAGES = 4, 300
 WAITERS = 20  # as many pages

@@ -6,9 +6,8 @@ from fake_twin import FakeTwin, fake_scene
 
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import TickMessage
-from motm_twin.ui import cards
-from motm_twin.ui.candidate_card import candidate_card
-from motm_twin.ui.why_cards import task_card
+from motm_twin.ui.panel.panel import status_card
+from motm_twin.ui.panel.why_tab import candidate_card, task_card
 
 EVIL = "<img src=x onerror=alert(1)>"
 
@@ -24,7 +23,7 @@ def test_names_from_outside_are_escaped_on_every_card(tick):
     tasks = [msgspec.structs.replace(task, target=EVIL) for task in tick.tasks]
     placement = msgspec.structs.replace(tick.placement, rejected=[EVIL] * 72)
     bad = msgspec.structs.replace(tick, tasks=tasks, stop_reason=EVIL, placement=placement)
-    texts = [task_card(bad), candidate_card(placement, 0), cards.status_card("error", None, EVIL)]
+    texts = [task_card(bad), candidate_card(placement, 0), status_card("error", None, EVIL)]
     for text in texts:
         assert "<img" not in text
         assert "&lt;img" in text

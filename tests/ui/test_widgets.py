@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from motm_twin.ui import widgets
-from motm_twin.ui.widgets import HOLD, follow
+from motm_twin.ui.panel import widgets
+from motm_twin.ui.panel.widgets import HOLD, follow
 
 
 @pytest.fixture
