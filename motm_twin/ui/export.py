@@ -43,7 +43,7 @@ class Frame(msgspec.Struct, frozen=True):
 
 
 class Recording(msgspec.Struct, frozen=True):
-    """What the drawing process is given."""
+    """Input of the drawing process."""
 
     scene: bytes  # Scene as JSON
     frames: list[Frame]

@@ -1,4 +1,4 @@
-"""What if: a run once more in other processes, as it was and with other parameters, for everybody to see.
+"""Comparisons (what if): a run once more in other processes, as it was and with other parameters, for everybody to see.
 
 ``python -m motm_twin.record.what_if`` computes both and writes JSON lines; here they are read and kept.
 """
