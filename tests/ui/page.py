@@ -40,7 +40,7 @@ def chromium_path():
     pytest.skip(reason)
 
 
-def until(condition, timeout, what):
+def until(condition, timeout=SHOWN, what="it does not happen"):
     """Wait for something that must happen; how fast is not the test's business."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:

@@ -8,11 +8,12 @@ import msgspec
 import viser
 
 from motm_twin.bus.commands import Answer
-from motm_twin.bus.messages import SceneChoice, StatusMessage
+from motm_twin.bus.messages import BeliefMessage, SceneChoice, StatusMessage
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.panel.panel import Panel
 
+replace = msgspec.structs.replace
 ENCODE = msgspec.json.Encoder().encode
 
 
@@ -24,6 +25,19 @@ def status(**changes):
         "capped": False, "scenes": [],
     }  # fmt: skip
     return StatusMessage(**{**fields, **changes})
+
+
+def with_arm(tick, **changes):
+    """A tick with other arm steps."""
+    return replace(tick, arm=[replace(step, **changes) for step in tick.arm])
+
+
+def in_hand(tick, kind):
+    """The tick with this kind of task active, and the cube held when it is to be placed."""
+    number = next(k for k, task in enumerate(tick.tasks) if task.kind == kind)
+    held = kind == "place"
+    belief = BeliefMessage(name="cube1", position=[0, 0, 0], yaw=0.0, position_sd=0.0, seen=True, held=held)
+    return replace(tick, task_index=number, beliefs=[belief])
 
 
 class Client:
@@ -94,7 +108,7 @@ class Person:
 
     def shows(self, state="playing", tick=None, **changes):
         """Let the panel show this."""
-        self.status = msgspec.structs.replace(self.status, state=state, **changes)
+        self.status = replace(self.status, state=state, **changes)
         self.client.now = self.status
         newest = self.ticks[-1] if tick is None else tick
         at = self.hub.view.at

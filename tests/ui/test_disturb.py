@@ -1,18 +1,21 @@
-"""What the Disturb tab sends, from what is shown."""
+"""The commands of the Disturb tab, from what is shown, and free places for new bodies."""
 
 import math
 
 import msgspec
+import numpy as np
 import pytest
 
+from motm_twin.bus.client import Grid
 from motm_twin.bus.commands import AddObstacle, FreezeBody, MoveBody, MoveObject, RemoveBody
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.messages import BodyMessage
+from motm_twin.bus.messages import GRID_VERSION, BodyMessage, GridInfo
 from motm_twin.bus.ranges import check_command
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
 from motm_twin.ui.panel import disturb
+from motm_twin.ui.panel.disturb import NEAREST, free_place, is_free
 
 
 @pytest.fixture(scope="module")
@@ -111,3 +114,44 @@ def test_an_added_body_is_an_edit_the_twin_takes(scene):
     added, _ = disturb.new_body("box", scene, tick, None)
     twin.post(added)
     assert any(isinstance(edit, AddObstacle) for edit in twin.advance().edits)
+
+
+def test_a_new_obstacle_comes_to_free_floor_away_from_others():
+    cells = np.zeros((100, 100), dtype=np.uint8)
+    cells[:, 60:] = 255  # x > 1 m is occupied
+    info = GridInfo(
+        version=GRID_VERSION, run=1, encoding="", resolution=0.05, origin=[-2.0, -2.0], width=100, height=100, stamp=0.0
+    )
+    grid = Grid(info=info, cells=cells)
+    taken = []
+    for _ in range(4):
+        x, y, _, _ = free_place([0.0, 0.0, math.pi], grid, taken)
+        assert x < 0.62
+        assert all(math.dist((x, y), other) > 0.7 for other in taken)
+        assert is_free(grid, (x, y))
+        taken.append((x, y))
+    assert not is_free(grid, (0.9, 0.0))
+    assert not is_free(grid, (9.0, 0.0))
+
+
+def test_it_stands_on_the_way_and_says_so():
+    place = free_place([0.0, 0.0, 0.0], None, [], way=[(0.0, 0.0), (1.0, 0.0), (1.0, 3.0)])
+    assert (place.x, place.y) == pytest.approx((1.0, 0.5))
+    assert place.where == "1.5 m before the robot, on its way"
+    taken = free_place([0.0, 0.0, 0.0], None, [place[:2]], way=[(0.0, 0.0), (1.0, 0.0), (1.0, 3.0)])
+    assert math.dist(taken[:2], place[:2]) > 0.7
+
+
+def test_without_a_way_it_stands_before_the_robot_and_out_of_sight_only_when_nothing_else_is_left():
+    before = free_place([0.0, 0.0, math.pi / 2], None, [])
+    assert (before.x, before.y) == pytest.approx((0.0, 1.5)) and before.where == "1.5 m before the robot"
+    seen = free_place([0.0, 0.0, 0.0], None, [], sees=lambda p: p[1] > 1.0)
+    assert seen.y > 1.0
+    looked_at = free_place([0.0, 0.0, 0.0], None, [], look_at=(9.0, 9.0), sees=lambda p: math.dist(p, (9, 9)) < 1)
+    assert (looked_at.x, looked_at.y) == (9.0, 9.0) and looked_at.where == "in the middle of the view"
+    assert free_place([0.0, 0.0, 0.0], None, [], sees=lambda _: False).x == 1.5
+    assert all(
+        math.hypot(*free_place([0.0, 0.0, 0.0], None, [], look_at=(0.2, 0.0), sees=lambda p, k=k: p[0] < k)[:2])
+        >= NEAREST
+        for k in (-2.0, 0.0, 1.0)
+    )

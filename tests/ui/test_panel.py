@@ -1,5 +1,6 @@
-"""What the panel computes without a browser: who drives, names, the list of tasks, looking back, file names."""
+"""The panel and its hub without a browser: who drives, names, the list of tasks, looking back, file names."""
 
+import asyncio
 import threading
 import time
 from types import SimpleNamespace
@@ -8,18 +9,20 @@ import pytest
 import viser
 from hypothesis import given
 from hypothesis import strategies as st
+from page import until
 from person import status as of_server
 
 from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, Load, MoveTask, Pause, Play, TakeWheel
 from motm_twin.bus.messages import TaskMessage
 from motm_twin.ui.history import Playback, Span
 from motm_twin.ui.hub import Hub, View, clean_name
+from motm_twin.ui.panel import widgets
 from motm_twin.ui.panel.disturb import Thing
 from motm_twin.ui.panel.disturb_tab import about, faults
 from motm_twin.ui.panel.drive_tab import ended_lines, jobs, label, moved
 from motm_twin.ui.panel.panel import asked_line, driver_line, status_card
 from motm_twin.ui.panel.replay_tab import file_name, rerun_text, slider_start
-from motm_twin.ui.panel.widgets import Block
+from motm_twin.ui.panel.widgets import HOLD, Block, follow
 
 HOSTILE = '<img src=x onerror="alert(1)">&"\''
 SPAN = Span(100, 500, 5.0, 25.0)
@@ -173,12 +176,12 @@ class TestWheel:
         assert not hub.command(visitor, MoveTask(index=1, to=0)).ok
         assert visitor.client.notes == ["still loading exp2: try again when it runs"]
         hub.send(visitor, Play())
-        wait_for(lambda: "comes next" in visitor.client.notes[-1])
+        until(lambda: "comes next" in visitor.client.notes[-1])
         hub.send(visitor, Load(scene="exp1"))
         assert not any(isinstance(command, Load | Play) for command, *_ in client.told)
         client.answer = Answer(ok=True)
         client.state = "playing"
-        wait_for(lambda: client.told[-1][0] == Load(scene="exp1"))
+        until(lambda: client.told[-1][0] == Load(scene="exp1"))
         client.answer = Answer(ok=False, reason="the twin server does not answer")
         hub.command(visitor, Pause())
         assert visitor.client.notes[-1] == "the twin server does not answer"
@@ -196,19 +199,8 @@ class TestWheel:
         assert hub.asker() is None
 
 
-def wait_for(condition):
-    """Wait for another thread."""
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def run(callback, visitor):
     """Trigger a callback as Viser does."""
-    import asyncio
-    from types import SimpleNamespace
-
     asyncio.run(callback(SimpleNamespace(client_id=visitor.client.client_id)))
 
 
@@ -335,3 +327,35 @@ def test_the_headline_shows_the_time_that_is_looked_at():
     assert "12.34 s" in status_card("playing", status(), "") and "Running" in status_card("playing", status(), "")
     back = status_card("playing", status(), "", looked_at=4.25)
     assert "4.25 s" in back and "Looking back" in back and "12.34 s" not in back and "Running" not in back
+
+
+@pytest.fixture
+def box():
+    impl = SimpleNamespace(update_timestamp=0.0)
+
+    class Box:
+        value, _impl = True, impl
+
+        @property
+        def update_timestamp(self):
+            return impl.update_timestamp
+
+    return Box()
+
+
+def test_what_a_person_has_just_chosen_is_not_set_back(box, monkeypatch):
+    """Viser has set the new value and not called back yet: the program still wants the old one."""
+    now = time.time()
+    box.value, box._impl.update_timestamp = False, now
+    follow(box, True)
+    assert box.value is False
+    monkeypatch.setattr(widgets, "time", SimpleNamespace(time=lambda: now + HOLD + 0.1))
+    follow(box, True)  # nobody took it over: it was refused, say
+    assert box.value is True
+
+
+def test_what_others_choose_is_followed_at_once(box):
+    follow(box, False)
+    follow(box, True)
+    assert box.value is True
+    assert box.update_timestamp == 0.0

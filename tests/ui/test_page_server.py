@@ -1,6 +1,7 @@
-"""The door of the page, over real sockets. If a newer Viser slips past the guard, these fail."""
+"""The server of the page, over real sockets. If a newer Viser slips past the guard, these fail."""
 
 import asyncio
+import gzip
 import http.client
 import socket
 import threading
@@ -8,14 +9,27 @@ from pathlib import Path
 
 import pytest
 import websockets
+from viser._messages import RemoveNotificationMessage
+from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio.client import connect
 
 from motm_twin.bus.session import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.ui.page_server import Guard, check_token, open_page, page_url
+from motm_twin.ui.page_scripts import SCRIPTS
+from motm_twin.ui.page_server import (
+    LOOPBACK,
+    Guard,
+    LoopEvent,
+    check_token,
+    open_page,
+    page_url,
+    write_through_the_loop,
+)
 
 TOKEN = "0123456789abcdef0123456789abcdef"
 OTHER_TOKEN = TOKEN[::-1]
+WRITERS, MESSAGES = 4, 300
+WAITERS = 20  # as many pages
 
 
 @pytest.fixture
@@ -265,3 +279,74 @@ def test_every_address_of_the_loopback_is_this_machine():
     server = open_page("127.0.0.2", 0)
     assert get_at("127.0.0.2", server.get_port()) == 200
     server.stop()
+
+
+@pytest.mark.parametrize("accepted", ["identity", "gzip"])
+def test_the_page_carries_our_scripts_whole_and_once(accepted):
+    server = open_page("127.0.0.1", 0)
+    try:
+        for _ in range(2):
+            connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+            connection.request("GET", "/", headers={"Accept-Encoding": accepted})
+            answer = connection.getresponse()
+            body = answer.read()
+            connection.close()
+            assert answer.getheader("Content-Encoding") == accepted
+            assert int(answer.getheader("Content-Length")) == len(body)
+            page = gzip.decompress(body) if accepted == "gzip" else body
+            assert [page.count(script.encode()) for script in SCRIPTS] == [1] * len(SCRIPTS)
+            assert page.rstrip().endswith(b"</html>")
+    finally:
+        server.stop()
+
+
+def test_another_thread_does_not_set_the_event_past_the_loop():
+    event, waiting = LoopEvent(), []
+
+    async def wait() -> None:
+        waiting.append(asyncio.ensure_future(event.wait()))
+        await asyncio.sleep(0)
+        await asyncio.to_thread(event.set)
+        assert not event.is_set() and not waiting[0].done()
+        event.set()
+        await waiting[0]
+
+    asyncio.run(wait())
+
+
+def test_what_threads_write_wakes_every_page_that_waits():
+    write_through_the_loop()
+    loop = asyncio.new_event_loop()
+
+    async def page(buffer: AsyncMessageBuffer, seen: list[int]) -> None:
+        while seen[0] < WRITERS * MESSAGES:
+            await buffer.message_event.wait()
+            buffer.message_event.clear()
+            seen[0] = buffer.message_counter
+
+    async def everything() -> None:
+        buffer = AsyncMessageBuffer(loop, persistent_messages=False)
+        pages = [asyncio.ensure_future(page(buffer, [0])) for _ in range(WAITERS)]
+
+        def write() -> None:
+            for _ in range(MESSAGES):
+                buffer.push(RemoveNotificationMessage("note"))
+
+        threads = [threading.Thread(target=write) for _ in range(WRITERS)]
+        for thread in threads:
+            thread.start()
+        await asyncio.wait_for(asyncio.gather(*pages), 60.0)
+        for thread in threads:
+            thread.join()
+
+    loop.run_until_complete(everything())
+    loop.close()
+
+
+def test_the_page_is_opened_with_such_events():
+    server = open_page(LOOPBACK, 0)
+    try:
+        buffer = server._websock_server.get_message_buffer()
+        assert isinstance(buffer.message_event, LoopEvent)
+    finally:
+        server.stop()

@@ -1,11 +1,11 @@
-"""Comparing a run with others: what the process says is read, shown at one time, and the process ends when asked."""
+"""Comparing a run with others: lines of the process are read, shown at one time, and it ends when asked."""
 
 import threading
-import time
 from types import SimpleNamespace
 
 import msgspec
 import pytest
+from page import until
 
 from motm_twin.control.tuning import PARAMETERS, check
 from motm_twin.model.scene_file import load_scene
@@ -205,10 +205,3 @@ class TestProcess:
         assert what_if.others(99.0)[1].movers == (pytest.approx((0.5, 2.0, *temi)),)
         now[0] += 1.0
         assert what_if.others(99.0)[1].movers == ()
-
-
-def until(condition, timeout=120.0):
-    deadline = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""At most so many pages at once, and no more from each than it may send; what they took is given back."""
+"""At most so many pages at once, and no more from each than it may send; memory is given back."""
 
 import asyncio
 import http.client
@@ -9,6 +9,7 @@ import time
 from contextlib import suppress
 
 import pytest
+from page import until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from motm_twin.perf.page_reader import PageReader
@@ -32,13 +33,6 @@ def page():
     server = open_page("127.0.0.1", 0, visitors=MOST)
     yield server
     server.stop()
-
-
-def until(condition):
-    deadline = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def status(port):

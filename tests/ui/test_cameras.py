@@ -1,16 +1,22 @@
-"""Whose hand moved a camera: that of the visitor, or that of the program."""
+"""Cameras: whose hand moved them, that of the visitor or of the program; poses, and the things in sight."""
 
 import asyncio
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fake_twin import fake_scene
 
+from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
-from motm_twin.ui.scene.cameras import Cameras, overview
+from motm_twin.ui.scene.cameras import ASPECT, FIELD_OF_VIEW, Cameras, Visibility, extent, from_above, overview
+from motm_twin.ui.scene.picking import Surroundings
 
 SCENE = load_scene("exp1", "trial1")
 LIBRARY = np.array([3.0, 3.0, 3.0])  # where a page of Viser puts its camera until it hears where
+ROOM = fake_scene()
+TABLE = (4.2, 1.77)
 
 
 class Page:
@@ -145,3 +151,45 @@ def test_where_the_page_is_on_its_way_to_a_view_is_no_hand(entered) -> None:
     pictures(cameras)
     page.tells(0.5 * (first + page.camera.position))
     assert cameras.mode(page) == "Overview"
+
+
+@pytest.mark.parametrize("aspect", [0.7, ASPECT, 2.2])
+@pytest.mark.parametrize("view", [overview, from_above])
+def test_everything_is_in_the_picture_and_fills_it(view, aspect):
+    points = extent(fake_scene())
+    position, look_at = view(fake_scene(), aspect)
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(forward, [0.0, 0.0, 1.0]))
+    seen = points - position
+    depth = seen @ forward
+    half = math.tan(FIELD_OF_VIEW / 2)
+    across = np.abs(seen @ right / depth / (half * aspect)).max()
+    high = np.abs(seen @ np.cross(right, forward) / depth / half).max()
+    assert depth.min() > 0.0
+    assert max(across, high) == pytest.approx(0.93, abs=0.01)
+
+
+def test_the_picture_of_a_scene_holds_where_its_robot_is_sent():
+    scene = load_scene("line")
+    (end,) = (task.point for task in scene.tasks if isinstance(task, DriveTo))
+    assert end[0] + 0.4 < extent(scene)[:, 0].max()
+
+
+def camera(position, look_at):
+    return SimpleNamespace(
+        position=position, look_at=look_at, fov=FIELD_OF_VIEW, image_width=900, image_height=760
+    )  # fmt: skip
+
+
+def test_behind_a_table_or_beside_the_picture_is_out_of_sight(tick):
+    surroundings = Surroundings(ROOM)
+    surroundings.update(tick)
+    low = Visibility(camera((TABLE[0], 7.0, 0.9), (TABLE[0], 1.77, 0.6)), surroundings, tick)
+    assert low.sees((TABLE[0] + 0.7, 3.0), 0.8)
+    assert not low.sees((TABLE[0], 0.5), 0.8)  # behind the table
+    assert not low.sees((TABLE[0] + 6.0, 3.0), 0.8)
+    assert not low.sees((TABLE[0], 9.0), 0.8)
+    high = Visibility(camera(*overview(ROOM)), surroundings, tick)
+    x, y = high.middle()
+    assert high.sees((x, y), 0.5) or (x, y) == pytest.approx(TABLE, abs=1.5)
+    assert Visibility(camera((0.0, 0.0, 1.0), (3.0, 0.0, 1.5)), surroundings, tick).middle() is None
