@@ -134,7 +134,7 @@ class _NoTwin:
 def draw(recording: Recording, server: viser.ViserServer, progress: Callable[[float], None]) -> str:
     """Draw all frames; the HTML that plays them in a browser."""
     scene = msgspec.json.decode(recording.scene, type=Scene)
-    hub = Hub(server, _NoTwin())  # type: ignore[arg-type] - what the view asks of it
+    hub = Hub(_NoTwin())  # type: ignore[arg-type] - what the view asks of it
     view = SceneView(server, hub)
     read, grids = msgspec.json.Decoder(TickMessage).decode, [unpacked(*entry) for entry in recording.grids]
     serializer, before, first = None, 0.0, 0.0

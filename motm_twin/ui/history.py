@@ -25,6 +25,7 @@ from motm_twin.model.period import PERIOD
 PERIODS = 2400  # 120 s
 MAX_BYTES = 32_000_000  # of compressed ticks; an ordinary two minutes need a quarter of it
 MAX_GRID_BYTES = 8_000_000
+_INDEX, _TIME, _STAMP = (attrgetter(name) for name in ("index", "time", "stamp"))  # order of what is kept
 LEVEL = 1  # of zlib: 2 % larger than the best level, five times as fast
 STAGES = ("map", "place", "plan", "arm", "monitor")  # of the period; its time is their sum
 
@@ -217,9 +218,7 @@ class History:
         """The grid that was in force in this period."""
         with self._lock:
             entry = self._find(index)
-            number = (
-                -1 if entry is None else bisect.bisect_right(self._maps, entry.time + 1e-9, key=attrgetter("stamp")) - 1
-            )
+            number = -1 if entry is None else bisect.bisect_right(self._maps, entry.time + 1e-9, key=_STAMP) - 1
             if number < 0 and not self._maps:
                 return None
             found = self._maps[max(number, 0)]
@@ -241,7 +240,7 @@ class History:
         with self._lock:
             if not self._entries:
                 return []
-            start = bisect.bisect_left(self._entries, self._entries[-1].time - seconds - 1e-9, key=attrgetter("time"))
+            start = bisect.bisect_left(self._entries, self._entries[-1].time - seconds - 1e-9, key=_TIME)
             return [entry.index for entry in self._entries[start:]]
 
     def samples(self, index: int | None, seconds: float) -> NDArray[np.float64]:
@@ -250,9 +249,7 @@ class History:
             end = self._count(index)
             if end == 0:
                 return np.zeros((0, len(Sample._fields)))
-            start = bisect.bisect_left(
-                self._entries, self._entries[end - 1].time - seconds - 1e-9, 0, end, key=attrgetter("time")
-            )
+            start = bisect.bisect_left(self._entries, self._entries[end - 1].time - seconds - 1e-9, 0, end, key=_TIME)
             return self._rows[self._first + start : self._first + end].copy()
 
     def events(self, index: int | None, count: int) -> list[EventMessage]:
@@ -267,9 +264,7 @@ class History:
 
     def _count(self, index: int | None) -> int:
         """Number of periods up to one."""
-        return (
-            len(self._entries) if index is None else bisect.bisect_right(self._entries, index, key=attrgetter("index"))
-        )
+        return len(self._entries) if index is None else bisect.bisect_right(self._entries, index, key=_INDEX)
 
     def _append(self, entry: _Entry, row: Sample | NDArray[np.float64]) -> None:
         count = len(self._entries)
@@ -282,7 +277,7 @@ class History:
     def _find(self, index: int) -> _Entry | None:
         if not self._entries:
             return None
-        return self._entries[max(0, bisect.bisect_right(self._entries, index, key=attrgetter("index")) - 1)]
+        return self._entries[max(0, bisect.bisect_right(self._entries, index, key=_INDEX) - 1)]
 
     def _turn(self, part: Part) -> None:
         """Another run: a branch, or its undoing, goes on from the past it shares; anything else has none."""
@@ -305,9 +300,9 @@ class History:
 
     def _take_off(self, index: int, time: float) -> _Tail:
         """Cut, and return the end that was cut off."""
-        start = bisect.bisect_left(self._entries, index, key=attrgetter("index"))
+        start = bisect.bisect_left(self._entries, index, key=_INDEX)
         rows = self._rows[self._first + start : self._first + len(self._entries)].copy()
-        later = self._maps[bisect.bisect_right(self._maps, time, key=attrgetter("stamp")) :]
+        later = self._maps[bisect.bisect_right(self._maps, time, key=_STAMP) :]
         tail = _Tail(self._run, index, time, self._entries[start:], rows, later)
         self._cut(index, time)
         return tail
@@ -323,10 +318,10 @@ class History:
         """Forget the periods from this one on, and the grids of later times [s]."""
         if not self._entries or self._entries[-1].index < index:
             return
-        start = bisect.bisect_left(self._entries, index, key=attrgetter("index"))
+        start = bisect.bisect_left(self._entries, index, key=_INDEX)
         self._bytes -= sum(len(entry.payload) for entry in self._entries[start:])
         del self._entries[start:]
-        keep = bisect.bisect_right(self._maps, time, key=attrgetter("stamp"))
+        keep = bisect.bisect_right(self._maps, time, key=_STAMP)
         self._map_bytes -= sum(len(kept.cells) for kept in self._maps[keep:])
         del self._maps[keep:]
 
@@ -341,9 +336,7 @@ class History:
             return
         del self._entries[:gone]
         self._first += gone
-        old = (
-            bisect.bisect_right(self._maps, self._entries[0].time + 1e-9, key=attrgetter("stamp")) - 1
-        )  # still in force
+        old = bisect.bisect_right(self._maps, self._entries[0].time + 1e-9, key=_STAMP) - 1  # still in force
         if old > 0:
             self._map_bytes -= sum(len(kept.cells) for kept in self._maps[:old])
             del self._maps[:old]

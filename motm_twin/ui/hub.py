@@ -112,10 +112,9 @@ class Shown:
 class Hub:
     """Between the widgets of all visitors and the twin."""
 
-    def __init__(self, server: viser.ViserServer, client: TwinClient, own_method: OwnMethod | None = None) -> None:
+    def __init__(self, client: TwinClient, own_method: OwnMethod | None = None) -> None:
         """``own_method``: one that is not shipped, for comparisons."""
-        self.server, self.client = server, client
-        self.view = View()
+        self.client, self.view = client, View()
         self.history: History | None = None  # set by the viewer
         self.what_if = WhatIf(client.session, own_method=own_method)
         self.playback = Playback(self.view)

@@ -45,7 +45,7 @@ class Viewer:
         """``own_method``: one that is not shipped, for comparisons."""
         self._client = client
         self._stop = threading.Event()
-        self._hub = Hub(server, client, own_method)
+        self._hub = Hub(client, own_method)
         self._hub.history = self._history = History()
         self._writer = HistoryWriter(client, self._history)
         self._forget_events = tell_events(client, lambda text, title: self._hub.tell(None, text, title))

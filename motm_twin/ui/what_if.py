@@ -94,10 +94,8 @@ class State:
 
     phase: str = "idle"  # idle | starting | running | done | failed
     text: str = ""  # why it failed
-    who: str = ""  # started it
     run: int = -1  # of the twin that it began with
     start: float = 0.0  # [s] from which on the runs may differ
-    values: dict[str, ParameterValue] = field(default_factory=dict)
     reached: dict[str, float] = field(default_factory=dict)  # [s] simulated, by run
     outcomes: dict[str, Outcome] = field(default_factory=dict)
 
@@ -224,23 +222,20 @@ class WhatIf:
             self._watch_from = None
         return None if self._watch_from is None else min(time, self._runs.common())
 
-    def start(self, who: str, values: Values, from_index: int, run: int = -1) -> None:
+    def start(self, values: Values, from_index: int, run: int = -1) -> None:
         """Compare the run so far, and how it goes on, with the same from a period on with these values.
 
-        ``run``: number of the twin's run, to tell it from later ones.
-
-        Returns at once; `state` tells the rest. Raises ValueError while another comparison runs.
+        ``run``: number of the twin's run, to tell it from later ones. Returns at once; `state` tells the rest.
+        Raises ValueError while another comparison runs.
         """
         with self._lock:
             if self._state.busy:
                 raise ValueError("another comparison is being computed: stop it first")
             self._job += 1
             self._runs, self._watch_from = Runs(), None
-            self._state = State(phase="starting", who=who, run=run, start=from_index * PERIOD, values=dict(values))
-            job = self._job
-        threading.Thread(
-            target=self._compute, args=(job, dict(values), from_index), name="what if", daemon=True
-        ).start()
+            self._state = State(phase="starting", run=run, start=from_index * PERIOD)
+            job = (self._job, dict(values), from_index)
+        threading.Thread(target=self._compute, args=job, name="what if", daemon=True).start()
 
     def stop(self) -> None:
         """End the computation and show nothing any more."""

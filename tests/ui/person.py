@@ -1,6 +1,7 @@
 """A panel without a browser, and somebody who uses it."""
 
 import asyncio
+import threading
 import time
 from types import SimpleNamespace
 
@@ -46,7 +47,11 @@ class Client:
     sender, alive, endpoint = "page", True, "tcp/none"
 
     def __init__(self):
-        self.now, self.heard, self.answers = None, [], Answer(ok=True)
+        self.now, self.told, self.answer, self.arrived = None, [], Answer(ok=True), threading.Semaphore(0)
+
+    @property
+    def heard(self):
+        return [command for command, *_ in self.told]
 
     def status(self):
         return self.now
@@ -58,22 +63,23 @@ class Client:
         return b"{}"
 
     def command(self, command, timeout=0.0, *, sender="", name=""):
-        self.heard.append(command)
-        return self.answers
+        self.told.append((command, sender, name))
+        self.arrived.release()
+        return self.answer
 
 
 class Page:
     """Stands where a connected browser page does; its widgets are those of a server without visitors."""
 
-    def __init__(self, gui):
-        self.client_id, self.gui, self.notes, self.files = 0, gui, [], []
+    def __init__(self, gui=None, number=0):
+        self.client_id, self.gui, self.notes, self.removed, self.files = number, gui, [], [], []
         self.camera = SimpleNamespace(
             position=(-1.0, -4.0, 6.0), look_at=(3.0, 1.0, 0.0), fov=0.8, image_width=900, image_height=800
         )
 
     def add_notification(self, title, text, **_):
         self.notes.append(text)
-        return SimpleNamespace(remove=lambda: None)
+        return SimpleNamespace(remove=lambda: self.removed.append(text))
 
     def send_file_download(self, name, content, **_):
         self.files.append((name, content))
@@ -85,7 +91,7 @@ class Person:
     def __init__(self, server, scene, ticks):
         self.scene, self.ticks = scene, ticks
         self.client = Client()
-        self.hub = Hub(server, self.client)
+        self.hub = Hub(self.client)
         self.hub.history = History()
         for tick in ticks:
             self.hub.history.add(ENCODE(tick))

@@ -1,7 +1,6 @@
 """The panel and its hub without a browser: who drives, names, the list of tasks, looking back, file names."""
 
 import asyncio
-import threading
 import time
 from types import SimpleNamespace
 
@@ -10,6 +9,7 @@ import viser
 from hypothesis import given
 from hypothesis import strategies as st
 from page import until
+from person import Client, Page
 from person import status as of_server
 
 from motm_twin.bus.commands import NAME_MAX, Answer, HandOver, Load, MoveTask, Pause, Play, TakeWheel
@@ -36,39 +36,10 @@ def task(kind, target, state="waiting", attempts=0):
     return TaskMessage(kind=kind, target=target, status=state, attempts=attempts)
 
 
-class Client:
-    """Stands where a TwinClient does: keeps what it is told and answers as the server would."""
-
-    def __init__(self):
-        self.told, self.driver, self.sender, self.alive, self.endpoint = [], "", "page", True, "tcp/none"
-        self.arrived, self.state, self.answer = threading.Semaphore(0), "playing", Answer(ok=True)
-
-    def status(self):
-        return status(self.driver, "Ann", state=self.state, text="loading exp2" if self.state == "loading" else "")
-
-    def session(self):
-        return b""
-
-    def command(self, command, timeout=0.0, *, sender="", name=""):
-        self.told.append((command, sender, name))
-        self.arrived.release()
-        return self.answer
-
-
-class Page:
-    """Stands where a connected browser page does."""
-
-    def __init__(self, number):
-        self.client_id, self.notes, self.removed = number, [], []
-
-    def add_notification(self, title, text, **_):
-        self.notes.append(text)
-        return SimpleNamespace(remove=lambda: self.removed.append(text))
-
-
 @pytest.fixture
 def hub():
-    made = Hub(None, Client())
+    made = Hub(Client())
+    made.client.now = status("", "Ann")
     yield made
     made.stop()
 
@@ -83,7 +54,7 @@ class TestNames:
         assert clean_name("An\u202en\n\tSmith\x00") == "An n Smith"
 
     def test_an_empty_name_changes_nothing(self, hub):
-        visitor = hub.enter(Page(0))
+        visitor = hub.enter(Page())
         visitor.rename("  \n ")
         assert visitor.name == "Visitor 1"
         visitor.rename("Ann")
@@ -106,7 +77,7 @@ class TestNames:
 
 
 def test_notes_do_not_pile_up_and_the_same_is_not_shown_twice(hub):
-    page = Page(0)
+    page = Page()
     visitor = hub.enter(page)
     for text in ("one", "one", "two", "three"):
         hub.tell(visitor, text)
@@ -140,18 +111,18 @@ class TestWheel:
         assert "Ann" in driver_line(status("other", "Ann"), "me")
 
     def test_a_viewer_is_refused_in_the_callback_and_told_who_drives(self, hub):
-        visitor, acted = hub.enter(Page(3)), []
-        hub.client.driver = "somebody"
+        visitor, acted = hub.enter(Page(number=3)), []
+        hub.client.now = status("somebody", "Ann")
         run(hub.driving(lambda *_: acted.append(1)), visitor)
         assert acted == [] and visitor.client.notes == ["Ann is driving"]
 
     def test_an_error_in_a_callback_is_told_on_the_page(self, hub):
-        visitor = hub.enter(Page(3))
+        visitor = hub.enter(Page(number=3))
         run(hub.watching(lambda *_: 1 / 0), visitor)
         assert "ZeroDivisionError" in visitor.client.notes[0]
 
     def test_what_a_driver_does_on_the_page_alone_keeps_the_wheel(self, hub):
-        visitor = hub.enter(Page(1))
+        visitor = hub.enter(Page(number=1))
         run(hub.driving(lambda *_: None), visitor)
         hub.client.arrived.acquire(timeout=5.0)
         assert [type(command) for command, *_ in hub.client.told] == [TakeWheel]
@@ -161,9 +132,9 @@ class TestWheel:
         assert [type(command) for command, *_ in hub.client.told] == [TakeWheel, Pause]
 
     def test_a_driver_that_vanishes_gives_the_wheel_back_and_says_no_more(self, hub):
-        page = Page(1)
+        page = Page(number=1)
         visitor = hub.enter(page)
-        hub.client.driver, hub.view.at = visitor.sender, 7
+        hub.client.now, hub.view.at = status(visitor.sender, "Ann"), 7
         hub.leave(page)
         hub.client.arrived.acquire(timeout=5.0)
         assert hub.client.told == [(HandOver(), visitor.sender, visitor.name)]
@@ -171,8 +142,9 @@ class TestWheel:
         assert len(hub.client.told) == 1 and hub.view.at is None and hub.visitors == []
 
     def test_what_holds_for_any_scene_waits_while_one_is_loaded_and_nothing_else_says_the_server_is_silent(self, hub):
-        visitor, client = hub.enter(Page(1)), hub.client
-        client.state, client.answer = "loading", Answer(ok=False, reason="the twin server does not answer")
+        visitor, client = hub.enter(Page(number=1)), hub.client
+        client.now = status(state="loading", text="loading exp2")
+        client.answer = Answer(ok=False, reason="the twin server does not answer")
         assert not hub.command(visitor, MoveTask(index=1, to=0)).ok
         assert visitor.client.notes == ["still loading exp2: try again when it runs"]
         hub.send(visitor, Play())
@@ -180,22 +152,22 @@ class TestWheel:
         hub.send(visitor, Load(scene="exp1"))
         assert not any(isinstance(command, Load | Play) for command, *_ in client.told)
         client.answer = Answer(ok=True)
-        client.state = "playing"
+        client.now = status()
         until(lambda: client.told[-1][0] == Load(scene="exp1"))
         client.answer = Answer(ok=False, reason="the twin server does not answer")
         hub.command(visitor, Pause())
         assert visitor.client.notes[-1] == "the twin server does not answer"
 
     def test_who_asks_first_is_served_first_and_forgotten_when_gone(self, hub):
-        pages = [Page(number) for number in range(3)]
+        pages = [Page(number=number) for number in range(3)]
         driver, ann, bob = (hub.enter(page) for page in pages)
-        hub.client.driver = driver.sender
+        hub.client.now = status(driver.sender, "Ann")
         hub.ask(bob)
         hub.ask(ann)
         assert hub.asker() is bob and hub.asks(bob) and pages[0].notes
         hub.leave(pages[2])
         assert hub.asker() is ann
-        hub.client.driver = ann.sender
+        hub.client.now = status(ann.sender, "Ann")
         assert hub.asker() is None
 
 

@@ -156,7 +156,7 @@ def test_furniture_is_announced_and_cubes_are_put_elsewhere(person):
     person.shows()
     person.presses("Tell the robot")
     assert person.client.heard == [Announce(name=piece)] and piece in person.page.notes[-1]
-    person.client.answers = Answer(ok=False, reason="no")
+    person.client.answer = Answer(ok=False, reason="no")
     person.presses("Tell the robot")
     assert person.page.notes[-1] == "no"
     cube = person.scene.objects[0].name
@@ -195,7 +195,7 @@ def test_as_shipped_means_the_method_that_drives_and_without_a_change_nothing_is
     person.shows()
     assert not any(isinstance(command, SetParameter) for command in person.sent)
     started = []
-    person.hub.what_if.start = lambda *arguments: started.append(arguments[1])
+    person.hub.what_if.start = lambda *arguments: started.append(arguments[0])
     person.presses("Compare")
     assert "nothing is changed" in person.page.notes[-1] and started == []
     person.chooses("Approach speed  xi [m/s]", 1.0)
@@ -210,7 +210,7 @@ def test_as_shipped_means_the_method_that_drives_and_without_a_change_nothing_is
 
 def test_what_is_refused_is_not_said_to_be_added_and_every_press_is_answered(person):
     no = "this is a recording"
-    person.client.answers = Answer(ok=False, reason=no)
+    person.client.answer = Answer(ok=False, reason=no)
     for kind in ("Temi", "Box"):
         person.presses(kind)
         assert person.page.notes[-1] == no and not any("stands" in note for note in person.page.notes)

@@ -42,7 +42,7 @@ def stage():
     """A stage on a page that nobody looks at, with no twin behind it."""
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     with TwinClient(f"tcp/127.0.0.1:{free_port()}") as client:
-        hub = Hub(server, client)
+        hub = Hub(client)
         drawn = SceneView(server, hub)
         yield drawn
         drawn.stop()

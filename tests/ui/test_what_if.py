@@ -129,9 +129,9 @@ class TestProcess:
             twin.advance()
         data = encode_session(twin.session())
         what_if = WhatIf(lambda: data)
-        what_if.start("Ann", {"next_weight": 0.0}, 2)
+        what_if.start({"next_weight": 0.0}, 2)
         with pytest.raises(ValueError, match="stop it first"):
-            what_if.start("Bob", {"next_weight": 0.0}, 2)
+            what_if.start({"next_weight": 0.0}, 2)
         until(lambda: len(what_if.state.reached) == len(RUNS) or what_if.state.phase == "failed")
         assert what_if.state.phase == "running", what_if.state.text
         assert [other.label for other in what_if.others(0.0)] == list(RUNS)
@@ -145,7 +145,7 @@ class TestProcess:
     @pytest.mark.parametrize("data", [b"", b"{}", b'{"version": "motm.session/1"}'])
     def test_what_is_no_session_says_so(self, data):
         what_if = WhatIf(lambda: data)
-        what_if.start("Ann", {"next_weight": 0.0}, 0)
+        what_if.start({"next_weight": 0.0}, 0)
         until(lambda: what_if.state.phase == "failed")
         assert "session" in what_if.state.text
         assert what_if.others(0.0) == []
@@ -156,7 +156,7 @@ class TestProcess:
 
         what_if = WhatIf(silent)
         for _ in range(2):
-            what_if.start("Ann", {"next_weight": 0.0}, 0)
+            what_if.start({"next_weight": 0.0}, 0)
             until(lambda: what_if.state.phase == "failed")
             assert what_if.state.text == "the twin server does not answer"
 

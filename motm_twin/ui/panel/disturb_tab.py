@@ -69,9 +69,7 @@ class DisturbTab(Block):
         hint = "added bodies go, furniture back to its place"
         self.row(("Clear all disturbances",), lambda _: self.clear(), hint=hint)
 
-    def update(self, shown: Shown) -> None:
-        """Show this."""
-        self.shown = shown
+    def _refresh(self, shown: Shown) -> None:
         if shown.scene is None or shown.newest is None:
             return
         listed, view = disturb.things(shown.scene, shown.newest), shown.view

@@ -47,7 +47,7 @@ class DriveTab(Block):
         choose = lambda preset: scene.cameras.choose(visitor.client, preset)  # noqa: E731
         self.row(PRESETS, choose, anybody=True, hint="the camera; keys 1 to 5")
         self._progress = gui.add_html("")
-        self._tasks = TaskBlock(gui, hub, visitor)
+        self.parts = [TaskBlock(gui, hub, visitor)]
         with gui.add_folder("Scene", expand_by_default=False):
             offer = lambda _: self._offer_variants()  # noqa: E731
             self._scene: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Scene", ("",)), offer)
@@ -71,11 +71,8 @@ class DriveTab(Block):
         if not driving:
             self._filled, self._loaded = self._chosen(), ()
         super().enable(driving)
-        self._tasks.enable(driving)
 
-    def update(self, shown: Shown) -> None:
-        """Show this."""
-        self.shown = shown
+    def _refresh(self, shown: Shown) -> None:
         pressed, icon = _PRESSED.get(shown.state, _PLAY)
         if self._play.label != pressed:
             self._play.label, self._play.icon = pressed, icon
@@ -86,7 +83,6 @@ class DriveTab(Block):
             self._progress.content = now + count_line(shown.tick) + result_card(shown.tick, shown.status, shown.scene)
         for name, box in self._layers.items():
             follow(box, shown.view.layers[name])
-        self._tasks.update(shown)
 
     def toggle(self) -> None:
         """Play or pause; a run that has ended is not thrown away by a key that was meant to pause it."""
@@ -287,9 +283,7 @@ class TaskBlock(Block):
                 self._bin: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Into bin", ("",)))
                 self.button("Add to the tasks", self._insert, icon=viser.Icon.PLUS)
 
-    def update(self, shown: Shown) -> None:
-        """Show this."""
-        self.shown = shown
+    def _refresh(self, shown: Shown) -> None:
         if shown.tick is not None:
             self._show(jobs(in_hand(shown.tick)))
         if shown.scene is not None:

@@ -20,7 +20,7 @@ from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline, rectangle
-from motm_twin.ui.scene.picking import body_outline
+from motm_twin.ui.scene.picking import body_outline, furniture_poses
 
 PLANS = {
     "goal": "reaches the goal",
@@ -262,7 +262,7 @@ def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
     for body in (*tick.agents, *tick.obstacles):
         yield Unmapped(_called(body), body_outline(body))
     known = pieces(scene)
-    moved = {b.name: (b.position[0], b.position[1], b.yaw) for b in tick.furniture if b.name in known}
+    moved = {name: pose for name, pose in furniture_poses(tick).items() if name in known}
     strange = [
         piece
         for piece in known.values()
@@ -280,7 +280,7 @@ def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
 def _known(piece: Piece, tick: TickMessage) -> bool:
     """True for a piece that stands where it was announced, else where the scene has it."""
     home = (*piece.centre, 0.0)
-    here = next(((*body.position[:2], body.yaw) for body in tick.furniture if body.name == piece.name), home)
+    here = furniture_poses(tick).get(piece.name, home)
     x, y, turn = tick.announced.get(piece.name, home)
     return math.dist(here[:2], (x, y)) < ROUNDED and abs(math.remainder(here[2] - turn, 2 * math.pi)) < ROUNDED
 

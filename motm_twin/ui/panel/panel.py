@@ -204,8 +204,7 @@ class Wheel(Block):
         self._back_line = gui.add_html("")
         self._back = self.button("Back to live", hub.playback.live, visible=False, icon=icon.PLAYER_SKIP_FORWARD)
 
-    def update(self, shown: Shown) -> None:
-        """Show this."""
+    def _refresh(self, shown: Shown) -> None:
         hub, visitor, status = self.hub, self.visitor, shown.status
         driver = "" if status is None else status.driver
         mine, asker = driver == visitor.sender, hub.asker()

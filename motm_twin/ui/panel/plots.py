@@ -126,29 +126,25 @@ def distance_plot(samples: NDArray[np.float64], parameters: Mapping[str, Paramet
 def base_plots(samples: NDArray[np.float64], base: BaseLimits) -> tuple[Plot, Plot]:
     """Forward speed and yaw rate of the base with their limits."""
     speed, turn = _column(samples, "speed"), np.degrees(_column(samples, "yaw_rate"))
-    fastest, back, spin = base.forward_speed, -base.reverse_speed, math.degrees(base.yaw_rate)
+    moves, turns = (Curve(values=values, colour="#2563eb", extremes=False) for values in (speed, turn))
+    spin, now = math.degrees(base.yaw_rate), number(speed[-1], "+.2f")
     return (
-        Plot(
-            title="Base speed",
-            unit="m/s",
-            now=number(speed[-1], "+.2f"),
-            low=1.25 * back,
-            high=1.15 * fastest,
-            curves=(Curve(values=speed, colour="#2563eb", extremes=False),),
-            limits=((0.0, _ZERO), (fastest, _LIMIT), (back, _LIMIT)),
-            labels=((fastest, number(fastest, "g")), (0.0, "0"), (back, number(back, "g"))),
-        ),
-        Plot(
-            title="Yaw rate",
-            unit="&deg;/s",
-            now=number(turn[-1], "+.0f"),
-            low=-1.15 * spin,
-            high=1.15 * spin,
-            curves=(Curve(values=turn, colour="#2563eb", extremes=False),),
-            limits=((0.0, _ZERO), (spin, _LIMIT), (-spin, _LIMIT)),
-            labels=((spin, number(spin, ".0f")), (0.0, "0"), (-spin, number(-spin, ".0f"))),
-        ),
+        _limited("Base speed", "m/s", now, (moves,), (-base.reverse_speed, base.forward_speed), "g"),
+        _limited("Yaw rate", "&deg;/s", number(turn[-1], "+.0f"), (turns,), (-spin, spin), ".0f"),
     )
+
+
+def _limited(
+    title: str, unit: str, now: str, curves: tuple[Curve, ...], limits: tuple[float, float], form: str
+) -> Plot:
+    """A plot of a quantity between two limits, both with a little room beyond them."""
+    low, high = limits
+    room = 0.075 * (high - low)
+    return Plot(
+        title=title, unit=unit, now=now, low=low - room, high=high + room, curves=curves,
+        limits=((0.0, _ZERO), (high, _LIMIT), (low, _LIMIT)),
+        labels=((high, number(high, form)), (0.0, "0"), (low, number(low, form))),
+    )  # fmt: skip
 
 
 def joint_plot(samples: NDArray[np.float64]) -> Plot:
@@ -157,16 +153,9 @@ def joint_plot(samples: NDArray[np.float64]) -> Plot:
     fastest = int(np.nanargmax(np.abs(rates[-1]))) if np.isfinite(rates[-1]).any() else 0
     names = " ".join(f'<span style="color:{colour}">{k}</span>' for k, colour in enumerate(JOINTS, 1))
     now = number(rates[-1, fastest], "+.0f")
-    return Plot(
-        title=f"Joint rates {names}",
-        unit="% of limit",
-        now=f"joint {fastest + 1}: {now}" if now not in ("", "0") else now,
-        low=-115.0,
-        high=115.0,
-        curves=tuple(Curve(values=rates[:, k], colour=JOINTS[k], extremes=False) for k in range(7)),
-        limits=((0.0, _ZERO), (100.0, _LIMIT), (-100.0, _LIMIT)),
-        labels=((100.0, "100"), (0.0, "0"), (-100.0, number(-100.0, ".0f"))),
-    )
+    now = f"joint {fastest + 1}: {now}" if now not in ("", "0") else now
+    curves = tuple(Curve(values=rates[:, k], colour=JOINTS[k], extremes=False) for k in range(7))
+    return _limited(f"Joint rates {names}", "% of limit", now, curves, (-100.0, 100.0), ".0f")
 
 
 def slack_plot(samples: NDArray[np.float64]) -> Plot:

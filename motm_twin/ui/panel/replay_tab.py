@@ -60,9 +60,7 @@ class ReplayTab(Block):
         self._bar = gui.add_progress_bar(0.0, animated=True, visible=False)
         self.button("Screenshot", self.screenshot, anybody=True, icon=icon.CAMERA)
 
-    def update(self, shown: Shown) -> None:
-        """Show this."""
-        self.shown = shown
+    def _refresh(self, shown: Shown) -> None:
         self._show_position(shown)
         span = self.hub.span
         self._line.content = span_line(shown, span)

@@ -43,19 +43,13 @@ class TuneTab(Block):
             gui.add_dropdown("Preset", (*PRESETS, OWN), hint="sets everything at once"), self._use
         )
         self.row(("Reset everything",), lambda _: self._reset(NAMES), hint=_BACK)
-        self._what_if = WhatIfBlock(gui, hub, visitor, self._values, self._show)
+        self.parts = [WhatIfBlock(gui, hub, visitor, self._values, self._show)]
         for number, group in enumerate(GROUPS):
             entries = [entry for entry in PARAMETERS if entry.group == group]
             if entries:
                 self._group(group, entries, opened=number == 0)
 
-    def enable(self, driving: bool) -> None:
-        """Grey while somebody else drives."""
-        super().enable(driving)
-        self._what_if.enable(driving)
-
-    def update(self, shown: Shown) -> None:
-        """Send what was moved, and follow what the twin has."""
+    def _refresh(self, shown: Shown) -> None:
         method, status = "", shown.status
         if status is not None:
             method = method_title(status, status.method)
@@ -65,7 +59,6 @@ class TuneTab(Block):
             self._show(self._values.follow(status.parameters))
         self._summary.content = summary(self._values, method, live=shown.live)
         follow(self._preset, next((name for name in PRESETS if self._values.preset(name) == self._values.wanted), OWN))
-        self._what_if.update(shown)
 
     def _group(self, group: str, entries: list[Parameter], *, opened: bool) -> None:
         with self.gui.add_folder(group, expand_by_default=opened):
@@ -282,9 +275,7 @@ class WhatIfBlock(Block):
             self._watch = self.row((WATCH,), lambda _: hub.what_if.watch(), hint=hint)
             self._watch.visible = False
 
-    def update(self, shown: Shown) -> None:
-        """Show this."""
-        self.shown = shown
+    def _refresh(self, shown: Shown) -> None:
         state, watched = self.hub.what_if.state, self.hub.what_if.watched
         self._go.label = "Stop" if state.busy else "Compare" if state.phase == "idle" else "Clear the comparison"
         self._result.content = result(state, begun_since(state, shown.newest))
@@ -315,7 +306,7 @@ class WhatIfBlock(Block):
             self.tell(words, "Nothing to compare")
             return
         start = {START: 0, NOW: shown.newest.index + 1, SHOWN: shown.tick.index}[self._from.value]
-        what_if.start(self.visitor.name, compared, start, shown.newest.run)
+        what_if.start(compared, start, shown.newest.run)
 
 
 def result(state: State, earlier: str = "") -> str:

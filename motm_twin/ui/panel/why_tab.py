@@ -72,8 +72,7 @@ class WhyTab(Block):
             self._score = gui.add_html("")
         self._explained: tuple[TickMessage | None, int | None] = (None, None)
 
-    def update(self, shown: Shown) -> None:
-        """Show this period."""
+    def _refresh(self, shown: Shown) -> None:
         tick, history = shown.tick, self.hub.history
         if tick is None:
             return

@@ -25,17 +25,26 @@ class Block:
         self.gui, self.hub, self.visitor = gui, hub, visitor
         self.shown: Shown | None = None
         self.usable = True
+        self.parts: list[Block] = []
         self._driven: list[Any] = []
 
     def update(self, shown: Shown) -> None:
         """Show this; called about ten times a second, from one thread."""
         self.shown = shown
+        self._refresh(shown)
+        for part in self.parts:
+            part.update(shown)
+
+    def _refresh(self, shown: Shown) -> None:
+        """Bring the widgets up to date."""
 
     def enable(self, driving: bool) -> None:
         """Make the widgets that change something usable, or grey."""
         self.usable = driving
         for widget in self._driven:
             set_disabled(widget, not driving)
+        for part in self.parts:
+            part.enable(driving)
 
     def send(self, command: Command) -> None:
         """Send a command for this visitor."""

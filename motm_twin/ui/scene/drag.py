@@ -22,7 +22,7 @@ from motm_twin.model.edits import MoveBody, MoveObject, ReleaseBody
 from motm_twin.model.scene_shapes import outline
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Visitor
-from motm_twin.ui.scene.picking import Ray, Surroundings
+from motm_twin.ui.scene.picking import Ray, Surroundings, furniture_poses
 
 INTERVAL = 0.05  # [s] between two moves of one body
 KEEP_ALIVE = 0.5  # [s] a body that is held still is held again this often
@@ -348,9 +348,7 @@ def spot_of(name: str, tick: TickMessage, surroundings: Surroundings) -> Spot | 
     piece = surroundings.pieces.get(name)
     if piece is None or name in tick.removed:
         return None
-    x, y, heading = next(
-        ((*body.position[:2], body.yaw) for body in tick.furniture if body.name == name), (*piece.centre, 0.0)
-    )
+    x, y, heading = furniture_poses(tick).get(name, (*piece.centre, 0.0))
     solids = [solid for solid in surroundings.now.solids if solid.name in piece.solids]
     bounds = np.array([outline(solid.shape).bounds for solid in solids])
     reach = np.concatenate([bounds[:, :2], bounds[:, 2:]]) - (x, y)

@@ -34,6 +34,7 @@ from motm_twin.ui.scene.light import (
     shadow_glb,
     sky_glb,
 )
+from motm_twin.ui.scene.picking import furniture_poses
 
 FIXED, MOVABLE = "/scene", "/furniture"
 LABEL_GAP = 0.10  # [m] above the rim of a bin
@@ -334,7 +335,7 @@ class FurnitureView:
 
     def update(self, tick: TickMessage) -> None:
         """Put the pieces where a hand has them, or else the tick; one that is in neither is at home."""
-        moved = {body.name: (body.position[0], body.position[1], body.yaw) for body in tick.furniture}
+        moved = furniture_poses(tick)
         for name, drawn in self._drawn.items():
             pose, held = moved.get(name, (*drawn.piece.centre, 0.0)), self._drag.held(name)
             if held is not None:

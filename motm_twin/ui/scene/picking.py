@@ -19,7 +19,7 @@ from motm_twin.bus.messages import BodyMessage, TaskMessage, TickMessage
 from motm_twin.model.edits import InsertTask, MoveBody, RemoveTask, SendAgent
 from motm_twin.model.furniture import moved_scene, pieces
 from motm_twin.model.geometry import Array
-from motm_twin.model.scene import DriveTo, Pick, Place, Scene
+from motm_twin.model.scene import DriveTo, Pick, Place, PlanarPose, Scene
 from motm_twin.model.scene_shapes import outline, rectangle
 from motm_twin.ui.hub import Hub, Visitor
 
@@ -72,7 +72,7 @@ class Surroundings:
 
     def update(self, tick: TickMessage) -> None:
         """Furniture may have moved."""
-        moved = {body.name: (body.position[0], body.position[1], body.yaw) for body in tick.furniture}
+        moved = furniture_poses(tick)
         gone = tuple(name for name in tick.removed if name in self.pieces)
         key = (tuple(moved.items()), gone)
         if key != self._key:
@@ -173,6 +173,11 @@ def _prism(ray: Ray, shape: shapely.Polygon, low: float, high: float) -> float:
     height = ray.origin[2] + along * ray.direction[2]
     met = (np.abs(cross) > 1e-12) & (along > 0.0) & (part >= 0.0) & (part <= 1.0) & (height >= low) & (height <= high)
     return min(best, float(along[met].min())) if met.any() else best
+
+
+def furniture_poses(tick: TickMessage) -> dict[str, PlanarPose]:
+    """Poses x, y [m] and heading [rad] of the pieces that are not at home, by name."""
+    return {body.name: (body.position[0], body.position[1], body.yaw) for body in tick.furniture}
 
 
 def body_outline(body: BodyMessage) -> shapely.Polygon:
