@@ -81,8 +81,7 @@ def record(history: History, scene: Scene, seconds: float, rate: float) -> Recor
     """The periods of the last seconds [s], thinned to a rate [Hz], with their grids."""
     frames: list[Frame] = []
     grids: list[tuple[GridInfo, bytes]] = []
-    known: dict[int, int] = {}
-    kept: list[Grid] = []  # so that no identity is used twice
+    known: Grid | None = None  # the last of them
     last = -np.inf
     for index in history.indices(seconds):
         tick, grid = history.at(index), history.grid_at(index)
@@ -90,13 +89,10 @@ def record(history: History, scene: Scene, seconds: float, rate: float) -> Recor
         if tick is None or payload is None or tick.index != index or tick.time - last < 1.0 / rate - 1e-6:
             continue
         last = tick.time
-        number = -1
-        if grid is not None:
-            number = known.setdefault(id(grid), len(grids))
-            if number == len(grids):
-                kept.append(grid)
-                grids.append((grid.info, zlib.compress(grid.cells.tobytes(), 1)))
-        frames.append(Frame(zlib.compress(payload, 1), number))
+        if grid is not None and grid is not known:
+            known = grid
+            grids.append((grid.info, zlib.compress(grid.cells.tobytes(), 1)))
+        frames.append(Frame(zlib.compress(payload, 1), -1 if grid is None else len(grids) - 1))
     return Recording(msgspec.json.encode(scene), frames, grids)
 
 

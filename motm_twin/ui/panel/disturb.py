@@ -111,11 +111,6 @@ def turned(thing: Thing, scene: Scene, tick: TickMessage, angle: float) -> MoveB
     return MoveBody(name=thing.name, x=body.position[0], y=body.position[1], heading=heading, held=False)
 
 
-def freeze(thing: Thing) -> FreezeBody:
-    """Make an agent stand still, or let it go on."""
-    return FreezeBody(name=thing.name, frozen=not thing.frozen)
-
-
 def put_in_front(name: str, tick: TickMessage) -> MoveObject:
     """A cube on the floor, or what stands there, before the robot."""
     x, y, heading = tick.robot.true_pose

@@ -4,7 +4,7 @@ import asyncio
 
 import viser
 
-from motm_twin.bus.commands import Announce, Command, InjectFault, RemoveBody
+from motm_twin.bus.commands import Announce, Command, FreezeBody, InjectFault, RemoveBody
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.faults import KINDS
 from motm_twin.model.scene import Scene
@@ -137,7 +137,7 @@ class DisturbTab(Block):
         """Stop the selected agent, or let it go on."""
         thing = self._thing()
         if thing is not None and thing.kind == "agent":
-            self.send(disturb.freeze(thing))
+            self.send(FreezeBody(name=thing.name, frozen=not thing.frozen))
 
     def _now(self) -> tuple[Scene, TickMessage] | None:
         """The scene and the newest tick, when they can be changed; a note when an earlier period is shown."""
@@ -159,12 +159,10 @@ class DisturbTab(Block):
         self.hub.view.sending = self.hub.view.placing = ""
 
     def _with_agent(self, what: str) -> None:
-        thing, view = self._thing(), self.hub.view
-        if thing is None:
-            return
         if what in (FREEZE, GO_ON):
-            self.send(disturb.freeze(thing))
-        else:
+            self.freeze()
+        elif (thing := self._thing()) is not None:
+            view = self.hub.view
             view.sending, view.placing = "" if view.sending == thing.name else thing.name, ""
 
     async def _announce(self) -> None:

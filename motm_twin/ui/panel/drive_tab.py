@@ -256,7 +256,9 @@ def ended_lines(listed: Sequence[Job]) -> str:
             cells.append(f'<div style="overflow-wrap:anywhere">{said}</div>')
     if not cells:
         return "" if listed else note("no tasks yet")
-    return note(f'<div style="display:grid;grid-template-columns:1fr 1fr;gap:1px 10px">{"".join(cells)}</div>', "#000")
+    return note(
+        f'<div style="display:grid;grid-template-columns:1fr 1fr;gap:1px 10px">{"".join(cells)}</div>', "inherit"
+    )
 
 
 def label(job: Job) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 import shapely.ops
 
-from motm_twin.bus.messages import ArmMessage, BodyMessage, StatusMessage, TaskMessage, TickMessage
+from motm_twin.bus.messages import ArmMessage, StatusMessage, TaskMessage, TickMessage
 from motm_twin.model.furniture import Piece, moved_scene, pieces
 from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.kinematics import Frankie
@@ -70,11 +70,6 @@ def active_task(tick: TickMessage) -> TaskMessage | None:
     return tick.tasks[tick.task_index] if 0 <= tick.task_index < len(tick.tasks) else None
 
 
-def held(tick: TickMessage) -> str:
-    """Name of the object in the gripper, "" when empty."""
-    return next((belief.name for belief in tick.beliefs if belief.held), "")
-
-
 def doing(tick: TickMessage) -> str:
     """The robot's present doing, in one sentence."""
     task, step = active_task(tick), tick.arm[-1] if tick.arm else None
@@ -83,18 +78,18 @@ def doing(tick: TickMessage) -> str:
     if task.kind.startswith("drive"):
         return f"Driving to {task.target}"
     name = task.target
-    carried = held(tick)
+    carried = next((belief.name for belief in tick.beliefs if belief.held), "")
     cargo = carried or "the object"
+    unseen = step is not None and step.reason.startswith("waiting for a sight of")  # where it was seen before
     on = "" if stands(tick) else ", on the move"
+    carries = f"Carrying {cargo} to {name}" if task.kind == "place" else f"Holding {cargo}, with {name} to be picked"
     phases = {
         "stow": f"Driving to {name}, the arm at rest",
         "transit": f"Bringing {cargo} over {name}{on}" if carried else f"Reaching out for {name}{on}",
-        "final": f"{'Looking for' if _unseen(step) else 'Closing in on'} {name}{on}",
+        "final": f"{'Looking for' if unseen else 'Closing in on'} {name}{on}",
         "closing": f"The fingers close on {name}" + (" while the base drives on" if on else ""),
         "lift": f"Lifting {cargo if carried else name}{on}",
-        "carry": f"Carrying {cargo} to {name}"
-        if task.kind == "place"
-        else f"Holding {cargo}, with {name} to be picked",
+        "carry": carries,
         "release": f"Letting {cargo} go over {name}{on}",
         "retry": f"Opening the fingers for another try at {name}",
     }
@@ -103,11 +98,6 @@ def doing(tick: TickMessage) -> str:
     if stands(tick) and step.phase in ("stow", "carry"):
         return f"Standing on the way to {name}" + (f", with {carried}" if carried else "")
     return phases.get(step.phase, f"{step.phase.replace('_', ' ')}: {name}")
-
-
-def _unseen(step: ArmMessage | None) -> bool:
-    """The hand is where the object was seen, and the camera does not see it there."""
-    return step is not None and step.reason.startswith("waiting for a sight of")
 
 
 def stands(tick: TickMessage) -> bool:
@@ -260,7 +250,8 @@ def strange(held_by: str, tick: TickMessage, scene: Scene | None) -> str:
 def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
     """Everything near the robot that its map does not have."""
     for body in (*tick.agents, *tick.obstacles):
-        yield Unmapped(_called(body), body_outline(body))
+        known_kind = body.kind.lower() in body.name.lower()  # else it is told besides
+        yield Unmapped(body.name if known_kind else f"{body.name} ({body.kind})", body_outline(body))
     known = pieces(scene)
     moved = {name: pose for name, pose in furniture_poses(tick).items() if name in known}
     strange = [
@@ -352,11 +343,6 @@ def _nearest(tick: TickMessage, scene: Scene, things: list[Unmapped], limit: flo
 def _spelled(label: str, distance: float, where: str) -> str:
     end = " " if label.endswith(",") else ", "
     return f"{label}{end}{distance:.1f} m {where}"
-
-
-def _called(body: BodyMessage) -> str:
-    """A body by name, with its kind where the name does not tell."""
-    return body.name if body.kind.lower() in body.name.lower() else f"{body.name} ({body.kind})"
 
 
 @functools.lru_cache(maxsize=4)

@@ -120,7 +120,7 @@ def summary(values: "TuningValues", method: str = "", *, live: bool = True) -> s
     said = f"<b>{count}</b> of {len(PARAMETERS)} changed" if count else f"All as shipped{of}"
     where = "acts at once" if live else "looking back: acts on the running twin, not on what is shown"
     where = "for the comparison only" if values.apart else where
-    return note(f'<span style="color:#000">{said}</span> &middot; {where}')
+    return note(f'{said} <span style="color:{MUTED}">&middot; {where}</span>', "inherit")
 
 
 class TuningValues:
@@ -326,7 +326,7 @@ def result(state: State, earlier: str = "") -> str:
         rows.append(_row("forecast", *(_forecast(outcome) for outcome in (before, after))))
     table = f'<table style="width:100%;border-collapse:collapse">{"".join(rows)}</table>'
     of_before = f'<div style="color:{AMBER}">of the run before the {earlier}</div>' if earlier else ""
-    return note(of_before + table + _verdict(state, before, after), "#000")
+    return note(of_before + table + _verdict(state, before, after), "inherit")
 
 
 def _time(state: State, run: str) -> str:

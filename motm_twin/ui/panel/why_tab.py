@@ -109,11 +109,8 @@ def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessag
     speed, turn = tick.robot.twist
     limiter = limited_by(tick, scene)
     said = explain.doing(tick).lower() if tick.done else ""
-    rows = [
-        sentence(why, AMBER if held_up else MUTED)
-        for why, held_up in explain.waiting(tick, limiter)
-        if why.lower() != said
-    ]
+    reasons = [(why, held_up) for why, held_up in explain.waiting(tick, limiter) if why.lower() != said]
+    rows = [sentence(why, AMBER if held_up else MUTED) for why, held_up in reasons]
     if tick.done and explain.stands(tick):
         return card(*rows, _driven_by(status))
     motion = f"base {signed(speed, 2)} m/s, {signed(math.degrees(turn), 0)}&deg;/s"
@@ -156,11 +153,7 @@ def task_card(tick: TickMessage) -> str:
     return card(heading("Task in hand"), pairs(rows))
 
 
-def arm_card(
-    tick: TickMessage,
-    parameters: Mapping[str, ParameterValue],
-    scene: Scene | None = None,
-) -> str:
+def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene: Scene | None = None) -> str:
     """The arm's program: solved or not, the limits that held it, how well it can move, and the obstacle it keeps off.
 
     With the scene also names, and remarks on things that the map does not have.
@@ -176,9 +169,8 @@ def arm_card(
         parts.append(sentence(step.qp_status, RED))
     parts.append(_distance(tick.arm, parameters, limited_by(tick, scene)))
     parts.append(_manipulability(step))
-    parts.append(
-        pairs([(explained("hand off its reference", _REFERENCE), _millimetres(step.error)), *_slack(step.slack)])
-    )
+    error = "unknown" if step.error is None else f"{1e3 * step.error:.0f} mm"
+    parts.append(pairs([(explained("hand off its reference", _REFERENCE), error), *_slack(step.slack)]))
     held = [(what, f"{by}{strange(by, tick, scene)}") for what, by in explain.constraints(tick.arm, tick.robot.q)]
     lines = "".join(f"<div>{text(what)} <span class='mu'>{text(by)}</span></div>" for what, by in held)
     parts.append("<hr>" + (lines or '<div class="mu">no limit is active: the hand moves as it wants</div>'))
@@ -198,14 +190,12 @@ def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterVal
         f"{bar(*pieces)}<div class='mu' style='font-size:11px'>red: comes no nearer, d<sub>s</sub> {d_s:g} m &middot; "
         f"orange: slower and slower, d<sub>i</sub> {d_i:g} m</div>"
     )
-    limits = []
-    if step.limiter:
-        what = text(name.rstrip(",") or step.limiter)
-        if step.allowed_approach is not None:
-            allowed = max(step.allowed_approach, 0.0)
-            what += f", at most {allowed:.2f} m/s nearer"
-        limits.append(("near", what))
-    return pairs(rows) + ruler + (pairs(limits) if limits else "")
+    if not step.limiter:
+        return pairs(rows) + ruler
+    near = text(name.rstrip(",") or step.limiter)
+    if step.allowed_approach is not None:
+        near += f", at most {max(step.allowed_approach, 0.0):.2f} m/s nearer"
+    return pairs(rows) + ruler + pairs([("near", near)])
 
 
 def _manipulability(step: ArmMessage) -> str:
@@ -215,12 +205,8 @@ def _manipulability(step: ArmMessage) -> str:
     colour = GREEN if value > 0.5 * READY_MANIPULABILITY else AMBER if value > 0.2 * READY_MANIPULABILITY else RED
     pieces = piece(0.0, value / BEST_MANIPULABILITY, colour), mark(READY_MANIPULABILITY / BEST_MANIPULABILITY)
     share = 100.0 * value / READY_MANIPULABILITY
-    return (
-        '<div style="margin-top:4px">'
-        + pairs([(explained("manipulability", _MANIPULABILITY), f"{value:.3f}, {share:.0f} % of the ready pose")])
-        + bar(*pieces, height=6)
-        + "</div>"
-    )
+    row = explained("manipulability", _MANIPULABILITY), f"{value:.3f}, {share:.0f} % of the ready pose"
+    return f'<div style="margin-top:4px">{pairs([row])}{bar(*pieces, height=6)}</div>'
 
 
 def _slack(slack: Sequence[float | None]) -> list[tuple[str, str]]:
@@ -231,10 +217,6 @@ def _slack(slack: Sequence[float | None]) -> list[tuple[str, str]]:
     return [
         (explained("velocity missed (slack)", _SLACK), f"{1e3 * linear:.1f} mm/s, {math.degrees(angular):.1f}&deg;/s")
     ]
-
-
-def _millimetres(value: float | None) -> str:
-    return "unknown" if value is None else f"{1e3 * value:.0f} mm"
 
 
 def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:

@@ -26,6 +26,15 @@ APART = 0.028  # [m] a candidate is shifted along its heading, so that both head
 OFF = 0.01  # [m] a belief must be wrong by this much to be shown
 MOST_BELIEFS, MOST_DRIVES = 16, 8
 Points = list[list[float]]
+_LOOKS = {  # of paths: colour, height and width [m], dashed
+    "global_path": (colours.GLOBAL_PATH, 0.022, 0.032),
+    "next_path": (colours.NEXT_PATH, 0.018, 0.028),
+    "bezier": (colours.BEZIER, 0.026, 0.02),
+    "local_plan": (colours.BRAND, 0.030, 0.02),
+    "staa_path": (colours.STAA_PATH, 0.016, 0.030),
+    "inspected": (colours.INSPECTED, 0.034, 0.026),
+    "inspected_next": (colours.INSPECTED_NEXT, 0.034, 0.026, True),
+}
 
 
 class PathLine:
@@ -33,7 +42,7 @@ class PathLine:
 
     def __init__(
         self, server: viser.ViserServer, name: str, colour: colours.Rgb, height: float, width: float,
-        *, dashed: bool = False,
+        dashed: bool = False,
     ) -> None:  # fmt: skip
         self._height, self._dashed = height, dashed
         self._handle = server.scene.add_line_segments(
@@ -97,13 +106,7 @@ class PlanView:
     """Paths and candidates of a tick."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        self._paths = PathLine(server, "global_path", colours.GLOBAL_PATH, 0.022, 0.032)
-        self._next = PathLine(server, "next_path", colours.NEXT_PATH, 0.018, 0.028)
-        self._bezier = PathLine(server, "bezier", colours.BEZIER, 0.026, 0.02)
-        self._local = PathLine(server, "local_plan", colours.BRAND, 0.030, 0.02)
-        self._staa = PathLine(server, "staa_path", colours.STAA_PATH, 0.016, 0.030)
-        self._inspected = PathLine(server, "inspected", colours.INSPECTED, 0.034, 0.026)
-        self._inspected_next = PathLine(server, "inspected_next", colours.INSPECTED_NEXT, 0.034, 0.026, dashed=True)
+        self._lines = {name: PathLine(server, name, *look) for name, look in _LOOKS.items()}
         self.candidates = CandidateView(server)
         self.candidates_on = self.paths_on = True
         self.staa_on = False
@@ -111,15 +114,19 @@ class PlanView:
 
     def update(self, tick: TickMessage) -> None:
         """Draw the plan of a tick."""
-        plan = tick.plan
-        self._paths.update(plan.global_path, self.paths_on)
-        self._next.update(plan.next_path, self.paths_on)
-        self._bezier.update(plan.bezier, self.paths_on)
-        self._local.update([pose[:2] for pose in plan.local_poses], self.paths_on)
-        self._staa.update(plan.staa_path, self.staa_on)
-        inspected = tick.inspected if tick.inspected is not None and tick.inspected.candidate == self.picked else None
-        self._inspected.update(inspected.path if inspected else [], inspected is not None)
-        self._inspected_next.update(inspected.next_path if inspected else [], inspected is not None)
+        plan, found = tick.plan, tick.inspected
+        inspected = found if found is not None and found.candidate == self.picked else None
+        paths: dict[str, tuple[Points, bool]] = {
+            "global_path": (plan.global_path, self.paths_on),
+            "next_path": (plan.next_path, self.paths_on),
+            "bezier": (plan.bezier, self.paths_on),
+            "local_plan": ([pose[:2] for pose in plan.local_poses], self.paths_on),
+            "staa_path": (plan.staa_path, self.staa_on),
+            "inspected": (inspected.path if inspected else [], True),
+            "inspected_next": (inspected.next_path if inspected else [], True),
+        }
+        for name, (points, on) in paths.items():
+            self._lines[name].update(points, on)
         self.candidates.update(tick.placement, self.candidates_on, self.picked)
 
 
