@@ -27,9 +27,8 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import folder_problem
 from motm_twin.security.folder import Folder
 from motm_twin.settings import PageSettings, ReplaySettings, ServeSettings
-from motm_twin.ui.guard import check_token
-from motm_twin.ui.page_token import VARIABLE as VARIABLE_OF_TOKEN
-from motm_twin.ui.page_token import chosen_token
+from motm_twin.ui.page_server import VARIABLE as VARIABLE_OF_TOKEN
+from motm_twin.ui.page_server import check_token, chosen_token
 
 SERVER, PAGE = "twin server", "page"
 WATCH = 0.1  # [s] between looks at the children
@@ -143,7 +142,7 @@ class _Supervisor:
     def add_page(self, page: PageSettings, more: Sequence[str] = ()) -> None:
         """The page; who may drive is told with its address."""
         self._open = page.token is None
-        self.add(PAGE, "motm_twin.ui.viewer_process", [*page.arguments(self.endpoint, self._twin), *more], page.token)
+        self.add(PAGE, "motm_twin.ui.viewer", [*page.arguments(self.endpoint, self._twin), *more], page.token)
 
     def run(self) -> int:
         """Look after the processes until a signal; the exit code."""

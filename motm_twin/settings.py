@@ -31,7 +31,7 @@ class PageSettings:
     visitors: int = 50
 
     def arguments(self, endpoint: str, twin: str) -> list[str]:
-        """Arguments of `ui.viewer_process`."""
+        """Arguments of `ui.viewer`."""
         found = ["--endpoint", endpoint, "--twin", twin, "--host", self.host, "--port", str(self.port)]
         found += ["--visitors", str(self.visitors), *(["--no-token"] if self.token is None else [])]
         return found + [word for name in self.names for word in ("--name", name)]

@@ -14,7 +14,7 @@ from motm_twin.record.session import load_session, save_session
 from motm_twin.sim.referee_geometry import RobotShapes
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
-from motm_twin.ui.robot_view import GHOST_LINKS, RobotView
+from motm_twin.ui.scene.robot_view import GHOST_LINKS, RobotView
 
 TEXT = """
 format: motm-scene/1

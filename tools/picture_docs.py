@@ -4,7 +4,7 @@ from page import Visitor, until
 from states import State, at
 
 from motm_twin.bus.commands import HandOver, Pause, Play, Reset, Speed
-from motm_twin.ui.aim import CANDIDATE_HEIGHT
+from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT
 
 SIZE = (1280, 800)  # [px]
 GRAB = 0.15  # [m] height at which a Temi is taken

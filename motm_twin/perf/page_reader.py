@@ -23,7 +23,7 @@ from websockets.sync.client import connect
 
 from motm_twin.model.geometry import Array
 from motm_twin.perf.processes import wait_for
-from motm_twin.ui.guard import COOKIE
+from motm_twin.ui.page_server import COOKIE
 
 MAX_FRAME = 64 * 1024 * 1024  # bytes
 POSES = ("SetPositionMessage", "SetOrientationMessage")

@@ -17,8 +17,7 @@ from motm_twin.bus.commands import Command, HandOver, Pause, Play, Reset, Speed
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.messages import TickMessage
 from motm_twin.bus.session import LOOPBACK, free_port
-from motm_twin.ui.guard import page_url
-from motm_twin.ui.page_token import VARIABLE
+from motm_twin.ui.page_server import VARIABLE, page_url
 
 START = 300.0  # [s] for the first start on a busy machine: kernels are compiled
 STOP = 10.0  # [s]
@@ -57,7 +56,7 @@ class Served:
     @property
     def viewer(self) -> int:
         """Process number of the viewer."""
-        return self.pid("motm_twin.ui.viewer_process")
+        return self.pid("motm_twin.ui.viewer")
 
     @property
     def server(self) -> int:

@@ -48,14 +48,9 @@ def scale(values: NDArray[np.float64]) -> NDArray[np.uint8]:
     return _interpolate(_VIRIDIS, 1.0 - values)
 
 
-def ground(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Free to occupied as transparent, green, yellow, red with alpha; shape (...) to (..., 4)."""
-    return _interpolate(_GROUND, values)
-
-
 def ground_table() -> NDArray[np.uint8]:
-    """`ground` for every value of a byte, shape (256, 4)."""
-    return ground(np.linspace(0.0, 1.0, 256))
+    """Free to occupied as transparent, green, yellow, red with alpha, for every value of a byte; shape (256, 4)."""
+    return _interpolate(_GROUND, np.linspace(0.0, 1.0, 256))
 
 
 def css(colour: Rgb) -> str:

@@ -1,6 +1,6 @@
 """The last seconds as one HTML file that plays without a server: ``python -m motm_twin.ui.export INPUT OUTPUT``.
 
-A process of its own draws the periods of the history with the page's own stage into a private Viser server that nobody
+A process of its own draws the periods of the history as the page draws them, into a private Viser server that nobody
 is told of, and keeps what that would have sent. So the page goes on undisturbed meanwhile.
 """
 
@@ -10,6 +10,7 @@ import secrets
 import subprocess
 import sys
 import tempfile
+import threading
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -19,14 +20,13 @@ import numpy as np
 import viser
 
 from motm_twin.bus.client import Grid, NoSession
-from motm_twin.bus.commands import Answer
 from motm_twin.bus.messages import GridInfo, TickMessage
 from motm_twin.bus.session import LOOPBACK
 from motm_twin.model.scene import Scene
-from motm_twin.ui.guard import open_page
-from motm_twin.ui.history import History
+from motm_twin.ui.history import History, unpacked
 from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.stage import Stage
+from motm_twin.ui.page_server import open_page
+from motm_twin.ui.scene.scene_view import SceneView
 
 RATE = 20.0  # [Hz] frames of the recording, at most one per period
 TIMEOUT = 180.0  # [s] for the whole export
@@ -43,7 +43,7 @@ class Frame(msgspec.Struct, frozen=True):
 
 
 class Recording(msgspec.Struct, frozen=True):
-    """What the drawing process is given."""
+    """Input of the drawing process."""
 
     scene: bytes  # Scene as JSON
     frames: list[Frame]
@@ -81,8 +81,7 @@ def record(history: History, scene: Scene, seconds: float, rate: float) -> Recor
     """The periods of the last seconds [s], thinned to a rate [Hz], with their grids."""
     frames: list[Frame] = []
     grids: list[tuple[GridInfo, bytes]] = []
-    known: dict[int, int] = {}
-    kept: list[Grid] = []  # so that no identity is used twice
+    known: Grid | None = None  # the last of them
     last = -np.inf
     for index in history.indices(seconds):
         tick, grid = history.at(index), history.grid_at(index)
@@ -90,13 +89,10 @@ def record(history: History, scene: Scene, seconds: float, rate: float) -> Recor
         if tick is None or payload is None or tick.index != index or tick.time - last < 1.0 / rate - 1e-6:
             continue
         last = tick.time
-        number = -1
-        if grid is not None:
-            number = known.setdefault(id(grid), len(grids))
-            if number == len(grids):
-                kept.append(grid)
-                grids.append((grid.info, zlib.compress(grid.cells.tobytes(), 1)))
-        frames.append(Frame(zlib.compress(payload, 1), number))
+        if grid is not None and grid is not known:
+            known = grid
+            grids.append((grid.info, zlib.compress(grid.cells.tobytes(), 1)))
+        frames.append(Frame(zlib.compress(payload, 1), -1 if grid is None else len(grids) - 1))
     return Recording(msgspec.json.encode(scene), frames, grids)
 
 
@@ -118,42 +114,29 @@ def _draw_elsewhere(source: Path, result: Path, progress: Callable[[float], None
         raise ExportFailed(f"the page could not be drawn: {told[-1] if told else f'exit code {process.returncode}'}")
 
 
-class NoTwin:
-    """The client of no twin: a recording has none, and nobody can command it."""
+class _NoTwin:
+    """The client of no twin: nobody looks at a recording while it is drawn, and nobody commands it."""
 
     sender, endpoint, alive = "export", "", False
-
-    def tick(self) -> None:
-        """None."""
 
     def status(self) -> None:
         """None."""
 
-    def scene(self) -> None:
-        """None."""
-
-    def grid(self) -> None:
-        """None."""
-
-    def session(self, *_: object) -> bytes:
+    def session(self) -> bytes:
         """Raises NoSession."""
         raise NoSession("this is a recording")
 
-    def command(self, *_: object, **__: object) -> Answer:
-        """A refusal."""
-        return Answer(ok=False, reason="this is a recording")
-
 
 def draw(recording: Recording, server: viser.ViserServer, progress: Callable[[float], None]) -> str:
-    """Draw all frames; what a browser needs to play them, as HTML."""
+    """Draw all frames; the HTML that plays them in a browser."""
     scene = msgspec.json.decode(recording.scene, type=Scene)
-    hub = Hub(server, NoTwin())  # type: ignore[arg-type] - what the stage asks of it
-    stage = Stage(server, hub)
-    read, grids = msgspec.json.Decoder(TickMessage).decode, [_grid(*entry) for entry in recording.grids]
+    hub = Hub(_NoTwin())  # type: ignore[arg-type] - what the view asks of it
+    view = SceneView(server, hub)
+    read, grids = msgspec.json.Decoder(TickMessage).decode, [unpacked(*entry) for entry in recording.grids]
     serializer, before, first = None, 0.0, 0.0
     count = len(recording.frames)
     tick: TickMessage | None = None
-    for number, frame in enumerate(recording.frames):
+    for number, frame in enumerate(recording.frames, 1):
         tick = read(zlib.decompress(frame.tick))
         grid = grids[frame.grid] if frame.grid >= 0 else None
         if serializer is not None:
@@ -161,22 +144,17 @@ def draw(recording: Recording, server: viser.ViserServer, progress: Callable[[fl
         shown = Shown(
             state="done", status=None, scene=scene, tick=tick, newest=tick, live=False, view=hub.view, grid=grid
         )
-        stage.draw(shown, max(0.0, tick.time - before), slow=True)
+        view.draw(shown, max(0.0, tick.time - before), slow=True)
         if serializer is None:
             serializer, first = server.get_scene_serializer(), tick.time
         before = tick.time
-        progress((number + 1) / count)
+        progress(number / count)
     assert serializer is not None and tick is not None
     serializer.insert_sleep(LAST)
-    stage.stop()
+    view.stop()
     hub.stop()
     page = serializer.as_html()
     return _with_caption(page, f"{scene.title or scene.name}, {first:.1f} to {tick.time:.1f} s")
-
-
-def _grid(info: GridInfo, packed: bytes) -> Grid:
-    cells = np.frombuffer(zlib.decompress(packed), dtype=np.uint8)
-    return Grid(info=info, cells=cells.reshape(info.height, info.width))
 
 
 def _with_caption(page: str, caption: str) -> str:
@@ -212,8 +190,6 @@ def main() -> None:
 
 
 def _end_after(timeout: float) -> None:
-    import threading
-
     def end() -> None:
         print(f"it took more than {timeout:.0f} s", flush=True)
         os._exit(1)

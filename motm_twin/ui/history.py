@@ -1,33 +1,107 @@
 """The last two minutes: every period as it was sent, so that the page can look back while the robot goes on.
 
-Payloads are kept compressed (about 3 kB each) and read again only when somebody looks at them; what the plots and the
-list of events need is read once, when a period arrives. A branch keeps the past that it shares and sets aside what will
-not come to pass, until the branch is undone; a reset or another scene (or server) begins anew.
+Payloads are kept compressed (about 3 kB each) and read again only when somebody looks at them; the numbers of the plots
+and the list of events are read once, when a period arrives. A branch keeps the past that it shares and sets aside what
+will not come to pass, until the branch is undone; a reset or another scene (or server) begins anew.
 """
 
 import bisect
+import math
 import threading
+import time
 import zlib
 from dataclasses import dataclass
-from typing import NamedTuple
+from operator import attrgetter
+from typing import NamedTuple, Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.bus.client import Grid
-from motm_twin.bus.messages import GRID_VERSION, TICK_VERSION, EventMessage, GridInfo, TickMessage
+from motm_twin.bus.messages import GRID_VERSION, TICK_VERSION, EventMessage, GridInfo, MaybeNumber, TickMessage, Vector
 from motm_twin.model.period import PERIOD
-from motm_twin.ui.samples import Part, Sample, sample
 
 PERIODS = 2400  # 120 s
 MAX_BYTES = 32_000_000  # of compressed ticks; an ordinary two minutes need a quarter of it
 MAX_GRID_BYTES = 8_000_000
+_INDEX, _TIME, _STAMP = (attrgetter(name) for name in ("index", "time", "stamp"))  # order of what is kept
 LEVEL = 1  # of zlib: 2 % larger than the best level, five times as fast
+STAGES = ("map", "place", "plan", "arm", "monitor")  # of the period; its time is their sum
+
+
+class _Robot(msgspec.Struct, frozen=True):
+    twist: Vector
+    dq: Vector
+
+
+class _Arm(msgspec.Struct, frozen=True):
+    slack: list[MaybeNumber]
+    obstacle_distance: MaybeNumber
+
+
+class Part(msgspec.Struct, frozen=True):
+    """The fields of a TickMessage that are needed."""
+
+    version: str
+    run: int
+    index: int
+    time: float
+    robot: _Robot
+    arm: list[_Arm]
+    events: list[EventMessage]
+    stage_ms: dict[str, float]
+    preview: bool
+    began: float = 0.0
+    first: int = 0
+    past: int = -1
+
+
+class Sample(NamedTuple):
+    """One period as numbers; nan where there is none."""
+
+    time: float  # [s]
+    speed: float  # forward [m/s]
+    yaw_rate: float  # [rad/s]
+    dq1: float  # arm joint rates [rad/s]
+    dq2: float
+    dq3: float
+    dq4: float
+    dq5: float
+    dq6: float
+    dq7: float
+    distance: float  # [m] gripper to the nearest seen obstacle, least of the period
+    linear_slack: float  # [m/s] largest of the period
+    angular_slack: float  # [rad/s]
+    map: float  # [ms]
+    place: float  # [ms]
+    plan: float  # [ms]
+    arm: float  # [ms]
+    monitor: float  # [ms]
+    period: float  # [ms]
+
+
+def sample(part: Part) -> Sample:
+    """The numbers of one period."""
+    dq = [*part.robot.dq, *[math.nan] * 7][:7]
+    distances = [step.obstacle_distance for step in part.arm if step.obstacle_distance is not None]
+    slacks = [step.slack for step in part.arm if len(step.slack) == 6 and None not in step.slack]
+    ms = part.stage_ms
+    return Sample(
+        part.time,
+        part.robot.twist[0],
+        part.robot.twist[1],
+        *dq,
+        min(distances, default=math.nan),
+        max((math.hypot(*slack[:3]) for slack in slacks), default=math.nan),  # type: ignore[arg-type]
+        max((math.hypot(*slack[3:]) for slack in slacks), default=math.nan),  # type: ignore[arg-type]
+        *(ms.get(stage, math.nan) for stage in STAGES),
+        ms.get("period", math.nan),
+    )
 
 
 class Span(NamedTuple):
-    """What can be looked at: first and last period, and their times [s]."""
+    """The periods that can be looked at: first and last one, and their times [s]."""
 
     first: int
     last: int
@@ -52,7 +126,7 @@ class _Map:
 
 @dataclass(frozen=True)
 class _Tail:
-    """The end of a run that is set aside: where the branch left it, and all from there on."""
+    """The end of a run that is set aside: the point where the branch left it, and all from there on."""
 
     run: int
     index: int
@@ -110,10 +184,8 @@ class History:
         with self._lock:
             if read.run < self._run:
                 return  # a straggler
-            goes_on = (
-                read.run == self._run
-            )  # so what it takes the place of may be of a run that it shares its past with
-            while self._maps and self._maps[-1].stamp > read.stamp and (goes_on or self._maps[-1].info.run == read.run):
+            any_run = read.run == self._run  # it may take the place of grids of a run that it shares its past with
+            while self._maps and self._maps[-1].stamp > read.stamp and (any_run or self._maps[-1].info.run == read.run):
                 self._map_bytes -= len(self._maps.pop().cells)
             last = self._maps[-1] if self._maps else None
             if last is not None and _same(last, packed):
@@ -146,52 +218,38 @@ class History:
         """The grid that was in force in this period."""
         with self._lock:
             entry = self._find(index)
-            number = -1 if entry is None else bisect.bisect_right(self._maps, entry.time + 1e-9, key=_stamp) - 1
+            number = -1 if entry is None else bisect.bisect_right(self._maps, entry.time + 1e-9, key=_STAMP) - 1
             if number < 0 and not self._maps:
                 return None
             found = self._maps[max(number, 0)]
             if self._shown_map is None or self._shown_map[0] is not found:
-                cells = np.frombuffer(zlib.decompress(found.cells), dtype=np.uint8)
-                grid = Grid(info=found.info, cells=cells.reshape(found.info.height, found.info.width))
-                self._shown_map = found, grid
+                self._shown_map = found, unpacked(found.info, found.cells)
             return self._shown_map[1]
 
     @property
-    def newest(self) -> int | None:
-        """Index of the last period."""
-        with self._lock:
-            return self._entries[-1].index if self._entries else None
-
-    @property
     def span(self) -> Span | None:
-        """What can be looked at; None before the first period."""
+        """The periods that can be looked at; None before the first one."""
         with self._lock:
             if not self._entries:
                 return None
             first, last = self._entries[0], self._entries[-1]
             return Span(first.index, last.index, first.time, last.time)
 
-    @property
-    def size(self) -> int:
-        """Bytes that are kept, without a run that is set aside."""
-        with self._lock:
-            return self._bytes + self._map_bytes
-
     def indices(self, seconds: float) -> list[int]:
         """Periods of the last seconds [s], oldest first."""
         with self._lock:
             if not self._entries:
                 return []
-            start = bisect.bisect_left(self._entries, self._entries[-1].time - seconds - 1e-9, key=_time)
+            start = bisect.bisect_left(self._entries, self._entries[-1].time - seconds - 1e-9, key=_TIME)
             return [entry.index for entry in self._entries[start:]]
 
     def samples(self, index: int | None, seconds: float) -> NDArray[np.float64]:
-        """What the plots need of the seconds [s] up to a period (None: the newest), shape (n, len(Sample))."""
+        """Numbers for the plots of the seconds [s] up to a period (None: the newest), shape (n, len(Sample))."""
         with self._lock:
             end = self._count(index)
             if end == 0:
                 return np.zeros((0, len(Sample._fields)))
-            start = bisect.bisect_left(self._entries, self._entries[end - 1].time - seconds - 1e-9, 0, end, key=_time)
+            start = bisect.bisect_left(self._entries, self._entries[end - 1].time - seconds - 1e-9, 0, end, key=_TIME)
             return self._rows[self._first + start : self._first + end].copy()
 
     def events(self, index: int | None, count: int) -> list[EventMessage]:
@@ -205,8 +263,8 @@ class History:
         return found[:count]
 
     def _count(self, index: int | None) -> int:
-        """How many periods there are up to one."""
-        return len(self._entries) if index is None else bisect.bisect_right(self._entries, index, key=_index)
+        """Number of periods up to one."""
+        return len(self._entries) if index is None else bisect.bisect_right(self._entries, index, key=_INDEX)
 
     def _append(self, entry: _Entry, row: Sample | NDArray[np.float64]) -> None:
         count = len(self._entries)
@@ -219,7 +277,7 @@ class History:
     def _find(self, index: int) -> _Entry | None:
         if not self._entries:
             return None
-        return self._entries[max(0, bisect.bisect_right(self._entries, index, key=_index) - 1)]
+        return self._entries[max(0, bisect.bisect_right(self._entries, index, key=_INDEX) - 1)]
 
     def _turn(self, part: Part) -> None:
         """Another run: a branch, or its undoing, goes on from the past it shares; anything else has none."""
@@ -241,16 +299,16 @@ class History:
         self._map_bytes = sum(len(kept.cells) for kept in self._maps)
 
     def _take_off(self, index: int, time: float) -> _Tail:
-        """Cut, and give what was cut off."""
-        start = bisect.bisect_left(self._entries, index, key=_index)
+        """Cut, and return the end that was cut off."""
+        start = bisect.bisect_left(self._entries, index, key=_INDEX)
         rows = self._rows[self._first + start : self._first + len(self._entries)].copy()
-        later = self._maps[bisect.bisect_right(self._maps, time, key=_stamp) :]
+        later = self._maps[bisect.bisect_right(self._maps, time, key=_STAMP) :]
         tail = _Tail(self._run, index, time, self._entries[start:], rows, later)
         self._cut(index, time)
         return tail
 
     def _put_back(self, tail: _Tail) -> None:
-        """Append what was cut off; what lies before it is the past that it had."""
+        """Append an end that was cut off; the periods before it are the past that it had."""
         for entry, row in zip(tail.entries, tail.rows, strict=True):
             self._append(entry, row)
             self._bytes += len(entry.payload)
@@ -260,10 +318,10 @@ class History:
         """Forget the periods from this one on, and the grids of later times [s]."""
         if not self._entries or self._entries[-1].index < index:
             return
-        start = bisect.bisect_left(self._entries, index, key=_index)
+        start = bisect.bisect_left(self._entries, index, key=_INDEX)
         self._bytes -= sum(len(entry.payload) for entry in self._entries[start:])
         del self._entries[start:]
-        keep = bisect.bisect_right(self._maps, time, key=_stamp)
+        keep = bisect.bisect_right(self._maps, time, key=_STAMP)
         self._map_bytes -= sum(len(kept.cells) for kept in self._maps[keep:])
         del self._maps[keep:]
 
@@ -278,24 +336,84 @@ class History:
             return
         del self._entries[:gone]
         self._first += gone
-        old = bisect.bisect_right(self._maps, self._entries[0].time + 1e-9, key=_stamp) - 1  # still in force
+        old = bisect.bisect_right(self._maps, self._entries[0].time + 1e-9, key=_STAMP) - 1  # still in force
         if old > 0:
             self._map_bytes -= sum(len(kept.cells) for kept in self._maps[:old])
             del self._maps[:old]
 
 
-def _index(entry: _Entry) -> int:
-    return entry.index
-
-
-def _time(entry: _Entry) -> float:
-    return entry.time
-
-
-def _stamp(kept: _Map) -> float:
-    return kept.stamp
+def unpacked(info: GridInfo, cells: bytes) -> Grid:
+    """A grid whose cells were compressed."""
+    flat = np.frombuffer(zlib.decompress(cells), dtype=np.uint8)
+    return Grid(info=info, cells=flat.reshape(info.height, info.width))
 
 
 def _same(a: _Map, b: _Map) -> bool:
-    """Whether two grids are alike but for their times."""
+    """True for two grids that are alike but for their times."""
     return a.cells == b.cells and msgspec.structs.replace(a.info, stamp=b.info.stamp) == b.info
+
+
+class Looking(Protocol):
+    """Holds the period that is looked at; None is the newest."""
+
+    at: int | None
+
+
+class Playback:
+    """Moves ``view.at`` through the history. Everybody sees the same picture."""
+
+    def __init__(self, view: Looking) -> None:
+        self._view = view
+        self._speed, self._place, self._last = 0.0, 0.0, 0.0
+
+    @property
+    def playing(self) -> bool:
+        """True while the picture moves by itself."""
+        return self._speed > 0.0 and self._view.at is not None
+
+    def play(self, speed: float, span: Span | None) -> None:
+        """Go on from the shown period (from the oldest one when the newest is shown), ``speed`` times real time."""
+        if span is None:
+            return
+        if self._view.at is None or self._view.at >= span.last:
+            self._view.at = span.first
+        self._speed, self._place, self._last = speed, float(self._view.at), time.monotonic()
+
+    def pause(self) -> None:
+        """Stay at the shown period."""
+        self._speed = 0.0
+
+    def live(self) -> None:
+        """Back to the newest period."""
+        self._speed = 0.0
+        self._view.at = None
+
+    def look(self, seconds: float, span: Span | None) -> None:
+        """Show the period that lies so far [s] before the newest; 0 is the newest."""
+        self._speed = 0.0
+        if span is None or seconds < PERIOD / 2:
+            self._view.at = None
+            return
+        self._view.at = max(span.first, span.last - round(seconds / PERIOD))
+
+    def step(self, periods: int, span: Span | None) -> None:
+        """Show a later or earlier period."""
+        self._speed = 0.0
+        if span is None:
+            return
+        at = span.last if self._view.at is None else self._view.at
+        at = max(span.first, at + periods)
+        self._view.at = None if at >= span.last and periods > 0 else min(at, span.last)
+
+    def advance(self, span: Span | None, now: float | None = None) -> None:
+        """Let the picture move on; call it often. It ends where the newest period is."""
+        now = time.monotonic() if now is None else now
+        if not self.playing or span is None or self._view.at is None:
+            self._speed = 0.0 if self._view.at is None else self._speed
+            return
+        self._place = max(self._place, float(span.first)) + self._speed * (now - self._last) / PERIOD
+        self._last = now
+        if self._place >= span.last:
+            self.live()
+        else:
+            self._view.at = int(self._place)

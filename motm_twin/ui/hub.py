@@ -1,4 +1,4 @@
-"""What all parts of the page share: who is here, what is shown, and the way from a widget to the twin.
+"""Shared by all parts of the page: its visitors, the view, and the way from a widget to the twin.
 
 One 3D scene is drawn for everybody, as the driver has arranged it; each visitor has an own panel and camera. Any number
 of visitors may look; only the driver (of the twin's lease) can change something, and every callback is checked here.
@@ -33,12 +33,12 @@ from motm_twin.bus.commands import (
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
-from motm_twin.ui.history import History, Span
-from motm_twin.ui.playback import Playback
+from motm_twin.ui.history import History, Playback, Span
 from motm_twin.ui.what_if import OwnMethod, WhatIf
 
 LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodified STAA* path")
 OFF_AT_FIRST = ("Unmodified STAA* path",)
+LOOKING_BACK = "looking back: return to live or branch from here"
 NOTE_TIME = 6.0  # [s] a note stays on the page
 NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
@@ -47,6 +47,7 @@ LOOK = 0.1  # [s] between looks at what the server is doing
 ASKED = (Load, Pause, Play, Reset, Seed, Speed)  # of them what a person has pressed, and is told about
 PROMPT, PATIENCE = 5.0, 20.0  # [s] until the twin must have answered, for what is meant now, and for the `PATIENT`
 KEEP_WHEEL = 3.0  # [s] what a driver does on the page alone keeps the wheel as well, told this often
+Act = Callable[[Any, "Visitor"], object]
 
 
 @dataclass(eq=False)
@@ -66,8 +67,9 @@ class Visitor:
         with self._noting:
             same = [entry for entry in self.notes if entry[1] == text]
             kept = [entry for entry in self.notes if entry[1] != text]
-            self.notes = [*kept[max(0, len(kept) + 1 - NOTES) :], (note, text)]
-        for old, _ in same + kept[: max(0, len(kept) + 1 - NOTES)]:
+            too_many = max(0, len(kept) + 1 - NOTES)
+            self.notes = [*kept[too_many:], (note, text)]
+        for old, _ in same + kept[:too_many]:
             old.remove()
 
     def rename(self, text: str) -> None:
@@ -77,7 +79,7 @@ class Visitor:
 
 @dataclass
 class View:
-    """What the driver has chosen to see, for everybody."""
+    """The driver's choice of what is shown, for everybody."""
 
     layers: dict[str, bool] = field(default_factory=lambda: {name: name not in OFF_AT_FIRST for name in LAYERS})
     picked: int | None = None  # candidate whose costs and paths are shown
@@ -90,7 +92,7 @@ class View:
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """What one update of the page shows."""
+    """Content of one update of the page."""
 
     state: str  # of the server, or "waiting" (not seen yet) or "lost" (silent)
     status: StatusMessage | None
@@ -103,17 +105,16 @@ class Shown:
 
     @property
     def behind(self) -> float:
-        """How far [s] the shown period lies before the newest one."""
+        """Time [s] from the shown period to the newest one."""
         return 0.0 if self.tick is None or self.newest is None else max(0.0, self.newest.time - self.tick.time)
 
 
 class Hub:
     """Between the widgets of all visitors and the twin."""
 
-    def __init__(self, server: viser.ViserServer, client: TwinClient, own_method: OwnMethod | None = None) -> None:
+    def __init__(self, client: TwinClient, own_method: OwnMethod | None = None) -> None:
         """``own_method``: one that is not shipped, for comparisons."""
-        self.server, self.client = server, client
-        self.view = View()
+        self.client, self.view = client, View()
         self.history: History | None = None  # set by the viewer
         self.what_if = WhatIf(client.session, own_method=own_method)
         self.playback = Playback(self.view)
@@ -126,19 +127,21 @@ class Hub:
         self._sender.start()
 
     def stop(self) -> None:
-        """End the sending thread, and what was computed for the page."""
+        """End the sending thread, and the comparison that is computed for the page."""
         self.what_if.stop()
         self._stop.set()
         self._sender.join(1.0)
 
     @property
     def span(self) -> Span | None:
-        """What can be looked back at: what is kept here, as far as the twin can branch from it."""
+        """Periods that can be looked back at: those kept here, as far as the twin can branch from them."""
         span, status = None if self.history is None else self.history.span, self.client.status()
         if span is None or status is None:
             return span
         first = min(max(span.first, status.oldest), span.last)
         return span._replace(first=first, first_time=span.first_time + (first - span.first) * PERIOD)
+
+    # visitors and their notes
 
     @property
     def visitors(self) -> list[Visitor]:
@@ -164,37 +167,64 @@ class Hub:
             self.send(visitor, HandOver())
         return visitor
 
-    def visitor(self, client: viser.ClientHandle | int | None) -> Visitor | None:
-        """Who a client is, by handle or number."""
-        number = client.client_id if isinstance(client, viser.ClientHandle) else client
-        return None if number is None else self._visitors.get(number)
+    def tell(self, visitor: Visitor | None, text: str, title: str = "", colour: str = "orange") -> None:
+        """A note on one page, or on all."""
+        for reader in self.visitors if visitor is None else [visitor]:
+            if reader.gone:
+                continue
+            note = reader.client.add_notification(
+                title or "Note", text, auto_close_seconds=NOTE_TIME, color=colour  # type: ignore[arg-type]
+            )  # fmt: skip
+            reader.show(note, text)
+
+    def tell_error(self, visitor: Visitor | None, error: Exception, title: str) -> None:
+        """A note about the error that is being handled, and its trace in the log."""
+        traceback.print_exc()
+        self.tell(visitor, f"{type(error).__name__}: {error}", title, "red")
+
+    # the wheel
 
     def drives(self, visitor: Visitor) -> bool:
-        """Whether this visitor drives, or may because nobody else does."""
+        """True for the driver, and for everybody while there is none."""
         status = self.client.status()
         return status is None or status.driver in ("", visitor.sender)
 
     def is_driver(self, visitor: Visitor) -> bool:
-        """Whether this visitor holds the wheel."""
+        """True for the visitor who holds the wheel."""
         status = self.client.status()
         return status is not None and status.driver == visitor.sender
+
+    def refusal(self, visitor: Visitor) -> str:
+        """Reason why this visitor may not change anything now; "" when he may."""
+        if not self.drives(visitor):
+            status = self.client.status()
+            return f"{status.driver_name if status else 'somebody else'} is driving"
+        return "" if self.view.at is None else LOOKING_BACK
+
+    def live(self, visitor: Visitor) -> bool:
+        """True while the newest period is shown; else the visitor is told that nothing of it can be changed."""
+        if self.view.at is not None:
+            self.tell(visitor, LOOKING_BACK)
+        return self.view.at is None
 
     def ask(self, visitor: Visitor) -> None:
         """Ask the driver for the wheel."""
         status = self.client.status()
-        driver = None if status is None else self._speaker(status.driver)
         self._asking[visitor.sender] = visitor
+        if status is None or not status.driver:
+            return
+        driver = next((other for other in self.visitors if other.sender == status.driver), None)
         if driver is not None:
             self.tell(driver, f"{visitor.name} asks for the wheel: the button on top of the panel hands it over")
-        elif status is not None and status.driver:
+        else:
             self.tell(visitor, f"{status.driver_name} drives from elsewhere; the wheel is free after 10 s of silence")
 
     def asks(self, visitor: Visitor) -> bool:
-        """Whether this visitor waits for the wheel."""
+        """True while this visitor waits for the wheel."""
         return visitor.sender in self._asking
 
     def asker(self) -> Visitor | None:
-        """Who asked first for the wheel and still does."""
+        """The visitor who asked first for the wheel and still does."""
         status = self.client.status()
         driver = "" if status is None else status.driver
         if not driver:
@@ -202,8 +232,13 @@ class Hub:
         self._asking.pop(driver, None)
         return next(iter(list(self._asking.values())), None)
 
-    def _speaker(self, sender: str) -> Visitor | None:
-        return next((visitor for visitor in self.visitors if visitor.sender == sender), None)
+    def keep_wheel(self, visitor: Visitor) -> None:
+        """Take a wheel that is free for somebody who does something, or keep it through what changes only the page."""
+        quiet = time.monotonic() - visitor.sent > KEEP_WHEEL
+        if quiet and self.client.alive and not visitor.gone:
+            self.send(visitor, TakeWheel())
+
+    # commands
 
     def send(self, visitor: Visitor | None, command: Command) -> None:
         """Have a command sent soon; a refusal is told to the visitor."""
@@ -222,7 +257,10 @@ class Hub:
         timeout = PROMPT
         if isinstance(command, PATIENT):
             timeout = PATIENCE
-            self._let_it_load(visitor, command)
+            if self.loading() and isinstance(command, ASKED):
+                self.tell(visitor, "the twin is still loading: this comes next")
+            while self.loading() and not self._stop.wait(LOOK):
+                pass
         with self._speaking:  # nobody speaks for a visitor once the wheel was given back for it
             if visitor is None:
                 answer = self.client.command(command, timeout)
@@ -236,79 +274,16 @@ class Hub:
         return answer
 
     def loading(self) -> str:
-        """What the server is loading, and what to do about it; "" when it is not."""
+        """A sentence about the scene that the server is loading; "" when it is not."""
         status = self.client.status()
         if status is None or status.state != "loading" or not self.client.alive:
             return ""
         return f"still {status.text or 'loading'}: try again when it runs"
 
-    def _let_it_load(self, visitor: Visitor | None, command: Command) -> None:
-        """Wait until the server can answer."""
-        if self.loading() and isinstance(command, ASKED):
-            self.tell(visitor, "the twin is still loading: this comes next")
-        while self.loading() and not self._stop.wait(LOOK):
-            pass
-
-    def live(self, visitor: Visitor) -> bool:
-        """Whether the newest period is shown; else the visitor is told that nothing of it can be changed."""
-        if self.view.at is not None:
-            self.tell(visitor, "looking back: return to live or branch from here")
-        return self.view.at is None
-
-    def tell(self, visitor: Visitor | None, text: str, title: str = "", colour: str = "orange") -> None:
-        """A note on one page, or on all."""
-        for reader in self.visitors if visitor is None else [visitor]:
-            if reader.gone:
-                continue
-            note = reader.client.add_notification(
-                title or "Note", text, auto_close_seconds=NOTE_TIME, color=colour  # type: ignore[arg-type]
-            )  # fmt: skip
-            reader.show(note, text)
-
     def inspect(self) -> None:
         """Ask the twin to explain what the view needs."""
         picked = -1 if self.view.picked is None else self.view.picked
         self.send(None, Inspect(candidate=picked, staa_path=self.view.staa_path))
-
-    def watching(self, act: Callable[[Any, Visitor], object]) -> Callable:
-        """A callback anybody may trigger: kept in order, errors shown on the page. ``act(event, visitor)``."""
-
-        async def callback(event: Any) -> None:
-            visitor = self.visitor(getattr(event, "client_id", None))
-            if visitor is None:
-                return  # set by this program, or the visitor is gone
-            try:
-                result = act(event, visitor)
-                if asyncio.iscoroutine(result):
-                    await result
-            except Exception as error:
-                traceback.print_exc()
-                self.tell(visitor, f"{type(error).__name__}: {error}", "This did not work", "red")
-
-        return callback
-
-    def driving(self, act: Callable[[Any, Visitor], object]) -> Callable:
-        """A callback only for the driver; others are told who drives."""
-
-        def checked(event: Any, visitor: Visitor) -> object:
-            if self.drives(visitor):
-                return self._as_driver(act, event, visitor)
-            status = self.client.status()
-            self.tell(visitor, f"{status.driver_name if status else 'somebody else'} is driving", "Only looking")
-            return None
-
-        return self.watching(checked)
-
-    def _as_driver(self, act: Callable[[Any, Visitor], object], event: Any, visitor: Visitor) -> object:
-        result = act(event, visitor)
-        self.keep_wheel(visitor)
-        return result
-
-    def keep_wheel(self, visitor: Visitor) -> None:
-        """Take a wheel that is free for somebody who does something, or keep it through what changes only the page."""
-        quiet = time.monotonic() - visitor.sent > KEEP_WHEEL
-        if quiet and self.client.alive and not visitor.gone:
-            self.send(visitor, TakeWheel())
 
     def _send_queued(self) -> None:
         while not self._stop.is_set():
@@ -319,9 +294,39 @@ class Hub:
             try:
                 self.command(visitor, command)
             except Exception as error:
-                traceback.print_exc()
-                self.tell(visitor, f"{type(error).__name__}: {error}", "Not sent", "red")
+                self.tell_error(visitor, error, "Not sent")
                 time.sleep(0.1)
+
+    # callbacks
+
+    def watching(self, act: Act) -> Callable:
+        """A callback anybody may trigger: kept in order, errors shown on the page. ``act(event, visitor)``."""
+
+        async def callback(event: Any) -> None:
+            visitor = self._visitors.get(getattr(event, "client_id", None))  # type: ignore[arg-type]
+            if visitor is None:
+                return  # set by this program, or the visitor is gone
+            try:
+                result = act(event, visitor)
+                if asyncio.iscoroutine(result):
+                    await result
+            except Exception as error:
+                self.tell_error(visitor, error, "This did not work")
+
+        return callback
+
+    def driving(self, act: Act) -> Callable:
+        """A callback only for the driver; others are told who drives."""
+
+        def checked(event: Any, visitor: Visitor) -> object:
+            if not self.drives(visitor):
+                self.tell(visitor, self.refusal(visitor), "Only looking")
+                return None
+            result = act(event, visitor)
+            self.keep_wheel(visitor)
+            return result
+
+        return self.watching(checked)
 
 
 def clean_name(text: str) -> str:

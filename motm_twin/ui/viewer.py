@@ -1,27 +1,41 @@
-"""The viewer process: a Zenoh client that draws ticks with Viser and posts commands.
+"""The viewer: a Zenoh client that draws ticks with Viser and posts commands.
 
-It can be started, stopped and restarted at any time; the twin does not notice. Alone:
-``python -m motm_twin.ui.viewer_process --endpoint tcp/127.0.0.1:7447 --port 8080``.
+A process of its own, which can be started, stopped and restarted at any time; the twin does not notice. Alone:
+``python -m motm_twin.ui.viewer --endpoint tcp/127.0.0.1:7447 --port 8080``.
 """
 
+import argparse
+import logging
+import os
+import queue
+import sys
 import threading
 import time
 import traceback
+from collections.abc import Callable
 
+import msgspec
 import viser
 
 from motm_twin.bus.client import Grid, TwinClient
-from motm_twin.bus.messages import TickMessage
-from motm_twin.ui.feed import Feed
+from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
+from motm_twin.bus.messages import NumberedEvent, TickMessage
+from motm_twin.bus.process import Reporter, leave, stop_event
+from motm_twin.bus.session import LOOPBACK
+from motm_twin.exit_codes import BAD_INPUT
+from motm_twin.memory import freeze_setup, share_arenas
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.news import News
-from motm_twin.ui.stage import Stage
-from motm_twin.ui.visitors import Visitors
+from motm_twin.ui.page_server import VARIABLE, VISITORS, chosen_token, open_page, page_url
+from motm_twin.ui.panel.panel import Panels
+from motm_twin.ui.scene.scene_view import SceneView
 from motm_twin.ui.what_if import OwnMethod
 
 FRAME = 1.0 / 30.0  # [s] at most thirty pictures a second
 SLOW = 0.1  # [s] between updates of ghosts, candidates and panels
+ROOM = 4000  # payloads that may wait for the history; then the oldest are lost, as they are for any slow reader
+TITLES = {"refused": "Not done", "recording": "Recording"}  # kinds of events that are told on every page
+NICENESS = 5  # drawing yields to control
 
 
 class Viewer:
@@ -31,12 +45,12 @@ class Viewer:
         """``own_method``: one that is not shipped, for comparisons."""
         self._client = client
         self._stop = threading.Event()
-        self._hub = Hub(server, client, own_method)
+        self._hub = Hub(client, own_method)
         self._hub.history = self._history = History()
-        self._feed = Feed(client, self._history)
-        self._news = News(client, lambda text, title: self._hub.tell(None, text, title))
-        self._stage = Stage(server, self._hub)
-        self._visitors = Visitors(server, self._hub, self._stage)
+        self._writer = HistoryWriter(client, self._history)
+        self._forget_events = tell_events(client, lambda text, title: self._hub.tell(None, text, title))
+        self._scene = SceneView(server, self._hub)
+        self._panels = Panels(server, self._hub, self._scene)
 
     def stop(self) -> None:
         """Make `run` return."""
@@ -53,26 +67,21 @@ class Viewer:
                 slow_at = now + SLOW
             try:
                 shown = self._shown()
-                self._stage.draw(shown, now - last, slow=slow)
+                self._scene.draw(shown, now - last, slow=slow)
                 if slow:
-                    self._visitors.update(shown)
+                    self._panels.update(shown)
             except Exception as error:
-                traceback.print_exc()
-                self._hub.tell(None, f"{type(error).__name__}: {error}", "Drawing failed", "red")
+                self._hub.tell_error(None, error, "Drawing failed")
                 self._stop.wait(1.0)
             last = now
             self._stop.wait(max(0.0, FRAME - (time.monotonic() - now)))
-        self._news.stop()
-        self._feed.stop()
-        self._stage.stop()
-        self._hub.stop()
+        self._forget_events()
+        for part in (self._writer, self._scene, self._hub):
+            part.stop()
 
     def _shown(self) -> Shown:
         status, tick = self._client.status(), self._client.tick()
-        if status is None:
-            state = "waiting"
-        else:
-            state = status.state if self._client.alive else "lost"
+        state = "waiting" if status is None else status.state if self._client.alive else "lost"
         looking_back = self._looking_back()
         return Shown(
             state=state,
@@ -98,3 +107,101 @@ class Viewer:
             at = view.at = span.first
         tick = self._history.at(at)
         return None if tick is None else (tick, self._history.grid_at(at))
+
+
+class HistoryWriter:
+    """Fills the history of one twin until `stop`, in its own thread: Zenoh's must not wait for compression."""
+
+    def __init__(self, client: TwinClient, history: History) -> None:
+        self._history = history
+        self._waiting: queue.Queue[tuple[bytes, bytes | None] | None] = queue.Queue()
+        self._forget = [client.on_tick(lambda payload: self._take(payload, None)), client.on_grid(self._take)]
+        self._worker = threading.Thread(target=self._work, name="history", daemon=True)
+        self._worker.start()
+
+    def stop(self) -> None:
+        """Listen no more."""
+        for forget in self._forget:
+            forget()
+        self._waiting.put(None)
+        self._worker.join(1.0)
+
+    def _take(self, payload: bytes, info: bytes | None) -> None:
+        if self._waiting.qsize() > ROOM:
+            self._waiting.get_nowait()
+        self._waiting.put((payload, info))
+
+    def _work(self) -> None:
+        while (item := self._waiting.get()) is not None:
+            payload, info = item
+            try:
+                if info is None:
+                    self._history.add(payload)
+                else:
+                    self._history.add_grid(payload, info)
+            except Exception:  # of another version, or broken: the page tells it when it draws the same message
+                traceback.print_exc()
+
+
+def tell_events(client: TwinClient, tell: Callable[[str, str], None]) -> Callable[[], None]:
+    """Have texts and titles of events told that no period shows, such as a refusal by the robot; returns the end."""
+    decode = msgspec.json.Decoder(NumberedEvent).decode
+
+    def take(payload: bytes) -> None:  # in Zenoh's thread: a note is only queued for the page
+        try:
+            event = decode(payload)
+        except msgspec.MsgspecError:
+            return  # of another version: the ticks say so
+        if event.kind in TITLES:
+            tell(event.text, TITLES[event.kind])
+
+    forget = client.on_sample(client.keys.event, take)
+    client.follow(client.keys.event)
+    return forget
+
+
+def main() -> None:
+    """Run until a signal or the end of the parent."""
+    options = _options()
+    report, stop = Reporter(options.report), stop_event(options.report is not None)
+    given = os.environ.pop(VARIABLE, None) or None  # no child of this program needs it
+    os.nice(NICENESS)
+    share_arenas()
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no news
+    try:
+        token = chosen_token(None if options.no_token else given, none=options.no_token)
+        server = open_page(options.host, options.port, token, options.name, visitors=options.visitors)
+        client = TwinClient(options.endpoint, options.twin)
+    except (OSError, ValueError) as error:
+        report("refused", text=str(error))
+        leave(BAD_INPUT)
+        return
+    viewer = Viewer(server, client, None if options.own_method is None else tuple(options.own_method))
+    drawing = threading.Thread(target=viewer.run, name="viewer", daemon=True)
+    drawing.start()
+    freeze_setup()
+    report("page", url=page_url(options.host, server.get_port(), token), port=server.get_port())
+    stop.wait()
+    viewer.stop()
+    drawing.join(0.5)
+    server.stop()
+    client.close()
+    leave(0)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m motm_twin.ui.viewer", description=__doc__)
+    parser.add_argument("--endpoint", default=f"tcp/{LOOPBACK}:{DEFAULT_PORT}", help="where the twin server listens")
+    parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
+    parser.add_argument("--host", default=LOOPBACK, help="address of the page")
+    parser.add_argument("--no-token", action="store_true", help="anybody on this machine may look and drive")
+    parser.add_argument("--name", action="append", default=[], help="further name under which browsers may ask")
+    parser.add_argument("--port", type=int, default=8080, help="TCP port of the page, 0 takes any free one")
+    parser.add_argument("--visitors", type=int, default=VISITORS, help="pages that may be open at once")
+    parser.add_argument("--own-method", nargs=2, metavar=("NAME", "FILE.py:NAME"), help="method that is not shipped")
+    parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
+    return parser.parse_args(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    main()

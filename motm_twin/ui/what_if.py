@@ -1,4 +1,4 @@
-"""What if: a run once more in other processes, as it was and with other parameters, for everybody to see.
+"""Comparisons (what if): a run once more in other processes, as it was and with other parameters, for everybody to see.
 
 ``python -m motm_twin.record.what_if`` computes both and writes JSON lines; here they are read and kept.
 """
@@ -13,8 +13,9 @@ import threading
 import time as clock
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 
 import msgspec
@@ -35,7 +36,7 @@ Mover = tuple[float, float, float, float]  # a Temi or a person: x, y, radius, h
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """Where the robot of one run is, and who else is about there."""
+    """The robot of one run at one moment, and who else is about there."""
 
     time: float  # [s] simulated
     pose: tuple[float, float, float]
@@ -45,7 +46,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
-    """How one run ended."""
+    """The end of one run."""
 
     time_s: float
     picks: int
@@ -65,7 +66,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Driven(msgspec.Struct):
-    """What of a session tells who drove."""
+    """The field of a session that tells who drove."""
 
     method: str = ""
 
@@ -89,20 +90,18 @@ class Other:
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """What there is to tell about the comparison."""
+    """The state of the comparison."""
 
     phase: str = "idle"  # idle | starting | running | done | failed
     text: str = ""  # why it failed
-    who: str = ""  # started it
     run: int = -1  # of the twin that it began with
     start: float = 0.0  # [s] from which on the runs may differ
-    values: dict[str, ParameterValue] = field(default_factory=dict)
     reached: dict[str, float] = field(default_factory=dict)  # [s] simulated, by run
     outcomes: dict[str, Outcome] = field(default_factory=dict)
 
     @property
     def busy(self) -> bool:
-        """Whether something is being computed."""
+        """True while something is being computed."""
         return self.phase in ("starting", "running")
 
 
@@ -129,11 +128,11 @@ class Runs:
         return ""
 
     def reached(self) -> dict[str, float]:
-        """How far [s] each run is."""
+        """Time [s] that each run has reached."""
         return {run: samples[-1].time for run, samples in self._samples.items() if samples}
 
     def common(self) -> float:
-        """Up to when [s] both runs can be shown: a run that has ended stands where it did."""
+        """Time [s] up to which both runs can be shown: a run that has ended stands where it did."""
         open_runs = [run for run in RUNS if run not in self.outcomes]
         reached = self.reached()
         return min((reached.get(run, 0.0) for run in open_runs), default=max(reached.values(), default=0.0))
@@ -142,7 +141,7 @@ class Runs:
         """The robots of both runs at a time [s]; before the first and after the last sample they stand there."""
         found = []
         for run, samples in self._samples.items():
-            number = bisect.bisect_right(samples, time, key=_time)
+            number = bisect.bisect_right(samples, time, key=attrgetter("time"))
             if samples:
                 before, after = samples[max(0, number - 1)], samples[min(number, len(samples) - 1)]
                 outcome = self.outcomes.get(run)
@@ -151,31 +150,18 @@ class Runs:
         return found
 
 
-def _time(sample: Sample) -> float:
-    return sample.time
-
-
 def _between(label: str, a: Sample, b: Sample, time: float) -> Other:
     part = 0.0 if b.time <= a.time else min(1.0, max(0.0, (time - a.time) / (b.time - a.time)))
+
+    def mix(x: Sequence[float], y: Sequence[float]) -> tuple[float, ...]:
+        return tuple(one + part * (other - one) for one, other in zip(x, y, strict=True))
+
     turn = math.remainder(b.pose[2] - a.pose[2], 2 * math.pi)
-    return Other(
-        label,
-        (_mix(a.pose[0], b.pose[0], part), _mix(a.pose[1], b.pose[1], part), a.pose[2] + part * turn),
-        tuple(_mix(x, y, part) for x, y in zip(a.q, b.q, strict=True)),
-        _mix(a.gripper, b.gripper, part),
-        _moved(a.movers, b.movers, part),
-    )
-
-
-def _moved(before: tuple[Mover, ...], after: tuple[Mover, ...], part: float) -> tuple[Mover, ...]:
-    """Those of the first sample, on the way to where they are in the second, unless somebody came or went."""
-    if len(before) != len(after):
-        return before
-    return tuple((_mix(a[0], b[0], part), _mix(a[1], b[1], part), *a[2:]) for a, b in zip(before, after, strict=True))
-
-
-def _mix(a: float, b: float, part: float) -> float:
-    return a + part * (b - a)
+    movers = a.movers  # unless somebody came or went, on the way to where they are in the second sample
+    if len(a.movers) == len(b.movers):
+        movers = tuple((*mix(one[:2], other[:2]), *one[2:]) for one, other in zip(a.movers, b.movers, strict=True))
+    pose = (*mix(a.pose[:2], b.pose[:2]), a.pose[2] + part * turn)
+    return Other(label, pose, mix(a.q, b.q), *mix([a.gripper], [b.gripper]), movers)  # type: ignore[arg-type]
 
 
 class WhatIf:
@@ -195,7 +181,7 @@ class WhatIf:
 
     @property
     def state(self) -> State:
-        """What there is to tell now."""
+        """The state of the comparison now."""
         with self._lock:
             return self._state
 
@@ -236,26 +222,23 @@ class WhatIf:
             self._watch_from = None
         return None if self._watch_from is None else min(time, self._runs.common())
 
-    def start(self, who: str, values: Values, from_index: int, run: int = -1) -> None:
+    def start(self, values: Values, from_index: int, run: int = -1) -> None:
         """Compare the run so far, and how it goes on, with the same from a period on with these values.
 
-        ``run``: number of the twin's run, to tell it from later ones.
-
-        Returns at once; `state` tells what comes of it. Raises ValueError while another comparison runs.
+        ``run``: number of the twin's run, to tell it from later ones. Returns at once; `state` tells the rest.
+        Raises ValueError while another comparison runs.
         """
         with self._lock:
             if self._state.busy:
                 raise ValueError("another comparison is being computed: stop it first")
             self._job += 1
             self._runs, self._watch_from = Runs(), None
-            self._state = State(phase="starting", who=who, run=run, start=from_index * PERIOD, values=dict(values))
-            job = self._job
-        threading.Thread(
-            target=self._compute, args=(job, dict(values), from_index), name="what if", daemon=True
-        ).start()
+            self._state = State(phase="starting", run=run, start=from_index * PERIOD)
+            job = (self._job, dict(values), from_index)
+        threading.Thread(target=self._compute, args=job, name="what if", daemon=True).start()
 
     def stop(self) -> None:
-        """End what is being computed and show nothing any more."""
+        """End the computation and show nothing any more."""
         with self._lock:
             self._job += 1
             self._state, self._runs, self._watch_from = State(), Runs(), None

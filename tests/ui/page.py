@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from motm_twin.perf.processes import served
-from motm_twin.ui.framing import FIELD_OF_VIEW, overview
+from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 800, "height": 560}  # small, because software draws it
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--no-sandbox"]
@@ -40,7 +40,7 @@ def chromium_path():
     pytest.skip(reason)
 
 
-def until(condition, timeout, what):
+def until(condition, timeout=SHOWN, what="it does not happen"):
     """Wait for something that must happen; how fast is not the test's business."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:

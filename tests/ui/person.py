@@ -1,6 +1,7 @@
 """A panel without a browser, and somebody who uses it."""
 
 import asyncio
+import threading
 import time
 from types import SimpleNamespace
 
@@ -8,12 +9,36 @@ import msgspec
 import viser
 
 from motm_twin.bus.commands import Answer
-from motm_twin.bus.messages import SceneChoice, StatusMessage
-from motm_twin.ui.desk import Desk
+from motm_twin.bus.messages import BeliefMessage, SceneChoice, StatusMessage
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
+from motm_twin.ui.panel.panel import Panel
 
+replace = msgspec.structs.replace
 ENCODE = msgspec.json.Encoder().encode
+
+
+def status(**changes):
+    """The state of a server that plays exp2."""
+    fields = {
+        "version": "motm.status/1", "twin": "frankie", "run": 1, "server_time": 0.0, "state": "playing", "text": "",
+        "scene": "exp2", "variant": "random", "seed": 0, "time": 1.0, "speed": 1.0, "actual_speed": 1.0,
+        "capped": False, "scenes": [],
+    }  # fmt: skip
+    return StatusMessage(**{**fields, **changes})
+
+
+def with_arm(tick, **changes):
+    """A tick with other arm steps."""
+    return replace(tick, arm=[replace(step, **changes) for step in tick.arm])
+
+
+def in_hand(tick, kind):
+    """The tick with this kind of task active, and the cube held when it is to be placed."""
+    number = next(k for k, task in enumerate(tick.tasks) if task.kind == kind)
+    held = kind == "place"
+    belief = BeliefMessage(name="cube1", position=[0, 0, 0], yaw=0.0, position_sd=0.0, seen=True, held=held)
+    return replace(tick, task_index=number, beliefs=[belief])
 
 
 class Client:
@@ -22,7 +47,11 @@ class Client:
     sender, alive, endpoint = "page", True, "tcp/none"
 
     def __init__(self):
-        self.now, self.heard, self.answers = None, [], Answer(ok=True)
+        self.now, self.told, self.answer, self.arrived = None, [], Answer(ok=True), threading.Semaphore(0)
+
+    @property
+    def heard(self):
+        return [command for command, *_ in self.told]
 
     def status(self):
         return self.now
@@ -34,34 +63,35 @@ class Client:
         return b"{}"
 
     def command(self, command, timeout=0.0, *, sender="", name=""):
-        self.heard.append(command)
-        return self.answers
+        self.told.append((command, sender, name))
+        self.arrived.release()
+        return self.answer
 
 
 class Page:
     """Stands where a connected browser page does; its widgets are those of a server without visitors."""
 
-    def __init__(self, gui):
-        self.client_id, self.gui, self.notes, self.files = 0, gui, [], []
+    def __init__(self, gui=None, number=0):
+        self.client_id, self.gui, self.notes, self.removed, self.files = number, gui, [], [], []
         self.camera = SimpleNamespace(
             position=(-1.0, -4.0, 6.0), look_at=(3.0, 1.0, 0.0), fov=0.8, image_width=900, image_height=800
         )
 
     def add_notification(self, title, text, **_):
         self.notes.append(text)
-        return SimpleNamespace(remove=lambda: None)
+        return SimpleNamespace(remove=lambda: self.removed.append(text))
 
     def send_file_download(self, name, content, **_):
         self.files.append((name, content))
 
 
 class Person:
-    """A desk, and somebody who uses it."""
+    """A panel, and somebody who uses it."""
 
     def __init__(self, server, scene, ticks):
         self.scene, self.ticks = scene, ticks
         self.client = Client()
-        self.hub = Hub(server, self.client)
+        self.hub = Hub(self.client)
         self.hub.history = History()
         for tick in ticks:
             self.hub.history.add(ENCODE(tick))
@@ -70,29 +100,26 @@ class Person:
         self.sent = []
         self.hub.send = self._send
         self.cameras = []
-        stage = SimpleNamespace(cameras=SimpleNamespace(choose=lambda client, preset: self.cameras.append(preset)))
-        self.desk = Desk(self.hub, self.visitor, stage)
+        scene_view = SimpleNamespace(cameras=SimpleNamespace(choose=lambda client, preset: self.cameras.append(preset)))
+        self.panel = Panel(self.hub, self.visitor, scene_view)
         self.widgets = server.gui._gui_input_handle_from_uuid
-        self.status = StatusMessage(
-            version="motm.status/1", twin="frankie", run=1, server_time=0.0, state="playing", text="", scene="exp2",
-            variant="random", seed=0, time=1.0, speed=1.0, actual_speed=1.0, capped=False,
-            scenes=[SceneChoice(name="exp2", title="", variants=["random", "still"]),
-                    SceneChoice(name="exp1", title="", variants=["trial1"])],
-            driver=self.visitor.sender, driver_name="Ann",
-        )  # fmt: skip
+        self.status = status(driver=self.visitor.sender, driver_name="Ann", scenes=[
+            SceneChoice(name="exp2", title="", variants=["random", "still"]),
+            SceneChoice(name="exp1", title="", variants=["trial1"]),
+        ])  # fmt: skip
 
     def _send(self, visitor, command):
         visitor.sent = time.monotonic()
         self.sent.append(command)
 
     def shows(self, state="playing", tick=None, **changes):
-        """Let the desk show this."""
-        self.status = msgspec.structs.replace(self.status, state=state, **changes)
+        """Let the panel show this."""
+        self.status = replace(self.status, state=state, **changes)
         self.client.now = self.status
         newest = self.ticks[-1] if tick is None else tick
         at = self.hub.view.at
         shown = newest if at is None else self.hub.history.at(at)
-        self.desk.update(
+        self.panel.update(
             Shown(state=state, status=self.status, scene=self.scene, tick=shown, newest=newest, live=at is None,
                   view=self.hub.view)
         )  # fmt: skip
@@ -137,5 +164,5 @@ def label(widget):
 
 
 def grey_(widget):
-    """Whether a widget cannot be used now."""
+    """A widget that cannot be used now."""
     return getattr(widget._impl.props, "disabled", False)

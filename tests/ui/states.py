@@ -10,7 +10,7 @@ from page import Visitor, until
 from PIL import Image
 
 from motm_twin.bus.commands import HandOver, Pause, Reset, Step
-from motm_twin.ui.aim import CANDIDATE_HEIGHT
+from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT
 
 FOLDER = Path(__file__).parent / "pictures"
 SIZE = (960, 600)  # [px]

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import GRID_VERSION, EventMessage, GridInfo
-from motm_twin.ui.history import History
-from motm_twin.ui.samples import Sample
+from motm_twin.ui.history import History, Sample
 
 encode = msgspec.json.encode
 MESSAGE = tick_message(FakeTwin(fake_scene()).advance(), 1, 0.0)
@@ -45,7 +44,6 @@ def test_a_period_comes_back_as_it_was_sent():
     assert history.payload_at(7) == payload(7)
     assert history.at(7) is history.at(7)
     assert history.span == (0, 29, 0.0, pytest.approx(1.45))
-    assert history.newest == 29
 
 
 def test_before_the_first_period_there_is_nothing():
@@ -53,7 +51,6 @@ def test_before_the_first_period_there_is_nothing():
     assert history.at(0) is None
     assert history.grid_at(0) is None
     assert history.span is None
-    assert history.newest is None
     assert history.samples(None, 60.0).shape == (0, len(Sample._fields))
     assert history.events(None, 8) == []
 
@@ -88,7 +85,7 @@ def test_an_undone_branch_brings_back_what_it_had_cut_off():
     history = filled(60)
     for stamp, fill in ((0.0, 1), (1.0, 2), (2.5, 3)):
         add_grid(history, stamp, fill)
-    before, rows = history.size, history.samples(None, 60.0)
+    before, rows = history._bytes, history.samples(None, 60.0)
     for index in range(30, 40):
         history.add(payload(index, run=2, first=30, past=1))
     add_grid(history, 1.8, 9, run=2)
@@ -98,7 +95,7 @@ def test_an_undone_branch_brings_back_what_it_had_cut_off():
     assert [history.at(index).run for index in (29, 30, 59, 60)] == [1, 1, 1, 3]
     assert [history.grid_at(index).cells[0, 0] for index in (10, 37, 59)] == [1, 2, 3]
     np.testing.assert_array_equal(history.samples(59, 60.0), rows)
-    assert history.size > before
+    assert history._bytes > before
     history.add(payload(40, run=4, first=40, past=2))  # and the other way round
     assert history.indices(60.0) == list(range(41))
     assert [history.at(index).run for index in (29, 30, 39, 40)] == [1, 2, 2, 4]
@@ -200,7 +197,7 @@ def test_whatever_comes_the_history_stays_in_order_and_bounded(arrivals):
         indices = history.indices(1e9)
         assert indices == sorted(set(indices))
         assert len(indices) <= 16
-        assert history.newest == index == history.at(index).index
+        assert history.span.last == index == history.at(index).index
         assert history.at(index).run == run
         assert [round(time / 0.05) for time in history.samples(None, 1e9)[:, 0]] == indices
         assert history._bytes == sum(len(entry.payload) for entry in history._entries)
@@ -232,4 +229,4 @@ def test_it_can_be_read_while_ticks_arrive():
                 failures.append(tick.index)
     writer.join()
     assert not failures
-    assert history.newest == 399
+    assert history.span.last == 399

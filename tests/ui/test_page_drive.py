@@ -1,13 +1,18 @@
-"""The page in Chromium: driving by mouse, every scene, and a server that is silent, killed and there again."""
+"""The page in Chromium: driving by mouse, every scene and method, and a server that is killed and there again."""
 
 import os
 import signal
 
 import pytest
-from page import serving, until, visiting
+from page import SHOWN, serving, until, visiting
 
 from motm_twin.bus.library import FileLibrary
+from motm_twin.methods.registry import METHODS
 from motm_twin.perf.page_reader import PageReader
+
+PERIODS = 3  # that a scene must run
+LITTLE = {"width": 720, "height": 440}  # less than the panel is high; drawing takes time
+POINTER = "([x, y]) => getComputedStyle(document.elementFromPoint(x, y)).cursor"
 
 
 @pytest.mark.browser
@@ -75,3 +80,73 @@ def test_every_variant_of_every_shipped_scene_can_be_chosen_and_stays_paused():
                 assert ran, f"{choice.name} / {variant} did not run: {page.notes}"
                 assert (client.status().scene, client.status().variant) == (choice.name, variant)
                 until(lambda: client.status().state == "paused", 30.0, "it did not stay paused")
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(900)
+def test_every_shipped_scene_is_chosen_by_mouse_and_runs():
+    """All variants are offered; every one is loaded by the page's own messages in the test above."""
+    with serving("exp1") as twin, visiting(twin, LITTLE) as visitor:
+        client, page = twin.client, visitor.page
+        visitor.unfold("Scene")
+        choices = sorted(FileLibrary("exp1").choices(), key=lambda choice: choice.name == "exp1")  # that one runs
+        scenes = visitor.offered("Scene")
+        assert scenes == [choice.name for choice in FileLibrary("exp1").choices()]
+        assert {"exp1", "exp2", "playground"} <= set(scenes)
+        for choice in choices:
+            visitor.choose("Scene", choice.name)
+            until(lambda c=choice: visitor.offered("Variant") == c.variants, 30.0, f"other variants for {choice.name}")
+            run, variant = client.tick().run, choice.variants[-1]
+            visitor.choose("Variant", variant)
+            visitor.press("Load")
+            loaded = f"{choice.name} / {variant}"
+            try:
+                until(lambda run=run: client.tick().run > run and client.tick().index > PERIODS, 60.0, "not loaded")
+            except AssertionError as error:
+                raise AssertionError(f"{loaded}: {client.status()}\n{page.inner_text('body')}") from error
+            assert (client.status().scene, client.status().variant) == (choice.name, variant)
+            visitor.says(loaded)
+            visitor.state("Running")
+            assert visitor.picture().std() > 10.0  # something is drawn
+        assert page.get_by_text("This did not work").count() == 0
+        assert visitor.errors == []
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_is_pointed_out():
+    with serving("exp1", "--variant", "trial1", "--method", "paper_literal") as twin, visiting(twin, LITTLE) as visitor:
+        client, page = twin.client, visitor.page
+        driven_by(visitor, "paper_literal")
+        visitor.unfold("Scene")
+        assert visitor.offered("Method") == [method.title for method in METHODS.values()]
+        visitor.choose("Method", METHODS["no_bezier"].title)
+        visitor.says(METHODS["no_bezier"].summary)
+        run = client.tick().run
+        visitor.press("Load")
+        until(lambda: client.tick().run > run and client.tick().index > 0, SHOWN, "not loaded")
+        assert (client.status().method, client.status().variant) == ("no_bezier", "trial1")
+        driven_by(visitor, "no_bezier")
+        bar = page.locator(".motm-top").locator("xpath=..").bounding_box()
+        assert bar["y"] >= 0.0, "the state of the twin is out of sight once the panel is scrolled"
+        visitor.tab("Why")
+        driven_by(visitor, "no_bezier")
+
+        middle = [0.3 * LITTLE["width"], 0.5 * LITTLE["height"]]
+        assert page.evaluate(POINTER, middle) != "crosshair"
+        page.mouse.move(*middle)
+        page.keyboard.press("t")
+        until(lambda: page.evaluate(POINTER, middle) == "crosshair", SHOWN, "no hint that the floor is clicked next")
+        page.keyboard.press("Escape")
+        until(lambda: page.evaluate(POINTER, middle) != "crosshair", SHOWN, "the hint stays")
+        page.keyboard.press("r")
+        until(lambda: client.tick().run > run + 1, SHOWN, "no reset")
+        assert client.status().method == "no_bezier"
+        assert visitor.errors == []
+
+
+def driven_by(visitor, name):
+    """Wait until the open tab names the method."""
+    visitor.page.get_by_text(f"method {METHODS[name].title}").locator("visible=true").first.wait_for(
+        timeout=SHOWN * 1000
+    )

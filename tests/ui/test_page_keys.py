@@ -1,11 +1,20 @@
-"""The page in Chromium: every key that the long card lists does what it says, also while a tab has the focus."""
+"""The page in Chromium: keys work wherever the focus is, and a lost connection comes back."""
 
 import re
 
 import pytest
-from page import changed, serving, until, visiting
+from page import SHOWN, changed, chromium, serving, until, visiting
+
+from motm_twin.bus.session import free_port
+from motm_twin.ui.page_server import open_page
 
 NO_EFFECT = {"5", "W A S D Q E"}  # the camera stays as it is and may be moved by hand; keys of Viser's own
+LOST = "Connection to the server lost"
+REFUSED = """(address) => new Promise((done) => {
+  const socket = new WebSocket(address);
+  socket.onclose = done;
+})"""  # an attempt that fails, as those of a page whose server is away
+FAILED = 32  # from about here on Chromium waits for 1 to 5 s before another, where one has opened before
 
 
 @pytest.mark.browser
@@ -83,3 +92,67 @@ def _window_of_keys_opens_once_and_goes_away(visitor, client):
     page.get_by_role("button", name="Close").click()
     windows(0)
     assert (client.status().state, client.tick().index) == (state, index)
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(600)
+def test_space_plays_and_pauses_from_tabs_buttons_lists_sliders_and_checkboxes_but_not_from_a_field():
+    with serving("exp1") as twin, visiting(twin) as visitor:
+        client, page = twin.client, visitor.page
+        visitor.state("Running")
+
+        def space(state, where):
+            page.keyboard.press("Space")
+            until(lambda: client.status().state == state, 30.0, f"Space at {where}: not {state}")
+            index = client.tick().index
+            page.wait_for_timeout(700)  # a button that was pressed as well would turn it back
+            assert client.status().state == state, where
+            assert state == "playing" or client.tick().index == index, where
+
+        space("paused", "the page")
+        visitor.tab("Why")
+        space("playing", "a tab")
+        visitor.tab("Drive")
+        space("paused", "a tab")
+        visitor.press("Step")
+        until(lambda: client.tick().time > 0.0, 30.0, "no step")
+        space("playing", "a button")
+        visitor.choose("Speed", "1/2")
+        until(lambda: client.status().speed == 0.5, 30.0, "speed")
+        space("paused", "a closed list")
+        visitor.unfold("Layers")
+        box = page.get_by_label("Trails")
+        box.uncheck()  # fails here when the click does nothing
+        space("playing", "a checkbox")
+        assert not box.is_checked()
+        visitor.tab("Tune")
+        page.locator("[role=slider]").locator("visible=true").first.focus()
+        space("paused", "a slider")
+        page.locator("input.mantine-NumberInput-input").locator("visible=true").first.focus()
+        page.keyboard.press("Space")
+        page.wait_for_timeout(700)
+        assert client.status().state == "paused", "Space belongs to the field"
+        assert visitor.errors == []
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(300)
+def test_a_page_says_that_its_server_is_away_and_comes_back_however_often_it_has_tried_in_vain():
+    port = free_port()
+    server = open_page("127.0.0.1", port)
+    try:
+        with chromium() as browser:
+            page = browser.new_page()
+            page.goto(f"http://127.0.0.1:{port}")
+            until(lambda: len(server.get_clients()) == 1, SHOWN, "the page does not connect")
+            assert not page.get_by_text(LOST).count()
+
+            server.stop()
+            page.get_by_text(LOST).wait_for(timeout=SHOWN * 1000)
+            for _ in range(FAILED):
+                page.evaluate(REFUSED, f"ws://127.0.0.1:{port}")
+            server = open_page("127.0.0.1", port)
+            until(lambda: len(server.get_clients()) == 1, SHOWN, "the page does not come back")
+            until(lambda: not page.get_by_text(LOST).count(), SHOWN, "the line stays")
+    finally:
+        server.stop()

@@ -12,8 +12,8 @@ import pytest
 from page import changed, serving, until, visiting
 
 from motm_twin.record.session import Session
-from motm_twin.ui.aim import CANDIDATE_HEIGHT
 from motm_twin.ui.hub import LAYERS
+from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT
 
 SIGHT = 1e-4  # share of the pixels that must change at least
 BACK = 3  # periods

@@ -7,7 +7,7 @@ import pytest
 
 from motm_twin.perf.page import rise, slopes
 from motm_twin.perf.page_reader import SMALL, Load, PageReader, alike
-from motm_twin.ui.guard import open_page
+from motm_twin.ui.page_server import open_page
 
 
 @pytest.fixture

@@ -9,8 +9,7 @@ import pytest
 from motm_twin.bus import running
 from motm_twin.cli_serve import OK, _Supervisor, serve, serve_recording
 from motm_twin.settings import PageSettings, ReplaySettings, ServeSettings
-from motm_twin.ui.guard import check_token
-from motm_twin.ui.page_token import FILE, VARIABLE, chosen_token, own_token
+from motm_twin.ui.page_server import FILE, VARIABLE, check_token, chosen_token, own_token
 
 GIVEN = "0123456789abcdefghijklmnopqrstuv"
 
@@ -126,6 +125,6 @@ def test_a_private_folder_of_somebody_else_is_a_sentence(monkeypatch, capsys, st
     def somebody_elses():
         raise PermissionError("it belongs to somebody else")
 
-    monkeypatch.setattr("motm_twin.ui.page_token.folder", somebody_elses)
+    monkeypatch.setattr("motm_twin.ui.page_server.folder", somebody_elses)
     assert serve(ServeSettings(page=PageSettings(port=0), zenoh_port=0)) == 2
     assert "belongs to somebody else" in capsys.readouterr().out

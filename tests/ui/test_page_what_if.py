@@ -8,7 +8,7 @@ import pytest
 from page import serving, until, visiting
 
 from motm_twin.ui.colours import OTHERS
-from motm_twin.ui.what_if_panel import SHOWN, WATCH
+from motm_twin.ui.panel.tune_tab import SHOWN, WATCH
 
 TINTED = 100  # pixels of a robot that must be seen
 DIFFERENT = 20.0  # [grey levels]

@@ -18,7 +18,7 @@ from motm_twin.studies.paper.data import command_of
 from motm_twin.studies.paper.episode import Episode, Moment
 from motm_twin.studies.paper.part import Drawn, Missing, Part
 from motm_twin.studies.paper.style import TWO_COLUMNS, figure, styled
-from motm_twin.ui.framing import FIELD_OF_VIEW, overview
+from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
 
 NAME, TITLE = "snapshots", "Arm and base avoid a Temi: the page at four moments"
 BEFORE_S = (3.0, 1.0, 0.0, -2.0)  # [s] the moments, before the one at which the arm is nearest

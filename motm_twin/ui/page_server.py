@@ -1,0 +1,332 @@
+"""The server of the page: Viser's, with a door for those who may load it and open its websocket.
+
+Viser has no login and checks no origin, so its listener is wrapped here. The names in Host and Origin are checked, so
+that no other web page can reach the twin through the visitor's browser, and none may show it in a frame; with
+a token, nothing is served without it. The public tunnel that Viser offers is switched off for good.
+
+One page must not cost the others theirs: their number is limited, and the data that each may send. A page sends its
+camera sixty times a second at most, and a picture of some megabytes when it is asked for one. Faster messages wait in
+the browser: they are read later, by TCP's own control of the flow.
+"""
+
+import asyncio
+import hmac
+import http
+import ipaddress
+import os
+import socket
+import time
+import unittest.mock
+from collections.abc import Awaitable, Callable, Sequence
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, parse_qsl, urlencode, urlsplit
+
+import viser
+import websockets.asyncio.server
+from viser.infra._async_message_buffer import AsyncMessageBuffer
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from motm_twin.bus.running import folder, own_secret
+from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
+from motm_twin.memory import give_back
+from motm_twin.ui.page_scripts import with_scripts
+
+VARIABLE = "MOTM_TOKEN"
+FILE = "page-token"  # in the user's private folder
+COOKIE = "motm_token"  # and the port, as a browser sends the cookies of one port to all others of a name
+HEALTH_PATH = "/healthz"
+MIN_TOKEN = 32  # characters; 128 bits when they are hexadecimal
+CLOSED = {  # headers of every answer: no page shows this one, and its address is told to none
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+_LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
+VISITORS = 50  # pages at once, unless another number is wished for
+MESSAGES, BURST = 300.0, 600.0  # [1/s] of one page, and at once
+BYTES, BYTES_BURST = 2e6, 16e6  # [1/s] of one page, and at once
+LARGEST = 8 * 1024 * 1024  # bytes of a message
+QUEUED = 4  # messages of one page that wait to be read
+TIDY = 0.5  # [s] after a page has left, memory is given back for it and for those that have left since
+TRY_LATER = 1013  # code with which a websocket is closed
+
+
+def chosen_token(given: str | None, *, none: bool) -> str | None:
+    """The token to ask for: the one that is given or in MOTM_TOKEN, else the user's own; None when ``none`` is wanted.
+
+    Raises ValueError for both wishes at once, OSError when the user's own can not be kept.
+    """
+    if given is not None and none:
+        raise ValueError("--token and --no-token exclude each other")
+    if none:
+        return None
+    return given or os.environ.get(VARIABLE) or own_token()
+
+
+def own_token() -> str:
+    """The user's token, made when it is missing; nobody else can read it. Raises OSError."""
+    return own_secret(folder() / FILE, "use --token or MOTM_TOKEN")
+
+
+def is_loopback(host: str) -> bool:
+    """True for an address to listen on that is reachable from this machine only."""
+    return host in _LOOPBACK_NAMES or (_is_address(host) and ipaddress.ip_address(host).is_loopback)
+
+
+def check_token(host: str, token: str | None) -> None:
+    """Raise ValueError when the page would be open to others without a strong token."""
+    if token is None and not is_loopback(host):
+        raise ValueError(f"listening on {host} needs a token: --no-token is for this machine only")
+    if token is not None and (len(token) < MIN_TOKEN or len(set(token)) < 8 or not token.isascii()):
+        raise ValueError(f"the token is too weak: at least {MIN_TOKEN} random ASCII characters (128 bits)")
+    if token is not None and not all(sign.isalnum() or sign in "-_" for sign in token):
+        raise ValueError("the token may hold letters, digits, '-' and '_' only: it travels in the address")
+
+
+class Allowance:
+    """A bucket that fills steadily: what is taken beyond it must wait."""
+
+    def __init__(self, rate: float, most: float, now: float) -> None:
+        """``rate`` [1/s], up to ``most``; ``now`` [s] monotonic."""
+        self._rate, self._most, self._left, self._at = rate, most, most, now
+
+    def take(self, amount: float, now: float) -> float:
+        """Take so much at ``now`` [s]; the time [s] to wait before the next."""
+        self._left = min(self._most, self._left + self._rate * (now - self._at)) - amount
+        self._at = now
+        return max(0.0, -self._left / self._rate)
+
+
+class PageLimit:
+    """Counts the open pages, and slows those down that send too much."""
+
+    def __init__(self, most: int = VISITORS) -> None:
+        """``most``: pages at once."""
+        self.most, self.here, self._untidy = most, 0, False
+
+    @property
+    def full(self) -> bool:
+        """Nobody else may come now."""
+        return self.here >= self.most
+
+    def text(self) -> str:
+        """Reason why nobody else may come."""
+        return f"{self.most} pages of this twin are open already: close one, or start it with --visitors"
+
+    def bounded(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
+        """A handler of websockets that lets `most` in, and reads from each no faster than it may send."""
+
+        async def handle(connection: Any) -> None:
+            if self.full:
+                await connection.close(TRY_LATER, self.text())
+                return
+            self.here += 1
+            connection.recv = _throttled(connection.recv)
+            try:
+                await handler(connection)
+            finally:
+                self.here -= 1
+                self._tidy_soon()
+
+        return handle
+
+    def _tidy_soon(self) -> None:
+        """Also after pages that broke off before they had a panel: most of their memory was taken by then."""
+        if not self._untidy:
+            self._untidy = True
+            asyncio.get_running_loop().call_later(TIDY, self._tidy)
+
+    def _tidy(self) -> None:
+        self._untidy = False
+        asyncio.get_running_loop().run_in_executor(None, give_back)  # it takes some ten milliseconds
+
+
+def _throttled(recv: Callable[[], Awaitable[Any]]) -> Callable[[], Awaitable[Any]]:
+    began = time.monotonic()
+    messages, size = Allowance(MESSAGES, BURST, began), Allowance(BYTES, BYTES_BURST, began)
+
+    async def receive() -> Any:
+        found = await recv()
+        now = time.monotonic()
+        wait = max(messages.take(1.0, now), size.take(len(found), now))
+        if wait > 0.0:
+            await asyncio.sleep(wait)
+        return found
+
+    return receive
+
+
+class Guard:
+    """Decides about each HTTP request: None lets it pass."""
+
+    def __init__(
+        self, token: str | None, host: str = LOOPBACK, names: Sequence[str] = (), limit: PageLimit | None = None
+    ) -> None:
+        """``host``: address that is listened on; ``names``: further ones under which browsers may ask."""
+        self._limit = limit or PageLimit()
+        self._token, self._far = token, not is_loopback(host)
+        own = {socket.gethostname(), socket.getfqdn()} if self._far else set()
+        self._names = {name.lower() for name in (*_LOOPBACK_NAMES, host, *names, *own)}
+
+    def check(self, request: Request) -> Response | None:
+        """The refusal (or redirect) for a request, or None."""
+        split = urlsplit(request.path)
+        if split.path == HEALTH_PATH:
+            return _response(http.HTTPStatus.OK, "ok")
+        hosts = request.headers.get_all("Host")
+        host = hosts[0] if len(hosts) == 1 else ""
+        if not host or not self._serves(host):
+            return _response(http.HTTPStatus.FORBIDDEN, "this name is not served: use the printed address")
+        if any(urlsplit(origin).netloc != host for origin in request.headers.get_all("Origin")):
+            return _response(http.HTTPStatus.FORBIDDEN, "another web page may not use the twin")
+        if self._token is None:
+            return self._full(request, split.path)
+        offered = parse_qs(split.query).get("token", [""])[0]
+        if offered and self._equal(offered):
+            query = urlencode([(key, value) for key, value in parse_qsl(split.query) if key != "token"])
+            cookie = f"{_cookie_name(host)}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+            return _response(
+                http.HTTPStatus.SEE_OTHER, "", {"Location": f"/?{query}" if query else "/", "Set-Cookie": cookie}
+            )
+        if self._equal(_cookie(request, _cookie_name(host))):
+            return self._full(request, split.path)
+        return _response(http.HTTPStatus.UNAUTHORIZED, "open the printed address, which carries the token")
+
+    def _full(self, request: Request, path: str) -> Response | None:
+        """The refusal for one page too many."""
+        wanted = path == "/" or request.headers.get("Upgrade", "").lower() == "websocket"
+        if not self._limit.full or not wanted:
+            return None
+        return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, self._limit.text(), {"Retry-After": "10"})
+
+    def _serves(self, host: str) -> bool:
+        """The page goes by this name. An address is nobody's domain, which could be led here."""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            return False
+        return name in self._names or (self._far and _is_address(name))
+
+    def _equal(self, offered: str) -> bool:
+        return self._token is not None and hmac.compare_digest(offered.encode(), self._token.encode())
+
+
+def open_page(
+    host: str, port: int, token: str | None = None, names: Sequence[str] = (), *, visitors: int = VISITORS
+) -> viser.ViserServer:
+    """A Viser server behind the guard, on exactly this port (0: any free one), for so many visitors at once.
+
+    ``names``: as of `Guard`. Raises PortTaken, ValueError.
+    """
+    if visitors < 1:
+        raise ValueError(f"{visitors} visitors: at least one page must be possible")
+    check_token(host, token)
+    require_free_port(host, port, "choose another one with --port (0 takes any free one)")
+    if host == "::":
+        port = port or free_port(host)
+        require_free_port("0.0.0.0", port, "choose another one with --port (0 takes any free one)")  # noqa: S104 - wanted
+    write_through_the_loop()
+    limit, original = PageLimit(visitors), websockets.asyncio.server.serve
+    guard = Guard(token, host, names, limit)
+    wrapped: list[int] = []
+
+    def serve(handler: Any, host: str, *args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+        def process(connection: Any, request: Request) -> Response | None:
+            return _closed(guard.check(request) or with_scripts(process_request(connection, request)))
+
+        wrapped.append(1)
+        places: Any = ["::", "0.0.0.0"] if host == "::" else host  # noqa: S104 - asyncio takes "::" for IPv6 alone
+        options |= {"max_size": LARGEST, "max_queue": QUEUED}
+        return original(limit.bounded(handler), places, *args, process_request=process, **options)
+
+    with unittest.mock.patch.object(websockets.asyncio.server, "serve", serve):
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    server.request_share_url = _no_tunnel
+    if not wrapped or (port and server.get_port() != port):
+        server.stop()
+        raise OSError(f"the page did not come up as asked on {host}:{port}: nothing is served")
+    return server
+
+
+def page_url(host: str, port: int, token: str | None) -> str:
+    """The address to open on this machine."""
+    name = LOOPBACK if host in ("0.0.0.0", "::") else host  # noqa: S104 - compared, not bound
+    name = f"[{name}]" if ":" in name else name
+    return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
+
+
+def _no_tunnel(*_: object, **__: object) -> None:
+    """Takes the place of the request for a public address."""
+
+
+def _closed(response: Response | None) -> Response | None:
+    """The answer with the headers `CLOSED`; Viser may keep one answer for several requests."""
+    if response is None:
+        return None
+    headers = Headers([*response.headers.raw_items(), *CLOSED.items()])
+    return Response(response.status_code, response.reason_phrase, headers, response.body)
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _cookie_name(host: str) -> str:
+    port = host.rpartition(":")[2]  # as the browser sees it, which may be one that is forwarded
+    return f"{COOKIE}_{port}" if port.isdecimal() and not host.endswith("]") else COOKIE
+
+
+def _cookie(request: Request, name: str) -> str:
+    cookies: SimpleCookie = SimpleCookie()
+    try:
+        cookies.load("; ".join(request.headers.get_all("Cookie")))
+    except CookieError:
+        return ""
+    return cookies[name].value if name in cookies else ""
+
+
+def _response(status: http.HTTPStatus, text: str, extra: dict[str, str] | None = None) -> Response:
+    body = text.encode()
+    headers = Headers(
+        {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body)), "Cache-Control": "no-store"}
+    )
+    headers.update(extra or {})
+    return Response(status.value, status.phrase, headers, body)
+
+
+class LoopEvent(asyncio.Event):
+    """An event that is set in its event loop only; elsewhere nothing happens.
+
+    Viser wakes its senders twice for every message: at once in the thread that writes, and once more in its event loop.
+    The first goes past the loop: when the loop runs at that moment, it ends with "deque mutated during iteration" in
+    the writer, whose update of the page then breaks off. Here only the second one counts.
+    """
+
+    def set(self) -> None:
+        """Set it, when this is the thread of the loop."""
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            return
+        super().set()
+
+
+def write_through_the_loop() -> None:
+    """Have all message buffers that Viser makes from now on wake their senders in the event loop."""
+    original = AsyncMessageBuffer.__init__
+    if getattr(original, "wakes_in_the_loop", False):
+        return
+
+    def init(self: AsyncMessageBuffer, *arguments: Any, **named: Any) -> None:
+        original(self, *arguments, **named)
+        self.message_event = LoopEvent()
+
+    init.wakes_in_the_loop = True  # pyright: ignore[reportFunctionMemberAccess]
+    AsyncMessageBuffer.__init__ = init

@@ -1,0 +1,332 @@
+"""The Drive tab: play, step, speed, camera, the list of tasks, scene and method, layers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import viser
+from msgspec.structs import replace
+
+from motm_twin.bus.commands import Load, MoveTask, Pause, Play, RemoveTask, Reset, Speed, Step
+from motm_twin.bus.messages import MethodChoice, SceneChoice, StatusMessage, TaskMessage, TickMessage
+from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.ui.hub import LAYERS, Hub, Shown, Visitor
+from motm_twin.ui.panel.explain import method_title
+from motm_twin.ui.panel.score import count_line, result_card
+from motm_twin.ui.panel.why_tab import now_card
+from motm_twin.ui.panel.widgets import BLUE, GREEN, RED, Block, follow, note, text
+from motm_twin.ui.scene.cameras import PRESETS
+from motm_twin.ui.scene.picking import delivery
+from motm_twin.ui.scene.scene_view import SceneView
+
+SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
+UP, DOWN, DELETE = "▲", "▼", "✕"
+_PLAY = "Play", viser.Icon.PLAYER_PLAY
+_PRESSED = {"playing": ("Pause", viser.Icon.PLAYER_PAUSE), "done": ("Restart", viser.Icon.REFRESH)}  # by state
+_SIGNS = {"done": ("✓", GREEN), "active": ("▶", BLUE), "failed": ("✗", RED)}
+_WAITING = ("○", "#9ca3af")
+_HOW = "Click a cube, then a bin. Click the floor to send the robot there."
+
+
+class DriveTab(Block):
+    """Widgets that drive the twin."""
+
+    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor, scene: SceneView) -> None:
+        super().__init__(gui, hub, visitor)
+        self._choices: list[SceneChoice] = []
+        self._methods: list[MethodChoice] = []
+        self._loaded: tuple = ()  # scene, variant, seed and method
+        self._filled: tuple = ("", "", 0, "")  # the same as this program or a press of Load left them
+        self._shown_speed = "1x"
+        self._play = self.button("Play", self._press, icon=viser.Icon.PLAYER_PLAY, hint="space")
+        hint = "N: one period of 50 ms; R: from the start"
+        self.row(("Step", "Reset"), lambda name: self.send(Step() if name == "Step" else Reset()), hint=hint)
+        self._speed: viser.GuiDropdownHandle[str] = self.driven(
+            gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x", hint="wanted real-time factor"),
+            lambda name: self.send(Speed(factor=SPEEDS[name])),
+        )
+        choose = lambda preset: scene.cameras.choose(visitor.client, preset)  # noqa: E731
+        self.row(PRESETS, choose, anybody=True, hint="the camera; keys 1 to 5")
+        self._progress = gui.add_html("")
+        self.parts = [TaskBlock(gui, hub, visitor)]
+        with gui.add_folder("Scene", expand_by_default=False):
+            offer = lambda _: self._offer_variants()  # noqa: E731
+            self._scene: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Scene", ("",)), offer)
+            self._variant: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Variant", ("",)))
+            self._seed = self.driven(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1))
+            hint = "who decides how the base drives and the arm reaches"
+            self._method: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Method", ("",), hint=hint))
+            self._about = gui.add_html("")
+            self.button("Load", self._load_scene, icon=viser.Icon.REFRESH)
+        with gui.add_folder("Layers", expand_by_default=False):
+            self._layers = {
+                name: self.driven(
+                    gui.add_checkbox(name, hub.view.layers[name]),
+                    lambda on, name=name: hub.view.layers.update({name: on}),
+                )
+                for name in LAYERS
+            }
+
+    def enable(self, driving: bool) -> None:
+        """Grey while somebody else drives; a choice that was not loaded is forgotten then."""
+        if not driving:
+            self._filled, self._loaded = self._chosen(), ()
+        super().enable(driving)
+
+    def _refresh(self, shown: Shown) -> None:
+        pressed, icon = _PRESSED.get(shown.state, _PLAY)
+        if self._play.label != pressed:
+            self._play.label, self._play.icon = pressed, icon
+        if shown.status is not None:
+            self._show_status(shown.status)
+        if shown.tick is not None:
+            now = now_card(shown.tick, shown.scene, shown.status)
+            self._progress.content = now + count_line(shown.tick) + result_card(shown.tick, shown.status, shown.scene)
+        for name, box in self._layers.items():
+            follow(box, shown.view.layers[name])
+
+    def toggle(self) -> None:
+        """Play or pause; a run that has ended is not thrown away by a key that was meant to pause it."""
+        if self._state() == "done":
+            self.tell("the run has ended: press Restart, or give the robot another task")
+        else:
+            self._press()
+
+    def faster(self, steps: int) -> None:
+        """Wish for a higher or lower speed."""
+        names = list(SPEEDS)
+        number = names.index(self._speed.value) + steps
+        if 0 <= number < len(names):
+            self._speed.value = names[number]  # at once: the next press counts from here
+            self.send(Speed(factor=SPEEDS[names[number]]))
+
+    def _press(self) -> None:
+        self.send(Pause() if self._state() == "playing" else Play())
+
+    def _state(self) -> str:
+        """State of the twin: the panel may be a moment behind."""
+        status = self.hub.client.status()
+        if status is not None:
+            return status.state
+        return "" if self.shown is None else self.shown.state
+
+    def _show_status(self, status: StatusMessage) -> None:
+        choosing = self._chosen() != self._filled  # a person is, and a late word of an earlier load must not undo that
+        if status.scenes != self._choices:
+            self._choices = status.scenes
+            self._scene.options = tuple(choice.name for choice in status.scenes) or ("",)
+        if status.methods != self._methods:
+            self._methods = status.methods
+            self._method.options = tuple(method_title(status, choice.name) for choice in status.methods) or ("",)
+        loaded = (status.scene, status.variant, status.seed, status.method)
+        if loaded != self._loaded and status.scene in self._scene.options:
+            self._loaded = loaded
+            if not choosing:
+                self._fill(status)
+        method = self._chosen_method()
+        self._about.content = "" if method is None else note(text(method.summary))
+        speed = next((name for name, factor in SPEEDS.items() if factor == status.speed), None)
+        if speed is not None and speed != self._shown_speed:
+            self._shown_speed = self._speed.value = speed
+
+    def _fill(self, status: StatusMessage) -> None:
+        self._scene.value = status.scene
+        self._offer_variants()
+        if status.variant in self._variant.options:
+            self._variant.value = status.variant
+        self._seed.value = status.seed
+        title = method_title(status, status.method)
+        if title in self._method.options:
+            self._method.value = title
+        self._filled = self._chosen()
+
+    def _chosen(self) -> tuple:
+        return self._scene.value, self._variant.value, self._seed.value, self._method.value
+
+    def _offer_variants(self) -> None:
+        chosen = next((choice for choice in self._choices if choice.name == self._scene.value), None)
+        self._variant.options = tuple(chosen.variants) if chosen and chosen.variants else ("",)
+
+    def _chosen_method(self) -> MethodChoice | None:
+        place = self._method.options.index(self._method.value)
+        return self._methods[place] if place < len(self._methods) else None
+
+    def _load_scene(self) -> None:
+        self._seed.value = int(self._seed.value)  # only the whole part of a fraction counts
+        self._filled = self._chosen()
+        variant, chosen = self._variant.value or None, self._chosen_method()
+        method = DEFAULT_METHOD if chosen is None else chosen.name
+        self.send(Load(scene=self._scene.value, variant=variant, seed=int(self._seed.value), method=method))
+
+
+@dataclass(frozen=True)
+class Job:
+    """Tasks that belong together: a pick with its place and any drive between them, or one task alone."""
+
+    text: str  # as plain text
+    status: str
+    first: int  # index in the list of tasks
+    count: int
+    attempts: int = 1
+    now: int = -1  # index of the first of them that has not ended
+
+    @property
+    def ended(self) -> bool:
+        """Nothing can be done about it any more."""
+        return self.status in ("done", "failed")
+
+
+def jobs(tasks: Sequence[TaskMessage]) -> list[Job]:
+    """The list of tasks as jobs, in order."""
+    found, index = [], 0
+    while index < len(tasks):
+        count = _length(tasks, index)
+        group = tasks[index : index + count]
+        name = " → ".join(_task_name(task) + _left_out(task, group) for task in group)
+        attempts = max(task.attempts for task in group)
+        going = (i for i, task in enumerate(group, index) if task.status not in ("done", "failed"))
+        found.append(Job(name, _status(group), index, count, attempts, next(going, index)))
+        index += count
+    return found
+
+
+def in_hand(tick: TickMessage) -> list[TaskMessage]:
+    """The tasks of a tick, of which that in hand is active, also where time stands and another was put before it."""
+    if not tick.preview:
+        return tick.tasks
+    tasks = [replace(task, status="waiting") if task.status == "active" else task for task in tick.tasks]
+    if tick.task_index < len(tasks) and tasks[tick.task_index].status == "waiting":
+        tasks[tick.task_index] = replace(tasks[tick.task_index], status="active")
+    return tasks
+
+
+def _length(tasks: Sequence[TaskMessage], index: int) -> int:
+    """Number of tasks from a pick to its place; 1 for anything else."""
+    if tasks[index].kind != "pick":
+        return 1
+    for last in range(index + 1, len(tasks)):
+        if tasks[last].kind == "place":
+            return last - index + 1
+        if tasks[last].kind == "pick":
+            break
+    return 1
+
+
+def _status(group: Sequence[TaskMessage]) -> str:
+    """Status of a job; of a delivery that of pick and place, whatever became of a drive between them."""
+    states = [task.status for task in group if not _between(task, group)]
+    if "failed" in states:
+        return "failed"
+    if all(state == "done" for state in states):
+        return "done"
+    return "active" if any(state in ("active", "done") for state in states) else "waiting"
+
+
+def _between(task: TaskMessage, group: Sequence[TaskMessage]) -> bool:
+    return len(group) > 1 and task.kind.startswith("drive")
+
+
+def _left_out(task: TaskMessage, group: Sequence[TaskMessage]) -> str:
+    return " (given up)" if task.status == "failed" and _between(task, group) else ""
+
+
+def _task_name(task: TaskMessage) -> str:
+    """A task in a word or two."""
+    return f"drive to {task.target}" if task.kind.startswith("drive") else task.target
+
+
+def moved(listed: Sequence[Job], job: Job, up: bool) -> MoveTask | None:
+    """The command that moves a job one place up or down; None at the end of the list."""
+    number = next((i for i, other in enumerate(listed) if other.first == job.first), None)
+    if number is None:
+        return None
+    if up:
+        before = listed[number - 1] if number > 0 else None
+        return None if before is None or before.ended else MoveTask(index=job.now, to=before.now)
+    after = listed[number + 1] if number + 1 < len(listed) else None
+    return None if after is None else MoveTask(index=job.now, to=after.first + after.count)
+
+
+def ended_lines(listed: Sequence[Job]) -> str:
+    """Jobs that have ended, two a row, as HTML."""
+    cells = []
+    for job in listed:
+        if job.ended:
+            sign, colour = _SIGNS[job.status]
+            said = f'<span style="color:{colour}">{sign}</span> {text(label(job)[2:])}'
+            cells.append(f'<div style="overflow-wrap:anywhere">{said}</div>')
+    if not cells:
+        return "" if listed else note("no tasks yet")
+    return note(
+        f'<div style="display:grid;grid-template-columns:1fr 1fr;gap:1px 10px">{"".join(cells)}</div>', "inherit"
+    )
+
+
+def label(job: Job) -> str:
+    """A job with the sign of its state, as plain text."""
+    again = f" ({job.attempts}.)" if job.attempts > 1 else ""
+    return f"{_SIGNS.get(job.status, _WAITING)[0]} {job.text}{again}"
+
+
+class TaskBlock(Block):
+    """The list of tasks: what is done, what comes next, and buttons to put it in another order."""
+
+    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
+        super().__init__(gui, hub, visitor)
+        self._listed: list[Job] = []
+        self._open: list[Job] = []  # as the rows show them
+        self._names: tuple = ()
+        with gui.add_folder("Tasks"):
+            self._ended = gui.add_html("")
+            self._rows_at = gui.add_folder(None)
+            self._rows: list[viser.GuiButtonGroupHandle] = []
+            gui.add_html(f'<div class="motm-wide">{note(_HOW)}</div>')
+            with gui.add_folder("Add by name", expand_by_default=False):
+                self._cube: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Cube", ("",)))
+                self._bin: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Into bin", ("",)))
+                self.button("Add to the tasks", self._insert, icon=viser.Icon.PLUS)
+
+    def _refresh(self, shown: Shown) -> None:
+        if shown.tick is not None:
+            self._show(jobs(in_hand(shown.tick)))
+        if shown.scene is not None:
+            names = (tuple(item.name for item in shown.scene.objects), tuple(box.name for box in shown.scene.bins))
+            if names != self._names:
+                self._names = names
+                self._cube.options, self._bin.options = names[0] or ("",), names[1] or ("",)
+
+    def _show(self, listed: list[Job]) -> None:
+        if listed == self._listed:
+            return
+        self._listed = listed
+        self._ended.content = ended_lines(listed)
+        self._open = [job for job in listed if not job.ended]
+        for number in range(len(self._rows), len(self._open)):
+            with self._rows_at:
+                act = lambda name, number=number: self._act(number, name)  # noqa: E731
+                hint = "do it earlier, later, or not at all"
+                self._rows.append(self.row((UP, DOWN, DELETE), act, label="-", hint=hint))
+        for number, row in enumerate(self._rows):
+            row.visible = number < len(self._open)
+            if row.visible:
+                row.label = label(self._open[number])
+
+    def _act(self, number: int, what: str) -> None:
+        if number >= len(self._open) or not self.hub.live(self.visitor):
+            return
+        job = self._open[number]
+        command = RemoveTask(index=job.now) if what == DELETE else moved(self._listed, job, what == UP)
+        if command is None:
+            end = "first that is left" if what == UP else "last"
+            self.tell(f"{job.text} is the {end} already", "Task")
+        else:
+            self.send(command)
+
+    def _insert(self) -> None:
+        cube, box, newest = self._cube.value, self._bin.value, None if self.shown is None else self.shown.newest
+        if not (cube and box and self.hub.live(self.visitor)):
+            return
+        commands = delivery([] if newest is None else newest.tasks, cube, box)
+        for command in commands:
+            self.send(command)
+        if not commands:
+            self.tell(f"{cube} goes to {box} already", "Task")

@@ -1,0 +1,350 @@
+"""The robot's doings in words: task, phase, waiting, rows of the arm's program, and whom it keeps off, by name.
+
+The robot sees only points; the names of bodies are those of the twin's ground truth.
+"""
+
+import functools
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+import shapely.ops
+
+from motm_twin.bus.messages import ArmMessage, StatusMessage, TaskMessage, TickMessage
+from motm_twin.model.furniture import Piece, moved_scene, pieces
+from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.kinematics import Frankie
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_shapes import outline, rectangle
+from motm_twin.ui.scene.picking import body_outline, furniture_poses
+
+PLANS = {
+    "goal": "reaches the goal",
+    "aborted": "part of the way",
+    "braking": "braking",
+    "escaping": "backing out",
+    "idle": "standing",
+}
+MODES = {
+    "reach": "closest in reach",
+    "closest": "closest free place",
+    "whole body": "base and arm together",
+    "drive": "drive target",
+    "none": "no target",
+}
+LIDAR = "what the lidar sees"
+STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
+_ORDINAL = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
+_NEAR_END = 0.25  # [rad] from a joint's end where its damper begins
+_AT_SPEED = 0.97  # of the largest rate
+_BODY = re.compile(r"^(elbow|forearm|wrist|hand|fingers|held object) - (.+)$")
+_JOINT = re.compile(r"^joint ([1-7])$")
+_GRIPPER = {
+    "lidar static": "kept off a standing obstacle",
+    "lidar moving": "kept off a moving obstacle",
+    "lidar height": "kept from sinking beside an obstacle",
+}
+NEAR = 1.2  # [m] from the base: nothing further off is named
+BESIDE = 0.6  # [m] from the planned way: what is nearer is passed
+HELD = 1.0  # [m] from the base to what it stands for
+SAME = 0.2  # [m] by which the distance of a named thing may differ from what the lidar says
+ROUNDED = 1e-3  # [m], [rad] places of a tick are rounded to less
+AHEAD, BEHIND = math.radians(40.0), math.radians(120.0)
+_HOLDS = ("braking", "no motion", "no way", "obstacles close", "every gap")
+_SEEN = re.compile(r"lidar sees, the nearest (\d+\.\d+) m")
+
+
+def method_title(status: StatusMessage, name: str) -> str:
+    """A method in a few words; its name, where the server does not offer it."""
+    titles = {choice.name: choice.title for choice in status.methods}
+    title = titles.get(name, name)
+    return title if sum(other == title for other in titles.values()) < 2 else f"{title} ({name})"
+
+
+def active_task(tick: TickMessage) -> TaskMessage | None:
+    """The task in hand; None when all are done."""
+    return tick.tasks[tick.task_index] if 0 <= tick.task_index < len(tick.tasks) else None
+
+
+def doing(tick: TickMessage) -> str:
+    """The robot's present doing, in one sentence."""
+    task, step = active_task(tick), tick.arm[-1] if tick.arm else None
+    if task is None or tick.done:
+        return _ended(tick.tasks)
+    if task.kind.startswith("drive"):
+        return f"Driving to {task.target}"
+    name = task.target
+    carried = next((belief.name for belief in tick.beliefs if belief.held), "")
+    cargo = carried or "the object"
+    unseen = step is not None and step.reason.startswith("waiting for a sight of")  # where it was seen before
+    on = "" if stands(tick) else ", on the move"
+    carries = f"Carrying {cargo} to {name}" if task.kind == "place" else f"Holding {cargo}, with {name} to be picked"
+    phases = {
+        "stow": f"Driving to {name}, the arm at rest",
+        "transit": f"Bringing {cargo} over {name}{on}" if carried else f"Reaching out for {name}{on}",
+        "final": f"{'Looking for' if unseen else 'Closing in on'} {name}{on}",
+        "closing": f"The fingers close on {name}" + (" while the base drives on" if on else ""),
+        "lift": f"Lifting {cargo if carried else name}{on}",
+        "carry": carries,
+        "release": f"Letting {cargo} go over {name}{on}",
+        "retry": f"Opening the fingers for another try at {name}",
+    }
+    if step is None:
+        return f"Driving to {name}"
+    if stands(tick) and step.phase in ("stow", "carry"):
+        return f"Standing on the way to {name}" + (f", with {carried}" if carried else "")
+    return phases.get(step.phase, f"{step.phase.replace('_', ' ')}: {name}")
+
+
+def stands(tick: TickMessage) -> bool:
+    """True for a base that does not move."""
+    speed, turn = tick.robot.twist
+    return abs(speed) < STANDS[0] and abs(turn) < STANDS[1]
+
+
+def waiting(tick: TickMessage, limiter: str = "") -> list[tuple[str, bool]]:
+    """Reasons why the robot waits or is slowed: sentences, each with True when it is held up.
+
+    ``limiter``: name of the obstacle that slows the gripper, where it has one.
+    """
+    found: list[tuple[str, bool]] = []
+    step, task = tick.arm[-1] if tick.arm else None, active_task(tick)
+    if tick.stop_reason:
+        found.append((_capital(tick.stop_reason), not tick.done))
+    near = slowed_by(tick.arm, limiter)
+    if near:
+        found.append((near, False))
+    if step is not None and step.reason and step.reason not in tick.stop_reason:
+        found.append((_capital(step.reason), False))
+    if task is not None and task.attempts > 1:
+        found.append((f"This is the {_ORDINAL.get(task.attempts, f'{task.attempts}th')} try at {task.target}", False))
+    found += [(_capital(fault), True) for fault in tick.faults]
+    return found
+
+
+def slowed(steps: Sequence[ArmMessage]) -> list[ArmMessage]:
+    """The steps of a period in which something that the lidar sees slows the gripper."""
+    return [step for step in steps if step.limiter and any(row.startswith("lidar") for row in step.active)]
+
+
+def slowed_by(steps: Sequence[ArmMessage], name: str = "") -> str:
+    """Which obstacle slows the gripper in this period, and by how much; "" when none does. ``name``: its name."""
+    limited = slowed(steps)
+    if not limited:
+        return ""
+    step = limited[-1]
+    what = name.rstrip(",") or f"A {step.limiter}"
+    allowed = step.allowed_approach
+    if allowed is None or step.obstacle_distance is None:
+        return f"The gripper is slowed by {name.rstrip(',') or 'a ' + step.limiter}"
+    how = f"may approach at {allowed:.2f} m/s" if allowed > 0.0 else f"backs off at {-allowed:.2f} m/s or more"
+    return f"{what} {step.obstacle_distance:.2f} m away: the gripper {how}"
+
+
+def _ended(tasks: Sequence[TaskMessage]) -> str:
+    failed = [task for task in tasks if task.status == "failed"]
+    if not tasks:
+        return "Nothing to do: the list of tasks is empty"
+    if failed:
+        return f"All tasks have ended; given up: {', '.join(f'{task.kind} {task.target}' for task in failed)}"
+    return f"All {len(tasks)} tasks are done"
+
+
+def _capital(value: str) -> str:
+    return value[:1].upper() + value[1:]
+
+
+def constraints(steps: Sequence[ArmMessage], q: Sequence[float]) -> list[tuple[str, str]]:
+    """Rows and bounds that held with equality in these arm steps, grouped: what is held, and by what.
+
+    ``q`` [rad], shape (7,): where the joints are, which tells their end stops from their speed.
+    """
+    names = dict.fromkeys(name for step in steps for name in step.active)
+    rows: dict[str, list[str]] = {}
+    for name in names:
+        what, by = _constraint(name, steps[-1], q)
+        rows.setdefault(by, []).append(what)
+    return [(_listed(what), by) for by, what in rows.items()]
+
+
+def _constraint(name: str, step: ArmMessage, q: Sequence[float]) -> tuple[str, str]:
+    if name in _GRIPPER:
+        return "gripper", _GRIPPER[name]
+    body = _BODY.match(name)
+    if body is not None:
+        other = {"lidar": LIDAR, "own base": "the own base", "own column": "the own column"}
+        return body[1], f"kept off {other.get(body[2], body[2])}"
+    joint = _JOINT.match(name)
+    if joint is not None:
+        return name, _joint_bound(int(joint[1]) - 1, step, q)
+    return {"base speed": ("base", "accelerates all it may"), "base yaw rate": ("base", "turns in all it may")}.get(
+        name, (name, "at its limit")
+    )
+
+
+def _joint_bound(k: int, step: ArmMessage, q: Sequence[float]) -> str:
+    """The limit that a joint is at: position, speed, or else acceleration."""
+    if k < len(q) and min(q[k] - Q_MIN[k], Q_MAX[k] - q[k]) < _NEAR_END:
+        return "near the end of its range"
+    if k < len(step.joint_velocity) and abs(step.joint_velocity[k]) > _AT_SPEED * DQ_MAX[k]:
+        return "at full speed"
+    return "accelerates all it may"
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Names in a row: joints share their word, none comes twice."""
+    unique = list(dict.fromkeys(names))
+    joints = [found[1] for name in unique if (found := _JOINT.match(name))]
+    others = [name for name in unique if not _JOINT.match(name)]
+    if joints:
+        others.append(("joints " if len(joints) > 1 else "joint ") + ", ".join(sorted(joints)))
+    return ", ".join(others)
+
+
+@dataclass(frozen=True)
+class Unmapped:
+    """Something the map does not have: a moving or added body, or furniture that the robot was not told of."""
+
+    label: str
+    shape: shapely.Polygon  # outline on the floor [m]
+
+
+def avoided(tick: TickMessage, scene: Scene | None) -> str:
+    """The body that the robot keeps off and how, as the end of a sentence; "" when nothing is near its way."""
+    if tick.done or scene is None:
+        return ""
+    things = list(unmapped(tick, scene))
+    return _held_up(tick, scene, things) or _gripper(tick, scene, things) or _past(tick, scene, things)
+
+
+def limited_by(tick: TickMessage, scene: Scene | None) -> str:
+    """Name of what the lidar row of the arm keeps the gripper off; "" when it has none (furniture of the map)."""
+    if scene is None or not slowed(tick.arm) or tick.arm[-1].obstacle_distance is None:
+        return ""
+    distance, label = _nearest_to_hand(tick, scene, unmapped(tick, scene))
+    return label if abs(distance - tick.arm[-1].obstacle_distance) <= SAME else ""
+
+
+def strange(held_by: str, tick: TickMessage, scene: Scene | None) -> str:
+    """Remark on an obstacle that holds the arm and is not as the map has it; "" when it is.
+
+    ``held_by`` is a phrase of `constraints`.
+    """
+    if scene is None:
+        return ""
+    if held_by == f"kept off {LIDAR}":
+        distance, label = _nearest_to_hand(tick, scene, unmapped(tick, scene))
+        return "" if distance > NEAR else f": {label.rstrip(',')}"
+    for piece in pieces(scene).values():
+        parts = {piece.name, *piece.solids}
+        astray = piece.name in tick.removed or not _known(piece, tick)
+        if astray and held_by.removeprefix("kept off ") in parts:
+            return ", where the map still has it (the robot was not told that it moved)"
+    return ""
+
+
+def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
+    """Everything near the robot that its map does not have."""
+    for body in (*tick.agents, *tick.obstacles):
+        known_kind = body.kind.lower() in body.name.lower()  # else it is told besides
+        yield Unmapped(body.name if known_kind else f"{body.name} ({body.kind})", body_outline(body))
+    known = pieces(scene)
+    moved = {name: pose for name, pose in furniture_poses(tick).items() if name in known}
+    strange = [
+        piece
+        for piece in known.values()
+        if piece.name not in tick.removed and not (piece.mapped and _known(piece, tick))
+    ]
+    if not strange:
+        return
+    solids = {solid.name: solid for solid in moved_scene(scene, moved, ()).solids}
+    for piece in strange:
+        shape = shapely.union_all([outline(solids[name].shape) for name in piece.solids])
+        where = "which is not in the map" if not piece.mapped else "which is not where the map has it"
+        yield Unmapped(f"{piece.name}, {where},", shapely.Polygon(shape.convex_hull.boundary.coords))
+
+
+def _known(piece: Piece, tick: TickMessage) -> bool:
+    """True for a piece that stands where it was announced, else where the scene has it."""
+    home = (*piece.centre, 0.0)
+    here = furniture_poses(tick).get(piece.name, home)
+    x, y, turn = tick.announced.get(piece.name, home)
+    return math.dist(here[:2], (x, y)) < ROUNDED and abs(math.remainder(here[2] - turn, 2 * math.pi)) < ROUNDED
+
+
+def gripper(tick: TickMessage, scene: Scene) -> shapely.Point:
+    """True place of the fingers on the floor plan [m]."""
+    place, _ = _frankie(scene.robot).tcp_pose(np.array(tick.robot.true_pose), np.array(tick.robot.q))
+    return shapely.Point(place[:2])
+
+
+def _held_up(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:
+    why = tick.stop_reason
+    if tick.plan.status != "braking" and not any(word in why for word in _HOLDS):
+        return ""
+    found = _nearest(tick, scene, things, HELD)
+    verb = "held up by" if stands(tick) else "braking for"
+    if found is not None:
+        return f"{verb} {_spelled(*found)}"
+    seen = _SEEN.search(why)
+    return "" if seen is None else f"{verb} something the lidar sees {float(seen[1]):.1f} m away"
+
+
+def _gripper(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:
+    if not slowed(tick.arm) or tick.arm[-1].obstacle_distance is None:
+        return ""
+    seen = tick.arm[-1].obstacle_distance
+    distance, label = _nearest_to_hand(tick, scene, things)
+    if abs(distance - seen) > SAME:
+        if tick.arm[-1].limiter != "moving obstacle":
+            return ""  # furniture of the map, which it works at
+        label = "something that moves"
+    return f"keeping the gripper off {label.rstrip(',')} ({seen:.1f} m)"
+
+
+def _nearest_to_hand(tick: TickMessage, scene: Scene, things: Iterable[Unmapped]) -> tuple[float, str]:
+    """Distance [m] and label; an infinite distance when there is nothing."""
+    hand = gripper(tick, scene)
+    return min(((thing.shape.distance(hand), thing.label) for thing in things), default=(math.inf, ""))
+
+
+def _past(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:
+    if stands(tick):
+        return ""
+    here = tick.robot.true_pose[:2]
+    points = [here, *(pose[:2] for pose in tick.plan.local_poses)]
+    way = shapely.LineString(points) if len(points) > 1 else shapely.Point(here)
+    half = scene.robot.footprint.width / 2
+    found = _nearest(tick, scene, [t for t in things if t.shape.distance(way) - half < BESIDE], NEAR)
+    if found is None or found[2] == "behind":
+        return ""
+    return f"past {_spelled(*found)}"
+
+
+def _nearest(tick: TickMessage, scene: Scene, things: list[Unmapped], limit: float) -> tuple[str, float, str] | None:
+    """Label, distance from the base [m] and side of the nearest thing."""
+    x, y, heading = tick.robot.true_pose
+    body = scene.robot.footprint
+    centre = (x + body.offset_x * math.cos(heading), y + body.offset_x * math.sin(heading))
+    base = rectangle((*centre, heading), (body.length, body.width))
+    distance, number = min(((thing.shape.distance(base), k) for k, thing in enumerate(things)), default=(math.inf, -1))
+    if distance > limit:
+        return None
+    point = shapely.ops.nearest_points(things[number].shape, shapely.Point(x, y))[0]
+    side = math.remainder(math.atan2(point.y - y, point.x - x) - heading, 2 * math.pi)
+    where = "ahead" if abs(side) < AHEAD else "behind" if abs(side) > BEHIND else "to its left" if side > 0 else ""
+    return things[number].label, float(distance), where or "to its right"
+
+
+def _spelled(label: str, distance: float, where: str) -> str:
+    end = " " if label.endswith(",") else ", "
+    return f"{label}{end}{distance:.1f} m {where}"
+
+
+@functools.lru_cache(maxsize=4)
+def _frankie(profile: RobotProfile) -> Frankie:
+    return Frankie(profile)

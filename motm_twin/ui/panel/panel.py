@@ -1,0 +1,268 @@
+"""The panel of every visitor: state of the twin, who drives, and tabs to drive, disturb, explain, tune and look back.
+
+One is made for every browser page when it connects, and forgotten when it is gone.
+"""
+
+import threading
+import time
+import warnings
+
+import viser
+
+from motm_twin.bus.commands import NAME_MAX, HandOver, TakeWheel
+from motm_twin.bus.messages import StatusMessage
+from motm_twin.ui import colours
+from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
+from motm_twin.ui.panel.disturb_tab import DisturbTab
+from motm_twin.ui.panel.drive_tab import DriveTab
+from motm_twin.ui.panel.keys import HelpCard, add_commands
+from motm_twin.ui.panel.replay_tab import ReplayTab
+from motm_twin.ui.panel.tune_tab import TuneTab
+from motm_twin.ui.panel.why_tab import WhyTab, headline
+from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, sentence, text
+from motm_twin.ui.scene.scene_view import SceneView
+
+# A page may close while its panel is being updated; that is nothing to report.
+warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
+
+WIDTH = 330  # [px]
+TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
+CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
+RETURN = 20.0  # [s] a page that connects this soon after another one left is taken for the same person
+VIOLET = "#7c3aed"  # looking back
+_STATES = {
+    "playing": ("Running", GREEN),
+    "paused": ("Paused", MUTED),
+    "loading": ("Loading", AMBER),
+    "done": ("Finished", BLUE),
+    "error": ("Stopped by an error", RED),
+    "waiting": ("Waiting for the twin", AMBER),
+    "lost": ("Connection lost", RED),
+}
+
+
+class Panels:
+    """Keeps one `Panel` per connected browser page up to date."""
+
+    def __init__(self, server: viser.ViserServer, hub: Hub, scene: SceneView) -> None:
+        self._hub, self._scene_view = hub, scene
+        self._lock = threading.Lock()
+        self._panels: dict[int, Panel] = {}
+        self._scene: tuple[str, str, int] | None = None
+        self._left = -1e9  # [s] monotonic, when a page left whose visitor knows how to drive
+        server.on_client_connect(self._enter)
+        server.on_client_disconnect(self._leave)
+
+    def update(self, shown: Shown) -> None:
+        """Bring every panel up to date; one that fails does not stop the others."""
+        self._hub.playback.advance(self._hub.span)
+        status = shown.status
+        scene = None if status is None else (status.scene, status.variant, status.seed)
+        if scene != self._scene and None not in (scene, self._scene):
+            self._hub.what_if.stop()  # a comparison is about one scene
+        self._scene = scene or self._scene
+        with self._lock:
+            panels = list(self._panels.values())
+        for panel in panels:
+            try:
+                if not panel.visitor.gone:
+                    panel.update(shown)
+            except Exception as error:
+                if not panel.visitor.gone:  # else it left meanwhile, and its widgets with it
+                    self._hub.tell_error(panel.visitor, error, "The panel has an error")
+
+    async def _enter(self, client: viser.ClientHandle) -> None:
+        visitor = self._hub.enter(client)
+        try:
+            panel = Panel(self._hub, visitor, self._scene_view, new=time.monotonic() - self._left > RETURN)
+        except Exception as error:
+            self._hub.tell_error(visitor, error, "There is no panel")
+            return
+        with self._lock:
+            self._panels[client.client_id] = panel
+
+    async def _leave(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            panel = self._panels.pop(client.client_id, None)
+        if panel is not None and panel.knows_how:
+            self._left = time.monotonic()
+        visitor = self._hub.leave(client)
+        if visitor is not None:
+            self._scene_view.leave(visitor)
+
+
+class Panel:
+    """The widgets of one visitor; a ``new`` one is told how to drive."""
+
+    def __init__(self, hub: Hub, visitor: Visitor, scene: SceneView, *, new: bool = True) -> None:
+        self.visitor, self._hub = visitor, hub
+        gui = visitor.client.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=colours.BRAND)
+        gui.set_panel_label("motm-twin")
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
+        gui.add_html(STYLE)
+        self._status = gui.add_html(status_card("waiting", None, "connecting"))
+        wheel = Wheel(gui, hub, visitor)
+        self._headline = gui.add_html("")
+        tabs, icon = gui.add_tab_group(), viser.Icon
+        self._help = HelpCard(hub, visitor)
+        with tabs.add_tab("Drive", icon.STEERING_WHEEL):
+            drive = DriveTab(gui, hub, visitor, scene)
+            drive.row(("?  How to drive",), lambda _: self._help.show_keys(), anybody=True, hint="H: all keys")
+        with tabs.add_tab("Disturb", icon.HAND_FINGER):
+            disturb = DisturbTab(gui, hub, visitor)
+        with tabs.add_tab("Why", icon.BULB):
+            why = WhyTab(gui, hub, visitor)
+        with tabs.add_tab("Tune", icon.ADJUSTMENTS):
+            tune = TuneTab(gui, hub, visitor)
+        with tabs.add_tab("Replay", icon.HISTORY):
+            replay = ReplayTab(gui, hub, visitor)
+        self._blocks: list[Block] = [wheel, drive, disturb, why, tune, replay]
+        add_commands(scene, drive, disturb, replay, self._help)
+        if new:
+            self._help.open()
+        self._driving: bool | None = None
+
+    @property
+    def knows_how(self) -> bool:
+        """True for a visitor who has read how to drive."""
+        return self._help.read
+
+    def update(self, shown: Shown) -> None:
+        """Show this."""
+        looked_at = None if shown.live or shown.tick is None else shown.tick.time
+        driving = self._hub.drives(self.visitor)
+        aiming = driving and bool(shown.view.placing or shown.view.sending)
+        said = status_card(shown.state, shown.status, self._note(shown), looked_at=looked_at)
+        self._status.content = TOP + said + (CROSSHAIR if aiming else "")
+        self._headline.content = "" if shown.tick is None else headline(shown.tick, shown.scene)
+        if driving != self._driving:
+            self._driving = driving
+            for block in self._blocks:
+                block.enable(driving)
+        for block in self._blocks:
+            block.update(shown)
+
+    def _note(self, shown: Shown) -> str:
+        status = shown.status
+        if shown.state == "lost":
+            return "the twin server is silent; this page reconnects by itself"
+        if status is None:
+            return f"no twin server at {self._hub.client.endpoint} yet"
+        if shown.state == "done" and shown.newest is not None and shown.newest.success:
+            return ""  # the headline says so
+        if not status.text and status.plant in ("zenoh", "mirror"):
+            return status.plant_text  # state of the robot in another program, and its refusals
+        return status.text
+
+
+def status_card(state: str, status: StatusMessage | None, note: str, *, looked_at: float | None = None) -> str:
+    """State of the server, time, wanted and actual speed, and a sentence when there is something to say, as HTML.
+
+    ``looked_at``: time [s] of the earlier period that is shown, which then stands in the place of the newest.
+    """
+    name, colour = _STATES.get(state, (state, MUTED)) if looked_at is None else ("Looking back", VIOLET)
+    clock, line = "", "white-space:nowrap;overflow:hidden;text-overflow:ellipsis"
+    rows = []
+    if status is not None:
+        violet = "" if looked_at is None else f";color:{VIOLET}"
+        now = status.time if looked_at is None else looked_at
+        clock = f'<span style="font-size:17px;font-weight:600{violet}">{now:.2f} s</span>'
+        where = text(f"{status.scene}{f' / {status.variant}' if status.variant else ''}, seed {status.seed}")
+        rows = [f'<div class="mu" style="{line};margin-top:4px">{where}</div>']
+        rows.append(f'<div class="mu" style="{line}">{_speed(state, status)}</div>')
+    if note:
+        rows.append(sentence(note, _STATES[state][1] if state in {"error", "lost", "done"} else AMBER))
+    head = (
+        f'<div style="display:flex;justify-content:space-between;align-items:center">{chip(name, colour)}{clock}</div>'
+    )
+    return card(head, *rows)
+
+
+def _speed(state: str, status: StatusMessage) -> str:
+    wanted = f"{status.speed:g}&times;"
+    if state != "playing" or status.actual_speed <= 0.0:  # not known yet
+        return f"speed {wanted}"
+    capped = f' <b style="color:{AMBER}">CAPPED</b>' if status.capped else ""
+    return f"speed {wanted}, actual {status.actual_speed:.2f}&times;{capped}"
+
+
+class Wheel(Block):
+    """The driver, and the time that is shown: asking for the wheel, handing it over, and coming back to live."""
+
+    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
+        super().__init__(gui, hub, visitor)
+        icon = viser.Icon
+        self._line, self._asked = gui.add_html(""), gui.add_html("")
+        self._yield = self.button("Hand over", self._hand_over, visible=False, icon=icon.STEERING_WHEEL)
+        self._ask = self.button(
+            "Ask for the wheel", lambda: hub.ask(visitor), anybody=True, visible=False, icon=icon.HAND_STOP
+        )
+        self._name = gui.add_text("Your name", visitor.name, visible=False, hint=f"up to {NAME_MAX} characters")
+        self._name.on_update(hub.watching(lambda event, _: self._rename(event.target.value)))
+        self._back_line = gui.add_html("")
+        self._back = self.button("Back to live", hub.playback.live, visible=False, icon=icon.PLAYER_SKIP_FORWARD)
+
+    def _refresh(self, shown: Shown) -> None:
+        hub, visitor, status = self.hub, self.visitor, shown.status
+        driver = "" if status is None else status.driver
+        mine, asker = driver == visitor.sender, hub.asker()
+        others = len(hub.visitors) > 1 or (driver != "" and not mine)
+        self._line.content = driver_line(status, visitor.sender)
+        self._asked.content = asked_line(asker.name) if mine and asker is not None else ""
+        self._yield.visible = mine and others
+        self._yield.label = "Hand over" if asker is None else f"Hand over to {asker.name}"
+        self._ask.visible = driver != "" and not mine
+        self._ask.label = "You have asked for the wheel" if hub.asks(visitor) else "Ask for the wheel"
+        self._name.visible = others
+        self._back_line.content = back_line(shown)
+        self._back.visible = not shown.live
+
+    def _hand_over(self) -> None:
+        asker = self.hub.asker()
+        self.send(HandOver() if asker is None else HandOver(to=asker.sender, name=asker.name))
+
+    def _rename(self, name: str) -> None:
+        self.visitor.rename(name)
+        if len(name) > NAME_MAX:
+            self._name.value = self.visitor.name
+        if self.hub.is_driver(self.visitor):
+            self.send(TakeWheel())  # carries the new name
+
+
+def driver_line(status: StatusMessage | None, sender: str) -> str:
+    """One line that says who drives, as HTML."""
+    if status is None:
+        return ""
+    if not status.driver:
+        return _line("#9ca3af", "Nobody is driving: do anything to take the wheel")
+    if status.driver == sender:
+        return _line(GREEN, "<b>You</b> are driving")
+    name = text(clean_name(status.driver_name) or "Somebody")
+    return _line(AMBER, f"<b>{name}</b> is driving, you are looking")
+
+
+def asked_line(name: str) -> str:
+    """The note for a driver that somebody wants to drive, as HTML."""
+    return _line("#2563a6", f"<b>{text(name)}</b> asks for the wheel")
+
+
+def _line(colour: str, content: str) -> str:
+    dot = (
+        f'<span style="display:inline-block;width:9px;height:9px;border-radius:5px;background:{colour};'
+        f'margin-right:7px"></span>'
+    )
+    return f'<div class="mm" style="padding:0 12px 10px 12px">{dot}{content}</div>'
+
+
+def back_line(shown: Shown) -> str:
+    """The note that an earlier period is shown, as HTML; "" while the newest is."""
+    if shown.live or shown.tick is None:
+        return ""
+    live = "" if shown.newest is None else f"live: {shown.newest.time:.2f} s"
+    runs_on = ", runs on" if shown.state == "playing" else ""
+    return card(
+        f'<div style="border-left:3px solid {VIOLET};background:{VIOLET}14;padding:4px 8px">'
+        f"looking back &middot; <b>{shown.tick.time:.2f} s</b> ({live}{runs_on})</div>"
+    )

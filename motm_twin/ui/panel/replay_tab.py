@@ -1,0 +1,240 @@
+"""The Replay tab: the last two minutes, branching, and files to take home."""
+
+import asyncio
+import io
+import math
+import re
+import time
+
+import viser
+from PIL import Image
+
+from motm_twin.bus.commands import Branch, UndoBranch
+from motm_twin.bus.messages import StatusMessage, TickMessage
+from motm_twin.model.period import PERIOD
+from motm_twin.ui.export import export_html
+from motm_twin.ui.history import Span
+from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.panel.widgets import HOLD, Block, note
+
+SPAN_LEAST = 1.0  # [s] of the slider
+NOW = ((0.0, "now"),)  # its right end
+SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
+EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
+BEFORE, PLAY, PAUSE, AFTER, LIVE = "◀ 1", "Play", "Pause", "1 ▶", "Live"
+PICTURE = (1200, 1920)  # [px] height, width
+RENDER_TIME = 60.0  # [s] for a browser to draw one picture
+_CODE = "background:#f3f4f6;border-radius:3px;padding:0 4px"
+
+
+class ReplayTab(Block):
+    """Widgets that look back and save."""
+
+    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
+        super().__init__(gui, hub, visitor)
+        icon = viser.Icon
+        self._sought = self._touched = -1e9  # [s] monotonic, when the sliders were moved
+        self._run: int | None = None
+        self._exporting = False
+        gui.add_html('<div class="motm-stacked"></div>')
+        self._position = self.driven(
+            gui.add_slider("Recording [s]", 0.0, SPAN_LEAST, PERIOD, 0.0, visible=False, hint="where it is played"),
+            self._seek,
+        )
+        self._line = gui.add_html("")
+        self._slider = self.driven(
+            gui.add_slider("Seconds before now", -SPAN_LEAST, 0.0, PERIOD, 0.0, marks=NOW), self._look
+        )
+        self._play = self.row((BEFORE, PLAY, AFTER, LIVE), self._move, hint="keys J, K, L")
+        self._speed: viser.GuiDropdownHandle[str] = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x")
+        hint = "the twin goes back to the shown moment and on from there; Undo brings back what came after"
+        self._branch = self.button("Branch from here", self.branch, icon=icon.GIT_BRANCH, hint=hint)
+        self._consequence = gui.add_html(branch_text(None))
+        self._undo = self.button("Undo", self.undo, icon=icon.ARROW_BACK_UP, visible=False)
+        gui.add_divider()
+        self.button("Save the session", self.save, anybody=True, icon=icon.DOWNLOAD, hint="V")
+        self._saved = gui.add_html(rerun_text("scene-variant-seed-time.json").replace("Saved as", "Saves"))
+        gui.add_divider()
+        hint = "the last seconds as one HTML file, to be sent on"
+        self.row(tuple(EXPORTS), lambda name: self._export(EXPORTS[name]), label="As a page", hint=hint, anybody=True)
+        self._bar = gui.add_progress_bar(0.0, animated=True, visible=False)
+        self.button("Screenshot", self.screenshot, anybody=True, icon=icon.CAMERA)
+
+    def _refresh(self, shown: Shown) -> None:
+        self._show_position(shown)
+        span = self.hub.span
+        self._line.content = span_line(shown, span)
+        if time.monotonic() - self._touched > HOLD:
+            start = slider_start(span)
+            self._slider.min = start
+            self._slider.value = round(max(start, -shown.behind) / PERIOD) * PERIOD
+        self._play.options = (BEFORE, PAUSE if self.hub.playback.playing else PLAY, AFTER, LIVE)
+        self._branch.disabled = shown.live or not self.usable
+        self._consequence.content = branch_text(shown)
+        aside = None if shown.status is None else shown.status.aside
+        self._undo.visible = aside is not None
+        self._undo.label = "Undo" if aside is None else f"Undo: on from {aside:.2f} s"
+        self._announce(shown)
+
+    def step(self, periods: int) -> None:
+        """Look one period earlier or later."""
+        self.hub.playback.step(periods, self.hub.span)
+
+    def branch(self) -> None:
+        """Have the twin go on from the shown moment."""
+        at, status = self.hub.view.at, self._status()
+        if at is None or status is None:
+            self.tell("first look back to the moment from which the twin should go on")
+        elif at < status.oldest:
+            self.tell(f"the twin can go back to {status.oldest * PERIOD:.1f} s at the earliest")
+        else:
+            self.hub.playback.live()
+            self.send(Branch(index=at))
+
+    def undo(self) -> None:
+        """Have the twin go on where the run ended that the last branch has set aside."""
+        status = self._status()
+        if status is None or status.aside is None:
+            self.tell("there is no branch to undo")
+        else:
+            self.hub.playback.live()
+            self.send(UndoBranch())
+
+    async def save(self) -> None:
+        """Download the run so far."""
+        data = await asyncio.to_thread(self.hub.client.session)
+        name = file_name(self._status(), "json")
+        self._download(name, data)
+        self._saved.content = rerun_text(name)
+
+    async def screenshot(self) -> None:
+        """Download a picture of the scene from this visitor's camera."""
+        height, width = PICTURE
+        client, buffer, shown = self.visitor.client, io.BytesIO(), self.shown
+        picture = await asyncio.to_thread(client.get_render, height=height, width=width, timeout=RENDER_TIME)
+        looked_at = None if shown is None or shown.live or shown.tick is None else shown.tick.time
+        await asyncio.to_thread(Image.fromarray(picture[..., :3]).save, buffer, "PNG")
+        self._download(file_name(self._status(), "png", looked_at=looked_at), buffer.getvalue())
+
+    async def _export(self, seconds: float) -> None:
+        shown, history = self.shown, self.hub.history
+        if shown is None or shown.scene is None or history is None:
+            return
+        if self._exporting:
+            self.tell("a page is being made already")
+            return
+        self._exporting, self._bar.visible = True, True
+        try:
+            page = await asyncio.to_thread(export_html, history, shown.scene, seconds, self._progress)
+        finally:
+            self._exporting, self._bar.visible = False, False
+        self._download(file_name(self._status(), "html"), page)
+
+    def _progress(self, part: float) -> None:
+        self._bar.value = round(100.0 * min(1.0, max(0.0, part)))
+
+    def _download(self, name: str, content: bytes) -> None:
+        self.visitor.client.send_file_download(name, content, save_immediately=True)
+
+    def _show_position(self, shown: Shown) -> None:
+        """Of a recording that is played: the position in it."""
+        span = [] if shown.status is None else shown.status.span
+        self._position.visible = bool(span)
+        if not span or shown.status is None or time.monotonic() - self._sought <= HOLD:
+            return
+        first, last = span[0], max(span[1], span[0] + SPAN_LEAST)
+        self._position.min, self._position.max = first, last
+        self._position.value = min(max(shown.status.time, first), last)
+
+    def _seek(self, value: float) -> None:
+        """Play the recording from another moment on."""
+        self._sought = time.monotonic()
+        self.hub.playback.live()
+        self.send(Branch(index=round(float(value) / PERIOD)))
+
+    def _look(self, value: float) -> None:
+        self._touched = time.monotonic()
+        self.hub.playback.look(-float(value), self.hub.span)
+
+    def _move(self, name: str) -> None:
+        playback = self.hub.playback
+        if name == LIVE:
+            playback.live()
+        elif name == PAUSE:
+            playback.pause()
+        elif name == PLAY:
+            playback.play(SPEEDS[self._speed.value], self.hub.span)
+        else:
+            self.step(1 if name == AFTER else -1)
+
+    def _announce(self, shown: Shown) -> None:
+        """Tell this visitor once about a branch that has happened, whoever made it."""
+        newest = shown.newest
+        if newest is None or newest.run == self._run:
+            return
+        played = shown.status is not None and shown.status.span
+        if self._run is not None and newest.past >= 0 and not played:
+            self.tell(*branched(newest), "blue")
+        self._run = newest.run
+
+    def _status(self) -> StatusMessage | None:
+        return None if self.shown is None else self.shown.status
+
+
+def file_name(status: StatusMessage | None, ending: str, *, looked_at: float | None = None) -> str:
+    """A name for a file to be downloaded: scene, variant, seed and time, in letters that any system takes.
+
+    ``looked_at``: time [s] of the earlier period that is shown, and not the newest.
+    """
+    if status is None:
+        return f"twin.{ending}"
+    time = f"{status.time:.1f}s" if looked_at is None else f"{looked_at:.2f}s"
+    parts = (status.scene, status.variant, str(status.seed), time)
+    return "-".join(filter(None, (_plain(part) for part in parts))) + f".{ending}"
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.]+", "_", text).strip("_.")[:40]
+
+
+def span_line(shown: Shown, span: Span | None) -> str:
+    """The shown period and the span that is kept, as HTML."""
+    if span is None or shown.tick is None:
+        return note("nothing recorded yet")
+    at = "live" if shown.live else f"period {shown.tick.index}"
+    kept = f"kept: {span.first_time:.0f} to {span.last_time:.1f} s"
+    return note(f"at <b>{shown.tick.time:.2f} s</b> ({at}) &middot; {kept}")
+
+
+def slider_start(span: Span | None) -> float:
+    """Left end [s] of the slider of seconds before now: all that is kept, in whole seconds so that it seldom moves."""
+    kept = 0.0 if span is None else span.last_time - span.first_time
+    return -max(SPAN_LEAST, float(math.ceil(kept - 1e-6)))
+
+
+def branch_text(shown: Shown | None) -> str:
+    """Consequence of a branch from the shown moment, as HTML."""
+    if shown is None or shown.live or shown.tick is None or shown.newest is None:
+        return note("To branch, look back first: the twin can go on from any moment.")
+    return note(
+        f"The run time goes back to <b>{shown.tick.time:.2f} s</b>, and the twin goes on from there. "
+        f"The {shown.behind:.2f} s after it are set aside; Undo brings them back."
+    )
+
+
+def branched(newest: TickMessage) -> tuple[str, str]:
+    """Text and title of the note about a branch, or about one that was undone, whose first periods have come."""
+    start = newest.first * PERIOD
+    if newest.past == newest.run - 1:
+        return f"the twin goes on from {start:.2f} s; Undo in the Replay tab brings back what came after", "Branched"
+    return f"the twin goes on from {start:.2f} s, as before the branch; Undo brings the branch back", "Branch undone"
+
+
+def rerun_text(name: str) -> str:
+    """Hint to use a saved session, as HTML; ``name`` is one of `file_name`."""
+    return note(
+        f'Saved as <b style="overflow-wrap:anywhere">{name}</b>. '
+        f'Rerun it bit for bit:<br><code style="{_CODE}">motm-twin rerun FILE</code><br>'
+        f'Keep it as a test: put the file into <code style="{_CODE}">tests/recorded</code>; the test there reruns '
+        "every session and compares the state."
+    )

@@ -1,0 +1,167 @@
+"""Cards of the run: the referee's score beside published times, and the time that each period takes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motm_twin.bus.messages import ScoreMessage, StatusMessage, TickMessage
+from motm_twin.control.task_list import kind_of, name_of
+from motm_twin.measures.published import REFERENCE_TOUR_NOTE, published
+from motm_twin.model.scene import Scene
+from motm_twin.ui.history import STAGES, Sample
+from motm_twin.ui.panel.widgets import AMBER, GREEN, RED, bar, card, heading, mark, metres, piece, table, text
+
+BUDGET = 50.0  # [ms] of one period
+WINDOW = 10.0  # [s]
+_SCALE = 1.2 * BUDGET  # [ms] length of the bars
+COLOURS = {"map": "#0d9488", "place": "#65a30d", "plan": "#2563eb", "arm": "#9333ea", "monitor": "#f59e0b"}
+TITLES = {
+    "map": "map from the scan",
+    "place": "places to stand",
+    "plan": "global and local plan",
+    "arm": "arm and its QP",
+    "monitor": "monitor",
+}
+_FIRST, _PERIOD = Sample._fields.index(STAGES[0]), Sample._fields.index("period")
+
+
+def score_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | None = None) -> str:
+    """The referee's count up to the shown period, and the published times of this task."""
+    rows: list[tuple[str, ...]] = [("time", f"<b>{_time(tick):.2f} s</b>")]
+    score = tick.score
+    if score is not None:
+        rows += _count(tick, score)
+    return card(heading("Score"), *_compared(rows, tick, status, scene))
+
+
+def result_card(tick: TickMessage, status: StatusMessage | None, scene: Scene | None = None) -> str:
+    """The result of a finished run, in short; "" before its end."""
+    if not tick.done:
+        return ""
+    rows: list[tuple[str, ...]] = [("time of this run", f"<b>{_time(tick):.2f} s</b>")]
+    if tick.score is not None:
+        rows.append(("distance driven", f"{tick.score.path_length:.1f} m"))
+        rows.append(("least clearance, base", metres(tick.score.min_base_clearance)))
+    return card(heading("Result"), *_compared(rows, tick, status, scene))
+
+
+def _time(tick: TickMessage) -> float:
+    """[s] of the work: a finished run goes on for 2 s, so that the robot comes to rest."""
+    return tick.time if tick.ended is None else tick.ended
+
+
+def _compared(
+    rows: list[tuple[str, ...]], tick: TickMessage, status: StatusMessage | None, scene: Scene | None
+) -> tuple[str, str]:
+    """The rows beside published times, which are of the tasks of the scene, in any order, and of no others."""
+    tasks = sorted((task.kind, task.target) for task in tick.tasks)
+    if scene is not None and tasks != sorted((kind_of(task), name_of(task)) for task in scene.tasks):
+        return table(rows), '<hr><div class="mu">the task list was changed: no time to compare with</div>'
+    return table(rows + _tour(tick, status)), _published(tick, status)
+
+
+def count_line(tick: TickMessage) -> str:
+    """Picks, places and contacts so far, as the referee counts them, as HTML."""
+    score = tick.score
+    if score is None:
+        return ""
+    picks, places, ours, others = _counts(tick, score)
+    contacts = f'<span style="color:{RED if ours else GREEN}">contacts {ours}</span>'
+    contacts += f" (+{others} by others)" if others else ""
+    done = f"picked {score.picks}/{picks} &middot; placed {score.places}/{places}"
+    return card(f'<div class="mu">{done} &middot; {contacts}</div>')
+
+
+def _counts(tick: TickMessage, score: ScoreMessage) -> tuple[int, int, int, int]:
+    """Picks and places of the list; contacts caused by the robot, and by others."""
+    picks, places = (sum(task.kind == kind for task in tick.tasks) for kind in ("pick", "place"))
+    ours = sum(contact.caused_by_robot for contact in score.contacts)
+    return picks, places, ours, len(score.contacts) - ours
+
+
+def _count(tick: TickMessage, score: ScoreMessage) -> list[tuple[str, ...]]:
+    picks, places, ours, others = _counts(tick, score)
+    contacts = f'<b style="color:{RED if ours else GREEN}">{ours}</b>' + (f", {others} by others" if others else "")
+    rows: list[tuple[str, ...]] = [
+        ("picked", f"{score.picks} of {picks}"),
+        ("placed", f"{score.places} of {places}"),
+        ("contacts of the robot", contacts),
+    ]
+    if score.drops:
+        rows.append(("dropped", str(score.drops) + (f", {len(score.dropped)} not put right" if score.dropped else "")))
+    if score.cut_ins:
+        rows.append(("cut in on agents", str(len(score.cut_ins))))
+    return [
+        *rows,
+        ("least clearance, base", metres(score.min_base_clearance)),
+        ("least clearance, arm", metres(score.min_arm_clearance)),
+        ("least, gripper to others", metres(score.min_ee_obstacle)),
+        ("distance driven", f"{score.path_length:.1f} m"),
+    ]
+
+
+def _tour(tick: TickMessage, status: StatusMessage | None) -> list[tuple[str, ...]]:
+    tour = None if status is None else status.reference_tour
+    if tour is None or tour <= 0.0:
+        return []
+    name = f'<span title="{text(REFERENCE_TOUR_NOTE)}" style="border-bottom:1px dotted">reference tour</span>'
+    ratio = f"{_time(tick) / tour:.2f}" if tick.done else f"{tick.time / tour:.2f} so far"
+    return [(name, f"{tour:.1f} s"), ("time / reference tour", ratio)]
+
+
+def _published(tick: TickMessage, status: StatusMessage | None) -> str:
+    known = () if status is None else published(status.scene, status.variant)
+    if not known:
+        return '<hr><div class="mu">no published time for this task</div>'
+    rows: list[tuple[str, ...]] = []
+    for entry in known:
+        name = f'<span class="mu" title="{text(entry.source)}">{text(entry.what)}</span>'
+        success = f" ({entry.success})" if entry.success else ""
+        against = ""
+        if tick.done and tick.success:
+            share = 100.0 * (_time(tick) / entry.seconds - 1.0)
+            against = f' <span style="color:{GREEN if share <= 0.0 else RED}">{share:+.0f} %</span>'
+        rows.append((name, f"{entry.seconds:.1f} s{success}{against}"))
+    sources = ", ".join(dict.fromkeys(entry.source.split(",")[0] + "," + entry.source.split(",")[1] for entry in known))
+    return f'<hr>{table(rows)}<div class="mu" style="font-size:11px">{text(sources)}</div>'
+
+
+def timing_card(samples: NDArray[np.float64]) -> str:
+    """The stages of the last periods, from `History.samples`."""
+    rows = samples[np.isfinite(samples[:, _PERIOD])]
+    if not len(rows):
+        return card(heading("Timing"), '<div class="mu">no period yet</div>')
+    period = rows[:, _PERIOD]
+    stages = [(name, rows[:, _FIRST + k]) for k, name in enumerate(STAGES) if np.isfinite(rows[:, _FIRST + k]).any()]
+    p50, p99 = np.percentile(period, (50, 99))
+    worst = int(np.argmax(period))
+    over = int((period > BUDGET).sum())
+    colour = GREEN if over == 0 else RED if over > 0.01 * len(period) else AMBER
+    head = (
+        f'<div style="display:flex;justify-content:space-between">{heading(f"Period, last {WINDOW:.0f} s")}'
+        f'<span style="color:{colour};font-weight:600">{over} of {len(period)} over {BUDGET:.0f} ms</span></div>'
+    )
+    bars = _labelled("typical", _stack([(name, float(np.nanmedian(values))) for name, values in stages]))
+    bars += _labelled("slowest", _stack([(name, float(values[worst])) for name, values in stages]))
+    cells: list[tuple[str, ...]] = [tuple(f'<span class="mu">{name}</span>' for name in ("ms", "p50", "p99", "max"))]
+    for name, values in stages:
+        dot = f'<span style="color:{COLOURS[name]}">&#9632;</span> {TITLES[name]}'
+        low, high = np.nanpercentile(values, (50, 99))
+        cells.append((dot, f"{low:.1f}", f"{high:.1f}", f"{np.nanmax(values):.1f}"))
+    cells.append(("<b>period</b>", f"<b>{p50:.1f}</b>", f"<b>{p99:.1f}</b>", f"<b>{period.max():.1f}</b>"))
+    return card(head, bars, table(cells))
+
+
+def _labelled(name: str, content: str) -> str:
+    return (
+        '<div style="display:flex;align-items:center;gap:8px;margin:2px 0"><span class="mu" style="width:48px">'
+        f'{name}</span><div style="flex:1">{content}</div></div>'
+    )
+
+
+def _stack(stages: list[tuple[str, float]]) -> str:
+    parts, at = [], 0.0
+    for name, value in stages:
+        if np.isfinite(value):
+            parts.append(piece(at / _SCALE, (at + value) / _SCALE, COLOURS[name]))
+            at += value
+    return bar(*parts, mark(BUDGET / _SCALE, RED), height=12)

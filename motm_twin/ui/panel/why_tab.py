@@ -1,0 +1,338 @@
+"""The Why tab: reasons of the robot, the task in hand, a candidate that was clicked, the arm, events, timing, score."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import viser
+
+from motm_twin.bus.messages import ArmMessage, EventMessage, PlacementMessage, StatusMessage, TickMessage
+from motm_twin.model.edits import ParameterValue
+from motm_twin.model.scene import Scene
+from motm_twin.ui import colours
+from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.panel import explain
+from motm_twin.ui.panel.explain import avoided, limited_by, strange
+from motm_twin.ui.panel.plots import PlotsPanel, bands
+from motm_twin.ui.panel.score import WINDOW, score_card, timing_card
+from motm_twin.ui.panel.widgets import (
+    AMBER,
+    BLUE,
+    GREEN,
+    MUTED,
+    RED,
+    Block,
+    bar,
+    card,
+    chip,
+    explained,
+    heading,
+    mark,
+    metres,
+    pairs,
+    piece,
+    seconds,
+    sentence,
+    signed,
+    text,
+)
+
+FAST, SLOW = 2, 10  # updates (of 0.1 s) between refreshes: of what is read as it happens, and of statistics
+NEXT_WEIGHT = "next_weight"  # parameter: weight of the cost C_N
+ROUNDED = 0.05  # [s] by which the costs of a message may be off their sum
+READY_MANIPULABILITY = 0.0838  # of the Panda's ready pose
+BEST_MANIPULABILITY = 0.127  # largest of 20,000 random poses
+RULER = 1.0  # [m] length of the bar of distances
+EVENTS = 8
+_LOCAL = "Motion of the base in the next seconds: to the goal, or only part of the way when the search must stop."
+_T_H = "Time that the local plan needs from here to its goal."
+_K = "How much driving near obstacles costs: 1 on the way, less shortly before the goal, so that it may come close."
+_NODES = "Short motions that the search for the local plan tried in this period (nodes expanded)."
+_SLACK = "By how much the hand's velocity may miss the wanted one, because limits come first: straight and turning."
+_MANIPULABILITY = "How freely the hand can move in every direction; 0: stretched out or locked. The mark: ready pose."
+_REFERENCE = "How far the fingers are from where the program of the arm wants them now."
+_EVENT_COLOURS = {
+    "picked": GREEN, "placed": GREEN, "arrived": GREEN, "missed": AMBER, "lost": AMBER,
+    "postponed": AMBER, "failed": RED, "contact": RED,
+}  # fmt: skip
+
+
+class WhyTab(Block):
+    """Explains the shown period."""
+
+    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
+        super().__init__(gui, hub, visitor)
+        self._count = 0
+        self._now = gui.add_html("")
+        self._plots = PlotsPanel(gui, hub)
+        self._task, self._candidate, self._arm, self._events = (gui.add_html("") for _ in range(4))
+        with gui.add_folder("Timing"):
+            self._timing = gui.add_html("")
+        with gui.add_folder("Score"):
+            self._score = gui.add_html("")
+        self._explained: tuple[TickMessage | None, int | None] = (None, None)
+
+    def _refresh(self, shown: Shown) -> None:
+        tick, history = shown.tick, self.hub.history
+        if tick is None:
+            return
+        self._count += 1
+        picked, parameters = shown.view.picked, {} if shown.status is None else shown.status.parameters
+        if self._count % FAST == 0 and (tick is not self._explained[0] or picked != self._explained[1]):
+            self._explained = tick, picked
+            self._now.content = now_card(tick, shown.scene, shown.status)
+            self._task.content = task_card(tick)
+            weight = float(parameters.get(NEXT_WEIGHT, 1.05))
+            self._candidate.content = candidate_card(tick.placement, picked, weight)
+            self._arm.content = arm_card(tick, parameters, shown.scene)
+        if history is None:
+            return
+        index = None if shown.live else tick.index
+        if self._count % SLOW == 0:
+            self._timing.content = timing_card(history.samples(index, WINDOW))
+            self._score.content = score_card(tick, shown.status, shown.scene)
+        elif self._count % SLOW == SLOW // 2:
+            self._events.content = events_card(tick, history.events(index, EVENTS))
+        self._plots.update(shown)
+
+
+def headline(tick: TickMessage, scene: Scene | None = None) -> str:
+    """One big sentence: the doing of the robot, and with the scene the body that it keeps off."""
+    colour = GREEN if tick.done and tick.success else "#111827"
+    near = avoided(tick, scene)
+    says, lines = explain.doing(tick) + (near and f", {near}"), "" if tick.done else " two"
+    return card(f'<div class="big{lines}" style="color:{colour}">{text(says)}.</div>')
+
+
+def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessage | None = None) -> str:
+    """Reasons why the robot waits, and its motion; with the scene by names, with the status the method that drives."""
+    speed, turn = tick.robot.twist
+    limiter = limited_by(tick, scene)
+    said = explain.doing(tick).lower() if tick.done else ""
+    reasons = [(why, held_up) for why, held_up in explain.waiting(tick, limiter) if why.lower() != said]
+    rows = [sentence(why, AMBER if held_up else MUTED) for why, held_up in reasons]
+    if tick.done and explain.stands(tick):
+        return card(*rows, _driven_by(status))
+    motion = f"base {signed(speed, 2)} m/s, {signed(math.degrees(turn), 0)}&deg;/s"
+    reach, task = tick.plan.time_to_range, explain.active_task(tick)
+    planned = task is not None and not (tick.preview and task.status == "waiting")  # for the task in hand
+    if reach is not None and planned and not tick.done:
+        motion += " &middot; target in reach" + (f" in {reach:.1f} s" if reach > 0.0 else " <b>now</b>")
+    rows.append(f'<div class="mu" style="margin-top:4px">{motion}</div>')
+    return card(*rows, _driven_by(status))
+
+
+def _driven_by(status: StatusMessage | None) -> str:
+    """The method that decides, HTML."""
+    if status is None or not status.method:
+        return ""
+    about = next((choice.summary for choice in status.methods if choice.name == status.method), "")
+    title = f"<b>{text(explain.method_title(status, status.method))}</b>"
+    return f'<div class="mu">method {explained(title, about) if about else title}</div>'
+
+
+def task_card(tick: TickMessage) -> str:
+    """The task in hand: the place to stand for it, and the result of the local plan."""
+    task, plan, placement = explain.active_task(tick), tick.plan, tick.placement
+    if task is None:
+        return ""
+    number = f"{tick.task_index + 1} of {len(tick.tasks)}"
+    tries = f", try {task.attempts}" if task.attempts > 1 else ""
+    rows = [(f"task {number}", f"<b>{text(task.kind.replace('_', ' '))} {text(task.target)}</b>{tries}")]
+    mode = text(explain.MODES.get(placement.mode, placement.mode))
+    if placement.mode == "ring":
+        mode = f"ring of {placement.radius:.2f} m"
+    chosen = 0 <= placement.chosen < len(placement.poses)
+    rows.append((f"is to stand at candidate no. {placement.chosen + 1}" if chosen else "is to stand at", mode))
+    colour = {"goal": GREEN, "aborted": BLUE, "braking": RED}.get(plan.status, MUTED)
+    cut = ", cut by the clock" if plan.cut_by_clock else ""
+    rows.append((explained("local plan", _LOCAL), chip(explain.PLANS.get(plan.status, plan.status), colour)))
+    rows.append((explained("time to the goal, t<sub>h</sub>", _T_H), seconds(plan.t_h)))
+    rows.append((explained("penalty of nearness, k", _K), f"{plan.k:.2f}"))
+    rows.append((explained("motions tried (nodes)", _NODES), f"{plan.expansions}{cut}"))
+    return card(heading("Task in hand"), pairs(rows))
+
+
+def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene: Scene | None = None) -> str:
+    """The arm's program: solved or not, the limits that held it, how well it can move, and the obstacle it keeps off.
+
+    With the scene also names, and remarks on things that the map does not have.
+    """
+    if not tick.arm:
+        return ""
+    step = tick.arm[-1]
+    solved = step.qp_status == "solved"
+    title = f'<div style="display:flex;justify-content:space-between">{heading("Arm")}'
+    title += chip(step.qp_status.split(":")[0], GREEN if solved else RED) + "</div>"
+    parts = [title]
+    if not solved:
+        parts.append(sentence(step.qp_status, RED))
+    parts.append(_distance(tick.arm, parameters, limited_by(tick, scene)))
+    parts.append(_manipulability(step))
+    error = "unknown" if step.error is None else f"{1e3 * step.error:.0f} mm"
+    parts.append(pairs([(explained("hand off its reference", _REFERENCE), error), *_slack(step.slack)]))
+    held = [(what, f"{by}{strange(by, tick, scene)}") for what, by in explain.constraints(tick.arm, tick.robot.q)]
+    lines = "".join(f"<div>{text(what)} <span class='mu'>{text(by)}</span></div>" for what, by in held)
+    parts.append("<hr>" + (lines or '<div class="mu">no limit is active: the hand moves as it wants</div>'))
+    return card(*parts)
+
+
+def _distance(steps: Sequence[ArmMessage], parameters: Mapping[str, ParameterValue], name: str) -> str:
+    """Distance of the gripper from the points of the lidar, on a ruler with the red and the orange region."""
+    step = steps[-1]
+    d_s, d_i, _ = bands(parameters)
+    distance = step.obstacle_distance
+    pieces = [piece(0.0, d_s / RULER, "#fca5a5"), piece(d_s / RULER, d_i / RULER, "#fed7aa")]
+    if distance is not None:
+        pieces.append(mark(distance / RULER))
+    rows = [("gripper to obstacle", f"<b>{metres(distance)}</b>")]
+    ruler = (
+        f"{bar(*pieces)}<div class='mu' style='font-size:11px'>red: comes no nearer, d<sub>s</sub> {d_s:g} m &middot; "
+        f"orange: slower and slower, d<sub>i</sub> {d_i:g} m</div>"
+    )
+    if not step.limiter:
+        return pairs(rows) + ruler
+    near = text(name.rstrip(",") or step.limiter)
+    if step.allowed_approach is not None:
+        near += f", at most {max(step.allowed_approach, 0.0):.2f} m/s nearer"
+    return pairs(rows) + ruler + pairs([("near", near)])
+
+
+def _manipulability(step: ArmMessage) -> str:
+    value = step.manipulability
+    if value is None:
+        return ""
+    colour = GREEN if value > 0.5 * READY_MANIPULABILITY else AMBER if value > 0.2 * READY_MANIPULABILITY else RED
+    pieces = piece(0.0, value / BEST_MANIPULABILITY, colour), mark(READY_MANIPULABILITY / BEST_MANIPULABILITY)
+    share = 100.0 * value / READY_MANIPULABILITY
+    row = explained("manipulability", _MANIPULABILITY), f"{value:.3f}, {share:.0f} % of the ready pose"
+    return f'<div style="margin-top:4px">{pairs([row])}{bar(*pieces, height=6)}</div>'
+
+
+def _slack(slack: Sequence[float | None]) -> list[tuple[str, str]]:
+    known = [value for value in slack if value is not None]
+    if len(known) != 6:
+        return []
+    linear, angular = math.hypot(*known[:3]), math.hypot(*known[3:])
+    return [
+        (explained("velocity missed (slack)", _SLACK), f"{1e3 * linear:.1f} mm/s, {math.degrees(angular):.1f}&deg;/s")
+    ]
+
+
+def events_card(tick: TickMessage, events: Sequence[EventMessage]) -> str:
+    """The last events with their times, newest first, contacts among them."""
+    entries = [(event.time, event.kind, event.text) for event in events]
+    if tick.score is not None and not any(event.kind == "contact" for event in events):
+        for contact in tick.score.contacts:
+            who = "" if contact.caused_by_robot else " (not by the robot)"
+            entries.append((contact.time, "contact", f"{contact.body} touched {contact.other}{who}"))
+    entries.sort(key=lambda entry: -entry[0])
+    rows = []
+    for time, kind, what in entries[:EVENTS]:
+        colour = _EVENT_COLOURS.get(kind, MUTED)
+        rows.append(
+            f'<div style="display:flex;gap:8px"><span class="mu" style="min-width:56px;text-align:right">{time:.2f} s'
+            f'</span><span style="color:{colour}">&#9679;</span><span>{text(what)}</span></div>'
+        )
+    return card(heading("What happened"), "".join(rows) or '<div class="mu">nothing yet</div>')
+
+
+def candidate_card(placement: PlacementMessage, index: int | None, next_weight: float = 1.05) -> str:
+    """Costs of one candidate, or why it is out; of the chosen one, with the legend, when none is picked."""
+    if index is None or not 0 <= index < len(placement.poses):
+        chosen = placement.chosen
+        if not 0 <= chosen < len(placement.poses):
+            return _hint(placement)
+        return card(heading(_title(placement, chosen)), *_costs(placement, chosen, next_weight)) + _hint(placement)
+    x, y, heading_ = placement.poses[index]
+    rows = [
+        heading(_title(placement, index)),
+        f'<div class="mu">x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading_):.0f}&deg;</div>',
+    ]
+    if placement.rejected[index]:
+        rows.append(sentence(f"rejected: {placement.rejected[index]}", MUTED))
+    else:
+        rows += _costs(placement, index, next_weight)
+    return card(*rows)
+
+
+def _title(placement: PlacementMessage, index: int) -> str:
+    """Number, rank and choice; the number is no rank: candidates are numbered round the target."""
+    place = "" if placement.cost[index] is None else f", rank {rank(placement, index)}"
+    chosen = ", <b>chosen</b>" if index == placement.chosen else ""
+    return f"Candidate no. {index + 1} (of {len(placement.poses)}){place}{chosen}"
+
+
+def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
+    here, onward, total = (cost[index] for cost in (placement.cost_current, placement.cost_next, placement.cost))
+    viable = sum(cost is not None for cost in placement.cost)
+    paper = here is None or onward is None or total is None or abs(here + weight * onward - total) < ROUNDED
+    rule = f"cost C = C<sub>C</sub> + {weight:g} C<sub>N</sub>" if paper else "cost C by the rule of this method"
+    rows = [
+        ("current cost C<sub>C</sub>: to it", seconds(here)),
+        ("next cost C<sub>N</sub>: on to the next target", seconds(onward)),
+        (rule, f"<b>{seconds(total)}</b>"),
+        ("rank by C among the free", f"{rank(placement, index)} of {viable}{_dearer(placement, index)}"),
+    ]
+    if not paper:
+        return [pairs(rows)]
+    parts = []
+    dearest = max((cost for cost in placement.cost if cost is not None), default=0.0)
+    if here is not None and dearest > 0.0:
+        parts.append(piece(0.0, here / dearest, colours.css(colours.INSPECTED)))
+        if onward is not None:
+            parts.append(piece(here / dearest, (here + weight * onward) / dearest, colours.css(colours.INSPECTED_NEXT)))
+    return [pairs(rows), f'<div style="margin-top:4px">{bar(*parts, height=7)}</div>']
+
+
+def _dearer(placement: PlacementMessage, index: int) -> str:
+    own, chosen = placement.cost[index], placement.chosen
+    best = placement.cost[chosen] if 0 <= chosen < len(placement.cost) else None
+    if own is None or best is None or index == chosen:
+        return ""
+    return f"<br>{own - best:+.1f} s against the chosen"
+
+
+def rank(placement: PlacementMessage, index: int) -> int:
+    """1 for the cheapest candidate."""
+    own = placement.cost[index]
+    return 1 + sum(cost is not None and own is not None and cost < own for cost in placement.cost)
+
+
+def _hint(placement: PlacementMessage) -> str:
+    """Hint to click, and the reasons why the grey ones are out."""
+    count = len(placement.poses)
+    if not count:
+        return legend(placement)
+    reasons = Counter(why for why in placement.rejected if why)
+    out = sum(reasons.values())
+    rows = [f"<div><b>Click one of the coloured places</b> to read its costs. {count - out} of {count} are free</div>"]
+    if out:
+        most = ", ".join(f"{number} {text(why)}" for why, number in reasons.most_common(3))
+        rows.append(f'<div class="mu">out: {most}</div>')
+    return card(heading("Places to stand"), *rows) + legend(placement)
+
+
+def legend(placement: PlacementMessage | None = None) -> str:
+    """The meaning of the colours."""
+    known = [cost for cost in (placement.cost if placement else []) if cost is not None]
+    low, high = (f"{min(known):.1f} s", f"{max(known):.1f} s") if known else ("cheap", "dear")
+    lines = [
+        (colours.GLOBAL_PATH, "global path"),
+        (colours.NEXT_PATH, "on to the next target"),
+        (colours.BEZIER, "B&eacute;zier"),
+        (colours.GHOST, "local plan"),
+    ]
+    marks = "".join(
+        f'<span style="white-space:nowrap;margin-right:10px"><span style="display:inline-block;width:14px;height:4px;'
+        f'border-radius:2px;vertical-align:middle;background:{colours.css(colour)}"></span> {name}</span>'
+        for colour, name in lines
+    )
+    return card(
+        '<div style="display:flex;align-items:center;gap:6px">'
+        f'<span style="white-space:nowrap">{low}</span><span style="flex:1;height:8px;border-radius:4px;background:'
+        f'{colours.viridis_css()}"></span><span style="white-space:nowrap">{high}</span></div>'
+        f'<div class="mu" style="margin-top:3px">{marks}<span style="white-space:nowrap">'
+        f'<span style="display:inline-block;width:8px;height:8px;border-radius:4px;background:'
+        f'{colours.css(colours.REJECTED)}"></span> rejected</span></div>'
+    )

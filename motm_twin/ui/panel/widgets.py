@@ -1,0 +1,245 @@
+"""Parts that panels are made of: blocks of widgets that turn grey, pieces of HTML, and the style of both.
+
+Texts from outside go through `text`, which escapes them.
+"""
+
+import html
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import viser
+
+from motm_twin.bus.commands import Command
+from motm_twin.ui.hub import Hub, Shown, Visitor
+
+HOLD = 1.2  # [s] a widget that a person has just moved is not set from outside
+MUTED = "#6b7280"
+GREEN, AMBER, RED, BLUE = "#15803d", "#b45309", "#b91c1c", "#1d4ed8"
+
+
+class Block:
+    """Widgets of one visitor; those that change something are usable for the driver, grey for everybody else."""
+
+    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
+        self.gui, self.hub, self.visitor = gui, hub, visitor
+        self.shown: Shown | None = None
+        self.usable = True
+        self.parts: list[Block] = []
+        self._driven: list[Any] = []
+
+    def update(self, shown: Shown) -> None:
+        """Show this; called about ten times a second, from one thread."""
+        self.shown = shown
+        self._refresh(shown)
+        for part in self.parts:
+            part.update(shown)
+
+    def _refresh(self, shown: Shown) -> None:
+        """Bring the widgets up to date."""
+
+    def enable(self, driving: bool) -> None:
+        """Make the widgets that change something usable, or grey."""
+        self.usable = driving
+        for widget in self._driven:
+            set_disabled(widget, not driving)
+        for part in self.parts:
+            part.enable(driving)
+
+    def send(self, command: Command) -> None:
+        """Send a command for this visitor."""
+        self.hub.send(self.visitor, command)
+
+    def tell(self, text: str, title: str = "", colour: str = "orange") -> None:
+        """A note for this visitor."""
+        self.hub.tell(self.visitor, text, title, colour)
+
+    def driven(self, widget: Any, act: Callable[[Any], object] | None = None) -> Any:
+        """Take in a widget of the driver; ``act`` gets the value that a person has chosen."""
+        if act is not None:
+            widget.on_update(self.hub.driving(lambda event, _: act(event.target.value)))
+        self._driven.append(widget)
+        set_disabled(widget, not self.usable)
+        return widget
+
+    def button(self, label: str, act: Callable[[], object], *, anybody: bool = False, **options: Any) -> Any:
+        """A button over the whole width, for the driver or for anybody."""
+        button = self.gui.add_button(label, **options)
+        button.on_click((self.hub.watching if anybody else self.hub.driving)(lambda *_: act()))
+        return button if anybody else self.driven(button)
+
+    def row(
+        self, options: Sequence[str], act: Callable[[str], object], *, label: str = "", hint: str | None = None,
+        anybody: bool = False,
+    ) -> Any:  # fmt: skip
+        """A row of small buttons, over the whole width without a label; ``act`` gets the name of the pressed one."""
+        row = self.gui.add_button_group(label, tuple(options), hint=hint)
+        row.on_click((self.hub.watching if anybody else self.hub.driving)(lambda event, _: act(event.target.value)))
+        return row if anybody else self.driven(row)
+
+
+def follow(widget: Any, value: Any) -> None:
+    """Set a widget from outside, unless a person has just changed it: the choice may still be on its way here.
+
+    Viser sets the new value first and calls back then. Set from another thread in between, the choice would be lost.
+    """
+    if widget.value != value and time.time() - widget.update_timestamp > HOLD:
+        widget.value = value
+        widget._impl.update_timestamp = 0.0  # nobody has changed it by hand
+
+
+def set_disabled(widget: Any, disabled: bool) -> None:
+    """Make a widget grey, or usable again.
+
+    A row of buttons can be made grey, and its page shows it so, but Viser's handle refuses to change that later: the
+    change is sent as Viser sends those of other widgets.
+    """
+    if not isinstance(widget, viser.GuiButtonGroupHandle):
+        widget.disabled = disabled
+        return
+    props: Any = widget._impl.props
+    if props.disabled != disabled and not widget._impl.removed:
+        props.disabled = disabled
+        widget._queue_update("disabled", disabled)
+
+
+def set_marks(slider: Any, marks: Sequence[tuple[float, str]]) -> None:
+    """Give a slider other marks, sent as Viser sends what it lets change: its handle does not offer them."""
+    slider._marks = tuple({"value": value, "label": label} for value, label in marks)
+
+
+def text(value: object) -> str:
+    """Escaped for HTML."""
+    return html.escape(str(value))
+
+
+def card(*parts: str) -> str:
+    """A card of the panel; parts are HTML."""
+    return f'<div class="mm">{"".join(parts)}</div>'
+
+
+def heading(title: str) -> str:
+    """A small title, HTML."""
+    return f"<h4>{title}</h4>"
+
+
+def sentence(value: str, colour: str) -> str:
+    """A sentence from outside beside a coloured line."""
+    return (
+        f'<div style="margin-top:5px;border-left:3px solid {colour};padding:2px 8px;background:{colour}14">'
+        f"{text(value)}</div>"
+    )
+
+
+def note(content: str, colour: str = MUTED) -> str:
+    """A short text between widgets; the content is HTML."""
+    return f'<div class="mn" style="color:{colour}">{content}</div>'
+
+
+def explained(name: str, words: str) -> str:
+    """A name, HTML, with plain words that are shown when the pointer rests on it."""
+    return f'<span class="ex" title="{text(words)}">{name}</span>'
+
+
+def chip(value: str, colour: str) -> str:
+    """A word in a coloured capsule."""
+    return f'<span class="chip" style="background:{colour}">{text(value)}</span>'
+
+
+def pairs(rows: list[tuple[str, str]]) -> str:
+    """Names and values in two columns, both HTML."""
+    return f'<div class="kv">{"".join(f"<span>{name}</span><span>{value}</span>" for name, value in rows)}</div>'
+
+
+def table(rows: list[tuple[str, ...]]) -> str:
+    """Rows of HTML cells; the first column is to the left, the others to the right."""
+    return f"<table>{''.join('<tr>' + ''.join(f'<td>{cell}</td>' for cell in row) + '</tr>' for row in rows)}</table>"
+
+
+def bar(*pieces: str, height: int = 10) -> str:
+    """A horizontal bar; later pieces lie over earlier ones."""
+    return f'<div class="bar" style="height:{height}px">{"".join(pieces)}</div>'
+
+
+def piece(start: float, end: float, colour: str) -> str:
+    """A part of a bar: from, to (shares of its length) and colour."""
+    start, end = min(max(start, 0.0), 1.0), min(max(end, 0.0), 1.0)
+    width = max(0.0, end - start)
+    return f'<i style="left:{100 * start:.1f}%;width:{100 * width:.1f}%;background:{colour}"></i>'
+
+
+def mark(at: float, colour: str = "#111827", width: float = 0.012) -> str:
+    """A thin line across a bar."""
+    at = min(max(at, width / 2), 1.0 - width / 2)
+    return piece(at - width / 2, at + width / 2, colour)
+
+
+def seconds(value: float | None) -> str:
+    """A duration; "none" when there is none."""
+    return "none" if value is None else f"{value:.1f} s"
+
+
+def metres(value: float | None) -> str:
+    """A length; "none near" when there is none."""
+    return "none near" if value is None else f"{value:.2f} m"
+
+
+def signed(value: float, decimals: int) -> str:
+    """A number with its sign; one that is rounded to nothing has no minus."""
+    return f"{round(value, decimals) + 0.0:+.{decimals}f}"
+
+
+# Viser puts a column for labels before every row: rows of buttons without a label take its place, tasks have a wide
+# one, sliders stand below their label (which no hint covers) with their marks within the panel, folders have a whole
+# row that says what a click does, and five tabs have room side by side, left of the bar that scrolls the panel.
+# The state of the twin stays in sight however far the panel is scrolled. All widgets work without these rules too.
+STYLE = """<style>
+.mm{font-size:13px;line-height:1.45;padding:6px 12px;font-variant-numeric:tabular-nums}
+.mm h4{font-size:11px;letter-spacing:.06em;text-transform:uppercase;color:#6b7280;font-weight:600;margin:0 0 3px}
+.mm .big{font-size:16px;line-height:1.35;font-weight:600}
+.mm .mu{color:#6b7280}
+.mm .kv{display:grid;grid-template-columns:auto 1fr;gap:1px 12px}
+.mm .kv>:nth-child(odd){color:#6b7280;white-space:nowrap}
+.mm .kv>:nth-child(even){text-align:right}
+.mm .chip{border-radius:9px;padding:0 8px;color:#fff;font-weight:600;font-size:12px;white-space:nowrap}
+.mm .bar{position:relative;height:10px;border-radius:5px;background:#e5e7eb;overflow:hidden}
+.mm .bar>i{position:absolute;top:0;bottom:0}
+.mm table{width:100%;border-collapse:collapse}
+.mm td{padding:1px 0;vertical-align:top}.mm td+td{text-align:right;padding-left:8px;white-space:nowrap}
+.mm .ex{border-bottom:1px dotted #9ca3af;cursor:help}
+.mm .two{min-height:43px}
+.mn{font-size:12px;line-height:1.45;color:#6b7280;padding:1px 12px 6px 12px;font-variant-numeric:tabular-nums}
+.mm hr{border:0;border-top:1px solid #e5e7eb;margin:5px 0}
+div:has(> .motm-top) {position: sticky; top: 0; z-index: 5; background: var(--mantine-color-body, white)}
+div:has(> div > div > div > .motm-top) {overflow: visible !important}
+.mantine-Flex-root:has(> div > p > label:empty) > div:first-child {display: none}
+div:has(> div > .motm-wide) > div > .mantine-Flex-root:has(> div > p > label) > div:first-child,
+div:has(> div > .motm-wide) > .mantine-Flex-root:has(> div > p > label) > div:first-child {width: 58% !important}
+div:has(> div > .motm-wide) label {color: #1f2937; letter-spacing: -0.3px}
+div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label):not(:has(input[type=checkbox])) {
+ flex-direction: column; align-items: stretch !important}
+div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label) > div:first-child {width: 100% !important}
+div:has(> div > .motm-stacked) .mantine-Flex-root:has(input[type=checkbox]) > div:first-child {width: 86% !important}
+div:has(> div > .motm-stacked) label {color: #374151; letter-spacing: -0.3px}
+.mantine-Slider-root {margin-left: 12px !important; margin-right: 4px !important}
+div:has(> div > .motm-stacked) .mantine-Flex-root:has(> div > p > label) > div:last-child >
+ div:has(.mantine-Slider-root) {padding-top: 22px; margin-top: -22px}
+.mantine-Paper-root:has(> .mantine-Paper-root > svg.tabler-icon-chevron-down) {padding-bottom: 0 !important}
+.mantine-Paper-root:has(> .mantine-Paper-root > svg[class*=tabler-icon-chevron]) {margin: 5px 10px !important}
+.mantine-Paper-root:has(> svg[class*=tabler-icon-chevron]) {
+ position: static; transform: none; display: flex; align-items: center; padding: 3px 10px; font-weight: 600;
+ background: #eef2f7; cursor: pointer; border-radius: 3px}
+.mantine-Paper-root:has(> svg[class*=tabler-icon-chevron]):hover {background: #dbe6f3}
+.mantine-Paper-root > svg[class*=tabler-icon-chevron] {
+ order: 2; margin-left: 5px; width: 1.1em; height: 1.1em; top: 0; opacity: 0.9; color: #256396}
+.mantine-Paper-root:has(> svg.tabler-icon-chevron-down)::after {content: "open"; margin-left: auto; font-weight: 400;
+ color: #256396}
+.mantine-Paper-root:has(> svg.tabler-icon-chevron-up)::after {content: "close"; margin-left: auto; font-weight: 400;
+ color: #256396}
+.mantine-Paper-root:has(> .mantine-Paper-root > svg.tabler-icon-chevron-down) > :nth-child(3) {display: none}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) {flex-wrap: nowrap !important; justify-content: space-between;
+ padding: 0 10px 0 2px !important}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] {padding: 0 0.3em !important; flex: 1 1 auto;
+ justify-content: center; letter-spacing: -0.3px}
+[data-dock-strip]:has(> [data-dock-tab]:nth-child(5)) > [data-dock-tab] > * {margin-right: 0.2em !important}
+</style>"""

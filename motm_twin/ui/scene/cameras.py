@@ -1,0 +1,335 @@
+"""Cameras: one per visitor, with presets; poses that show a scene; and the things that a visitor sees.
+
+Moves are eased, never cut. A hand at the camera always wins: in a fixed view it makes the camera free; in one that
+rides along, the ride pauses while the hand turns the view, and goes on from the new angle.
+"""
+
+import math
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+
+from motm_twin.bus.messages import TickMessage
+from motm_twin.model.geometry import Array
+from motm_twin.model.scene import DriveTo, Scene
+from motm_twin.model.scene_shapes import outline
+from motm_twin.ui.scene.picking import Ray, Surroundings
+
+FIELD_OF_VIEW = math.radians(40.0)  # vertical
+ASPECT = 1.18  # width / height of the picture beside the panel on a 1280 x 800 screen
+SAME_ASPECT = 0.03  # share by which an aspect ratio may differ without another pose
+_EDGE = 0.93  # share of the picture that is used
+_FROM = np.array([-0.40, -0.72, 0.60])  # direction of the overview from the scene
+_ABOVE = np.array([0.0, -0.012, 1.0])
+_ROBOT = 0.45  # [m] kept free round the start
+_TALL = 1.0  # [m] height of what may be anywhere
+View = tuple[Array, Array]  # position and look-at point [m]
+PRESETS = ("Overview", "Top", "Follow", "Gripper", "Free")
+RIDES = {  # eye and look-at point [m] in a frame that is level, has its x axis ahead, and moves with base or hand
+    "Follow": (np.array([-2.6, 0.9, 1.9]), np.array([0.5, 0.0, 0.35])),
+    "Gripper": (np.array([-0.10, -0.42, 0.30]), np.array([0.04, 0.0, -0.12])),
+}
+EASE = 0.7  # [s] of a move from one view to another
+SWING = 1.6  # [1/s] how fast a ride turns with the robot
+REST = 0.5  # [s] after the hand's last move the ride goes on
+ECHO = 0.03  # [m] a reported camera this near to a sent one was not moved by hand
+PANEL = 334  # [px] that the docked panel takes from the picture; a page tells its size before it is docked
+NARROW = 700  # [px] of a page on which the panel lies over the picture
+_SIGHT_EDGE = 0.9  # share of the picture in which a body is seen
+_PARTS = (0.35, 0.9)  # of the height of a body, which must both be in sight
+_OWN = 0.3  # [m] by which a hit may lie before the point: the body itself, or its own edge
+_MEMORY = 90  # sent poses that echoes are compared with
+_MADE = np.array([-5.0, 0.0, 0.0])  # [m] where a page's camera is before Viser puts it anywhere: three.js's (0, 0, 5)
+
+
+def overview(scene: Scene, aspect: float = ASPECT) -> View:
+    """Position and look-at point [m] that show the whole of a scene from its front left."""
+    return _fitted(extent(scene), _FROM, aspect)
+
+
+def from_above(scene: Scene, aspect: float = ASPECT) -> View:
+    """Position and look-at point [m] for a plan view, x to the right."""
+    return _fitted(extent(scene), _ABOVE, aspect)
+
+
+def extent(scene: Scene) -> Array:
+    """Points [m] that must be in the picture, shape (n, 3): furniture, start, ends of drives, ways of agents."""
+    points: list[tuple[float, float, float]] = []
+    for solid in scene.solids:
+        if solid.style == "wall":
+            continue
+        x, y, u, v = outline(solid.shape).bounds
+        points += [(a, b, z) for a in (x, u) for b in (y, v) for z in (0.0, solid.z_max)]
+    sent = [task.point for task in scene.tasks if isinstance(task, DriveTo)]
+    points += [
+        (x + dx, y + dy, z)
+        for x, y in (scene.start[:2], *sent)
+        for dx in (-_ROBOT, _ROBOT)
+        for dy in (-_ROBOT, _ROBOT)
+        for z in (0.0, _TALL)
+    ]
+    for agent in scene.agents:
+        points += [(*place, z) for place in (agent.start[:2], *agent.waypoints) for z in (0.0, _TALL)]
+    return np.array(points)
+
+
+def _fitted(points: Array, direction: Array, aspect: float) -> View:
+    """The nearest eye in a direction that has all points within the picture, centred; and its look-at point."""
+    aspect = ASPECT if abs(aspect / ASPECT - 1.0) <= SAME_ASPECT else aspect
+    forward = -direction / np.linalg.norm(direction)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    across, high, deep = points @ right, points @ up, points @ forward
+    tangent = _EDGE * math.tan(FIELD_OF_VIEW / 2)
+    eye_x, back_x = _between(across, deep, tangent * aspect)
+    eye_y, back_y = _between(high, deep, tangent)
+    position = eye_x * right + eye_y * up + min(back_x, back_y) * forward
+    along = (0.2 - position[2]) / forward[2]
+    return position, position + along * forward
+
+
+def _between(side: Array, deep: Array, tangent: float) -> tuple[float, float]:
+    """Place of the eye along one axis of the picture, and the greatest depth at which both edges hold everything."""
+    low, high = float(np.max(-side - tangent * deep)), float(np.max(side - tangent * deep))
+    return (high - low) / 2, -(high + low) / (2 * tangent)
+
+
+@dataclass
+class _Eye:
+    """The camera of one visitor."""
+
+    mode: str = "Overview"
+    sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
+    look_at: Array | None = None  # [m] what it was sent last
+    arrived: bool = False  # where it was sent last; before, no hand has moved it
+    target: View | None = None  # of a fixed view
+    aspect: float = 0.0  # that the target is for
+    seen: float = 0.0  # aspect of the picture at the last update
+    page_width: int = 0  # [px] when it came
+    ease_from: View | None = None
+    ease_start: float = 0.0
+    heading: float | None = None  # [rad] of the ride's frame
+    offset: View | None = None  # in the ride's frame, when a hand chose it
+    hand_at: float = -math.inf  # when a hand moved it last
+
+
+class Cameras:
+    """The camera of every visitor."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server, self._lock = server, threading.Lock()
+        self._eyes: dict[int, _Eye] = {}
+        self._scene: Scene | None = None
+        self._base, self._hand = np.zeros(3), np.eye(4)
+        self._beginnings = (_MADE, np.array(server.initial_camera.position))  # a slow page tells them late
+        server.initial_camera.fov = FIELD_OF_VIEW
+        server.on_client_connect(self._enter)
+        server.on_client_disconnect(self._leave)
+
+    def show(self, scene: Scene) -> None:
+        """Another scene: new visitors start in its overview, fixed views move to it."""
+        with self._lock:
+            self._scene, (position, look_at) = scene, overview(scene)
+            for eye in self._eyes.values():
+                eye.target = None
+                eye.sent.append(position)  # a page that is only just coming may begin there
+                eye.look_at = look_at
+        self._server.initial_camera.position, self._server.initial_camera.look_at = position, look_at
+
+    def choose(self, client: viser.ClientHandle, preset: str) -> None:
+        """Move one visitor's camera to a preset, or let it ride along."""
+        with self._lock:
+            eye = self._eyes.get(client.client_id)
+            if eye is None or preset not in PRESETS:
+                return
+            eye.mode, eye.target, eye.offset, eye.heading = preset, None, None, None
+            eye.hand_at, eye.arrived = -math.inf, True
+            eye.ease_from = (np.array(client.camera.position), np.array(client.camera.look_at))
+            eye.ease_start = time.monotonic()
+
+    def mode(self, client: viser.ClientHandle) -> str:
+        """Preset that a visitor has now."""
+        with self._lock:
+            eye = self._eyes.get(client.client_id)
+            return "Free" if eye is None else eye.mode
+
+    def update(self, pose: Array, hand: Array, dt: float) -> None:
+        """Advance moves and rides; base pose, transform of the hand (4, 4), and time [s] since the last call."""
+        now = time.monotonic()
+        clients = self._server.get_clients()
+        wanted: dict[int, View] = {}
+        with self._lock:
+            self._base, self._hand = pose, hand
+            for number, eye in self._eyes.items():
+                if number in clients and (view := self._view(eye, clients[number], now, dt)) is not None:
+                    wanted[number] = view
+                    eye.sent.append(view[0])
+                    eye.look_at = view[1]
+        for number, (position, look_at) in wanted.items():
+            client = clients[number]
+            with client.atomic():
+                client.camera.position = position  # takes the look-at point along, so this comes first
+                client.camera.look_at = look_at
+
+    def _view(self, eye: _Eye, client: viser.ClientHandle, now: float, dt: float) -> View | None:
+        """The pose to send, or None when there is nothing new."""
+        before, eye.seen = eye.seen, _aspect(eye, client)
+        if eye.mode in RIDES:
+            goal = self._ride(eye, client, now, dt)
+        elif eye.mode == "Free":
+            goal = _widened(client, before, eye.seen)
+        else:
+            goal = self._fixed(eye, client)
+        if goal is None or eye.ease_from is None:
+            return goal
+        part = min(1.0, (now - eye.ease_start) / EASE)
+        smooth = part * part * (3.0 - 2.0 * part)
+        start = eye.ease_from
+        if part >= 1.0:
+            eye.ease_from = None
+            if eye.mode not in RIDES:
+                eye.target = goal
+        return start[0] + (goal[0] - start[0]) * smooth, start[1] + (goal[1] - start[1]) * smooth
+
+    def _fixed(self, eye: _Eye, client: viser.ClientHandle) -> View | None:
+        if self._scene is None:
+            return None
+        aspect = eye.seen
+        if eye.ease_from is None and eye.target is not None and abs(aspect - eye.aspect) < 1e-3:
+            return None
+        eye.aspect = aspect
+        view = overview(self._scene, aspect) if eye.mode == "Overview" else from_above(self._scene, aspect)
+        if eye.ease_from is None:
+            eye.target = view
+        return view
+
+    def _ride(self, eye: _Eye, client: viser.ClientHandle, now: float, dt: float) -> View | None:
+        place, heading = self._frame(eye.mode)
+        if eye.heading is None:
+            eye.heading = heading
+        eye.heading += math.remainder(heading - eye.heading, 2.0 * math.pi) * min(1.0, SWING * dt)
+        c, s = math.cos(eye.heading), math.sin(eye.heading)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        if now - eye.hand_at < REST:
+            eye.offset = (
+                R.T @ (np.asarray(client.camera.position) - place), R.T @ (np.asarray(client.camera.look_at) - place)
+            )  # fmt: skip
+            return None
+        position, look_at = eye.offset or RIDES[eye.mode]
+        return place + R @ position, place + R @ look_at
+
+    def _frame(self, mode: str) -> tuple[Array, float]:
+        """Origin [m] and heading [rad] of the frame that a ride is fixed to: base or hand."""
+        if mode == "Follow":
+            return np.array([self._base[0], self._base[1], 0.0]), float(self._base[2])
+        hand = self._hand[:3, 3]
+        return hand, math.atan2(hand[1] - self._base[1], hand[0] - self._base[0])
+
+    def _moved(self, number: int, camera: viser.CameraHandle) -> None:
+        """The page tells where its camera is: moved by hand, or as it was sent."""
+        position = np.asarray(camera.position)
+        with self._lock:
+            eye = self._eyes.get(number)
+            if eye is None or eye.mode == "Free" or not eye.sent:
+                return
+            sent = np.array(eye.sent)
+            there = bool(np.linalg.norm(sent[-1] - position) < ECHO) and (
+                eye.look_at is None or bool(np.linalg.norm(eye.look_at - camera.look_at) < ECHO)
+            )
+            own = np.vstack([sent, self._beginnings])
+            if not eye.arrived or np.linalg.norm(own - position, axis=1).min() < ECHO or _on_the_way(sent, position):
+                eye.arrived |= there
+                if not there and eye.mode not in RIDES and eye.ease_from is None:
+                    # A page that begins puts its camera back after what it was sent; and Viser does not send what it
+                    # has just been told, though it has sent something else since: send both again.
+                    eye.target = None
+                return
+            eye.ease_from = None
+            if eye.mode in RIDES:
+                eye.hand_at = time.monotonic()
+            else:
+                eye.mode = "Free"
+
+    async def _enter(self, client: viser.ClientHandle) -> None:
+        number = client.client_id
+        eye = _Eye(page_width=client.camera.image_width)
+        eye.sent.append(np.array(client.camera.position))  # the page tells it again when its size changes
+        with self._lock:
+            if self._scene is not None:  # it may have told where it was before it began where it should
+                position, eye.look_at = overview(self._scene)
+                eye.sent.append(position)
+            self._eyes[number] = eye
+
+        async def moved(camera: viser.CameraHandle) -> None:
+            self._moved(number, camera)
+
+        client.camera.on_update(moved)
+
+    async def _leave(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            self._eyes.pop(client.client_id, None)
+
+
+def _aspect(eye: _Eye, client: viser.ClientHandle) -> float:
+    """Width / height of the picture beside the panel."""
+    width, height = client.camera.image_width, client.camera.image_height
+    if width == eye.page_width and width > NARROW:
+        width -= PANEL
+    return width / max(height, 1)
+
+
+def _widened(client: viser.ClientHandle, before: float, now: float) -> View | None:
+    """A free camera that keeps what lies left and right in the picture when panels make that narrower, or wider."""
+    if before <= 0.0 or now <= 0.0 or abs(now - before) < 1e-3:
+        return None
+    look_at = np.asarray(client.camera.look_at)
+    return look_at + (np.asarray(client.camera.position) - look_at) * before / now, look_at
+
+
+def _on_the_way(sent: Array, position: Array) -> bool:
+    """True for a point between two poses that were sent one after the other."""
+    start, step = sent[:-1], np.diff(sent, axis=0)
+    square = np.maximum((step**2).sum(axis=1), 1e-12)
+    part = np.clip(((position - start) * step).sum(axis=1) / square, 0.0, 1.0)
+    nearest = np.linalg.norm(start + part[:, None] * step - position, axis=1)
+    return bool(len(nearest) and nearest.min() < ECHO)
+
+
+class Visibility:
+    """The picture of one visitor: a body that stands on the floor is in it and not hidden, or it is not."""
+
+    def __init__(self, camera: viser.CameraHandle, surroundings: Surroundings, tick: TickMessage) -> None:
+        self._eye, look_at = np.asarray(camera.position, float), np.asarray(camera.look_at, float)
+        self._forward = (look_at - self._eye) / np.linalg.norm(look_at - self._eye)
+        self._half = math.tan(camera.fov / 2)
+        self._aspect = camera.image_width / max(camera.image_height, 1)
+        self._surroundings, self._tick = surroundings, tick
+
+    def sees(self, place: tuple[float, float], height: float) -> bool:
+        """True when a body of this height [m] on the floor is in the picture, and nothing is before it."""
+        points = [np.array([*place, part * height]) for part in _PARTS]
+        return all(self._in_picture(point) and not self._hidden(point) for point in points)
+
+    def middle(self) -> tuple[float, float] | None:
+        """The floor point [m] in the middle of the picture; None when that is the sky."""
+        if self._forward[2] > -1e-6:
+            return None
+        point = self._eye - self._forward * self._eye[2] / self._forward[2]
+        return float(point[0]), float(point[1])
+
+    def _in_picture(self, point: Array) -> bool:
+        right = np.cross(self._forward, [0.0, 0.0, 1.0])
+        right /= max(float(np.linalg.norm(right)), 1e-9)
+        ray = point - self._eye
+        edge = _SIGHT_EDGE * self._half * float(ray @ self._forward)
+        across, high = float(ray @ right), float(ray @ np.cross(right, self._forward))
+        return edge > 0.0 and abs(high) < edge and abs(across) < edge * self._aspect
+
+    def _hidden(self, point: Array) -> bool:
+        hit = self._surroundings.solid(Ray.through(self._eye, point), self._tick)
+        return hit is not None and hit.distance < float(np.linalg.norm(point - self._eye)) - _OWN

@@ -1,0 +1,254 @@
+"""The plan of the base, and small marks on the task.
+
+Candidates by cost, the way to the chosen one and on to the next target, the local plan; the place where the robot
+believes its target, points to drive to, and beliefs that are off.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import trimesh
+import viser
+from numpy.typing import NDArray
+from viser.transforms import SO3
+
+from motm_twin.bus.messages import PlacementMessage, TickMessage
+from motm_twin.ui import colours
+from motm_twin.ui.scene.drag import Spot, ring, spot_of
+from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT, Surroundings
+from motm_twin.ui.scene.robot_view import AWAY, add_batch
+
+PLAN, MARKS = "/plan", "/marks"
+CAPACITY = 72  # candidates
+DASH = 0.08  # [m]
+APART = 0.028  # [m] a candidate is shifted along its heading, so that both headings of a place can be seen
+OFF = 0.01  # [m] a belief must be wrong by this much to be shown
+MOST_BELIEFS, MOST_DRIVES = 16, 8
+Points = list[list[float]]
+_LOOKS = {  # of paths: colour, height and width [m], dashed
+    "global_path": (colours.GLOBAL_PATH, 0.022, 0.032),
+    "next_path": (colours.NEXT_PATH, 0.018, 0.028),
+    "bezier": (colours.BEZIER, 0.026, 0.02),
+    "local_plan": (colours.BRAND, 0.030, 0.02),
+    "staa_path": (colours.STAA_PATH, 0.016, 0.030),
+    "inspected": (colours.INSPECTED, 0.034, 0.026),
+    "inspected_next": (colours.INSPECTED_NEXT, 0.034, 0.026, True),
+}
+
+
+class PathLine:
+    """A polyline just above the floor."""
+
+    def __init__(
+        self, server: viser.ViserServer, name: str, colour: colours.Rgb, height: float, width: float,
+        dashed: bool = False,
+    ) -> None:  # fmt: skip
+        self._height, self._dashed = height, dashed
+        self._handle = server.scene.add_line_segments(
+            f"{PLAN}/{name}", np.zeros((1, 2, 3), dtype=np.float32), colour, thickness=width, visible=False
+        )
+
+    def update(self, points: Points, on: bool) -> None:
+        """Draw through these points; nothing when there are fewer than two."""
+        self._handle.visible = on and len(points) > 1
+        if self._handle.visible:
+            flat = np.asarray(points, dtype=np.float32)
+            pieces = dashes(flat) if self._dashed else np.stack([flat[:-1], flat[1:]], axis=1)
+            heights = np.full((*pieces.shape[:2], 1), self._height, dtype=np.float32)
+            self._handle.points = np.concatenate([pieces, heights], axis=2)
+
+
+class CandidateView:
+    """All candidates as one batched mesh: a ball with a nose that points along the heading."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        grey = np.full((CAPACITY, 3), 128, dtype=np.uint8)
+        self._handle = add_batch(
+            server.scene, f"{PLAN}/candidates", _pointed_ball(), CAPACITY, grey, batched_scales=np.full(CAPACITY, 1e-3)
+        )
+        self._goal = server.scene.add_line_segments(
+            f"{PLAN}/goal", _goal_mark(), colours.GOAL, thickness=0.022, visible=False
+        )
+        self._key: tuple = ()
+
+    def update(self, placement: PlacementMessage, on: bool, picked: int | None) -> None:
+        """Place and colour the candidates; the chosen and the picked one are larger."""
+        key = (placement, on, picked)
+        if key == self._key:
+            return
+        self._key = key
+        count = min(len(placement.poses), CAPACITY) if on else 0
+        positions, scales = np.tile(AWAY, (CAPACITY, 1)), np.full(CAPACITY, 1e-3)
+        yaws, tones = np.zeros(CAPACITY), np.tile(np.array(colours.REJECTED, dtype=np.uint8), (CAPACITY, 1))
+        if count:
+            poses = np.array(placement.poses)[:count]
+            yaws[:count] = poses[:, 2]
+            shift = APART * np.stack([np.cos(yaws[:count]), np.sin(yaws[:count])], axis=1)
+            positions[:count] = np.column_stack([poses[:, :2] + shift, np.full(count, CANDIDATE_HEIGHT)])
+            viable = np.array([not reason for reason in placement.rejected[:count]])
+            scales[:count] = np.where(viable, 1.0, 0.5)
+            tones[:count][viable] = colours.scale(relative_cost(placement)[:count][viable])
+            for index, factor in ((placement.chosen, 1.8), (picked, 1.5)):
+                if index is not None and 0 <= index < count:
+                    scales[index] *= factor
+        handle = self._handle
+        handle.batched_positions = positions.astype(np.float32)
+        handle.batched_wxyzs = SO3.from_z_radians(yaws).wxyz.astype(np.float32)
+        handle.batched_scales, handle.batched_colors = scales, tones
+        self._goal.visible = on and placement.mode != "none"
+        if self._goal.visible:
+            x, y, heading = (value or 0.0 for value in placement.goal)
+            self._goal.position, self._goal.wxyz = (x, y, 0.02), SO3.from_z_radians(heading).wxyz
+
+
+class PlanView:
+    """Paths and candidates of a tick."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._lines = {name: PathLine(server, name, *look) for name, look in _LOOKS.items()}
+        self.candidates = CandidateView(server)
+        self.candidates_on = self.paths_on = True
+        self.staa_on = False
+        self.picked: int | None = None
+
+    def update(self, tick: TickMessage) -> None:
+        """Draw the plan of a tick."""
+        plan, found = tick.plan, tick.inspected
+        inspected = found if found is not None and found.candidate == self.picked else None
+        paths: dict[str, tuple[Points, bool]] = {
+            "global_path": (plan.global_path, self.paths_on),
+            "next_path": (plan.next_path, self.paths_on),
+            "bezier": (plan.bezier, self.paths_on),
+            "local_plan": ([pose[:2] for pose in plan.local_poses], self.paths_on),
+            "staa_path": (plan.staa_path, self.staa_on),
+            "inspected": (inspected.path if inspected else [], True),
+            "inspected_next": (inspected.next_path if inspected else [], True),
+        }
+        for name, (points, on) in paths.items():
+            self._lines[name].update(points, on)
+        self.candidates.update(tick.placement, self.candidates_on, self.picked)
+
+
+def dashes(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A polyline (n, 2) as dashes of `DASH` with gaps as long, shape (m, 2, 2)."""
+    gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(gaps)])
+    ends = np.minimum(np.arange(0.0, max(float(length[-1]), DASH), DASH), length[-1])
+    if len(ends) % 2:
+        ends = np.append(ends, length[-1])
+    marks = np.stack([np.interp(ends, length, points[:, i]) for i in (0, 1)], axis=1)
+    return marks.reshape(-1, 2, 2).astype(np.float32)
+
+
+def relative_cost(placement: PlacementMessage) -> NDArray[np.float64]:
+    """Costs mapped to 0 (cheapest) .. 1 (dearest); rejected candidates are nan. Shape (n,)."""
+    cost = np.array([np.nan if value is None else value for value in placement.cost], dtype=float)
+    known = cost[np.isfinite(cost)]
+    if known.size == 0:
+        return cost
+    return (cost - known.min()) / max(float(known.max() - known.min()), 1e-6)
+
+
+def _pointed_ball() -> tuple[np.ndarray, np.ndarray]:
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.028)
+    nose = trimesh.creation.cone(radius=0.02, height=0.058, sections=12)
+    nose.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
+    nose.apply_translation((0.012, 0.0, 0.0))
+    return _joined(ball, nose)
+
+
+def _goal_mark() -> NDArray[np.float32]:
+    """The outline of the base with an arrow, at the origin; shape (n, 2, 3)."""
+    outline = [(-0.35, -0.25), (0.35, -0.25), (0.35, 0.25), (-0.35, 0.25), (-0.35, -0.25)]
+    arrow = [((0.0, 0.0), (0.28, 0.0)), ((0.28, 0.0), (0.18, 0.08)), ((0.28, 0.0), (0.18, -0.08))]
+    pieces = [*itertools.pairwise(outline), *arrow]
+    return np.array([[(*start, 0.0), (*end, 0.0)] for start, end in pieces], dtype=np.float32)
+
+
+class MarksView:
+    """Three nodes, however many marks there are."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        add = server.scene
+        self._target = add.add_line_segments(
+            f"{MARKS}/target", ring(0.06), colours.TARGET, thickness=0.010, visible=False
+        )
+        self._drives = add_batch(add, f"{MARKS}/drive_to", _flag(), MOST_DRIVES, colours.DRIVE_TO)
+        cube = trimesh.creation.box((1.0, 1.0, 1.0))
+        self._beliefs = add_batch(
+            add, f"{MARKS}/beliefs", (cube.vertices, cube.faces), MOST_BELIEFS, colours.BELIEF, opacity=0.45,
+            batched_scales=np.full(MOST_BELIEFS, 0.04),
+        )  # fmt: skip
+
+    def update(self, tick: TickMessage, surroundings: Surroundings) -> None:
+        """Mark what this tick is about."""
+        spot = target_spot(tick, surroundings)
+        self._target.visible = spot is not None
+        if spot is not None:
+            self._target.position = (round(spot.x, 3), round(spot.y, 3), round(spot.z, 3) + 0.008)
+            self._target.points = ring(round(0.7 * spot.radius, 3))
+        drives = np.array([(*point, 0.0) for point in drive_points(tick)])
+        for handle, places, most in (
+            (self._drives, drives, MOST_DRIVES),
+            (self._beliefs, believed(tick), MOST_BELIEFS),
+        ):
+            positions = np.tile(np.array(AWAY, dtype=np.float32), (most, 1))
+            if len(places):
+                positions[: len(places)] = places[:most]
+            handle.batched_positions = positions
+
+
+def target_spot(tick: TickMessage, surroundings: Surroundings) -> Spot | None:
+    """Place where the robot believes its target, to pick or place at; None when it does neither."""
+    task = tick.tasks[tick.task_index] if tick.task_index < len(tick.tasks) else None
+    spot = None if task is None or task.kind == "drive_to" else spot_of(task.target, tick, surroundings)
+    if spot is None or task is None:
+        return None
+    true = next((item.position for item in tick.objects if item.name == task.target), None)
+    belief = next((belief.position for belief in tick.beliefs if belief.name == task.target), None)
+    if true is None or belief is None:
+        return spot
+    x, y, z = belief
+    return dataclasses.replace(spot, x=x, y=y, z=spot.z + z - true[2])
+
+
+def drive_points(tick: TickMessage) -> list[tuple[float, float]]:
+    """Points [m] that the robot is still to drive to."""
+    points = []
+    for task in tick.tasks[tick.task_index :]:
+        if task.kind == "drive_to" and task.status not in ("done", "failed", "skipped"):
+            x, y = task.target.strip("()").split(",")
+            points.append((float(x), float(y)))
+    return points
+
+
+def believed(tick: TickMessage) -> np.ndarray:
+    """Places where the robot believes cubes that are elsewhere, shape (n, 3) [m]."""
+    true = {item.name: np.asarray(item.position) for item in tick.objects}
+    return np.array(
+        [
+            belief.position
+            for belief in tick.beliefs
+            if belief.name in true and np.linalg.norm(np.asarray(belief.position) - true[belief.name]) > OFF
+        ]
+    ).reshape(-1, 3)
+
+
+def _flag() -> tuple[np.ndarray, np.ndarray]:
+    """A pin that stands on its point, with a disc on the floor."""
+    cone = trimesh.creation.cone(radius=0.05, height=0.14, sections=20)
+    cone.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
+    cone.apply_translation((0.0, 0.0, 0.16))
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.055)
+    ball.apply_translation((0.0, 0.0, 0.18))
+    disc = trimesh.creation.annulus(r_min=0.12, r_max=0.15, height=0.006, sections=32)
+    disc.apply_translation((0.0, 0.0, 0.02))
+    return _joined(cone, ball, disc)
+
+
+def _joined(*meshes: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of several meshes as one."""
+    starts = itertools.accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)

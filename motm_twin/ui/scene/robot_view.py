@@ -1,0 +1,213 @@
+"""The robot, link by link; its plan as ghosts that fade into the future; and the robots of a comparison.
+
+Those are tinted glass beside the real one. Who moves about in either run is a cylinder: where that run finds them, not
+where they are now. Ghosts and other robots are one batched node per link.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import trimesh
+import viser
+from numpy.typing import NDArray
+from viser.transforms import SO3
+
+from motm_twin.bus.messages import TickMessage
+from motm_twin.model.assets import ghost_mesh, glb_bytes
+from motm_twin.model.geometry import Array
+from motm_twin.model.kinematics import LINKS, Frankie
+from motm_twin.model.profile import RobotProfile
+from motm_twin.ui import colours
+from motm_twin.ui.scene.light import LYING, NO_SHADOW, box_shadow_glb, round_shadow_glb
+from motm_twin.ui.what_if import RUNS, Other
+
+ROOT, OTHERS = "/robot", "/others"
+AWAY = (0.0, 0.0, -100.0)  # [m] where unused parts of a batch wait
+GHOSTS = 7
+GHOST_GAP = 0.22  # [m] between two ghosts
+GHOST_LINKS = LINKS[:-2]  # fingers are too small to matter there
+MOST = 2  # robots of a comparison
+MOST_MOVERS = 16  # of each run that are drawn
+COLOUR_NAMES = ("orange", "violet")  # of `colours.OTHERS`
+_ROUND = 20  # corners of a cylinder
+_WITHIN = 0.96  # where both runs have one at the same place, that of the second is within that of the first
+_LABEL_HEIGHT = 1.15  # [m]
+_LABEL_STEP = 0.3  # [m] that the second label stands higher
+_SAME, _NEAR = 0.15, 1.1  # [m] between two robots that stand at one place, and whose labels would touch
+Label = tuple[str, tuple[float, float, float]]  # text, place [m]
+
+
+def add_batch(
+    scene: viser.SceneApi, path: str, mesh: tuple[Any, Any], count: int, colour: Any, **options: Any
+) -> viser.BatchedMeshHandle:
+    """One node of so many equal meshes (vertices, faces), all out of sight."""
+    vertices, faces = mesh
+    return scene.add_batched_meshes_simple(
+        path, np.asarray(vertices, dtype=np.float32), np.asarray(faces, dtype=np.uint32), lod="off",
+        batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)), batched_positions=np.tile(AWAY, (count, 1)),
+        batched_colors=colour, **NO_SHADOW, **options,
+    )  # fmt: skip
+
+
+def put_batch(handles: Sequence[viser.BatchedMeshHandle], count: int, links: dict[int, Array]) -> None:
+    """Place the parts of link batches at their transforms, by number of the robot, shape (links, 4, 4); others away."""
+    positions = np.tile(np.array(AWAY, dtype=np.float32), (len(handles), count, 1))
+    turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32), (len(handles), count, 1))
+    for number, T in links.items():
+        positions[:, number], turns[:, number] = T[:, :3, 3], SO3.from_matrix(T[:, :3, :3]).wxyz
+    for handle, place, turn in zip(handles, positions, turns, strict=True):
+        handle.batched_positions, handle.batched_wxyzs = place, turn
+
+
+class RobotView:
+    """One node per link, and the ghosts."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        scene = server.scene
+        self._kinematics: Frankie | None = None
+        self._links = [
+            scene.add_glb(f"{ROOT}/link/{link}", glb_bytes(link), visible=False, **NO_SHADOW) for link in LINKS
+        ]
+        self._shadows = [
+            scene.add_glb(f"{ROOT}/shadow/{part}", dark, visible=False, **NO_SHADOW)
+            for part, dark in (("base", box_shadow_glb(0.7, 0.5, 0.3)), ("arm", round_shadow_glb(0.15, 1.0)))
+        ]
+        fading = np.linspace(0.34, 0.07, GHOSTS).astype(np.float32)
+        self._ghosts = [
+            add_batch(
+                scene, f"{ROOT}/ghost/{link}", ghost_mesh(link), GHOSTS, colours.GHOST,
+                batched_opacities=fading, opacity=0.99,
+            )
+            for link in GHOST_LINKS
+        ]  # fmt: skip
+        self.ghosts_on, self._has_arm = True, True
+        self.hand = np.eye(4)  # transform to the world, for a camera that rides on it
+
+    def configure(self, profile: RobotProfile) -> None:
+        """Another robot profile; of one without an arm only the base is drawn."""
+        self._kinematics, self._has_arm = Frankie(profile), profile.has_arm
+
+    def update(self, tick: TickMessage) -> None:
+        """Move the links to the pose of the tick."""
+        if self._kinematics is None:
+            return
+        robot = tick.robot
+        T = self._kinematics.link_transforms(np.array(robot.true_pose), np.array(robot.q), robot.gripper_width)
+        self.hand = T[LINKS.index("panda_hand")]
+        quaternions = SO3.from_matrix(T[:, :3, :3]).wxyz
+        for handle, wxyz, position in zip(self._links, quaternions, T[:, :3, 3], strict=True):
+            handle.wxyz, handle.position = wxyz, position
+        x, y, heading = robot.true_pose
+        for shadow in self._shadows:
+            shadow.position = (x, y, LYING)
+        self._shadows[0].wxyz = SO3.from_z_radians(heading).wxyz
+        for parts in (self._links, self._shadows):
+            for number, handle in enumerate(parts):
+                handle.visible = self._has_arm or number == 0
+
+    def update_ghosts(self, tick: TickMessage) -> None:
+        """Set the ghosts along the local plan, with the arm as it is now."""
+        if self._kinematics is None:
+            return
+        robot, ghosts = tick.robot, {}
+        if self.ghosts_on:
+            for number, pose in enumerate(ghost_poses(np.array(tick.plan.local_poses).reshape(-1, 5)[:, :3])):
+                T = self._kinematics.link_transforms(pose, np.array(robot.q), robot.gripper_width)[: len(GHOST_LINKS)]
+                if not self._has_arm:
+                    T[1:, :3, 3] = AWAY
+                ghosts[number] = T
+        put_batch(self._ghosts, GHOSTS, ghosts)
+
+
+def ghost_poses(plan: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Up to `GHOSTS` poses of the plan, shape (j, 3), evenly spread and apart from the robot and each other."""
+    chosen: list[int] = []
+    last = 0
+    for index in range(1, len(plan)):
+        moved = np.hypot(*(plan[index, :2] - plan[last, :2])) + 0.25 * abs(plan[index, 2] - plan[last, 2])
+        if moved >= GHOST_GAP:
+            chosen.append(index)
+            last = index
+    if len(chosen) > GHOSTS:
+        chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, GHOSTS).round().astype(int)]
+    return plan[chosen]
+
+
+class ComparisonView:
+    """The robots of a comparison: nodes made when the first one runs, and a label per robot."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._scene = server.scene
+        self._kinematics: Frankie | None = None
+        self._links: list[viser.BatchedMeshHandle] = []
+        self._movers: viser.BatchedMeshHandle | None = None
+        self._labels: list[viser.LabelHandle] = []
+        self._shown = False
+
+    def configure(self, profile: RobotProfile) -> None:
+        """Another robot profile."""
+        self._kinematics = Frankie(profile)
+
+    def update(self, others: Sequence[Other]) -> None:
+        """Draw these, at most `MOST`."""
+        robots = others[:MOST]
+        if self._kinematics is None or not (robots or self._shown):
+            return
+        if not self._links:
+            self._make()
+        transforms = self._kinematics.link_transforms
+        links = [transforms(np.array(robot.pose), np.array(robot.q), robot.gripper) for robot in robots]
+        put_batch(self._links, MOST, dict(enumerate(links)))
+        self._move(robots)
+        found = labels(robots)
+        for i, label in enumerate(self._labels):
+            label.visible = i < len(found)
+            if i < len(found):
+                label.text, label.position = found[i]
+        self._shown = bool(robots)
+
+    def _make(self) -> None:
+        tints = np.array(colours.OTHERS[:MOST], dtype=np.uint8)
+        self._links = [
+            add_batch(self._scene, f"{OTHERS}/{link}", ghost_mesh(link), MOST, tints, opacity=0.5) for link in LINKS
+        ]
+        shape = trimesh.creation.cylinder(1.0, segment=((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), sections=_ROUND)
+        count = MOST * MOST_MOVERS
+        self._movers = add_batch(
+            self._scene, f"{OTHERS}/movers", (shape.vertices, shape.faces), count, np.repeat(tints, MOST_MOVERS, 0),
+            batched_scales=np.full((count, 3), 0.1, dtype=np.float32), opacity=0.3,
+        )  # fmt: skip
+        self._labels = [
+            self._scene.add_label(
+                f"{OTHERS}/label{i}", "", font_screen_scale=0.7, anchor="bottom-center", visible=False
+            )
+            for i in range(MOST)
+        ]
+
+    def _move(self, robots: Sequence[Other]) -> None:
+        assert self._movers is not None
+        places = np.tile(np.array(AWAY, dtype=np.float32), (MOST * MOST_MOVERS, 1))
+        sizes = np.full_like(places, 0.1)  # radius, radius, height [m]
+        for i, robot in enumerate(robots):
+            for k, (x, y, radius, height) in enumerate(robot.movers[:MOST_MOVERS], i * MOST_MOVERS):
+                places[k], sizes[k] = (x, y, 0.0), _WITHIN**i * np.array((radius, radius, height))
+        self._movers.batched_scales, self._movers.batched_positions = sizes, places
+
+
+def labels(robots: Sequence[Other]) -> list[Label]:
+    """Texts above these robots and their places: one label for two that are near each other, so that none touch."""
+    if len(robots) == MOST:
+        a, b = robots
+        apart = math.dist(a.pose[:2], b.pose[:2])
+        middle = (0.5 * (a.pose[0] + b.pose[0]), 0.5 * (a.pose[1] + b.pose[1]), _LABEL_HEIGHT)
+        later = a.label.removeprefix(RUNS[0])
+        if apart < _SAME and (a.label, b.label) == (RUNS[0] + later, RUNS[1] + later):
+            return [(f"both runs{later}", middle)]
+        if apart < _NEAR:
+            names = (f"{robot.label} ({name})" for robot, name in zip(robots, COLOUR_NAMES, strict=True))
+            return [("  |  ".join(names), middle)]
+    return [
+        (robot.label, (robot.pose[0], robot.pose[1], _LABEL_HEIGHT + i * _LABEL_STEP)) for i, robot in enumerate(robots)
+    ]

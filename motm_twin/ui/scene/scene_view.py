@@ -1,0 +1,123 @@
+"""The shared 3D scene: everything that is drawn in it."""
+
+import numpy as np
+import viser
+
+from motm_twin.bus.client import Grid
+from motm_twin.bus.messages import TickMessage
+from motm_twin.model.scene import Scene
+from motm_twin.ui.colours import ground_table
+from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.scene.body_view import BodyView
+from motm_twin.ui.scene.cameras import Cameras
+from motm_twin.ui.scene.drag import Drag, SelectionView
+from motm_twin.ui.scene.furniture import FixedView, FurnitureView
+from motm_twin.ui.scene.light import NO_SHADOW
+from motm_twin.ui.scene.picking import Clicks, Surroundings
+from motm_twin.ui.scene.plan_view import MarksView, PlanView
+from motm_twin.ui.scene.robot_view import ComparisonView, RobotView
+
+STAA_LAYER = "Unmodified STAA* path"
+MAP_HEIGHT = 0.002  # [m] above the floor
+
+
+class SceneView:
+    """Draws what is `Shown`. ``draw`` is called from one thread, thirty times a second."""
+
+    def __init__(self, server: viser.ViserServer, hub: Hub) -> None:
+        self._server, self._hub = server, hub
+        self._drag = Drag(hub)
+        self._fixed, self._robot = FixedView(server), RobotView(server)
+        self._furniture = FurnitureView(server, self._drag)
+        self._bodies, self._map = BodyView(server, self._drag), MapView(server)
+        self._plan, self._marks, self._others = PlanView(server), MarksView(server), ComparisonView(server)
+        self._selection = SelectionView(server, hub, self._drag)
+        self._clicks = Clicks(server, hub)
+        self.cameras = Cameras(server)
+        self._scene: Scene | None = None
+        self._surroundings: Surroundings | None = None
+        self._drawn: TickMessage | None = None
+
+    def stop(self) -> None:
+        """Let go of everything."""
+        self._drag.stop()
+
+    def leave(self, visitor: Visitor) -> None:
+        """A visitor is gone: everything that it held is let go."""
+        self._drag.leave(visitor)
+
+    def draw(self, shown: Shown, dt: float, *, slow: bool) -> None:
+        """Draw one picture; ``slow`` parts (plan, map, ghosts) only when asked to."""
+        if shown.scene is not None and shown.scene is not self._scene:
+            self._show_scene(shown.scene)
+        tick, surroundings = shown.tick, self._surroundings
+        if tick is None or surroundings is None:
+            return
+        surroundings.update(tick)
+        self._clicks.surroundings, self._clicks.tick = surroundings, tick
+        with self._server.atomic():
+            if tick is not self._drawn:
+                self._robot.update(tick)
+            self._bodies.update(tick)
+            self._furniture.update(tick)
+            self._selection.update(shown.view.selected, tick, surroundings, live=shown.live)
+        self._drawn = tick
+        if slow:
+            self._draw_slow(shown, tick, surroundings)
+        self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt)
+
+    def _draw_slow(self, shown: Shown, tick: TickMessage, surroundings: Surroundings) -> None:
+        view = shown.view
+        layers = view.layers
+        if layers[STAA_LAYER] != view.staa_path:
+            view.staa_path = layers[STAA_LAYER]
+            self._hub.inspect()
+        live = self._hub.what_if.watched is None  # else two other runs are watched, and who is about in them
+        self._bodies.movers_on = live
+        self._robot.ghosts_on, self._bodies.trails_on = live and layers["Ghosts"], live and layers["Trails"]
+        self._plan.candidates_on, self._plan.paths_on = live and layers["Candidates"], live and layers["Paths"]
+        self._plan.staa_on, self._plan.picked = live and view.staa_path, view.picked
+        with self._server.atomic():
+            self._robot.update_ghosts(tick)
+            self._plan.update(tick)
+            self._marks.update(tick, surroundings)
+            self._others.update(self._hub.what_if.others(tick.time, tick.run))
+        self._bodies.update_trails()
+        self._map.update(shown.grid, layers["Occupancy grid"])
+
+    def _show_scene(self, scene: Scene) -> None:
+        self._scene, self._drawn = scene, None
+        self._surroundings = self._drag.surroundings = Surroundings(scene)
+        for part in (self._fixed, self._furniture, self._bodies, self.cameras):
+            part.show(scene)
+        self._robot.configure(scene.robot)
+        self._others.configure(scene.robot)
+        self._hub.view.picked, self._hub.view.selected = None, ""
+
+
+class MapView:
+    """The occupancy grid as a soft ground: clear where it is free, green to red towards obstacles."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._scene, self._table = server.scene, ground_table()
+        self._shown: Grid | None = None
+        self._handle: viser.ImageHandle | None = None
+        self._key: tuple = ()
+
+    def update(self, grid: Grid | None, on: bool) -> None:
+        """Show this grid; its image is replaced when a new one has arrived."""
+        if self._handle is not None:
+            self._handle.visible = on
+        if grid is None or grid is self._shown:
+            return
+        self._shown, info = grid, grid.info
+        picture, key = self._table[grid.cells], (info.width, info.height, info.resolution, tuple(info.origin))
+        if self._handle is not None and key == self._key:
+            self._handle.image = picture
+            return
+        self._key = key
+        width, height = info.width * info.resolution, info.height * info.resolution
+        middle = (info.origin[0] + width / 2, info.origin[1] + height / 2, MAP_HEIGHT)
+        self._handle = self._scene.add_image(
+            "/map", picture, width, height, format="png", position=middle, visible=on, **NO_SHADOW
+        )

@@ -1,0 +1,195 @@
+"""Cameras: whose hand moved them, that of the visitor or of the program; poses, and the things in sight."""
+
+import asyncio
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fake_twin import fake_scene
+
+from motm_twin.model.scene import DriveTo
+from motm_twin.model.scene_file import load_scene
+from motm_twin.ui.scene.cameras import ASPECT, FIELD_OF_VIEW, Cameras, Visibility, extent, from_above, overview
+from motm_twin.ui.scene.picking import Surroundings
+
+SCENE = load_scene("exp1", "trial1")
+LIBRARY = np.array([3.0, 3.0, 3.0])  # where a page of Viser puts its camera until it hears where
+ROOM = fake_scene()
+TABLE = (4.2, 1.77)
+
+
+class Page:
+    """What a page and its connection are for the cameras; it answers as late as it likes."""
+
+    def __init__(self, position):
+        self.client_id, self.atomic = 1, self._nothing
+        self.camera = SimpleNamespace(
+            position=np.array(position), look_at=np.zeros(3), image_width=1024, image_height=700, on_update=self._keep
+        )
+
+    def tells(self, position, look_at=None):
+        """Where its camera is, or was; it looks where it was told to, unless it is said."""
+        seen = self.camera.look_at if look_at is None else look_at
+        asyncio.run(self._moved(SimpleNamespace(position=np.array(position), look_at=np.array(seen))))
+
+    def _keep(self, moved):
+        self._moved = moved
+
+    def _nothing(self):
+        return self
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+
+@pytest.fixture
+def entered():
+    """A page that has just come, with the camera at the start that it was given, and the cameras."""
+    return enter(overview(SCENE)[0])
+
+
+def enter(position):
+    page, handlers = Page(position), []
+    server = SimpleNamespace(
+        initial_camera=SimpleNamespace(position=LIBRARY),
+        on_client_connect=handlers.append,
+        on_client_disconnect=handlers.append,
+        get_clients=lambda: {page.client_id: page},
+    )
+    cameras = Cameras(server)
+    cameras.show(SCENE)
+    asyncio.run(handlers[0](page))
+    return page, cameras
+
+
+def pictures(cameras, count=3):
+    for _ in range(count):
+        cameras.update(np.zeros(3), np.eye(4), 0.03)
+
+
+def test_a_page_that_tells_its_first_camera_late_has_not_moved_it(entered) -> None:
+    page, cameras = entered
+    first = page.camera.position.copy()
+    pictures(cameras)
+    assert np.linalg.norm(page.camera.position - first) > 0.3, "the panel is beside the picture: another place"
+    page.tells(first)  # its size has changed, and what was sent is still on the way
+    page.tells(page.camera.position)
+    assert cameras.mode(page) == "Overview"
+
+
+def test_a_page_that_tells_where_it_was_before_it_began_has_not_moved_its_camera() -> None:
+    page, cameras = enter(LIBRARY)
+    pictures(cameras)
+    page.tells(overview(SCENE)[0])
+    assert cameras.mode(page) == "Overview"
+
+
+def test_a_page_that_put_its_camera_back_when_it_began_is_sent_there_again(entered) -> None:
+    page, cameras = entered
+    first = page.camera.position.copy()
+    pictures(cameras)
+    there = page.camera.position.copy()
+    page.camera.position = first
+    page.tells(first)
+    pictures(cameras)
+    assert np.allclose(page.camera.position, there)
+    page.camera.position = first.copy()
+    page.tells(there)
+    pictures(cameras)
+    assert np.allclose(page.camera.position, first), "nothing is sent to a page that is there"
+
+
+@pytest.mark.parametrize("arrived", [False, True])
+@pytest.mark.parametrize("place", [LIBRARY, np.array([-5.0, 0.0, 0.0])])
+def test_a_slow_page_that_tells_late_where_it_began_is_sent_to_its_view_again(arrived, place) -> None:
+    page, cameras = enter(np.array([-5.0, 0.0, 0.0]))
+    pictures(cameras)
+    there = page.camera.position.copy()
+    if arrived:
+        page.tells(there)
+    page.camera.position = place.copy()
+    page.tells(place)
+    pictures(cameras)
+    assert cameras.mode(page) == "Overview"
+    assert np.allclose(page.camera.position, there)
+
+
+def test_a_page_that_is_there_but_looks_elsewhere_is_told_again_where_to_look(entered) -> None:
+    page, cameras = entered
+    pictures(cameras)
+    place, look_at = page.camera.position.copy(), page.camera.look_at.copy()
+    page.tells(place)
+    page.camera.look_at = look_at + np.array([0.4, 0.0, 0.0])
+    page.tells(place, page.camera.look_at)
+    pictures(cameras)
+    assert np.allclose(page.camera.look_at, look_at)
+    assert cameras.mode(page) == "Overview"
+
+
+def test_a_page_that_is_not_there_yet_was_moved_by_no_hand(entered) -> None:
+    page, cameras = entered
+    pictures(cameras)
+    page.tells(page.camera.position + np.array([0.0, 0.3, 0.2]))
+    assert cameras.mode(page) == "Overview"
+
+
+def test_a_hand_makes_the_camera_free(entered) -> None:
+    page, cameras = entered
+    pictures(cameras)
+    page.tells(page.camera.position)
+    page.tells(page.camera.position + np.array([0.0, 0.3, 0.2]))
+    assert cameras.mode(page) == "Free"
+
+
+def test_where_the_page_is_on_its_way_to_a_view_is_no_hand(entered) -> None:
+    page, cameras = entered
+    first = page.camera.position.copy()
+    pictures(cameras)
+    page.tells(0.5 * (first + page.camera.position))
+    assert cameras.mode(page) == "Overview"
+
+
+@pytest.mark.parametrize("aspect", [0.7, ASPECT, 2.2])
+@pytest.mark.parametrize("view", [overview, from_above])
+def test_everything_is_in_the_picture_and_fills_it(view, aspect):
+    points = extent(fake_scene())
+    position, look_at = view(fake_scene(), aspect)
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(forward, [0.0, 0.0, 1.0]))
+    seen = points - position
+    depth = seen @ forward
+    half = math.tan(FIELD_OF_VIEW / 2)
+    across = np.abs(seen @ right / depth / (half * aspect)).max()
+    high = np.abs(seen @ np.cross(right, forward) / depth / half).max()
+    assert depth.min() > 0.0
+    assert max(across, high) == pytest.approx(0.93, abs=0.01)
+
+
+def test_the_picture_of_a_scene_holds_where_its_robot_is_sent():
+    scene = load_scene("line")
+    (end,) = (task.point for task in scene.tasks if isinstance(task, DriveTo))
+    assert end[0] + 0.4 < extent(scene)[:, 0].max()
+
+
+def camera(position, look_at):
+    return SimpleNamespace(
+        position=position, look_at=look_at, fov=FIELD_OF_VIEW, image_width=900, image_height=760
+    )  # fmt: skip
+
+
+def test_behind_a_table_or_beside_the_picture_is_out_of_sight(tick):
+    surroundings = Surroundings(ROOM)
+    surroundings.update(tick)
+    low = Visibility(camera((TABLE[0], 7.0, 0.9), (TABLE[0], 1.77, 0.6)), surroundings, tick)
+    assert low.sees((TABLE[0] + 0.7, 3.0), 0.8)
+    assert not low.sees((TABLE[0], 0.5), 0.8)  # behind the table
+    assert not low.sees((TABLE[0] + 6.0, 3.0), 0.8)
+    assert not low.sees((TABLE[0], 9.0), 0.8)
+    high = Visibility(camera(*overview(ROOM)), surroundings, tick)
+    x, y = high.middle()
+    assert high.sees((x, y), 0.5) or (x, y) == pytest.approx(TABLE, abs=1.5)
+    assert Visibility(camera((0.0, 0.0, 1.0), (3.0, 0.0, 1.5)), surroundings, tick).middle() is None

@@ -1,0 +1,352 @@
+"""The server of the page, over real sockets. If a newer Viser slips past the guard, these fail."""
+
+import asyncio
+import gzip
+import http.client
+import socket
+import threading
+from pathlib import Path
+
+import pytest
+import websockets
+from viser._messages import RemoveNotificationMessage
+from viser.infra._async_message_buffer import AsyncMessageBuffer
+from websockets.asyncio.client import connect
+
+from motm_twin.bus.session import PortTaken, free_port
+from motm_twin.perf.page_reader import PageReader
+from motm_twin.ui.page_scripts import SCRIPTS
+from motm_twin.ui.page_server import (
+    LOOPBACK,
+    Guard,
+    LoopEvent,
+    check_token,
+    open_page,
+    page_url,
+    write_through_the_loop,
+)
+
+TOKEN = "0123456789abcdef0123456789abcdef"
+OTHER_TOKEN = TOKEN[::-1]
+WRITERS, MESSAGES = 4, 300
+WAITERS = 20  # as many pages
+
+
+@pytest.fixture
+def local():
+    server = open_page("127.0.0.1", 0)
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def secret():
+    server = open_page("127.0.0.1", 0, TOKEN)
+    yield server
+    server.stop()
+
+
+def get(server, path="/", **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+    response = connection.getresponse()
+    response.read()
+    connection.close()
+    return response
+
+
+def websocket_opens(server, origin=None, cookie=None):
+    async def attempt():
+        headers = {} if cookie is None else {"Cookie": cookie}
+        address = f"ws://127.0.0.1:{server.get_port()}"
+        async with connect(address, origin=origin, additional_headers=headers, subprotocols=["viser-v1.1.1"]):
+            return True
+
+    try:
+        return asyncio.run(attempt())
+    except websockets.exceptions.InvalidStatus:
+        return False
+
+
+def test_the_page_is_served_on_loopback_under_its_own_names(local):
+    port = local.get_port()
+    assert get(local).status == 200
+    assert get(local, Host=f"localhost:{port}").status == 200
+    assert get(local, Host="localhost:9000").status == 200  # through a forwarded port
+    assert get(local, "/healthz").status == 200
+
+
+def test_a_name_that_somebody_pointed_at_this_machine_is_refused(local):
+    assert get(local, Host="evil.example").status == 403
+    assert get(local, Host="localhost.evil.example").status == 403
+
+
+def answer_to(server, request):
+    """First line of the answer to raw bytes."""
+    with socket.create_connection(("127.0.0.1", server.get_port()), timeout=10) as connection:
+        connection.sendall(request)
+        return connection.recv(4096).split(b"\r\n")[0]
+
+
+def test_a_request_without_a_name_or_with_two_is_refused(local):
+    assert b" 403 " in answer_to(local, b"GET / HTTP/1.1\r\n\r\n")
+    assert b" 403 " in answer_to(local, b"GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n")
+    assert b" 200 " in answer_to(local, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+
+
+def test_only_this_machine_reaches_the_page(local):
+    port = f":{local.get_port():04X}"
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    listening = {
+        address.removesuffix(port) for _, address, _, state, *_ in lines if address.endswith(port) and state == "0A"
+    }
+    assert listening == {"0100007F"}  # 127.0.0.1
+
+
+def test_files_beside_the_page_stay_private(secret, local):
+    for path in ("/../../../../../etc/passwd", "/%2e%2e/%2e%2e/%2e%2e/%2e%2e/etc/passwd", "/..%5c..%5cetc/passwd"):
+        assert get(local, path).status == 404
+        assert get(secret, path).status == 401
+
+
+def test_another_web_page_can_not_open_the_websocket(local):
+    port = local.get_port()
+    assert websocket_opens(local, origin=f"http://127.0.0.1:{port}")
+    assert not websocket_opens(local, origin="http://evil.example")
+    assert not websocket_opens(local, origin=f"http://127.0.0.1:{port + 1}")
+    assert not websocket_opens(local, origin="null")
+
+
+def test_nothing_is_served_without_the_token(secret):
+    port = secret.get_port()
+    assert get(secret).status == 401
+    assert get(secret, "/?token=wrong").status == 401
+    assert get(secret, Cookie="motm_token=wrong").status == 401
+    assert not websocket_opens(secret, origin=f"http://127.0.0.1:{port}")
+    assert not websocket_opens(secret, origin=f"http://127.0.0.1:{port}", cookie="motm_token=wrong")
+    assert get(secret, "/healthz").status == 200
+
+
+def test_the_token_in_the_address_becomes_a_cookie_that_opens_page_and_websocket(secret):
+    port = secret.get_port()
+    answer = get(secret, f"/?token={TOKEN}")
+    assert (answer.status, answer.getheader("Location")) == (303, "/")
+    assert get(secret, f"/?a=1&token={TOKEN}&b=x%26y").getheader("Location") == "/?a=1&b=x%26y"
+    cookie = answer.getheader("Set-Cookie")
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    pair = cookie.split(";")[0]
+    assert get(secret, Cookie=pair).status == 200
+    assert websocket_opens(secret, origin=f"http://127.0.0.1:{port}", cookie=pair)
+    assert not websocket_opens(secret, origin="http://evil.example", cookie=pair)
+
+
+@pytest.mark.parametrize("path", ["/", "/healthz", "/nothing", f"/?token={TOKEN}"])
+def test_no_other_page_can_show_this_one_in_a_frame(secret, local, path):
+    """A click into a frame that cannot be seen would drive the robot."""
+    port = secret.get_port()
+    cookie = {"Cookie": f"motm_token_{port}={TOKEN}"}
+    for answer in (get(local, path), get(secret, path), get(secret, path, **cookie)):
+        assert answer.headers.get_all("Content-Security-Policy") == ["frame-ancestors 'none'"]
+        assert answer.headers.get_all("X-Frame-Options") == ["DENY"]
+        assert answer.headers.get_all("Referrer-Policy") == ["no-referrer"]  # the address may carry the token
+
+
+def test_a_foreign_name_is_refused_with_a_token_too(secret):
+    cookie = f"motm_token={TOKEN}"
+    for host in ("evil.example", "localhost.evil.example", f"evil.example:{secret.get_port()}", "10.0.0.7", "[::1"):
+        assert get(secret, Host=host, Cookie=cookie).status == 403
+        assert get(secret, f"/?token={TOKEN}", Host=host).status == 403
+
+
+@pytest.mark.parametrize(
+    ("host", "asked", "served"),
+    [("0.0.0.0", "10.0.0.7:8080", True), ("0.0.0.0", "[fe80::1]:8080", True), ("0.0.0.0", "localhost", True),
+     ("0.0.0.0", f"{socket.gethostname()}:8080", True), ("0.0.0.0", "evil.example:8080", False),
+     ("0.0.0.0", "Lab.Example", True), ("lab2.example", "lab2.example:80", True), ("127.0.0.1", "10.0.0.7", False),
+     ("127.0.0.1", "lab.example:443", True), ("0.0.0.0", "10.0.0.7.evil.example", False)],
+)  # fmt: skip
+def test_the_page_goes_by_addresses_and_by_names_of_its_own(host, asked, served):
+    """An address is nobody's domain; a name is, and may be led here."""
+    assert Guard(TOKEN, host, ["lab.example"])._serves(asked) is served
+
+
+def test_the_cookies_of_two_pages_of_one_machine_are_two(secret):
+    other = open_page("127.0.0.1", 0, OTHER_TOKEN)
+    pairs = [get(page, f"/?token={token}").getheader("Set-Cookie").split(";")[0]
+             for page, token in ((secret, TOKEN), (other, OTHER_TOKEN))]  # fmt: skip
+    both = "; ".join(pairs)
+    assert get(secret, Cookie=both).status == get(other, Cookie=both).status == 200
+    assert len({pair.split("=")[0] for pair in pairs}) == 2
+    assert get(other, Cookie=pairs[0]).status == 401
+    other.stop()
+
+
+def test_the_public_tunnel_is_switched_off(local, monkeypatch):
+    opened, asked, closed = [], threading.Event(), local.request_share_url
+    monkeypatch.setattr("viser._viser.ViserTunnel", lambda *args, **_: opened.append(args))
+    local.request_share_url = lambda *args, **options: (closed(*args, **options), asked.set())
+    with PageReader(local.get_port()) as page:
+        page.send({"type": "ShareUrlRequest"})
+        assert asked.wait(10.0)  # what a page can ask for goes through the method that is replaced
+    assert closed() is None
+    assert opened == []
+
+
+def test_a_taken_port_is_an_error_and_never_the_next_one(local):
+    with pytest.raises(PortTaken, match=str(local.get_port())):
+        open_page("127.0.0.1", local.get_port())
+
+
+def test_a_given_port_is_the_port():
+    port = free_port()
+    server = open_page("127.0.0.1", port)
+    assert server.get_port() == port
+    server.stop()
+
+
+@pytest.mark.parametrize(
+    ("host", "token"),
+    [("0.0.0.0", None), ("192.168.1.5", None), ("0.0.0.0", "short"), ("127.0.0.1", "short"), ("0.0.0.0", "a" * 40),
+     ("0.0.0.0", "0123456789abcdef;123456789abcdef"), ("0.0.0.0", "0123456789ábcdef0123456789abcdef")],
+)  # fmt: skip
+def test_an_open_page_needs_a_strong_token(host, token):
+    with pytest.raises(ValueError, match="token"):
+        check_token(host, token)
+
+
+def test_the_printed_address_carries_the_token():
+    assert page_url("0.0.0.0", 8080, TOKEN) == f"http://127.0.0.1:8080/?token={TOKEN}"
+    assert page_url("127.0.0.1", 8080, None) == "http://127.0.0.1:8080/"
+
+
+def get_at(address, port):
+    connection = http.client.HTTPConnection(address, port, timeout=10)
+    connection.request("GET", "/")
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+@pytest.fixture
+def version_6():
+    """Whether this machine has it; where it has not, that is said."""
+    with socket.socket(socket.AF_INET6) as probe:
+        try:
+            probe.bind(("::1", 0))
+        except OSError:
+            with pytest.raises(ValueError, match="::1 is no IPv6 address of this machine"):
+                open_page("::1", 0)
+            return False
+    return True
+
+
+def test_the_page_is_served_by_version_6_of_ip(version_6):
+    if not version_6:
+        return
+    server = open_page("::1", 0)
+    port = server.get_port()
+    assert get_at("::1", port) == 200
+    with pytest.raises(ConnectionRefusedError):
+        get_at("127.0.0.1", port)
+    assert page_url("::1", port, None) == f"http://[::1]:{port}/"
+    with pytest.raises(PortTaken):
+        open_page("::1", port)
+    server.stop()
+
+
+def test_all_addresses_are_those_of_both_versions(version_6):
+    if not version_6:
+        return
+    server = open_page("::", 0, TOKEN)
+    port = server.get_port()
+    assert [get_at(address, port) for address in ("::1", "127.0.0.1")] == [401, 401]
+    assert page_url("::", port, TOKEN).startswith("http://127.0.0.1:")
+    server.stop()
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        with pytest.raises(PortTaken):
+            open_page("::", holder.getsockname()[1], TOKEN)
+
+
+def test_an_address_of_another_machine_is_told():
+    with pytest.raises(ValueError, match="2001:db8::1 is no IPv6 address of this machine: give one of its own, or ::"):
+        open_page("2001:db8::1", 0, TOKEN)
+
+
+def test_every_address_of_the_loopback_is_this_machine():
+    server = open_page("127.0.0.2", 0)
+    assert get_at("127.0.0.2", server.get_port()) == 200
+    server.stop()
+
+
+@pytest.mark.parametrize("accepted", ["identity", "gzip"])
+def test_the_page_carries_our_scripts_whole_and_once(accepted):
+    server = open_page("127.0.0.1", 0)
+    try:
+        for _ in range(2):
+            connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+            connection.request("GET", "/", headers={"Accept-Encoding": accepted})
+            answer = connection.getresponse()
+            body = answer.read()
+            connection.close()
+            assert answer.getheader("Content-Encoding") == accepted
+            assert int(answer.getheader("Content-Length")) == len(body)
+            page = gzip.decompress(body) if accepted == "gzip" else body
+            assert [page.count(script.encode()) for script in SCRIPTS] == [1] * len(SCRIPTS)
+            assert page.rstrip().endswith(b"</html>")
+    finally:
+        server.stop()
+
+
+def test_another_thread_does_not_set_the_event_past_the_loop():
+    event, waiting = LoopEvent(), []
+
+    async def wait() -> None:
+        waiting.append(asyncio.ensure_future(event.wait()))
+        await asyncio.sleep(0)
+        await asyncio.to_thread(event.set)
+        assert not event.is_set() and not waiting[0].done()
+        event.set()
+        await waiting[0]
+
+    asyncio.run(wait())
+
+
+def test_what_threads_write_wakes_every_page_that_waits():
+    write_through_the_loop()
+    loop = asyncio.new_event_loop()
+
+    async def page(buffer: AsyncMessageBuffer, seen: list[int]) -> None:
+        while seen[0] < WRITERS * MESSAGES:
+            await buffer.message_event.wait()
+            buffer.message_event.clear()
+            seen[0] = buffer.message_counter
+
+    async def everything() -> None:
+        buffer = AsyncMessageBuffer(loop, persistent_messages=False)
+        pages = [asyncio.ensure_future(page(buffer, [0])) for _ in range(WAITERS)]
+
+        def write() -> None:
+            for _ in range(MESSAGES):
+                buffer.push(RemoveNotificationMessage("note"))
+
+        threads = [threading.Thread(target=write) for _ in range(WRITERS)]
+        for thread in threads:
+            thread.start()
+        await asyncio.wait_for(asyncio.gather(*pages), 60.0)
+        for thread in threads:
+            thread.join()
+
+    loop.run_until_complete(everything())
+    loop.close()
+
+
+def test_the_page_is_opened_with_such_events():
+    server = open_page(LOOPBACK, 0)
+    try:
+        buffer = server._websock_server.get_message_buffer()
+        assert isinstance(buffer.message_event, LoopEvent)
+    finally:
+        server.stop()

@@ -1,0 +1,275 @@
+"""A whole panel without a browser: its widgets are made, follow what is shown, and send what they should."""
+
+import msgspec
+import pytest
+import viser
+from person import Person, grey_, label
+
+from motm_twin.bus.commands import (
+    AddObstacle,
+    Announce,
+    Answer,
+    Branch,
+    HandOver,
+    InjectFault,
+    InsertTask,
+    Load,
+    MoveObject,
+    MoveTask,
+    Pause,
+    Play,
+    PushRobot,
+    RemoveBody,
+    RemoveTask,
+    SendAgent,
+    SetParameter,
+    Speed,
+    UndoBranch,
+)
+from motm_twin.bus.encode import tick_message
+from motm_twin.bus.methods import MethodLibrary
+from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.methods.fast import FAST
+from motm_twin.model.furniture import pieces
+from motm_twin.model.scene_file import load_scene
+from motm_twin.twin import Twin
+from motm_twin.ui.hub import Shown
+from motm_twin.ui.panel.why_tab import headline
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("exp2", "random", 0)
+
+
+@pytest.fixture(scope="module")
+def ticks(scene):
+    twin = Twin(scene)
+    return [tick_message(twin.advance(), run=1, server_time=0.0) for _ in range(30)]
+
+
+@pytest.fixture
+def person(scene, ticks):
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    made = Person(server, scene, ticks)
+    made.shows()
+    yield made
+    made.hub.stop()
+    server.stop()
+
+
+def test_it_can_be_shown_before_there_is_a_twin(person):
+    person.panel.update(
+        Shown(state="waiting", status=None, scene=None, tick=None, newest=None, live=True, view=person.hub.view)
+    )
+    person.shows("lost")
+    person.shows("done")
+    assert person.page.notes == []
+
+
+def test_what_the_robot_does_stands_above_the_tabs_and_nowhere_else(person):
+    person.shows()
+    said, page = headline(person.ticks[-1], person.scene), person.panel
+    assert [html.content for html in texts(page) if "big" in html.content] == [said]
+    assert page._headline._impl.parent_container_id == page._status._impl.parent_container_id
+
+
+def texts(part, depth=3):
+    """Every piece of HTML of a panel and of its parts."""
+    parts = [*vars(part).values(), *vars(part).get("_blocks", [])]
+    found = [value for value in parts if isinstance(value, viser.GuiHtmlHandle)]
+    inner = [p for p in parts if depth and type(p).__module__.startswith("motm_twin.ui") and hasattr(p, "__dict__")]
+    return found + [html for part in inner for html in texts(part, depth - 1)]
+
+
+def test_play_speed_and_scene(person):
+    person.presses("Pause")
+    assert person.sent == [Pause()]
+    person.chooses("Speed", "2x")
+    assert person.sent == [Speed(factor=2.0)]
+    person.chooses("Scene", "exp1")
+    assert person.widget("Variant").options == ("trial1",)
+    person.presses("Load")
+    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
+
+
+def test_a_run_that_has_ended_begins_anew_by_its_button_and_by_no_key_that_was_meant_to_pause_it(person):
+    drive = person.panel._blocks[1]
+    drive.toggle()
+    assert person.sent == [Pause()]
+    person.shows("done")
+    person.sent.clear()
+    drive.toggle()
+    assert person.sent == [] and "Restart" in person.page.notes[-1]
+    person.presses("Restart")
+    assert person.sent == [Play()]
+    person.shows("paused")
+    drive.toggle()
+    assert person.last == Play() and person.widget("Play")
+
+
+def test_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
+    person.chooses("Scene", "exp1")
+    person.shows(variant="still")  # loaded before, heard of late
+    assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp1", "trial1")
+    person.presses("Load")
+    assert person.sent == [Load(scene="exp1", variant="trial1", seed=0, method=DEFAULT_METHOD)]
+    person.shows(scene="exp2", variant="random", seed=3)  # somebody else was quicker
+    assert (person.widget("Scene").value, person.widget("Variant").value) == ("exp2", "random")
+    assert person.widget("Seed").value == 3
+    person.chooses("Scene", "exp1")
+    person.shows(driver="somebody", driver_name="Bob")
+    assert person.widget("Scene").value == "exp2"  # who only looks sees what is loaded
+
+
+def test_tasks_are_added_moved_and_removed(person):
+    cube, box = person.scene.objects[1].name, person.scene.bins[0].name
+    person.chooses("Cube", cube)
+    person.chooses("Into bin", box)
+    person.presses("Add to the tasks")
+    assert isinstance(person.last, InsertTask) and len(person.last.tasks) == 2
+    person.presses("▼", 1)
+    assert person.sent == [MoveTask(index=2, to=6)]
+    person.presses("✕", 2)
+    assert person.sent == [RemoveTask(index=4)]
+
+
+def test_bodies_are_added_and_the_selected_one_is_sent_and_deleted(person):
+    person.presses("Temi")
+    (added,) = person.client.heard
+    assert isinstance(added, AddObstacle) and person.hub.view.selected == person.hub.view.placing == added.name
+    assert f"{added.name} stands" in person.page.notes[-1]
+    agent = person.scene.agents[0].name
+    person.chooses("Selected", agent)
+    person.shows()
+    assert person.widget("Freeze").visible and not person.widget("Tell the robot").visible
+    person.presses("Send to…")
+    assert person.hub.view.sending == agent and not any(isinstance(c, SendAgent) for c in person.sent)
+    person.shows()
+    person.presses("Delete")
+    assert person.last == RemoveBody(name=agent)
+
+
+def test_furniture_is_announced_and_cubes_are_put_elsewhere(person):
+    piece = next(iter(pieces(person.scene)))
+    person.chooses("Selected", piece)
+    person.shows()
+    person.presses("Tell the robot")
+    assert person.client.heard == [Announce(name=piece)] and piece in person.page.notes[-1]
+    person.client.answer = Answer(ok=False, reason="no")
+    person.presses("Tell the robot")
+    assert person.page.notes[-1] == "no"
+    cube = person.scene.objects[0].name
+    person.chooses("Selected", cube)
+    person.shows()
+    person.presses("In front of the robot")
+    assert isinstance(person.last, MoveObject) and person.last.name == cube
+    assert not person.widget("Delete").visible
+
+
+def test_the_robot_is_pushed_and_blinded(person):
+    person.presses("◀ Left")
+    assert isinstance(person.last, PushRobot)
+    person.presses("Camera off 2 s")
+    assert person.last == InjectFault(fault="camera_off", seconds=2.0)
+
+
+def test_sliders_send_and_follow(person):
+    title = "Weight of the next target"
+    person.chooses(title, 1.5)
+    person.shows()
+    assert person.last == SetParameter(name="next_weight", value=1.5)
+    person.shows(parameters={"next_weight": 1.5, "xi": 1.0})
+    assert person.widget("● Approach speed  xi [m/s]").value == 1.0
+    assert person.widget("● " + title).value == 1.5
+
+
+def test_as_shipped_means_the_method_that_drives_and_without_a_change_nothing_is_compared(person):
+    fast = dict(FAST.parameters)
+    person.shows(parameters=fast, method="fast", methods=MethodLibrary().choices())
+    assert person.widget("Preset").value == "As shipped"
+    offset = person.widget("Bezier control points")
+    assert offset.value == 0.1 and "drives: 0.1" in offset._impl.props.hint
+    assert [mark["value"] for mark in offset._impl.props._marks] == [0.1, 0.25]
+    person.presses("Reset everything")
+    person.shows()
+    assert not any(isinstance(command, SetParameter) for command in person.sent)
+    started = []
+    person.hub.what_if.start = lambda *arguments: started.append(arguments[0])
+    person.presses("Compare")
+    assert "nothing is changed" in person.page.notes[-1] and started == []
+    person.chooses("Approach speed  xi [m/s]", 1.0)
+    person.shows(parameters={**fast, "xi": 1.0})
+    person.chooses("Changed", "from now")
+    person.presses("Compare")
+    assert "the running twin has these values already" in person.page.notes[-1] and started == []
+    person.chooses("Changed", "from the start")
+    person.presses("Compare")
+    assert started == [{"xi": 1.0}]
+
+
+def test_what_is_refused_is_not_said_to_be_added_and_every_press_is_answered(person):
+    no = "this is a recording"
+    person.client.answer = Answer(ok=False, reason=no)
+    for kind in ("Temi", "Box"):
+        person.presses(kind)
+        assert person.page.notes[-1] == no and not any("stands" in note for note in person.page.notes)
+        assert (person.hub.view.selected, person.hub.view.placing) == ("", "")
+    notes = len(person.page.notes)
+    person.presses("▲")
+    assert "is the first that is left already" in person.page.notes[-1]
+    person.hub.send = person.hub.command  # as it comes from there
+    person.presses("▼", 1)
+    assert person.page.notes[notes + 1 :] == [no]
+
+
+def test_nothing_is_changed_while_looking_back(person):
+    person.chooses("Seconds before now", -0.5)
+    assert person.hub.view.at == 19
+    person.shows()
+    for press in ("Temi", "✕", "◀ Left"):
+        person.presses(press)
+        assert all(not isinstance(c, RemoveTask | PushRobot) for c in person.sent) and person.client.heard == []
+    assert len(person.page.notes) == 3 and "looking back" in person.page.notes[0]
+    person.presses("Branch from here")
+    assert person.last == Branch(index=19) and person.hub.view.at is None
+
+
+def test_a_branch_says_what_it_does_and_is_undone(person):
+    assert not person.widget("Undo").visible
+    newest = msgspec.structs.replace(person.ticks[19], run=5, first=19, past=4)
+    person.shows(tick=newest, aside=1.5)
+    assert "goes on from 0.95 s" in person.page.notes[-1]
+    person.shows(tick=newest)
+    assert len(person.page.notes) == 1
+    person.presses("Undo: on from 1.50 s")
+    assert person.last == UndoBranch()
+    person.shows(tick=msgspec.structs.replace(newest, run=6, first=30, past=4), aside=1.0)
+    assert "as before the branch" in person.page.notes[-1]
+
+
+def test_the_session_is_downloaded(person):
+    person.presses("Save the session")
+    assert person.page.files == [("exp2-random-0-1.0s.json", b"{}")]
+
+
+def test_who_only_looks_has_grey_widgets(person):
+    person.shows(driver="somebody", driver_name="Bob")
+    grey = [widget.label for widget in person.widgets.values() if grey_(widget)]
+    assert len(grey) > 50
+    usable = {label(widget) for widget in person.widgets.values() if not grey_(widget)}
+    assert {"Ask for the wheel", "Your name", "Save the session", "Screenshot"} <= usable
+    person.shows(driver=person.visitor.sender)
+    assert not person.widget("Step")._impl.props.disabled
+    person.presses("Hand over")
+    assert person.last == HandOver()
+
+
+def test_what_does_not_change_is_not_sent_again(person):
+    for _ in range(30):
+        person.shows()
+    queued = []
+    person.widgets[next(iter(person.widgets))]._impl.gui_api._websock_interface.queue_message = queued.append
+    for _ in range(20):
+        person.shows()
+    assert [message for message in queued if "Gui" in type(message).__name__] == []

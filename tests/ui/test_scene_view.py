@@ -1,0 +1,256 @@
+"""The 3D scene: its nodes, meshes, shadows, colours and marks."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+import trimesh
+import viser
+from fake_twin import fake_scene
+
+from motm_twin.bus.client import TwinClient
+from motm_twin.bus.messages import BodyMessage
+from motm_twin.bus.session import free_port
+from motm_twin.model.scene import Box, Cylinder, Prism, Solid
+from motm_twin.ui import colours
+from motm_twin.ui.hub import Hub, Shown
+from motm_twin.ui.scene.furniture import bin_mesh, loose_box_mesh, solids_mesh
+from motm_twin.ui.scene.light import (
+    MARGIN,
+    SHADOW_SHIFT,
+    box_shadow_glb,
+    floor,
+    floor_glb,
+    ground_glb,
+    ground_tone,
+    on_screen,
+    shining,
+    sky_glb,
+)
+from motm_twin.ui.scene.picking import Surroundings
+from motm_twin.ui.scene.plan_view import believed, dashes, drive_points, relative_cost, target_spot
+from motm_twin.ui.scene.robot_view import GHOST_GAP, GHOSTS, ghost_poses
+from motm_twin.ui.scene.scene_view import SceneView
+from motm_twin.ui.what_if import Other
+
+FIXED = ("/scene/", "/light/", "/furniture/")
+
+
+@pytest.fixture
+def stage():
+    """A stage on a page that nobody looks at, with no twin behind it."""
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    with TwinClient(f"tcp/127.0.0.1:{free_port()}") as client:
+        hub = Hub(client)
+        drawn = SceneView(server, hub)
+        yield drawn
+        drawn.stop()
+        hub.stop()
+    server.stop()
+
+
+def show(stage, tick, scene):
+    shown = Shown(
+        state="playing", status=None, scene=scene, tick=tick, newest=tick, live=True, view=stage._hub.view, grid=None
+    )
+    stage.draw(shown, 0.03, slow=True)
+
+
+def nodes(stage):
+    """Names of all nodes that are drawn."""
+    table = stage._server.scene._handle_from_node_name
+    return {name for name, handle in table.items() if type(handle).__name__ != "FrameHandle"}
+
+
+def person(name, **fields):
+    return BodyMessage(
+        name=name, kind="person", position=[0.5, 0.5, 0.0], yaw=0.3, state="standing", size=[0.5, 0.5, 1.75], **fields
+    )
+
+
+def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_earlier(stage, tick):
+    def at(x, time):
+        walker = msgspec.structs.replace(person("Ann"), position=[x, 0.5, 0.0])
+        show(stage, msgspec.structs.replace(tick, agents=[walker], time=time), scene)
+        return len(stage._bodies._bodies["body/Ann"].trail)
+
+    scene = fake_scene()
+    assert [at(0.5 + 0.1 * k, 1.0 + 0.1 * k) for k in range(4)] == [1, 2, 3, 4]
+    assert at(3.0, 1.3) == 1  # while time stands
+    assert [at(3.1, 1.4), at(3.2, 1.5), at(6.0, 1.6)] == [2, 3, 1]  # while it runs
+    assert [at(6.1, 1.7), at(3.1, 1.4)] == [2, 1]  # looking back
+    assert not stage._bodies._trails.visible
+
+
+def test_fewer_than_a_hundred_nodes_move(stage, tick):
+    show(stage, tick, fake_scene())
+    stage._others.update([Other(label="changed: 7.1 s", pose=(0.0, 0.0, 0.0), q=(0.0,) * 7, gripper=0.08)])
+    moving = [name for name in nodes(stage) if not name.startswith(FIXED)]
+    assert 20 < len(moving) <= 100
+
+
+def test_the_same_tick_again_sends_nothing(stage, tick):
+    scene = fake_scene()
+    show(stage, tick, scene)
+    sent = []
+    stage._server.scene._queue_scene_message = sent.append
+    show(stage, tick, scene)
+    assert sent == []
+
+
+def test_a_body_comes_moves_is_marked_frozen_and_goes_without_a_trace(stage, tick):
+    scene = fake_scene()
+    show(stage, tick, scene)
+    before = nodes(stage)
+    show(stage, msgspec.structs.replace(tick, obstacles=[person("ann")]), scene)
+    frozen = msgspec.structs.replace(person("ann"), state="frozen")
+    show(stage, msgspec.structs.replace(tick, obstacles=[frozen]), scene)
+    assert any(name.endswith("sign") for name in nodes(stage) - before)
+    show(stage, msgspec.structs.replace(tick, obstacles=[]), scene)
+    assert nodes(stage) == before
+
+
+def test_furniture_stands_where_the_tick_has_it_and_is_hidden_when_gone(stage, tick):
+    scene = fake_scene()
+    show(stage, tick, scene)
+    name = next(iter(stage._surroundings.pieces))
+    frame = stage._server.scene._handle_from_node_name[f"/furniture/{name}"]
+    body = BodyMessage(
+        name=name, kind="furniture", position=[1.0, -2.0, 0.0], yaw=math.pi / 2, state="", size=[1.0, 1.0, 1.0]
+    )
+    show(stage, msgspec.structs.replace(tick, furniture=[body]), scene)
+    assert tuple(frame.position[:2]) == (1.0, -2.0)
+    assert frame.wxyz[3] == pytest.approx(math.sin(math.pi / 4))
+    show(stage, msgspec.structs.replace(tick, removed=[name]), scene)
+    assert not frame.visible
+    show(stage, tick, scene)
+    assert frame.visible
+
+
+def test_another_scene_replaces_everything_of_the_last_one(stage, tick):
+    show(stage, tick, fake_scene())
+    before = nodes(stage)
+    show(stage, tick, msgspec.structs.replace(fake_scene(), seed=5))
+    assert nodes(stage) == before
+
+
+def test_relative_costs_run_from_the_cheapest_to_the_dearest(tick):
+    relative = relative_cost(tick.placement)
+    viable = np.array([not reason for reason in tick.placement.rejected])
+    assert relative[viable].min() == 0.0
+    assert relative[viable].max() == pytest.approx(1.0)
+    assert np.isnan(relative[~viable]).all()
+    assert tuple(colours.scale(np.array([0.0]))[0]) == (253, 231, 37)
+
+
+def test_free_ground_is_clear_and_occupied_ground_is_red():
+    table = colours.ground_table()
+    assert table.shape == (256, 4)
+    assert table[0, 3] == 0
+    red, green, blue, alpha = (int(value) for value in table[255])
+    assert red > 2 * green
+    assert red > 2 * blue
+    assert alpha > 100
+
+
+@pytest.mark.parametrize(
+    ("shape", "low", "high"),
+    [
+        (Box(centre=(1.0, 2.0), size=(0.8, 0.4)), (0.6, 1.8), (1.4, 2.2)),
+        (Box(centre=(1.0, 2.0), size=(0.8, 0.4), yaw=math.pi / 2), (0.8, 1.6), (1.2, 2.4)),
+        (Cylinder(centre=(1.0, 2.0), radius=0.3), (0.7, 1.7), (1.3, 2.3)),
+        (Prism(corners=((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.5, 0.2))), (0.0, 0.0), (1.0, 1.0)),
+    ],
+)
+@pytest.mark.parametrize("style", ["table", "desk", "cabinet", "shelf", "box", "wall", "plain", "unheard of"])
+def test_furniture_is_drawn_as_large_as_the_referee_knows_it(shape, low, high, style):
+    solid = Solid(name="s", shape=shape, z_min=0.0, z_max=0.6, mapped=True, style=style)
+    bounds = solids_mesh([solid]).bounds
+    np.testing.assert_allclose(bounds[0], (*low, 0.0), atol=0.003)
+    np.testing.assert_allclose(bounds[1], (*high, 0.6), atol=0.003)
+
+
+def test_a_bin_is_open_and_stands_where_it_belongs():
+    box = fake_scene().bins[0]
+    scene = bin_mesh(box)
+    middle = (scene.bounds[0] + scene.bounds[1]) / 2
+    np.testing.assert_allclose(middle[:2], box.centre, atol=1e-6)
+    assert scene.bounds[:, 2] == pytest.approx([box.floor_z, box.rim_z])
+    down = trimesh.util.concatenate(scene.dump()).ray.intersects_location([(*box.centre, 2.0)], [(0.0, 0.0, -1.0)])[0]
+    assert down[:, 2].max() == pytest.approx(box.floor_z + box.wall)
+
+
+def test_a_loose_box_has_its_size():
+    np.testing.assert_allclose(loose_box_mesh((0.4, 0.3, 0.6)).extents, (0.4, 0.3, 0.6), atol=0.003)
+
+
+def test_the_floor_covers_the_map_and_goes_over_into_the_ground_around():
+    scene = fake_scene()
+    picture, (x, y, u, v) = floor(scene)
+    assert u - x == scene.bounds[2] - scene.bounds[0] + 2 * MARGIN
+    assert np.abs(picture[0, 0] - ground_tone(np.array(0.5 * math.hypot(u - x, v - y)))).max() < 1.5
+    for mesh in (floor_glb(scene), ground_glb((1.0, 2.0)), sky_glb((1.0, 2.0))):
+        assert mesh[:4] == b"glTF"
+
+
+def test_what_shines_by_itself_is_seen_as_wanted():
+    wanted = np.repeat(np.array([40.0, 120.0, 200.0, 226.0])[:, None], 3, axis=1)
+    code = shining(wanted) / 255.0
+    linear = np.where(code < 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+    assert np.abs(on_screen(linear) - wanted).max() < 1.0
+
+
+def test_a_shadow_lies_under_its_body_and_away_from_the_sun():
+    mesh = trimesh.load_scene(trimesh.util.wrap_as_stream(box_shadow_glb(0.4, 0.4, 1.0)), file_type="glb")
+    (low, high), shift = mesh.bounds, np.array(SHADOW_SHIFT)
+    assert (low[:2] < -0.2).all()
+    assert (high[:2] > 0.2).all()
+    assert high[0] > 0.2 + shift[0]
+
+
+def test_ghosts_keep_apart_and_are_few():
+    line = np.array([(0.05 * i, 0.0, 0.0) for i in range(200)])
+    poses = ghost_poses(line)
+    assert len(poses) == GHOSTS
+    assert poses[0, 0] >= GHOST_GAP - 1e-9
+    assert poses[-1, 0] > 9.0
+    assert len(ghost_poses(np.zeros((0, 3)))) == 0
+    assert len(ghost_poses(np.zeros((5, 3)))) == 0
+
+
+def test_dashes_leave_gaps_and_end_where_the_line_ends():
+    line = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], dtype=np.float32)
+    pieces = dashes(line)
+    drawn = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1).sum()
+    assert 0.8 < drawn < 1.2
+    assert np.linalg.norm(pieces, axis=2).max() <= math.sqrt(2.0) + 1e-6
+    assert dashes(line[:2] * 0.01).shape[1:] == (2, 2)
+
+
+def test_points_to_drive_to_are_read_from_the_tasks_that_are_left(tick):
+    drive = msgspec.structs.replace(tick.tasks[0], kind="drive_to", target="(1.50, -0.25)", status="waiting")
+    assert drive_points(msgspec.structs.replace(tick, tasks=[drive, *tick.tasks], task_index=0)) == [(1.5, -0.25)]
+    assert drive_points(msgspec.structs.replace(tick, tasks=[drive, *tick.tasks], task_index=1)) == []
+
+
+def test_beliefs_are_marked_only_where_they_are_off(tick):
+    item = tick.objects[0]
+    belief = msgspec.structs.replace(tick.beliefs[0], name=item.name, position=[p + 0.004 for p in item.position])
+    assert len(believed(msgspec.structs.replace(tick, beliefs=[belief]))) == 0
+    off = msgspec.structs.replace(belief, position=[p + 0.02 for p in item.position])
+    assert believed(msgspec.structs.replace(tick, beliefs=[off])).shape == (1, 3)
+
+
+def test_the_target_is_marked_where_the_robot_believes_it(tick):
+    surroundings, item = Surroundings(fake_scene()), tick.objects[0]
+    surroundings.update(tick)
+    picks = [task for task in tick.tasks if task.kind == "pick" and task.target == item.name]
+    assert picks, "the first cube is to be picked"
+    active = msgspec.structs.replace(tick, task_index=tick.tasks.index(picks[0]))
+    off = [item.position[0] + 0.3, item.position[1] - 0.1, item.position[2] + 0.05]
+    belief = msgspec.structs.replace(tick.beliefs[0], name=item.name, position=off)
+    spot = target_spot(msgspec.structs.replace(active, beliefs=[belief]), surroundings)
+    assert (spot.x, spot.y, spot.z) == pytest.approx((off[0], off[1], off[2] - 0.5 * item.size[0]))
+    known = target_spot(msgspec.structs.replace(active, beliefs=[]), surroundings)
+    assert (known.x, known.y) == pytest.approx(tuple(item.position[:2]))
