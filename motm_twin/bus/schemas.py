@@ -1,5 +1,6 @@
 """JSON Schemas of everything that travels on Zenoh, made from the types that encode and decode it."""
 
+import contextlib
 import functools
 import inspect
 import re
@@ -30,6 +31,7 @@ from motm_twin.bus.messages import (
     StatusMessage,
     TickMessage,
 )
+from motm_twin.model.bounds import bounds_of
 from motm_twin.model.scene import Scene
 from motm_twin.record.observations import OBSERVATIONS_VERSION, ObservationsMessage
 from motm_twin.record.session import SESSION_VERSION, Session
@@ -76,14 +78,21 @@ def file_name(name: str) -> str:
     return f"{name}.{MESSAGES[name][0].rsplit('/', 1)[-1]}.json"
 
 
-def field_notes(kind: type) -> dict[str, str]:
-    """What the comments beside the fields of a struct say; empty where there is no source."""
-    try:
-        source = textwrap.dedent(inspect.getsource(kind))
-    except OSError:
-        return {}
-    found = (_FIELD.match(line.strip()) for line in source.splitlines())
-    return {match[1]: match[2] for match in found if match}
+def field_notes(kind: type[msgspec.Struct]) -> dict[str, str]:
+    """The bounds of the fields of a struct and the comments beside them, which are missing where there is no source."""
+    notes = {name: [bound.allowed() for bound in found] for name, found in bounds_of(kind).items()}
+    for name, comment in _comments(kind).items():
+        notes.setdefault(name, []).append(comment)
+    return {name: "; ".join(parts) for name, parts in notes.items()}
+
+
+def _comments(kind: type) -> dict[str, str]:
+    comments: dict[str, str] = {}
+    for each in reversed(kind.__mro__):
+        with contextlib.suppress(OSError, TypeError):
+            lines = textwrap.dedent(inspect.getsource(each)).splitlines()
+            comments |= {match[1]: match[2] for line in lines if (match := _FIELD.match(line.strip()))}
+    return comments
 
 
 def schema_of(kind: type[msgspec.Struct], version: str) -> dict[str, Any]:

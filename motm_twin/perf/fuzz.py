@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from motm_twin.bus.commands import COMMAND_NAMES, MAX_COMMAND_BYTES
+from motm_twin.bus.commands import COMMAND_NAMES, MAX_COMMAND_BYTES, MAX_NAME
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.ranges import MAX_NAME
 from motm_twin.control.tick import Tick
 from motm_twin.external.checks import NAMES
 from motm_twin.external.emulator import LinkSpec

@@ -102,7 +102,7 @@ def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
 
     Exit code 0: ended on request; 1: a process died again and again; 2: bad input.
     """
-    from motm_twin.bus.commands import SPEED_MAX, SPEED_MIN
+    from motm_twin.bus.commands import SPEED
     from motm_twin.cli_serve import serve_recording
 
     file, speed = settings.file, settings.speed
@@ -110,8 +110,8 @@ def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
         raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
     if not Path(file).is_file():
         raise SessionError("there is no such file", file=file)
-    if not SPEED_MIN <= speed <= SPEED_MAX:
-        raise SessionError(f"--speed {speed:g}: use {SPEED_MIN:g} to {SPEED_MAX:g}")
+    if problem := SPEED.refusal("", speed):
+        raise SessionError(f"--{problem}")
     return serve_recording(settings)
 
 

@@ -15,7 +15,7 @@ from motm_twin.record.session import SessionError
 
 _DEG = math.pi / 180.0
 _UNITS = {"deg": _DEG, "dps": _DEG, "dps2": _DEG, "mps": 1.0, "mps2": 1.0, "hz": 1.0}
-_MOST = {"solids": 200, "objects": 100, "bins": 20, "agents": 20, "tasks": 200}
+_SECTIONS = {"solids": "furniture", "objects": "objects", "bins": "bins", "agents": "agents", "tasks": "tasks"}
 _MOST_POINTS = 2_000  # of a lane or an outline
 _SHAPES = {Box: scene_format.BoxFile, Cylinder: scene_format.CylinderFile, Prism: scene_format.PolygonFile}
 _ROBOT = {
@@ -44,8 +44,8 @@ def check_scene(scene: Scene) -> None:
 
 
 def _check_counts(scene: Scene) -> None:
-    for what, most in _MOST.items():
-        count = len(getattr(scene, what))
+    for what, section in _SECTIONS.items():
+        most, count = scene_format.most_entries(section), len(getattr(scene, what))
         if count > most:
             raise SessionError(f"scene.{what}: {count} are too many, at most {most}")
     names = [item.name for what in ("solids", "objects", "bins", "agents") for item in getattr(scene, what)]
@@ -56,8 +56,8 @@ def _check_counts(scene: Scene) -> None:
 
 def _check_ranges(scene: Scene) -> None:
     """Every number within the limits of the scene format."""
-    _fits(scene.seed, Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)], "scene.seed")
-    _fits(scene.time_limit, Annotated[float, msgspec.Meta(gt=0, le=36000)], "scene.time_limit")
+    _fits(scene.seed, scene_format.Seed, "scene.seed")
+    _fits(scene.time_limit, scene_format.TimeLimit, "scene.time_limit")
     _fits(scene.title, scene_format.Text, "scene.title")
     _fits(scene.bounds, tuple[_COORDINATE, _COORDINATE, _COORDINATE, _COORDINATE], "scene.bounds")
     _pose(scene.start, "scene.start")
@@ -92,7 +92,7 @@ def _check_ranges(scene: Scene) -> None:
             place = f"scene.tasks[{index}]"
             _fits(task.point, scene_format.Point, f"{place}.point")
             _fits(task.heading, _ANGLE | None, f"{place}.heading")
-            _fits(task.tolerance, Annotated[float, msgspec.Meta(ge=0.02, le=2)], f"{place}.tolerance")
+            _fits(task.tolerance, scene_format.Tolerance, f"{place}.tolerance")
 
 
 def _check_solid(solid: Solid, place: str) -> None:
