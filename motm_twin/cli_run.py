@@ -15,7 +15,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.record.changes import PERIODS_PER_SECOND
 from motm_twin.record.outputs import refuse_existing, refuse_unwritable
 from motm_twin.record.replay import Tracker
-from motm_twin.record.session import Session, SessionError, save_session
+from motm_twin.sessions.session import Session, SessionError, save_session
 from motm_twin.trial import run_scene
 
 if TYPE_CHECKING:

@@ -80,7 +80,7 @@ class ServeSettings:
     expansions_only: FlagCreatePairsOff[bool] = False
 
     def server_arguments(self, zenoh_port: int) -> list[str]:
-        """Arguments of `bus.server_process`; ``zenoh_port``: the one that was found free."""
+        """Arguments of `server_process`; ``zenoh_port``: the one that was found free."""
         given = {
             "--port": zenoh_port, "--twin": self.twin, "--variant": self.variant, "--seed": self.seed,
             "--method": self.method, "--plant": self.plant, "--connect": self.connect, "--data": self.data,

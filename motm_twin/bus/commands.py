@@ -8,6 +8,7 @@ A command is a query on ``motm/<twin>/cmd/<type>`` whose payload is an `Envelope
 this is Unix time). The answer is an `Answer` as JSON.
 """
 
+import traceback
 from typing import Annotated, Literal
 
 import msgspec
@@ -200,6 +201,14 @@ def check_command(command: Command) -> None:
         raise Refused(problem)
 
 
+def reason_of(error: Exception) -> str:
+    """Reason to tell whoever asked; what is no refusal is our own fault, and its traceback is printed."""
+    if isinstance(error, Refused):
+        return str(error)
+    traceback.print_exception(error)
+    return f"{type(error).__name__}: {error}"
+
+
 def command_name(command: Command) -> str:
     """The type tag of a command, which is also the last part of its key."""
     return str(command.__struct_config__.tag)
@@ -254,4 +263,5 @@ __all__ = [
     "UndoBranch",
     "check_command",
     "command_name",
+    "reason_of",
 ]

@@ -50,10 +50,10 @@ def robot(
         json: Write the report to a file, or to standard output with '-'.
         child: For programs that start a robot: end also when standard input ends, and say nothing of the twin.
     """
-    from motm_twin.bus.config import configured_endpoint
+    from motm_twin.bus.connection import LOOPBACK
     from motm_twin.bus.keys import DEFAULT_PORT
-    from motm_twin.bus.process import leave, stop_event
-    from motm_twin.bus.session import LOOPBACK
+    from motm_twin.bus.processes import leave, stop_event
+    from motm_twin.bus.zenoh_config import configured_endpoint
     from motm_twin.external.emulator import LinkSpec
     from motm_twin.external.robot_server import RobotServer
     from motm_twin.model.scene_file import load_scene

@@ -14,9 +14,9 @@ from typing import Any
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Command, HandOver, Pause, Play, Reset, Speed
+from motm_twin.bus.connection import LOOPBACK, free_port
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.messages import TickMessage
-from motm_twin.bus.session import LOOPBACK, free_port
 from motm_twin.ui.guard import page_url
 from motm_twin.ui.page_token import VARIABLE
 
@@ -62,7 +62,7 @@ class Served:
     @property
     def server(self) -> int:
         """Process number of the twin server."""
-        return self.pid("motm_twin.bus.server_process")
+        return self.pid("motm_twin.server_process")
 
     def interrupt(self) -> float:
         """Ctrl-C; how long [s] it took to end."""

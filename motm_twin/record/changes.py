@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from motm_twin.control.tuning import check, parameter
 from motm_twin.model.edits import ParameterValue
-from motm_twin.record.session import Session, SessionError
+from motm_twin.sessions.session import Session, SessionError
 
 PERIODS_PER_SECOND = 20
 _SWITCH = {"true": True, "on": True, "yes": True, "false": False, "off": False, "no": False}

@@ -14,7 +14,7 @@ from tyro.conf import Positional
 
 from motm_twin.console import plain_console
 from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 from motm_twin.settings import ReplaySettings
 
 ANSWER = 5.0  # [s] in which the twin must answer once its server does

@@ -11,10 +11,10 @@ from rich.table import Table
 from motm_twin.console import plain_console, table_console
 from motm_twin.record.changes import PERIODS_PER_SECOND, parse_changes, start_period
 from motm_twin.record.outputs import refuse_unwritable, write_json
-from motm_twin.record.session import SessionError, load_session
 from motm_twin.record.what_if import FAILED, OK, Line, RunBroke, compare, stream
 from motm_twin.record.what_if_progress import BothRuns
 from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome
+from motm_twin.sessions.session import SessionError, load_session
 
 
 def what_if(

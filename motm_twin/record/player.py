@@ -24,9 +24,9 @@ from motm_twin.bus.commands import (
     Step,
     TakeWheel,
 )
+from motm_twin.bus.driver import Wheel
+from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, SceneChoice, StatusMessage
-from motm_twin.bus.methods import MethodLibrary
-from motm_twin.bus.wheel import Wheel
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch

@@ -3,12 +3,12 @@
 import argparse
 import sys
 
+from motm_twin.bus.connection import PortTaken
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
-from motm_twin.bus.process import Reporter, leave, stop_event
-from motm_twin.bus.session import PortTaken
+from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.record.player_server import PlayerServer
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 WATCH = 0.1  # [s] between looks at the state for the report
 

@@ -7,14 +7,13 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from motm_twin.bus.answering import Answering
+from motm_twin.bus.connection import LOOPBACK, free_port, open_server
 from motm_twin.bus.events import EventLog
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.latest import LatestValues
+from motm_twin.bus.latest_values import LatestValues
 from motm_twin.bus.messages import NumberedEvent
-from motm_twin.bus.quiet import Quiet
+from motm_twin.bus.queries import Answering, Quiet
 from motm_twin.bus.server import HEARTBEAT, ServerClock
-from motm_twin.bus.session import LOOPBACK, free_port, open_server
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
 from motm_twin.record.player import Player

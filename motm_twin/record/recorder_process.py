@@ -3,13 +3,13 @@
 import argparse
 import sys
 
+from motm_twin.bus.connection import LOOPBACK, open_member
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
-from motm_twin.bus.process import Reporter, leave, stop_event
-from motm_twin.bus.session import LOOPBACK, open_member
+from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.client.discover import NoTwin, require_answer
 from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.record.recorder import Recorder, RecordingFailed
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 LISTENS = 1.0  # [s] at most until the twin knows that it is recorded; what came meanwhile is recorded too
 

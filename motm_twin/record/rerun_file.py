@@ -6,15 +6,16 @@ from typing import Any
 import msgspec
 
 from motm_twin.bus.encode import seconds, tick_message
+from motm_twin.bus.observations import ObservationsMessage
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Announce
-from motm_twin.record.log import Log
-from motm_twin.record.made_with import differences
-from motm_twin.record.observations import ObservationsMessage, RecordedPlant
+from motm_twin.record.recorded_plant import RecordedPlant
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
 from motm_twin.record.replay import begin
-from motm_twin.record.session import Session, SessionError, check_session
+from motm_twin.sessions.branches import Log
+from motm_twin.sessions.made_with import differences
+from motm_twin.sessions.session import Session, SessionError, check_session
 
 # Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
 # run itself.

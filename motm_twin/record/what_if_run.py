@@ -12,9 +12,9 @@ from motm_twin.finish import Finish, all_placed
 from motm_twin.model.edits import Edit, InsertTask, SetParameter
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.changes import PERIODS_PER_SECOND, Changes
-from motm_twin.record.log import Log
 from motm_twin.record.replay import begin
-from motm_twin.record.session import Session, SessionError
+from motm_twin.sessions.branches import Log
+from motm_twin.sessions.session import Session, SessionError
 from motm_twin.twin import Twin
 
 MOVERS = ("temi", "person")  # kinds of bodies that drive or walk by themselves

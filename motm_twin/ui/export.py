@@ -20,8 +20,8 @@ import viser
 
 from motm_twin.bus.client import Grid, NoSession
 from motm_twin.bus.commands import Answer
+from motm_twin.bus.connection import LOOPBACK
 from motm_twin.bus.messages import GridInfo, TickMessage
-from motm_twin.bus.session import LOOPBACK
 from motm_twin.model.scene import Scene
 from motm_twin.ui.guard import open_page
 from motm_twin.ui.history import History

@@ -20,7 +20,7 @@ import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
+from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.ui.crowd import LARGEST, QUEUED, VISITORS, Crowd
 from motm_twin.ui.page_scripts import with_scripts
 from motm_twin.ui.threads import write_through_the_loop

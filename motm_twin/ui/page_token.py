@@ -2,7 +2,7 @@
 
 import os
 
-from motm_twin.bus.running import folder, own_secret
+from motm_twin.bus.private_folder import folder, own_secret
 
 VARIABLE = "MOTM_TOKEN"
 FILE = "page-token"  # in the user's private folder

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import FakeTwin, fake_server
 from running import Running
 from waiting import asked, until
 
@@ -26,19 +26,21 @@ from motm_twin.bus.commands import (
     Seed,
     Step,
 )
-from motm_twin.bus.keeping import RECORDER
+from motm_twin.bus.connection import open_client
+from motm_twin.bus.data_folder import RECORDER
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import open_client
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record.session import load_session
+from motm_twin.sessions.session import load_session
 from motm_twin.twin import Twin
 
 
 @pytest.fixture
 def server(tmp_path):
     with TwinServer(
-        library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False, data=tmp_path / "data"
+        TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False),
+        data=tmp_path / "data",
     ) as running:
         until(lambda: running.loop.status().state == "paused", "the twin never started", 240.0)
         yield running
@@ -85,7 +87,7 @@ def test_who_has_saved_drives_unless_somebody_else_does_by_then(other):
             self.done = done
 
     keeper, answers = Slow(), []
-    with Running(FakeTwin, keeper=keeper) as running:
+    with Running(FakeTwin, data=keeper) as running:
         save = Envelope(sender="ann", name="Ann", seq=1, expires=time.time() + 60.0, command=Save(name="a"))
         running.loop.request(save, lambda *answer: answers.append(answer))
         assert running.ask(Pause(), sender="bob") == ""
@@ -149,7 +151,7 @@ def _recorder_of(path):
 
 def test_no_thread_is_left(tmp_path):
     before = set(threading.enumerate())
-    with TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), data=tmp_path):
+    with fake_server(data=tmp_path):
         pass
     until(lambda: set(threading.enumerate()) <= before, "threads are left")
 

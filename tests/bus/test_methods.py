@@ -2,20 +2,18 @@
 
 import msgspec
 import pytest
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import FakeLibrary, fake_server
 from running import Running
 from waiting import until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Load, Reset, Seed
-from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.methods import MethodLibrary
-from motm_twin.bus.server import TwinServer
+from motm_twin.bus.library import FileLibrary, MethodLibrary
 from motm_twin.methods.modifications import MOTM, STAA
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.names import MethodError
 from motm_twin.record.replay import rerun
-from motm_twin.record.session import Session, SessionError
+from motm_twin.sessions.session import Session, SessionError
 from motm_twin.ui.what_if import WhatIf
 
 OWN = """
@@ -107,13 +105,7 @@ def test_a_session_says_its_method_and_is_rerun_with_it():
 
 
 def test_a_method_of_a_file_is_served_by_its_name_and_loaded_again_by_it(own):
-    server = TwinServer(
-        library=FakeLibrary(),
-        make_twin=FakeTwin,
-        first=Load(scene="fake", method="slow"),
-        methods=MethodLibrary(own),
-        playing=False,
-    )
+    server = fake_server(first=Load(scene="fake", method="slow"), methods=MethodLibrary(own), playing=False)
     with server, TwinClient(server.endpoint) as client:
         status = until(lambda: (s := client.status()) and s.state == "paused" and s, "it does not start")
         assert status.method == "slow"

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from motm_twin.bus.process import setter
+from motm_twin.bus.processes import setter
 
 
 @pytest.mark.timeout(60)

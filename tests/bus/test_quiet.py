@@ -5,10 +5,10 @@ from fake_twin import FakeTwin
 from running import Running
 from waiting import until
 
-from motm_twin.bus import quiet as module
+from motm_twin.bus import queries as module
 from motm_twin.bus.commands import Step
-from motm_twin.bus.quiet import Quiet, QuietQueryable
-from motm_twin.bus.session import free_port, open_client, open_server
+from motm_twin.bus.connection import free_port, open_client, open_server
+from motm_twin.bus.queries import Quiet, QuietQueryable
 
 FOR_EVER = 1e6  # [s]
 

@@ -6,9 +6,9 @@ from fake_twin import FakeTwin
 from running import Running
 from waiting import until
 
-from motm_twin.bus import real_time
+from motm_twin.bus import pacing as real_time
 from motm_twin.bus.commands import Load, Pause, Play, Speed
-from motm_twin.bus.real_time import RealTime, refusal
+from motm_twin.bus.pacing import RealTime, refusal
 
 
 def in_thread(work):

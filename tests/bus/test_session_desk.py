@@ -1,8 +1,8 @@
 import pytest
 
-from motm_twin.bus import session_desk
+from motm_twin.bus import live as session_desk
 from motm_twin.bus.commands import Refused
-from motm_twin.bus.session_desk import INTERVAL, SessionDesk
+from motm_twin.bus.live import SESSION_INTERVAL, SessionDesk
 
 
 class Writer:
@@ -43,8 +43,8 @@ def test_while_time_passes_it_is_not_written_more_often_however_often_it_is_aske
     for now in times:
         ask(desk)
         desk.serve(now, True)
-    assert desk.writer.count == pytest.approx(1.0 / INTERVAL, abs=1)
-    desk.serve(times[-1] + INTERVAL, True)
+    assert desk.writer.count == pytest.approx(1.0 / SESSION_INTERVAL, abs=1)
+    desk.serve(times[-1] + SESSION_INTERVAL, True)
     assert len(desk.answers) == len(times)  # nobody is forgotten
 
 
@@ -52,9 +52,9 @@ def test_who_waits_gets_a_session_from_after_the_question(desk):
     ask(desk)
     desk.serve(10.0, True)
     ask(desk)
-    desk.serve(10.0 + 0.5 * INTERVAL, True)
+    desk.serve(10.0 + 0.5 * SESSION_INTERVAL, True)
     assert len(desk.answers) == 1
-    desk.serve(10.0 + INTERVAL, True)
+    desk.serve(10.0 + SESSION_INTERVAL, True)
     assert desk.answers[1][0] == b"session 2"
 
 

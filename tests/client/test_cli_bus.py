@@ -8,16 +8,15 @@ import tempfile
 import threading
 
 import pytest
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import fake_server
 from waiting import until
 
-from motm_twin.bus.cli_send import parse
 from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetParameter, Step
+from motm_twin.bus.connection import free_port
 from motm_twin.bus.credentials import own_credentials
-from motm_twin.bus.running import Running, note
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import free_port
+from motm_twin.bus.private_folder import Running, note
 from motm_twin.client import connect
+from motm_twin.client.send import parse
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import DriveTo
 
@@ -25,9 +24,7 @@ from motm_twin.model.scene import DriveTo
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
-    with TwinServer(
-        library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False, data=data
-    ) as running:
+    with fake_server(playing=False, data=data) as running:
         until(lambda: running.loop.status().state == "paused", "the twin never started")
         yield running
 

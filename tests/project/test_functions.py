@@ -38,8 +38,6 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 # Not mended yet. Who mends one takes it out; nothing new comes in.
 KNOWN = {
-    "bus/loop.py:TwinLoop.__init__",
-    "bus/server.py:TwinServer.__init__",
     "control/arm/controller.py:Manipulator._report",
     "control/loop.py:ControlLoop.period",
     "control/tuning.py:_number",

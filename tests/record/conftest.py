@@ -22,7 +22,7 @@ from motm_twin.model.edits import (
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import SearchBudget
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 from motm_twin.twin import Twin
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "bus")]  # its stand-in for a twin

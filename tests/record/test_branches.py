@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 
 from motm_twin.model.edits import AddObstacle, MoveBody, PushRobot, SetParameter
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record.branches import KEPT, SPACING, Branches
-from motm_twin.record.log import Log
 from motm_twin.record.replay import rerun
+from motm_twin.sessions.branches import KEPT, SPACING, Branches, Log
 from motm_twin.twin import Twin
 
 

@@ -6,15 +6,14 @@ import time
 import msgspec
 import numpy as np
 import pytest
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import fake_server
 from recordings import Recording
 from waiting import asked, until
 
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
+from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import open_client
 from motm_twin.model.period import PERIOD
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
@@ -22,7 +21,7 @@ from motm_twin.record.mcap_file import McapFile
 from motm_twin.record.player import Player
 from motm_twin.record.player_server import PlayerServer
 from motm_twin.record.reader import read
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 LAST = 60
 
@@ -33,7 +32,7 @@ def path(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recordings")
     first, out = Load(scene="fake", method="staa"), folder / "x.mcap"
     with (
-        TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=first, playing=False, data=folder) as server,
+        fake_server(first=first, playing=False, data=folder) as server,
         TwinClient(server.endpoint) as client,
     ):
         recorder = Recording(server.endpoint, out)

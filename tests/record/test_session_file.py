@@ -8,9 +8,9 @@ import msgspec
 import pytest
 
 from motm_twin.model.scene_file import check_all, list_scenes
-from motm_twin.record import session as session_module
 from motm_twin.record.replay import player
-from motm_twin.record.session import Session, SessionError, decode_session, encode_session, load_session, save_session
+from motm_twin.sessions import session as session_module
+from motm_twin.sessions.session import Session, SessionError, decode_session, encode_session, load_session, save_session
 
 FUZZ_DECODED, FUZZ_RUN = 400, 12
 ODD_VALUES = (

@@ -3,8 +3,8 @@
 import pytest
 
 from motm_twin.bus.commands import SetParameter
+from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.messages import MethodChoice, StatusMessage
-from motm_twin.bus.methods import MethodLibrary
 from motm_twin.control.tuning import PARAMETERS, PRESETS, check, parameter
 from motm_twin.methods.fast import FAST
 from motm_twin.ui.tune_tab import summary

@@ -10,7 +10,7 @@ import pytest
 import websockets
 from websockets.asyncio.client import connect
 
-from motm_twin.bus.session import PortTaken, free_port
+from motm_twin.bus.connection import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
 from motm_twin.ui.guard import Guard, check_token, open_page, page_url
 

@@ -3,7 +3,7 @@
 import pytest
 from page import SHOWN, chromium, until
 
-from motm_twin.bus.session import free_port
+from motm_twin.bus.connection import free_port
 from motm_twin.ui.guard import open_page
 
 LOST = "Connection to the server lost"

@@ -8,9 +8,9 @@ import viser
 from fake_twin import FakeTwin, fake_scene
 
 from motm_twin.bus.client import TwinClient
+from motm_twin.bus.connection import free_port
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage, TickMessage
-from motm_twin.bus.session import free_port
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.stage import Stage
 from motm_twin.ui.what_if import Other

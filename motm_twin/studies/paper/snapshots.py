@@ -12,7 +12,7 @@ from motm_twin.bus.commands import STEPS, Pause, Reset, Step
 from motm_twin.model.period import PERIOD
 from motm_twin.perf.page_reader import browser
 from motm_twin.perf.processes import act, served, wait_for
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.studies.paper.data import command_of
 from motm_twin.studies.paper.episode import Episode, Moment
 from motm_twin.studies.paper.part import Drawn, Missing, Part

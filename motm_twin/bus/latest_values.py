@@ -7,7 +7,7 @@ from contextlib import suppress
 import zenoh
 
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.quiet import Quiet, QuietQueryable
+from motm_twin.bus.queries import Quiet, QuietQueryable
 
 MakeAnswer = Callable[[zenoh.Parameters], bytes | None]  # None: there is nothing yet. ValueError: why not
 

@@ -29,7 +29,7 @@ def watch(
         endpoint: Address of the twin server; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
         twin: Name of the twin.
     """
-    from motm_twin.bus.cli_watch import watch as watch_key
+    from motm_twin.client.watch import watch as watch_key
 
     return watch_key(key, once=once, as_json=json, field=field, endpoint=endpoint, twin=twin)
 
@@ -55,7 +55,7 @@ def send(
         endpoint: Address of the twin server; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
         twin: Name of the twin.
     """
-    from motm_twin.bus.cli_send import send as send_command
+    from motm_twin.client.send import send as send_command
 
     return send_command(command, list(fields), json=json, timeout=timeout, endpoint=endpoint, twin=twin)
 
@@ -69,6 +69,6 @@ def twins(endpoint: str | None = None, json: Annotated[Flag, tyro.conf.arg(name=
         endpoint: Address of a twin server or router.
         json: As JSON, one line each.
     """
-    from motm_twin.bus.cli_twins import twins as list_twins
+    from motm_twin.client.discover import twins as list_twins
 
     return list_twins(endpoint, as_json=json)

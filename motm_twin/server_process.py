@@ -1,4 +1,4 @@
-"""The twin server as a program: ``python -m motm_twin.bus.server_process exp1 --port 7447``."""
+"""The twin server as a program: ``python -m motm_twin.server_process exp1 --port 7447``."""
 
 import argparse
 import functools
@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from motm_twin.bus.commands import Load
-from motm_twin.bus.keeping import DEFAULT_FOLDER
+from motm_twin.bus.connection import PortTaken, open_member
+from motm_twin.bus.data_folder import DEFAULT_FOLDER
+from motm_twin.bus.interfaces import TwinLike, TwinSetup
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
-from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.methods import MethodLibrary
-from motm_twin.bus.ports import TwinLike
-from motm_twin.bus.process import Reporter, leave, stop_event
-from motm_twin.bus.real_time import refusal
+from motm_twin.bus.library import FileLibrary, MethodLibrary
+from motm_twin.bus.pacing import refusal
+from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.server import RobotChoice, TwinServer
-from motm_twin.bus.session import PortTaken, open_member
 from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.memory import freeze_setup, share_arenas
@@ -81,15 +80,17 @@ def main() -> None:
         first = Load(scene=library.own_name, variant=options.variant, seed=options.seed, method=methods.own_name)
         budget = SearchBudget(seconds=None if options.expansions_only else SEARCH_SECONDS)
         server = TwinServer(
-            library=library,
-            make_twin=functools.partial(make_twin, budget=budget),
-            first=first,
+            TwinSetup(
+                library=library,
+                make_twin=functools.partial(make_twin, budget=budget),
+                first=first,
+                playing=not options.paused,
+                reference_tour=reference_tour,
+                methods=methods,
+            ),
             port=options.port,
             twin=options.twin,
-            playing=not options.paused,
-            reference_tour=reference_tour,
             data=options.data,
-            methods=methods,
             robot=_robot(options, budget, stop),
             open_bus=options.open_bus,
         )
@@ -120,6 +121,7 @@ def _robot(options: argparse.Namespace, budget: SearchBudget, stop: threading.Ev
         return None
     sender = f"twin-{secrets.token_hex(4)}"
     return RobotChoice(
+        meet=RobotLink,
         make_twin=functools.partial(make_external_twin, budget=budget, sender=sender),
         mirror=options.plant == "mirror",
         session=None if options.connect is None else open_member(options.connect, stop=stop),
@@ -127,7 +129,7 @@ def _robot(options: argparse.Namespace, budget: SearchBudget, stop: threading.Ev
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m motm_twin.bus.server_process", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m motm_twin.server_process", description=__doc__)
     parser.add_argument("scene")
     parser.add_argument("--variant")
     parser.add_argument("--seed", type=int)

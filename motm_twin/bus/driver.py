@@ -1,15 +1,15 @@
-"""The wheel and what hangs on it: who drives, and which bodies are let go when they stop."""
+"""The driver: one person or program at a time, and the bodies that are let go when the driver stops."""
 
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 from motm_twin.bus.commands import Envelope, HandOver, Inspect, Refused
-from motm_twin.bus.holds import Holds
 from motm_twin.bus.lease import Lease
-from motm_twin.model.edits import Edit, ReleaseBody
+from motm_twin.model.edits import Edit, MoveBody, ReleaseBody, RemoveBody
 
 NAMES_KEPT = 1000  # senders
+HELD_FOR = 1.5  # [s] after the last move of a held body
 
 
 class Wheel:
@@ -90,3 +90,34 @@ class Wheel:
             for release in self._holds.all():
                 self._release(release)
         self._changed()
+
+
+class Holds:
+    """Bodies that are being dragged, with the time until which the grip lasts."""
+
+    def __init__(self) -> None:
+        self._until: dict[str, float] = {}
+
+    def note(self, edit: Edit, now: float) -> None:
+        """Follow an edit that was accepted at ``now`` [s]."""
+        if isinstance(edit, MoveBody) and edit.held:
+            self._until[edit.name] = now + HELD_FOR
+        elif isinstance(edit, MoveBody | ReleaseBody | RemoveBody):
+            self._until.pop(edit.name, None)
+
+    def expired(self, now: float) -> list[ReleaseBody]:
+        """Releases for those who fell silent; they are forgotten."""
+        silent = [name for name, until in self._until.items() if until <= now]
+        for name in silent:
+            del self._until[name]
+        return [ReleaseBody(name=name) for name in silent]
+
+    def all(self) -> list[ReleaseBody]:
+        """Releases for everything that is held; it is forgotten."""
+        releases = [ReleaseBody(name=name) for name in self._until]
+        self._until.clear()
+        return releases
+
+    def clear(self) -> None:
+        """A new run: nothing is held."""
+        self._until.clear()

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 
 import zenoh
 
-from motm_twin.bus.config import session_config
 from motm_twin.bus.credentials import announce, forget
+from motm_twin.bus.zenoh_config import session_config
 
 LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
 FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)

@@ -1,4 +1,4 @@
-"""Is the scene inside a session one that a scene file could have made? Same limits, same sense."""
+"""The limits of the scene format, for the resolved scene inside a session: the same limits, the same sense."""
 
 import math
 import re
@@ -11,7 +11,6 @@ from motm_twin.model.scene import Box, Cylinder, DriveTo, Prism, Scene, Solid
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_shapes import is_simple
 from motm_twin.model.scene_yaml import Node
-from motm_twin.record.session import SessionError
 
 _DEG = math.pi / 180.0
 _UNITS = {"deg": _DEG, "dps": _DEG, "dps2": _DEG, "mps": 1.0, "mps2": 1.0, "hz": 1.0}
@@ -34,24 +33,21 @@ _NAME = scene_format.Name
 
 
 def check_scene(scene: Scene) -> None:
-    """Raise SessionError for the first thing that no scene file could have said."""
+    """Raise SceneError for the first thing that no scene file could have said."""
     _check_counts(scene)
     _check_ranges(scene)
-    try:
-        scene_check.check_scene(scene, _places(scene))
-    except SceneError as error:
-        raise SessionError(": ".join(part for part in (error.place, error.problem) if part)) from error
+    scene_check.check_scene(scene, _places(scene))
 
 
 def _check_counts(scene: Scene) -> None:
     for what, section in _SECTIONS.items():
         most, count = scene_format.most_entries(section), len(getattr(scene, what))
         if count > most:
-            raise SessionError(f"scene.{what}: {count} are too many, at most {most}")
+            raise SceneError(f"scene.{what}: {count} are too many, at most {most}")
     names = [item.name for what in ("solids", "objects", "bins", "agents") for item in getattr(scene, what)]
     for name in names:
         if names.count(name) > 1:
-            raise SessionError(f"scene: the name {name[:60]!r} is used twice")
+            raise SceneError(f"scene: the name {name[:60]!r} is used twice")
 
 
 def _check_ranges(scene: Scene) -> None:
@@ -86,7 +82,7 @@ def _check_ranges(scene: Scene) -> None:
         _pose(agent.start, f"{place}.start")
         _points(agent.waypoints, f"{place}.waypoints")
         if agent.kind not in _KINDS:
-            raise SessionError(f"{place}.kind: {agent.kind[:60]!r} is unknown, use one of {', '.join(_KINDS)}")
+            raise SceneError(f"{place}.kind: {agent.kind[:60]!r} is unknown, use one of {', '.join(_KINDS)}")
     for index, task in enumerate(scene.tasks):
         if isinstance(task, DriveTo):
             place = f"scene.tasks[{index}]"
@@ -99,14 +95,14 @@ def _check_solid(solid: Solid, place: str) -> None:
     _fits(solid.name, _NAME, f"{place}.name")
     _fits((solid.z_min, solid.z_max), tuple[scene_format.Height, scene_format.Height], f"{place}.z_min, z_max")
     if solid.z_min >= solid.z_max:
-        raise SessionError(f"{place}: z_max must be above z_min, got {solid.z_min:g} and {solid.z_max:g}")
+        raise SceneError(f"{place}: z_max must be above z_min, got {solid.z_min:g} and {solid.z_max:g}")
     _fits(solid.style, scene_format.Style, f"{place}.style")
     if solid.group:
         _fits(solid.group, _NAME, f"{place}.group")
     if isinstance(solid.shape, Prism):
         _points(solid.shape.corners, f"{place}.shape.corners")
         if len(solid.shape.corners) < 3 or not is_simple(solid.shape.corners):
-            raise SessionError(f"{place}.shape: the outline crosses itself or has no area")
+            raise SceneError(f"{place}.shape: the outline crosses itself or has no area")
     else:
         _within(solid.shape, _SHAPES[type(solid.shape)], f"{place}.shape")
 
@@ -117,7 +113,7 @@ def _pose(pose: tuple[float, float, float], place: str) -> None:
 
 def _points(points: tuple[tuple[float, float], ...], place: str) -> None:
     if len(points) > _MOST_POINTS:
-        raise SessionError(f"{place}: {len(points)} points are too many, at most {_MOST_POINTS}")
+        raise SceneError(f"{place}: {len(points)} points are too many, at most {_MOST_POINTS}")
     _fits(points, tuple[scene_format.Point, ...], place)
 
 
@@ -139,7 +135,7 @@ def _fits(value: Any, kind: Any, place: str) -> None:
         msgspec.convert(msgspec.to_builtins(value), kind)
     except msgspec.ValidationError as error:
         said = re.sub(r" - at `(.*)`$", lambda found: f" ({place}{found[1].removeprefix('$')})", str(error))
-        raise SessionError(f"{place}: {said}") from error
+        raise SceneError(f"{place}: {said}") from error
 
 
 def _places(scene: Scene) -> Node:

@@ -7,10 +7,10 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from motm_twin.bus.children import Child, end_all
 from motm_twin.bus.commands import Record, Refused, Save
 from motm_twin.bus.live import LiveTwin
-from motm_twin.bus.outbox import Outbox
+from motm_twin.bus.processes import Child, end_all
+from motm_twin.bus.senders import Outbox
 
 DEFAULT_FOLDER = Path("recordings")
 MAX_FILES = 1000  # in the folder; a program that saves for ever must not fill the disk
@@ -21,7 +21,7 @@ _WAITING = 20  # files that may wait to be written
 Done = Callable[[str, str], None]  # why not ("" = done), path of the file
 
 
-class Keeper:
+class DataFolder:
     """Writes files in its own thread. What can not be written is said to who asked, and disturbs nobody else."""
 
     def __init__(
@@ -90,7 +90,7 @@ class Keeper:
             raise Refused(f"{_WAITING} files are waiting to be written already")
 
     def _save(self, name: str, session: bytes) -> Path:
-        from motm_twin.record.session import decode_session, save_session
+        from motm_twin.sessions.session import decode_session, save_session
 
         path = self._new(name, ".json")
         try:

@@ -1,15 +1,17 @@
 """What the loop of the server needs from others: a twin, scenes, and somewhere to send what it computes."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
+from motm_twin.bus.commands import Load
 from motm_twin.bus.messages import MethodChoice, SceneChoice, TickMessage
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Edit, ParameterValue
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import PlanarPose, Scene
 from motm_twin.planning.types import SearchBudget
-from motm_twin.record.session import LoggedEdit, Session
+from motm_twin.sessions.session import LoggedEdit, Session
 
 if TYPE_CHECKING:
     from motm_twin.control.method import Method
@@ -123,6 +125,19 @@ class MakeTwin(Protocol):
     def __call__(self, scene: Scene, *, method: "Method") -> TwinLike:
         """At its start."""
         ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinSetup:
+    """What a server runs: scenes and methods that it offers, the first of them, and how the twin of a scene is made."""
+
+    library: SceneLibrary
+    make_twin: MakeTwin
+    first: Load
+    playing: bool = True
+    methods: Methods | None = None  # None: the shipped ones
+    reference_tour: Callable[[Scene], float] | None = None  # [s] lower bound of a scene
+    plant: str = "simulated"  # simulated, zenoh or mirror, as the twins that ``make_twin`` makes will be
 
 
 class Reply(Protocol):

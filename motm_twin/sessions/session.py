@@ -9,14 +9,16 @@ import os
 import re
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 
 from motm_twin.methods import UNNAMED_METHOD
-from motm_twin.model.edits import Edit, ParameterValue
+from motm_twin.model.edits import EDITS, Edit, ParameterValue
 from motm_twin.model.scene import Scene
-from motm_twin.record.made_with import made_with
+from motm_twin.model.scene_error import SceneError
+from motm_twin.sessions.made_with import made_with
 
 SESSION_VERSION = "motm.session/1"
 MCAP_MAGIC = b"\x89MCAP"  # with which every recording begins
@@ -26,6 +28,7 @@ MAX_PERIODS = 20 * 7 * 86_400  # a week
 MAX_EXPANSIONS = 10_000
 MAX_TEXT = 2_000  # characters of the title
 MAX_EDITS_PER_PERIOD = 50_000  # hours of dragging while time stands
+E = TypeVar("E", bound=msgspec.Struct)
 
 
 class SessionError(ValueError):
@@ -144,10 +147,13 @@ def decode_session(data: bytes, *, file: str = "") -> Session:
 
 def check_session(session: Session) -> None:
     """Raise SessionError for numbers out of bounds or order, or a scene that no scene file could have made."""
-    from motm_twin.record.session_check import check_scene  # shapely: only where a file is read
+    from motm_twin.sessions.scene_limits import check_scene  # shapely: only where a file is read
 
     _check_numbers(session)
-    check_scene(session.scene)
+    try:
+        check_scene(session.scene)
+    except SceneError as error:
+        raise SessionError(": ".join(part for part in (error.place, error.problem) if part)) from error
 
 
 def _check_version(raw: Any) -> None:
@@ -209,3 +215,24 @@ def _lines(value: Any, depth: int) -> str:
 
 def _text(value: Any) -> str:
     return msgspec.json.encode(value).decode()
+
+
+def plain(edit: E) -> E:
+    """The edit with numbers and texts of Python, as if it were read from a session; raises ValueError when it is none.
+
+    A run that is recorded and one that is repeated then have the same values, to the type.
+    """
+    if not isinstance(edit, EDITS):
+        raise ValueError(f"{type(edit).__name__} is no edit: use one of {', '.join(kind.__name__ for kind in EDITS)}")
+    try:
+        return msgspec.convert(msgspec.to_builtins(edit, enc_hook=_of_numpy), type(edit))
+    except (TypeError, msgspec.MsgspecError) as error:
+        raise ValueError(f"{type(edit).__name__} cannot be taken: {error}") from error
+
+
+def _of_numpy(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is neither a number nor a text nor made of them")
