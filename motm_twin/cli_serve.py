@@ -104,7 +104,7 @@ def serve_recording(given: ReplaySettings) -> int:
         console.print(f"motm-twin replay: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
     supervisor = _Supervisor(console, given.twin, given.zenoh_port or free_port(), None, given.open_bus)
-    supervisor.add(SERVER, "motm_twin.record.player_process", given.server_arguments(supervisor.zenoh_port))
+    supervisor.add(SERVER, "motm_twin.record.player_server", given.server_arguments(supervisor.zenoh_port))
     if not given.headless:
         supervisor.add_page(page)
     return supervisor.run()

@@ -61,7 +61,7 @@ def main() -> int:
 def _kill(client: TwinClient, twin: str, path: Path) -> float:
     """Seconds between the newest period at the kill and the newest that can be read."""
     arguments = ["--endpoint", client.endpoint, "--twin", twin, "--out", str(path)]
-    command = [sys.executable, "-m", "motm_twin.record.recorder_process", *arguments]
+    command = [sys.executable, "-m", "motm_twin.record.recorder", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recorder:
         assert recorder.stdout is not None
         recorder.stdout.readline()

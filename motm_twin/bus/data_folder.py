@@ -14,7 +14,7 @@ from motm_twin.bus.senders import Outbox
 
 DEFAULT_FOLDER = Path("recordings")
 MAX_FILES = 1000  # in the folder; a program that saves for ever must not fill the disk
-RECORDER = "motm_twin.record.recorder_process"
+RECORDER = "motm_twin.record.recorder"
 START_WAIT = 20.0  # [s] for the recorder to begin
 _WAITING = 20  # files that may wait to be written
 

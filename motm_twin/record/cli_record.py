@@ -57,7 +57,7 @@ def record(
     arguments = ["--twin", twin, "--endpoint", endpoint, "--out", out, "--wait", str(wait), "--answer", str(ANSWER)]
     arguments += [] if seconds is None else ["--seconds", str(seconds)]
     console = plain_console()
-    command = [sys.executable, "-m", "motm_twin.record.recorder_process", *arguments]
+    command = [sys.executable, "-m", "motm_twin.record.recorder", *arguments]
     code = FAILED
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own module
     handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}

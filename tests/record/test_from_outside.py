@@ -19,9 +19,9 @@ from motm_twin.record.frames import Frames
 from motm_twin.record.info import info, show
 from motm_twin.record.mcap_file import McapFile
 from motm_twin.record.reader import FREE_MESSAGES, MAX_NAMES, read
-from motm_twin.record.recorded_plant import RecordedPlant
 from motm_twin.record.recording import load_recording
 from motm_twin.record.recover import recover
+from motm_twin.record.rerun_file import RecordedPlant
 from motm_twin.sessions import session as session_module
 from motm_twin.sessions.session import SessionError, decode_session, encode_session, load_session, save_session
 from motm_twin.twin import Twin

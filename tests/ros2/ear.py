@@ -17,9 +17,8 @@ from motm_twin.bus.messages import RobotStateMessage, ScanMessage, TickMessage
 from motm_twin.bus.server import TwinServer
 from motm_twin.planning.types import SearchBudget
 from motm_twin.ros2.bridge import Bridge
-from motm_twin.ros2.forms import BridgeForm, RmwForm
+from motm_twin.ros2.forms import PUBLISHED, BridgeForm, RmwForm
 from motm_twin.ros2.robot_model import PRIMITIVES
-from motm_twin.ros2.topics import PUBLISHED
 from motm_twin.twin import Twin
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)

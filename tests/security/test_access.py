@@ -19,9 +19,8 @@ from waiting import until
 from motm_twin.bus import zenoh_config as config
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import free_port, open_member, open_server
-from motm_twin.ros2.forms import BridgeForm, RmwForm
+from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, BridgeForm, RmwForm
 from motm_twin.ros2.outlets import Outlets
-from motm_twin.ros2.topics import ACCEPTED, PUBLISHED
 from motm_twin.security.folder import Folder, People
 
 NAMES = {"viewer": ["ann"], "driver": ["bob"], "robot": ["mine"]}
