@@ -14,7 +14,7 @@ import pytest
 import zenoh
 from fake_twin import fake_server
 from rich.console import Console
-from waiting import until
+from waiting import until, until_paused
 
 from motm_twin import cli_serve
 from motm_twin.bus import credentials
@@ -48,7 +48,7 @@ def another_user(tmp_path, monkeypatch):
 @contextmanager
 def serving(**options):
     with fake_server(playing=False, **options) as server:
-        until(lambda: server.loop.status().state == "paused", "the twin never started")
+        until_paused(server)
         yield server
 
 

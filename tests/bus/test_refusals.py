@@ -4,7 +4,7 @@ import json
 
 import msgspec
 import pytest
-from waiting import until
+from waiting import until, until_paused
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import MAX_COMMAND_BYTES, Load, SetParameter, Step
@@ -24,7 +24,7 @@ def server(tmp_path_factory):
     with TwinServer(
         TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=first, playing=False), data=folder / "files"
     ) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started", 240.0)
+        until_paused(running)
         yield running
         assert not (folder / "files").exists(), "a refused command has written a file"
 

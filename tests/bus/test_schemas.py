@@ -8,7 +8,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 from fake_twin import fake_server
-from waiting import asked, until
+from waiting import asked, until, until_paused
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Envelope, Step
@@ -121,7 +121,7 @@ def test_removing_retyping_and_requiring_need_a_new_version(name, edit, word):
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     with fake_server(playing=False, data=tmp_path_factory.mktemp("data")) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started")
+        until_paused(running)
         yield running
 
 

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 import zenoh
 from fake_twin import FakeLibrary, FakeTwin, fake_server
-from waiting import until
+from waiting import until, until_paused
 
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, HandOver, Inspect, Load, MoveBody, Pause, Play, Speed, Step
@@ -28,7 +28,7 @@ def serving(first=FAKE, **options):
 @pytest.fixture
 def server():
     with serving(playing=False) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started")
+        until_paused(running)
         yield running
 
 

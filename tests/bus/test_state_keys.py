@@ -8,7 +8,7 @@ import msgspec
 import pytest
 import zenoh
 from fake_twin import FakeTwin, fake_scene, fake_tick
-from waiting import asked, until
+from waiting import asked, until, until_paused
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import (
@@ -42,7 +42,7 @@ def server():
     with TwinServer(
         TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False)
     ) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started", 240.0)
+        until_paused(running)
         yield running
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from fake_twin import fake_server
-from waiting import until
+from waiting import until, until_paused
 
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, command_name
 from motm_twin.bus.connection import free_port
@@ -29,7 +29,7 @@ ANY = {str: "x", int: 1, float: 1.0}  # an argument of each type
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     with fake_server(playing=False, twin="t1", data=tmp_path_factory.mktemp("data")) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started")
+        until_paused(running)
         yield running
 
 

@@ -8,6 +8,7 @@ import threading
 
 import pytest
 from ear import direct, until
+from waiting import until_paused
 
 from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import free_port, open_member, open_server
@@ -70,7 +71,7 @@ def test_it_waits_for_the_twin_and_finds_it_again():
 def test_a_twin_that_is_paused_is_shown_as_it_stands():
     library = FileLibrary("exp1")
     with TwinServer(TwinSetup(library=library, make_twin=Twin, first=Load(scene="exp1"), playing=False)) as server:
-        until(lambda: server.loop.status().state == "paused", "the twin never started", 240.0)
+        until_paused(server)
         session = open_member(server.endpoint)
         got = set()
         subscriber = session.declare_subscriber(

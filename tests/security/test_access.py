@@ -14,7 +14,7 @@ import zenoh.ext
 sys.path.insert(0, str(Path(__file__).parents[1] / "bus"))
 
 from fake_twin import fake_server
-from waiting import until
+from waiting import until, until_paused
 
 from motm_twin.bus import zenoh_config as config
 from motm_twin.bus.client import TwinClient
@@ -110,7 +110,7 @@ def test_a_late_viewer_is_told_the_last_of_everything_by_a_real_twin(place, monk
     made.create(People(hosts=["127.0.0.1"], port=port, passwords=place.passwords, names=NAMES))
     monkeypatch.setenv(config.VARIABLE, str(made.server))
     with fake_server(playing=False) as server:
-        until(lambda: server.loop.status().state == "paused", "the twin never started")
+        until_paused(server)
         monkeypatch.setenv(config.VARIABLE, str(made.of("viewer", "ann")))
         with TwinClient(config.configured_endpoint() or "") as client:
             until(lambda: client.tick() and client.grid() and client.scene() and client.status(), "not told")

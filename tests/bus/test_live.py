@@ -1,6 +1,8 @@
+"""The session of the live twin, written for whoever asks."""
+
 import pytest
 
-from motm_twin.bus import live as session_desk
+from motm_twin.bus import live
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.live import SESSION_INTERVAL, SessionDesk
 
@@ -73,7 +75,7 @@ def test_a_reason_instead_of_a_session_goes_to_everybody(desk):
 
 
 def test_more_than_a_limit_are_refused_and_the_others_answered(desk, monkeypatch):
-    monkeypatch.setattr(session_desk, "MOST", 2)
+    monkeypatch.setattr(live, "MOST_ASKERS", 2)
     ask(desk), ask(desk)
     with pytest.raises(Refused, match="too many"):
         ask(desk)

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 from fake_twin import fake_server
-from waiting import until
+from waiting import until_paused
 
 from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetParameter, Step
 from motm_twin.bus.connection import free_port
@@ -25,7 +25,7 @@ from motm_twin.model.scene import DriveTo
 def server(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     with fake_server(playing=False, data=data) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started")
+        until_paused(running)
         yield running
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from fake_twin import FakeTwin, fake_server
 from running import Running
-from waiting import asked, until
+from waiting import asked, until, until_paused
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import (
@@ -42,7 +42,7 @@ def server(tmp_path):
         TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False),
         data=tmp_path / "data",
     ) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started", 240.0)
+        until_paused(running)
         yield running
 
 
