@@ -9,8 +9,8 @@ import tyro
 from tyro.conf import Positional
 
 from motm_twin import __version__
-from motm_twin.bus.cli_bus import send, twins, watch
-from motm_twin.bus.config import ConfigError
+from motm_twin.bus.zenoh_config import ConfigError
+from motm_twin.client.cli_client import send, twins, watch
 from motm_twin.console import plain_console, table_console
 from motm_twin.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK
 from motm_twin.external.cli_robot import robot
@@ -19,8 +19,8 @@ from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import MethodError
 from motm_twin.model.scene_error import SceneError
 from motm_twin.record.cli_record import info, record, recover, replay, rerun
-from motm_twin.record.session import SessionError
 from motm_twin.security.cli_security import security
+from motm_twin.sessions.session import SessionError
 from motm_twin.settings import ServeSettings
 from motm_twin.studies.paper.cli_paper import paper
 from motm_twin.studies.settings import BenchSettings

@@ -13,14 +13,13 @@ from typing import Any
 
 from rich.console import Console
 
-from motm_twin.bus.children import Child, end_all
-from motm_twin.bus.config import VARIABLE, check_endpoint
+from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.bus.credentials import announce, client_file, forget, own_credentials
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.methods import MethodLibrary
-from motm_twin.bus.process import setter
-from motm_twin.bus.running import Running, keep_young, note
-from motm_twin.bus.session import LOOPBACK, free_port, require_free_port
+from motm_twin.bus.library import MethodLibrary
+from motm_twin.bus.private_folder import Running, keep_young, note
+from motm_twin.bus.processes import Child, end_all, setter
+from motm_twin.bus.zenoh_config import VARIABLE, check_endpoint
 from motm_twin.console import plain_console
 from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.model.scene_file import load_scene
@@ -51,7 +50,7 @@ def serve(given: ServeSettings) -> int:
         console.print(f"motm-twin serve: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
     supervisor = _Supervisor(console, given.twin, given.zenoh_port or free_port(), folder, given.open_bus)
-    supervisor.add(SERVER, "motm_twin.bus.server_process", given.server_arguments(supervisor.zenoh_port))
+    supervisor.add(SERVER, "motm_twin.server_process", given.server_arguments(supervisor.zenoh_port))
     if not given.headless:
         own = [] if methods.own_name == given.method else ["--own-method", methods.own_name, given.method]
         supervisor.add_page(page, own)
@@ -104,7 +103,7 @@ def serve_recording(given: ReplaySettings) -> int:
         console.print(f"motm-twin replay: {error.args[-1]}", style="red", markup=False)
         return BAD_INPUT
     supervisor = _Supervisor(console, given.twin, given.zenoh_port or free_port(), None, given.open_bus)
-    supervisor.add(SERVER, "motm_twin.record.player_process", given.server_arguments(supervisor.zenoh_port))
+    supervisor.add(SERVER, "motm_twin.record.player_server", given.server_arguments(supervisor.zenoh_port))
     if not given.headless:
         supervisor.add_page(page)
     return supervisor.run()

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from motm_twin.bus.commands import Refused
-from motm_twin.bus.config import ConfigError
+from motm_twin.bus.zenoh_config import ConfigError
 from motm_twin.client.discover import NoTwin
 from motm_twin.exit_codes import BAD_INPUT, INTERRUPTED
 from motm_twin.model.names import MethodError

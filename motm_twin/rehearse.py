@@ -4,8 +4,9 @@ The rehearsal is what a planner of whole trajectories would be given: mapped fur
 perfect sensors and actuators, nobody about. It is deterministic, and remembered for whoever asks again.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -42,13 +43,20 @@ def nominal_scene(known: KnownWorld) -> Scene:
 
 @lru_cache(maxsize=4)
 def rehearse(
-    known: KnownWorld, planning: PlanningParameters, arm: ArmParameters, edits: Timed = (), longest: int = LONGEST
+    make_twin: Callable[..., Any],
+    known: KnownWorld,
+    planning: PlanningParameters,
+    arm: ArmParameters,
+    edits: Timed = (),
+    longest: int = LONGEST,
 ) -> Rehearsed:
-    """Run the tasks to their end, with edits of the task list at their periods; raises ValueError for one refused."""
-    from motm_twin.methods.modifications import MOTM  # these make rehearsals: imported when the first one is asked for
-    from motm_twin.twin import Twin
+    """Run the tasks to their end, with edits of the task list at their periods; raises ValueError for one refused.
 
-    twin = Twin(nominal_scene(known), method=MOTM, planning=planning, arm=arm)
+    ``make_twin``: the class of twins, which makes rehearsals itself.
+    """
+    from motm_twin.methods.modifications import MOTM  # it has methods that rehearse: only when one is asked for
+
+    twin = make_twin(nominal_scene(known), method=MOTM, planning=planning, arm=arm)
     twin.loop.plant = log = _Log(twin.plant)
     ticks: list[Tick] = []
     while len(ticks) < longest and not (twin.done and all(at < len(ticks) for at, _ in edits)):

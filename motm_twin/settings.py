@@ -80,7 +80,7 @@ class ServeSettings:
     expansions_only: FlagCreatePairsOff[bool] = False
 
     def server_arguments(self, zenoh_port: int) -> list[str]:
-        """Arguments of `bus.server_process`; ``zenoh_port``: the one that was found free."""
+        """Arguments of `server_process`; ``zenoh_port``: the one that was found free."""
         given = {
             "--port": zenoh_port, "--twin": self.twin, "--variant": self.variant, "--seed": self.seed,
             "--method": self.method, "--plant": self.plant, "--connect": self.connect, "--data": self.data,
@@ -118,7 +118,7 @@ class ReplaySettings:
     twin: str = "frankie"
 
     def server_arguments(self, zenoh_port: int) -> list[str]:
-        """Arguments of `record.player_process`; ``zenoh_port``: the one that was found free."""
+        """Arguments of `record.player_server`; ``zenoh_port``: the one that was found free."""
         words = [self.file, "--speed", str(self.speed), "--port", str(zenoh_port), "--twin", self.twin]
         flags = {"--loop": self.loop, "--paused": self.paused, "--open-bus": self.open_bus}
         return words + [name for name, on in flags.items() if on]

@@ -39,9 +39,8 @@ from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
-from motm_twin.record.plain import plain
-from motm_twin.record.session import Cut, LoggedEdit, Session
 from motm_twin.rehearse import rehearse
+from motm_twin.sessions.session import Cut, LoggedEdit, Session, plain
 from motm_twin.sim.plant import SimulatedPlant
 
 POINTED_AT = 0.15  # [m] off its belief, an object that a person adds to the task list is shown to the robot
@@ -294,7 +293,7 @@ class Twin:
 
     def _rehearse(self, edits: Timed) -> Rehearsed:
         """The task from its start, in the world as the robot knows it now, with the parameters of now."""
-        return rehearse(self._told.known(), *tuned(self.parameters, self._planning, self._arm), edits)
+        return rehearse(Twin, self._told.known(), *tuned(self.parameters, self._planning, self._arm), edits)
 
     def _search_clock(self) -> Callable[[], float] | None:
         return self._clock if self._budget.seconds is not None else None

@@ -20,7 +20,7 @@ import motm_twin
 from motm_twin.__main__ import main as start
 from motm_twin.cli import main
 from motm_twin.model.data_dirs import scenes_dir
-from motm_twin.record.session import load_session, save_session
+from motm_twin.sessions.session import load_session, save_session
 from motm_twin.trial import run_scene
 
 SECOND = Path(__file__).parent / "studies" / "half_a_metre.yaml"  # a trial of a second

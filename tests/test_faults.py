@@ -9,9 +9,9 @@ import pytest
 
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.gate import CommandGate
-from motm_twin.model import faults
+from motm_twin.model import bounds
 from motm_twin.model.edits import InjectFault, PushRobot
-from motm_twin.model.faults import KINDS
+from motm_twin.model.faults import DELAY, JOINT, KINDS, SECONDS, table
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.finding import KINDS as FINDINGS
 from motm_twin.sim.plant import SimulatedPlant
@@ -88,7 +88,7 @@ def test_a_pushed_robot_says_so_and_goes_on():
 def ends():
     """The number of each kind at both ends of its bound, and the duration at both of its own."""
     for kind in KINDS.values():
-        for seconds in (faults.SHORTEST, faults.LONGEST):
+        for seconds in (SECONDS.low, SECONDS.high):
             yield kind.name, {"seconds": seconds}
         if kind.number:
             for value in (kind.low, kind.high):
@@ -98,12 +98,12 @@ def ends():
 def beyond():
     """What lies just beyond every bound."""
     for kind in KINDS.values():
-        yield kind.name, {"seconds": faults.SHORTEST - 0.01}
-        yield kind.name, {"seconds": faults.LONGEST + 0.1}
+        yield kind.name, {"seconds": SECONDS.low - 0.01}
+        yield kind.name, {"seconds": SECONDS.high + 0.1}
         yield kind.name, {"delay": -0.01}
-        yield kind.name, {"delay": faults.LONGEST_DELAY + 0.1}
+        yield kind.name, {"delay": DELAY.high + 0.1}
         yield kind.name, {"joint": 0}
-        yield kind.name, {"joint": faults.JOINTS + 1}
+        yield kind.name, {"joint": int(JOINT.high) + 1}
         if kind.number == "amount":
             yield kind.name, {"amount": kind.low - 0.01}
             yield kind.name, {"amount": kind.high + 0.01}
@@ -204,7 +204,7 @@ def test_the_documents_and_the_page_list_every_fault():
     from motm_twin.ui.panel.disturb_tab import FAULTS
 
     text = (Path(__file__).parents[1] / "docs" / "zenoh.md").read_text(encoding="utf-8")
-    assert faults.table() in text
+    assert table() in text
     assert {edit.fault for edit in FAULTS.values()} == set(KINDS)
     for edit in FAULTS.values():
-        assert faults.problem(edit.fault, seconds=edit.seconds, delay=edit.delay) == ""
+        assert bounds.problem(edit) == ""

@@ -10,7 +10,7 @@ from motm_twin.model.scene import Pick, Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.replay import rerun
-from motm_twin.record.session import load_session, save_session
+from motm_twin.sessions.session import load_session, save_session
 from motm_twin.sim.referee_geometry import RobotShapes
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin

@@ -12,7 +12,7 @@ from motm_twin.model.edits import AddObstacle, Announce, InjectFault, MoveBody, 
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.replay import rerun
-from motm_twin.record.session import decode_session, encode_session
+from motm_twin.sessions.session import decode_session, encode_session
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
 

@@ -19,7 +19,7 @@ import msgspec
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Play
-from motm_twin.bus.session import free_port
+from motm_twin.bus.connection import free_port
 from motm_twin.record.channels import TICK
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recover import recover
@@ -40,7 +40,7 @@ def main() -> int:
     if endpoint is None:
         port = free_port()
         endpoint = f"tcp/127.0.0.1:{port}"
-        command = ["-m", "motm_twin.bus.server_process", "exp2", "--port", str(port), "--twin", options.twin]
+        command = ["-m", "motm_twin.server_process", "exp2", "--port", str(port), "--twin", options.twin]
         server = subprocess.Popen([sys.executable, *command], stdout=subprocess.DEVNULL)
     try:
         with TwinClient(endpoint, options.twin) as client, tempfile.TemporaryDirectory() as folder:
@@ -61,7 +61,7 @@ def main() -> int:
 def _kill(client: TwinClient, twin: str, path: Path) -> float:
     """Seconds between the newest period at the kill and the newest that can be read."""
     arguments = ["--endpoint", client.endpoint, "--twin", twin, "--out", str(path)]
-    command = [sys.executable, "-m", "motm_twin.record.recorder_process", *arguments]
+    command = [sys.executable, "-m", "motm_twin.record.recorder", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recorder:
         assert recorder.stdout is not None
         recorder.stdout.readline()

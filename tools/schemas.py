@@ -11,11 +11,11 @@ import json
 import sys
 from pathlib import Path
 
-from motm_twin.bus.schema_rule import breaking_changes
-from motm_twin.bus.schemas import MESSAGES, file_name, schema
+from motm_twin.bus.schemas import MESSAGES, PLANT_MESSAGES, breaking_changes, file_name, schema
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "schemas"
+PUBLISHED = (*MESSAGES, *PLANT_MESSAGES)
 
 
 def text_of(name: str) -> str:
@@ -26,17 +26,17 @@ def text_of(name: str) -> str:
 def problems(folder: Path = FOLDER) -> list[str]:
     """Why files can not be written: what breaks the promise of a version."""
     found = []
-    for name, (version, _) in MESSAGES.items():
+    for name in PUBLISHED:
         path = folder / file_name(name)
         if path.exists():
             breaks = breaking_changes(json.loads(path.read_text(encoding="utf-8")), schema(name))
-            found += [f"{version} {line}: bump the version of {name!r}" for line in breaks]
+            found += [f"{schema(name)['$id']} {line}: bump the version of {name!r}" for line in breaks]
     return found
 
 
 def wanted() -> dict[Path, str]:
     """Contents that every generated file should have."""
-    return {FOLDER / file_name(name): text_of(name) for name in MESSAGES}
+    return {FOLDER / file_name(name): text_of(name) for name in PUBLISHED}
 
 
 def main() -> int:
@@ -47,7 +47,7 @@ def main() -> int:
     if found := problems():
         print("\n".join(found), file=sys.stderr)
         return 1
-    FOLDER.mkdir(parents=True, exist_ok=True)
+    (FOLDER / "plant").mkdir(parents=True, exist_ok=True)
     other = [path for path, text in wanted().items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     for path in other:
         print(f"{'differs' if check else 'written'}: {path.relative_to(ROOT)}")

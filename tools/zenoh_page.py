@@ -18,7 +18,6 @@ from pathlib import Path
 
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS
 from motm_twin.bus.keys import PREFIX, Keys
-from motm_twin.bus.ranges import ALLOWED
 from motm_twin.bus.schemas import MESSAGES, schema
 from motm_twin.client.commanding import Commanding
 from motm_twin.control.tuning import PARAMETERS
@@ -74,7 +73,7 @@ def commands_table() -> str:
         part = schema(f"cmd/{name}")["$defs"][kind.__name__]
         required = part.get("required", [])
         fields = "<br>".join(
-            _field(name, field, about) if field in required else f"[{_field(name, field, about)}]"
+            _field(field, about) if field in required else f"[{_field(field, about)}]"
             for field, about in part["properties"].items()
             if field != "type"
         )
@@ -87,11 +86,10 @@ def _first(kind: type | None) -> str:
     return " ".join(((kind and kind.__doc__) or "").strip().split("\n\n")[0].split())
 
 
-def _field(command: str, field: str, about: dict) -> str:
-    """A field of a command: its type, what is taken when it is left out, what is allowed, and what it means."""
+def _field(field: str, about: dict) -> str:
+    """A field of a command: its type, its default, what is allowed, and what it means."""
     default = f" = {json.dumps(about['default'])}" if "default" in about else ""
-    notes = (ALLOWED.get((command, field), ""), about.get("description", "").replace(" | ", ", "))
-    said = "; ".join(note for note in notes if note)
+    said = about.get("description", "").replace(" | ", ", ")
     return f"`{field}` {_type(about)}{default}{': ' + said if said else ''}"
 
 

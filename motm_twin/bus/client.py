@@ -16,6 +16,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from motm_twin.bus.commands import Answer, Command, Envelope, command_name
+from motm_twin.bus.connection import open_client
 from motm_twin.bus.keys import Keys, spoken_on
 from motm_twin.bus.messages import (
     EVENTS_VERSION,
@@ -33,7 +34,6 @@ from motm_twin.bus.messages import (
     StatusMessage,
     TickMessage,
 )
-from motm_twin.bus.session import open_client
 from motm_twin.model.scene import Scene
 
 LOST_AFTER = 2.0  # [s] without a status message
@@ -196,7 +196,7 @@ class TwinClient:
         return self._listen(self._on_grid, callback)
 
     def session(self, timeout: float = SESSION_TIMEOUT) -> bytes:
-        """The run so far, a `record.session.Session` as JSON. Raises NoSession."""
+        """The run so far, a `sessions.session.Session` as JSON. Raises NoSession."""
         for reply in self._session.get(self.keys.session, timeout=timeout):
             if reply.err is not None:
                 raise NoSession(reply.err.payload.to_string())

@@ -8,13 +8,17 @@ A command is a query on ``motm/<twin>/cmd/<type>`` whose payload is an `Envelope
 this is Unix time). The answer is an `Answer` as JSON.
 """
 
-from typing import Literal
+import traceback
+from typing import Annotated, Literal
 
 import msgspec
 
 from motm_twin.methods import UNNAMED_METHOD
+from motm_twin.model import bounds
+from motm_twin.model.bounds import Between, Listed, Text
 from motm_twin.model.edits import (
     EDITS,
+    INDEX,
     AddObstacle,
     Announce,
     Drive,
@@ -36,8 +40,20 @@ from motm_twin.model.edits import (
 COMMAND_VERSION = "motm.command/1"
 ANSWER_VERSION = "motm.answer/1"
 MAX_COMMAND_BYTES = 64 * 1024
+MAX_NAME = 64  # characters of the name of a scene, body, sender, ...
 NAME_MAX = 40  # characters of a person's name
-SPEED_MIN, SPEED_MAX = 0.125, 8.0
+STEPS = Between(1, 1000, called="number of steps")
+SPEED = Between(0.125, 8.0, called="speed")
+_SEED = Between(0, 2**31 - 1)
+_COORDINATE = Between(-1000.0, 1000.0, unit="m")
+_Person = Annotated[str, Text(0, NAME_MAX)]
+_Method = Annotated[str, Listed("a name of `status.methods`"), Text(1, MAX_NAME)]
+
+
+def _file_name(least: int) -> Text:
+    """A file name without a folder."""
+    words = "letters, digits, '.', '_' or '-', beginning with a letter or digit"
+    return Text(least, MAX_NAME, pattern="[A-Za-z0-9][A-Za-z0-9._-]*", words=words, called="file name")
 
 
 class Play(msgspec.Struct, frozen=True, kw_only=True, tag="play", forbid_unknown_fields=True):
@@ -51,7 +67,7 @@ class Pause(msgspec.Struct, frozen=True, kw_only=True, tag="pause", forbid_unkno
 class Step(msgspec.Struct, frozen=True, kw_only=True, tag="step", forbid_unknown_fields=True):
     """Stop time, then compute ``count`` periods."""
 
-    count: int = 1
+    count: Annotated[int, STEPS] = 1
 
 
 class Reset(msgspec.Struct, frozen=True, kw_only=True, tag="reset", forbid_unknown_fields=True):
@@ -61,49 +77,49 @@ class Reset(msgspec.Struct, frozen=True, kw_only=True, tag="reset", forbid_unkno
 class Speed(msgspec.Struct, frozen=True, kw_only=True, tag="speed", forbid_unknown_fields=True):
     """Wanted real-time factor, 1/8 to 8."""
 
-    factor: float
+    factor: Annotated[float, SPEED]
 
 
 class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown_fields=True):
     """Another scene, variant, seed or method; None keeps what the scene file says."""
 
-    scene: str
-    variant: str | None = None
-    seed: int | None = None
-    method: str = UNNAMED_METHOD  # who decides how the base drives and the arm reaches
+    scene: Annotated[str, Listed("a name of `status.scenes`"), Text(1, MAX_NAME)]
+    variant: Annotated[str, Text(0, MAX_NAME)] | None = None
+    seed: Annotated[int, _SEED] | None = None
+    method: _Method = UNNAMED_METHOD  # decides how the base drives and the arm reaches
 
 
 class Seed(msgspec.Struct, frozen=True, kw_only=True, tag="seed", forbid_unknown_fields=True):
     """The loaded scene, variant and method again, with another seed."""
 
-    seed: int
+    seed: Annotated[int, _SEED]
 
 
 class DriveToPoint(msgspec.Struct, frozen=True, kw_only=True, tag="drive_to", forbid_unknown_fields=True):
     """Drive the base to a point now, then go on with the tasks: a `drive_to` task before the active one."""
 
-    x: float  # [m], world
-    y: float
-    heading: float | None = None  # [rad]; None: any
+    x: Annotated[float, _COORDINATE]  # world
+    y: Annotated[float, _COORDINATE]
+    heading: Annotated[float, Between(-1000.0, 1000.0, unit="rad")] | None = None  # None: any
 
 
 class Save(msgspec.Struct, frozen=True, kw_only=True, tag="save", forbid_unknown_fields=True):
     """Write the session so far into the data folder of the server; the answer has the path. Nothing is overwritten."""
 
-    name: str  # of the file, without a folder; ".json" is added when it is missing
+    name: Annotated[str, _file_name(1)]  # ".json" is added when it is missing
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, tag="record", forbid_unknown_fields=True):
     """Start or stop an MCAP recording in the data folder of the server; the answer has the path."""
 
     action: Literal["start", "stop"]
-    name: str = ""  # start only: of the file, without a folder; "": made from scene and time; ".mcap" is added
+    name: Annotated[str, _file_name(0)] = ""  # start only; "": made from scene and time; ".mcap" is added
 
 
 class Branch(msgspec.Struct, frozen=True, kw_only=True, tag="branch", forbid_unknown_fields=True):
     """Go back to the start of period ``index`` of this run and go on from there; what came after is set aside."""
 
-    index: int
+    index: Annotated[int, Listed("`status.oldest` to the last period"), INDEX]
 
 
 class UndoBranch(msgspec.Struct, frozen=True, kw_only=True, tag="undo_branch", forbid_unknown_fields=True):
@@ -116,7 +132,7 @@ class UndoBranch(msgspec.Struct, frozen=True, kw_only=True, tag="undo_branch", f
 class Inspect(msgspec.Struct, frozen=True, kw_only=True, tag="inspect", forbid_unknown_fields=True):
     """What the ticks explain in addition, for everybody: the two paths of a candidate, the path of unmodified STAA*."""
 
-    candidate: int = -1  # index into the candidates; -1: none
+    candidate: Annotated[int, Between(-1, 10_000)] = -1  # index into the candidates; -1: none
     staa_path: bool = False
 
 
@@ -127,8 +143,8 @@ class TakeWheel(msgspec.Struct, frozen=True, kw_only=True, tag="take_wheel", for
 class HandOver(msgspec.Struct, frozen=True, kw_only=True, tag="hand_over", forbid_unknown_fields=True):
     """Give the wheel to another sender; an empty one leaves it to whoever acts next."""
 
-    to: str = ""
-    name: str = ""  # shown name of the new driver; "": the one under which it was heard last
+    to: Annotated[str, Text(0, MAX_NAME, called="receiver")] = ""
+    name: _Person = ""  # shown name of the new driver; "": the one under which it was heard last
 
 
 ServerCommand = (
@@ -179,6 +195,20 @@ class Refused(Exception):
     """A command that must have no effect; the message says why."""
 
 
+def check_command(command: Command) -> None:
+    """Raise Refused, saying what is allowed, unless every number, text and list is within its bounds."""
+    if problem := bounds.problem(command):
+        raise Refused(problem)
+
+
+def reason_of(error: Exception) -> str:
+    """Reason to tell whoever asked; what is no refusal is our own fault, and its traceback is printed."""
+    if isinstance(error, Refused):
+        return str(error)
+    traceback.print_exception(error)
+    return f"{type(error).__name__}: {error}"
+
+
 def command_name(command: Command) -> str:
     """The type tag of a command, which is also the last part of its key."""
     return str(command.__struct_config__.tag)
@@ -190,10 +220,11 @@ __all__ = [
     "COMMAND_VERSION",
     "EDITS",
     "MAX_COMMAND_BYTES",
+    "MAX_NAME",
     "NAME_MAX",
     "SERVER_COMMANDS",
-    "SPEED_MAX",
-    "SPEED_MIN",
+    "SPEED",
+    "STEPS",
     "AddObstacle",
     "Announce",
     "Answer",
@@ -230,5 +261,7 @@ __all__ = [
     "Step",
     "TakeWheel",
     "UndoBranch",
+    "check_command",
     "command_name",
+    "reason_of",
 ]

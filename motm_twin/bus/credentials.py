@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from motm_twin.bus.running import folder, lives, own_secret
+from motm_twin.bus.private_folder import folder, lives, own_secret
 
 USER = "here"
 FILE = "zenoh-password"  # in the user's private folder

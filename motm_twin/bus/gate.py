@@ -4,8 +4,16 @@ from collections.abc import Callable
 
 import msgspec
 
-from motm_twin.bus.commands import COMMAND_NAMES, MAX_COMMAND_BYTES, NAME_MAX, Envelope, Refused, command_name
-from motm_twin.bus.ranges import MAX_NAME, check_command
+from motm_twin.bus.commands import (
+    COMMAND_NAMES,
+    MAX_COMMAND_BYTES,
+    MAX_NAME,
+    NAME_MAX,
+    Envelope,
+    Refused,
+    check_command,
+    command_name,
+)
 from motm_twin.model.names import hint
 
 MAX_SENDERS = 1000

@@ -9,10 +9,10 @@ import sys
 
 import msgspec
 
+from motm_twin.bus.connection import LOOPBACK, LOOPBACK_6, open_client
 from motm_twin.bus.keys import DEFAULT_TWIN, Keys, spoken_on
 from motm_twin.bus.messages import StatusMessage
-from motm_twin.bus.running import all_running
-from motm_twin.bus.session import LOOPBACK, LOOPBACK_6, open_client
+from motm_twin.bus.private_folder import all_running
 
 TIMEOUT = 3.0  # [s]
 HEALTH_PATH = "/healthz"

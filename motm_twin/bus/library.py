@@ -1,12 +1,24 @@
-"""The scenes that a server offers: the shipped ones, and the file it was started with. No command names other files."""
+"""The scenes and methods that a server offers: the shipped ones, and the files it was started with.
+
+No command names other files.
+"""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from motm_twin.bus.messages import SceneChoice
+import msgspec
+
+from motm_twin.bus.commands import Load, Refused
+from motm_twin.bus.interfaces import Methods, SceneLibrary
+from motm_twin.bus.messages import MethodChoice, SceneChoice
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import SceneListing, list_scenes, listing, load_scene
 from motm_twin.model.scene_load import find_scene, is_made, load_document
+
+if TYPE_CHECKING:
+    from motm_twin.control.method import Method
 
 Marks = dict[Path, tuple[int, int]]  # time of the last change [ns] and size [bytes] of each file
 
@@ -71,3 +83,101 @@ def _marks(file: Path) -> Marks:
             continue
         marks[path] = (state.st_mtime_ns, state.st_size)
     return marks
+
+
+class MethodLibrary:
+    """Methods by name. They import control and planning, which is slow, so only once somebody asks."""
+
+    def __init__(self, own: str = DEFAULT_METHOD) -> None:
+        """``own``: a shipped name, or FILE.py:NAME from the command line, whose file is run now. Raises MethodError."""
+        self._found: dict[str, Method] = {}
+        self.own_name = own  # of the method that the server begins with
+        if ":" in own:
+            self._add_file(own)
+
+    def choices(self) -> list[MethodChoice]:
+        """What can be loaded."""
+        return [
+            MethodChoice(
+                name=method.name, title=method.title, summary=method.summary, parameters=dict(method.parameters)
+            )
+            for method in self._known().values()
+        ]
+
+    def find(self, name: str) -> "Method":
+        """A method by its name, and by nothing else. Raises MethodError with the near ones."""
+        from motm_twin.model.names import MethodError
+
+        known = self._known()
+        if name not in known:
+            raise MethodError(f"no method is called {name[:64]!r}; {hint(name, known)}")
+        return known[name]
+
+    def _known(self) -> "dict[str, Method]":
+        from motm_twin.methods.registry import METHODS
+
+        return {**METHODS, **self._found}
+
+    def _add_file(self, own: str) -> None:
+        from motm_twin.methods.registry import find_method
+
+        method = find_method(own)
+        self._found[method.name] = method
+        self.own_name = method.name
+
+
+class SceneSource:
+    """The scenes and methods that can be loaded, and those that were loaded last."""
+
+    def __init__(self, library: SceneLibrary, methods: Methods, first: Load) -> None:
+        self._library, self._methods = library, methods
+        self.loaded = first  # what `again` loads
+        self.choices: list[SceneChoice] = library.choices()
+        self.methods: list[MethodChoice] = []  # asked for with the first scene: they take a while to import
+        self.error = ""  # of the file, while the old scene goes on
+
+    def load(self, command: Load) -> Scene:
+        """Resolve a scene; from now on it, and its method, are the loaded ones. Raises Refused."""
+        self._found(command.method)
+        scene = self._resolved(command)
+        self.loaded, self.error = msgspec.structs.replace(command, variant=scene.variant or None), ""
+        self.choices, self.methods = self._library.choices(), self._methods.choices()
+        return scene
+
+    def method(self) -> "Method":
+        """The loaded one."""
+        return self._found(self.loaded.method)
+
+    def shown(self, scene: Scene | None) -> dict[str, Any]:
+        """Its part of the status, while this scene is there; from any thread."""
+        loaded = self.loaded
+        return {
+            "scene": scene.name if scene else loaded.scene,
+            "variant": scene.variant if scene else (loaded.variant or ""),
+            "seed": scene.seed if scene else (loaded.seed or 0),
+            "method": loaded.method,
+            "scenes": self.choices,
+            "methods": self.methods,
+        }
+
+    def again(self) -> Scene | None:
+        """The loaded scene as its file has it now; None, and `error` says why, while that is wrong."""
+        try:
+            scene, self.error = self._resolved(self.loaded), ""
+        except Refused as refusal:
+            self.error = f"the scene file has an error, the old scene goes on: {refusal}"
+            return None
+        self.choices = self._library.choices()
+        return scene
+
+    def _found(self, name: str) -> "Method":
+        try:
+            return self._methods.find(name)
+        except ValueError as error:
+            raise Refused(str(error)) from error
+
+    def _resolved(self, command: Load) -> Scene:
+        try:
+            return self._library.load(command.scene, command.variant, command.seed)
+        except ValueError as error:
+            raise Refused(str(error)) from error

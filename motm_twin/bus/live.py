@@ -1,6 +1,7 @@
 """The twin that is running, and what readers are shown of it. Knows no pacing, no persons and no transport."""
 
 import traceback
+from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -8,8 +9,8 @@ import msgspec
 
 from motm_twin.bus.commands import AddObstacle, Inspect, Refused
 from motm_twin.bus.encode import path_message, tick_message
+from motm_twin.bus.interfaces import MakeTwin, SessionReply, Sink, TwinLike
 from motm_twin.bus.messages import InspectedMessage, SessionInfo, TickMessage
-from motm_twin.bus.ports import MakeTwin, Sink, TwinLike
 from motm_twin.bus.preview import Preview, tasks_previewed
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
@@ -18,13 +19,17 @@ from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget
-from motm_twin.record.session import LoggedEdit
+from motm_twin.sessions.session import LoggedEdit
 
 if TYPE_CHECKING:
     from motm_twin.control.method import Method
-    from motm_twin.record.branches import Branches
+    from motm_twin.sessions.branches import Branches
 
 MAX_ADDED = 30
+SESSION_INTERVAL = (
+    0.25  # [s] between two that are written while time passes: each takes the loop 2 ms, most of it for the hash
+)
+MOST_ASKERS = 1000  # that may wait
 
 
 class LiveTwin:
@@ -130,7 +135,7 @@ class LiveTwin:
 
     def build(self, scene: Scene, method: "Method") -> None:
         """Make the twin of a scene under a method."""
-        from motm_twin.record.branches import Branches  # imports the twin: slow, only once the server listens
+        from motm_twin.sessions.branches import Branches  # imports the twin: slow, only once the server listens
 
         self.twin, self._branches = self._make_twin(scene, method=method), Branches()
         self._robot = getattr(self.twin, "external", None)
@@ -311,3 +316,37 @@ def _with(parameters: dict[str, ParameterValue], edit: SetParameter) -> dict[str
 def _any(twin: TwinLike) -> Any:
     """For what is written for the one real twin."""
     return twin
+
+
+class SessionDesk:
+    """Takes questions from any thread; the loop answers them, all that wait with the same session."""
+
+    def __init__(self, write: Callable[[], tuple[bytes, bytes]], why_not: Callable[[Exception], str]) -> None:
+        """``write`` gives the session and its SessionInfo as JSON, or raises what ``why_not`` words."""
+        self._write, self._why_not = write, why_not
+        self._askers: deque[SessionReply] = deque()
+        self._written = -1e9  # [s]
+
+    def ask(self, reply: SessionReply) -> bool:
+        """Have it written; ``reply`` is called once, from the loop's thread. Raises Refused when too many wait.
+
+        Whether the loop is to be told: nobody else was waiting.
+        """
+        if len(self._askers) >= MOST_ASKERS:
+            raise Refused("too many are waiting for the session")
+        first = not self._askers
+        self._askers.append(reply)
+        return first
+
+    def serve(self, now: float, passing: bool) -> None:
+        """Answer who waits, if the last one was not written just now; ``passing``: time passes, each is another."""
+        if not self._askers or (passing and now < self._written + SESSION_INTERVAL):
+            return
+        self._written = now
+        waiting = [self._askers.popleft() for _ in range(len(self._askers))]
+        try:
+            answer = (*self._write(), "")
+        except Exception as error:
+            answer = b"", b"", self._why_not(error)
+        for reply in waiting:
+            reply(*answer)

@@ -29,24 +29,20 @@ from motm_twin.bus.commands import (
     Speed,
     Step,
     UndoBranch,
+    reason_of,
 )
-from motm_twin.bus.holds import Holds
-from motm_twin.bus.keeping import Keeper
-from motm_twin.bus.live import LiveTwin
+from motm_twin.bus.data_folder import DataFolder
+from motm_twin.bus.driver import Holds, Wheel
+from motm_twin.bus.interfaces import Reply, SessionReply, Sink, TwinSetup
+from motm_twin.bus.library import MethodLibrary, SceneSource
+from motm_twin.bus.live import LiveTwin, SessionDesk
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
-from motm_twin.bus.methods import MethodLibrary
-from motm_twin.bus.pacing import Pacer
-from motm_twin.bus.ports import MakeTwin, Methods, Reply, SceneLibrary, SessionReply, Sink
-from motm_twin.bus.quiet import Quiet
-from motm_twin.bus.real_time import RealTime
-from motm_twin.bus.said import said
-from motm_twin.bus.session_desk import SessionDesk
-from motm_twin.bus.source import SceneSource
-from motm_twin.bus.wheel import Wheel
+from motm_twin.bus.pacing import Pacer, RealTime
+from motm_twin.bus.queries import Quiet
 from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
-from motm_twin.record.session import LoggedEdit
+from motm_twin.sessions.session import LoggedEdit
 
 IDLE_WAIT = 0.1  # [s] between looks at the clock while time stands
 STANDING_INTERVAL = 0.05  # [s] at least between two pictures of a standing twin
@@ -60,34 +56,29 @@ class TwinLoop:
 
     def __init__(
         self,
+        setup: TwinSetup,
         *,
         twin_name: str,
-        library: SceneLibrary,
-        make_twin: MakeTwin,
         sink: Sink,
-        first: Load,
-        playing: bool = True,
         server_time: Callable[[], float] = time.time,
-        reference_tour: Callable[[Scene], float] | None = None,
-        keeper: Keeper | None = None,
-        methods: Methods | None = None,
-        plant: str = "simulated",
+        data: DataFolder | None = None,
     ) -> None:
-        self._twin_name, self._sink, self._keeper = twin_name, sink, keeper
-        self._play_at_start, self._server_time, self._reference_tour = playing, server_time, reference_tour
+        """``sink`` takes what is computed; ``server_time``: clock of the server [s]; ``data``: where files are kept."""
+        self._twin_name, self._sink, self._data = twin_name, sink, data
+        self._play_at_start, self._server_time, self._reference_tour = setup.playing, server_time, setup.reference_tour
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
         self._stop, self._reload = threading.Event(), threading.Event()
-        self._pacer, self._live = Pacer(), LiveTwin(make_twin, server_time, plant)
+        self._pacer, self._live = Pacer(), LiveTwin(setup.make_twin, server_time, setup.plant)
         self._wheel = Wheel(self._post, lambda: sink.status())  # noqa: PLW0108 - it is made later
-        self._source = SceneSource(library, methods or MethodLibrary(), first)
+        self._source = SceneSource(setup.library, setup.methods or MethodLibrary(), setup.first)
         self._tour: float | None = None
         self._steps, self._settling = 0, SETTLE_PERIODS  # periods still to do: asked for, and after the last task
-        self._play_on, self._first_due = playing, False  # once a done run has a task again; a first period waits
+        self._play_on, self._first_due = setup.playing, False  # once a done run has a task again; a first period waits
         self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
         self._state, self._text = "loading", "starting"
         self._sessions = SessionDesk(
             lambda: (self._live.session(), self._live.session_info()),
-            lambda error: f"{said(error)} ({self._text or self._state})",
+            lambda error: f"{reason_of(error)} ({self._text or self._state})",
         )
         self.took = 0.0  # [s] of wall time that the last period needed
         self.quiet, self._real_time = Quiet(), RealTime()  # quiet while no period is computed
@@ -128,7 +119,7 @@ class TwinLoop:
             **self._wheel.shown(now),
             **live.status(),
             reference_tour=self._tour,
-            recording="" if self._keeper is None else self._keeper.recording,
+            recording="" if self._data is None else self._data.recording,
         )
 
     def run(self) -> None:
@@ -177,7 +168,7 @@ class TwinLoop:
                 return
             work = self._apply(command)
         except Exception as error:
-            reply(said(error), index)
+            reply(reason_of(error), index)
             return
         self._wheel.turn(envelope, arrived)
         reply("", index)
@@ -258,7 +249,7 @@ class TwinLoop:
 
     def _keep(self, envelope: Envelope, command: Save | Record, index: int, reply: Reply) -> None:
         """Write a file in another thread, which answers. Raises Refused."""
-        if self._keeper is None:
+        if self._data is None:
             raise Refused("this server has no data folder")
         self._require_scene()
 
@@ -268,7 +259,7 @@ class TwinLoop:
                     self._put(lambda: self._wheel.turn_if_free(envelope, time.monotonic()))
             reply(problem, index, path)  # what is sent after it comes after that
 
-        self._keeper.write(command, self._live, done)
+        self._data.write(command, self._live, done)
 
     def _post(self, edit: Edit) -> None:
         """An edit by the loop itself."""
@@ -396,4 +387,4 @@ class TwinLoop:
         try:
             action()
         except Exception as error:
-            self._set_state("error", said(error))
+            self._set_state("error", reason_of(error))

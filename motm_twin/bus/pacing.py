@@ -1,5 +1,6 @@
-"""Real-time pacing: when the next period is due, and how fast time really runs. Clocks come in as arguments."""
+"""Real-time pacing: when the next period is due, how fast time runs, and the scheduling of the loop's thread."""
 
+import os
 from collections import deque
 
 from motm_twin.model.period import PERIOD
@@ -8,6 +9,7 @@ MAX_LAG = 0.25  # [s] of real time; what is later than this is not caught up wit
 WINDOW = 1.0  # [s] over which the actual factor is measured
 FEWEST = 5
 CAPPED_BELOW = 0.95  # share of the wanted factor
+PRIORITY = 20  # of 1 to 99: below the threads of the kernel (50)
 
 
 class Pacer:
@@ -58,3 +60,47 @@ class Pacer:
     def at_ease(self, now: float) -> bool:
         """Whether periods leave time between them: real time or slower, and the machine keeps up."""
         return self.speed <= 1.0 and not self.capped(now)
+
+
+class RealTime:
+    """The scheduling of the calling thread; always use it from the same one."""
+
+    def __init__(self) -> None:
+        self._on, self._allowed = False, hasattr(os, "SCHED_FIFO")
+
+    @property
+    def on(self) -> bool:
+        """Whether it is real-time."""
+        return self._on
+
+    def want(self, on: bool) -> None:
+        """Real-time scheduling or the usual one; threads and processes that the thread starts have the usual one."""
+        if on == self._on or not self._allowed:
+            return
+        try:
+            schedule(on)
+        except OSError:  # not permitted: PermissionError, or another one in some containers
+            self._allowed = False
+        else:
+            self._on = on
+
+
+def schedule(real_time: bool) -> None:
+    """Schedule the calling thread so. Raises OSError where that is not permitted.
+
+    That its children do not inherit it is for good: only a privileged thread could take that back.
+    """
+    policy, priority = (os.SCHED_FIFO, PRIORITY) if real_time else (os.SCHED_OTHER, 0)
+    os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+
+
+def refusal() -> str:
+    """Why the operating system gives no real-time scheduling; "" where it does. Call it before the loop runs."""
+    if not hasattr(os, "SCHED_FIFO"):
+        return "this operating system has none"
+    try:
+        schedule(True)
+        schedule(False)
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""

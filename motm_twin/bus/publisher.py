@@ -13,22 +13,20 @@ import msgspec
 import numpy as np
 import zenoh
 
-from motm_twin.bus.encode import grid_bytes, grid_info
+from motm_twin.bus.encode import RobotEncoder, grid_bytes, grid_info
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.latest import LatestValues
+from motm_twin.bus.latest_values import LatestValues
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.bus.metrics import Metrics
-from motm_twin.bus.outbox import Outbox
-from motm_twin.bus.quiet import Quiet
-from motm_twin.bus.robot_frames import RobotEncoder
-from motm_twin.bus.robot_stream import RobotStream
+from motm_twin.bus.observations import ObservationEncoder
+from motm_twin.bus.queries import Quiet
+from motm_twin.bus.senders import Outbox, RobotStream
 from motm_twin.control.tick import Tick
 from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.record.observations import ObservationEncoder
 
 GRID_INTERVAL = 0.25  # [s] the grid is sent on change, at most four times a second
 GRID_REFRESH = 2.0  # [s] unchanged, it is sent again this often, for subscribers that came late

@@ -1,5 +1,11 @@
-"""JSON Schemas of everything that travels on Zenoh, made from the types that encode and decode it."""
+"""JSON Schemas of everything that travels on Zenoh, made from the types that encode and decode it.
 
+A version allows some changes of a schema (`breaking_changes`): a field or a kind may be added; nothing may go or become
+another type. What a program wrote for one version goes on working: it reads every field that it knows, and the server
+takes every command that it sends. So a field that is added to a command must not be required.
+"""
+
+import contextlib
 import functools
 import inspect
 import re
@@ -30,12 +36,27 @@ from motm_twin.bus.messages import (
     StatusMessage,
     TickMessage,
 )
+from motm_twin.bus.observations import OBSERVATIONS_VERSION, ObservationsMessage
+from motm_twin.bus.plant_messages import (
+    VERSION,
+    ClockGrant,
+    ClockReached,
+    DetectionList,
+    EditRequest,
+    Info,
+    PlantAnswer,
+    ResetRequest,
+    RobotCommand,
+    RobotState,
+    ScanData,
+    TaskNotice,
+    TruthData,
+)
+from motm_twin.model.bounds import bounds_of
 from motm_twin.model.scene import Scene
-from motm_twin.record.observations import OBSERVATIONS_VERSION, ObservationsMessage
-from motm_twin.record.session import SESSION_VERSION, Session
+from motm_twin.sessions.session import SESSION_VERSION, Session
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
 MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "tick": (TICK_VERSION, TickMessage),
     "robot": (ROBOT_VERSION, RobotStateMessage),
@@ -52,9 +73,30 @@ MESSAGES: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "command": (COMMAND_VERSION, Envelope),  # payload of every command
     "answer": (ANSWER_VERSION, Answer),  # to every command
 }
+PLANT_MESSAGES: dict[
+    str, tuple[str, type[msgspec.Struct]]
+] = {  # of the keys below ``plant/``, and the answer to a request
+    f"plant/{name}": (f"{VERSION}/{name}", kind)
+    for name, kind in (
+        ("info", Info),
+        ("state", RobotState),
+        ("scan", ScanData),
+        ("detections", DetectionList),
+        ("command", RobotCommand),
+        ("clock", ClockReached),
+        ("grant", ClockGrant),
+        ("truth", TruthData),
+        ("reset", ResetRequest),
+        ("edit", EditRequest),
+        ("tasks", TaskNotice),
+        ("answer", PlantAnswer),
+    )
+}
 COMMANDS = {f"cmd/{kind.__struct_config__.tag}": kind for kind in (*SERVER_COMMANDS, *EDITS)}
-
 _FIELD = re.compile(r"^(\w+): .*?  # (.+)$")
+Schema = dict[str, Any]
+_WORDS = {"description", "title", "$schema", "$id"}  # say something, allow or forbid nothing
+_COMPARED = {"properties", "required", "$defs", "anyOf", "enum", "items", "prefixItems", "discriminator"}
 
 
 @functools.cache
@@ -62,28 +104,35 @@ def schema(name: str) -> dict[str, Any]:
     """The schema of a message, or of ``cmd/<type>``: the ``command`` in the envelope. Raises KeyError."""
     if name in COMMANDS:
         return schema_of(COMMANDS[name], COMMAND_VERSION)
-    version, kind = MESSAGES[name]
+    version, kind = {**MESSAGES, **PLANT_MESSAGES}[name]
     return schema_of(kind, version)
 
 
 def names() -> list[str]:
     """Of all schemas."""
-    return [*MESSAGES, *COMMANDS]
+    return [*MESSAGES, *COMMANDS, *PLANT_MESSAGES]
 
 
 def file_name(name: str) -> str:
     """File in ``docs/schemas`` that keeps the schema of a message in its version: "tick.1.json"."""
-    return f"{name}.{MESSAGES[name][0].rsplit('/', 1)[-1]}.json"
+    return f"{name}.{schema(name)['$id'].split('/')[1]}.json"
 
 
-def field_notes(kind: type) -> dict[str, str]:
-    """What the comments beside the fields of a struct say; empty where there is no source."""
-    try:
-        source = textwrap.dedent(inspect.getsource(kind))
-    except OSError:
-        return {}
-    found = (_FIELD.match(line.strip()) for line in source.splitlines())
-    return {match[1]: match[2] for match in found if match}
+def field_notes(kind: type[msgspec.Struct]) -> dict[str, str]:
+    """The bounds of the fields of a struct and the comments beside them, which are missing where there is no source."""
+    notes = {name: [bound.allowed() for bound in found] for name, found in bounds_of(kind).items()}
+    for name, comment in _comments(kind).items():
+        notes.setdefault(name, []).append(comment)
+    return {name: "; ".join(parts) for name, parts in notes.items()}
+
+
+def _comments(kind: type) -> dict[str, str]:
+    comments: dict[str, str] = {}
+    for each in reversed(kind.__mro__):
+        with contextlib.suppress(OSError, TypeError):
+            lines = textwrap.dedent(inspect.getsource(each)).splitlines()
+            comments |= {match[1]: match[2] for line in lines if (match := _FIELD.match(line.strip()))}
+    return comments
 
 
 def schema_of(kind: type[msgspec.Struct], version: str) -> dict[str, Any]:
@@ -109,3 +158,74 @@ def _structs(kind: Any, found: dict[str, type]) -> dict[str, type]:
         for part in getattr(kind, "__args__", ()):
             _structs(part, found)
     return found
+
+
+def breaking_changes(old: Schema, new: Schema, place: str = "") -> list[str]:
+    """What of ``new`` does not fit ``old`` under the same version, one sentence each; [] when all does."""
+    problems = _by_name(old, new, "$defs", place) + _by_name(old, new, "properties", place) + _required(old, new, place)
+    problems += _options(old, new, place) + _enum(old, new, place) + _items(old, new, place)
+    for word in sorted((old.keys() | new.keys()) - _WORDS - _COMPARED):
+        before, after = old.get(word), new.get(word)
+        if isinstance(before, dict) and isinstance(after, dict):
+            problems += breaking_changes(before, after, f"{place}/{word}")
+        elif before != after:
+            problems.append(f"{place or '/'}: {word!r} was {before!r} and is {after!r}")
+    return problems
+
+
+def _by_name(old: Schema, new: Schema, word: str, place: str) -> list[str]:
+    problems, now = [], new.get(word, {})
+    for name, part in old.get(word, {}).items():
+        if name in now:
+            problems += breaking_changes(part, now[name], f"{place}/{name}")
+        else:
+            problems.append(f"{place}/{name}: was removed")
+    return problems
+
+
+def _required(old: Schema, new: Schema, place: str) -> list[str]:
+    known, before, after = set(old.get("properties", {})), set(old.get("required", [])), set(new.get("required", []))
+    problems = [f"{place}/{name}: was always there, and is no more" for name in sorted(before - after)]
+    problems += [f"{place}/{name}: was optional, and is required" for name in sorted((after - before) & known)]
+    if new.get("additionalProperties") is False:  # strictly read by us: others send it
+        added = sorted(after - known) if "properties" in old else []
+        problems += [f"{place}/{name}: was added as a required field of what programs send" for name in added]
+    return problems
+
+
+def _options(old: Schema, new: Schema, place: str) -> list[str]:
+    """Kinds of a union: further structs may be added, other types not (a number does not become null)."""
+    before, after = old.get("anyOf", []), new.get("anyOf", [])
+    if not before and not after:
+        return []
+    problems = [f"{place}: no longer {_shown(option)}" for option in before if option not in after]
+    if not before:
+        return [f"{place}: became one of several types"]
+    problems += [
+        f"{place}: may now be {_shown(option)}" for option in after if option not in before and "$ref" not in option
+    ]
+    return problems
+
+
+def _enum(old: Schema, new: Schema, place: str) -> list[str]:
+    if ("enum" in old) != ("enum" in new):
+        return [f"{place}: became {'one of a list' if 'enum' in new else 'free'}"]
+    return [f"{place}: no longer {value!r}" for value in old.get("enum", []) if value not in new["enum"]]
+
+
+def _items(old: Schema, new: Schema, place: str) -> list[str]:
+    problems = []
+    if isinstance(old.get("items"), dict) and isinstance(new.get("items"), dict):
+        problems += breaking_changes(old["items"], new["items"], f"{place}[]")
+    elif old.get("items") != new.get("items"):
+        problems.append(f"{place}: its items were {old.get('items')!r} and are {new.get('items')!r}")
+    before, after = old.get("prefixItems", []), new.get("prefixItems", [])
+    if len(before) != len(after):
+        return [*problems, f"{place}: had {len(before)} items and has {len(after)}"]
+    for number, (one, other) in enumerate(zip(before, after, strict=True)):
+        problems += breaking_changes(one, other, f"{place}[{number}]")
+    return problems
+
+
+def _shown(option: Schema) -> str:
+    return str(option.get("$ref", option.get("type", option))).rsplit("/", 1)[-1]

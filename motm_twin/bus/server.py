@@ -8,23 +8,20 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
-from motm_twin.bus.answering import Answering
-from motm_twin.bus.commands import Load, Refused
-from motm_twin.bus.keeping import DEFAULT_FOLDER, Keeper
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.commands import Refused
+from motm_twin.bus.connection import LOOPBACK, free_port, open_server
+from motm_twin.bus.data_folder import DEFAULT_FOLDER, DataFolder
+from motm_twin.bus.interfaces import TwinLike, TwinSetup
+from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.bus.loop import TwinLoop
-from motm_twin.bus.ports import MakeTwin, Methods, SceneLibrary, TwinLike
 from motm_twin.bus.publisher import Publisher
-from motm_twin.bus.quiet import QuietQueryable
-from motm_twin.bus.session import LOOPBACK, free_port, open_server
-from motm_twin.external.keys import PlantKeys
-from motm_twin.external.robot_link import RobotLink
-from motm_twin.model.scene import Scene
+from motm_twin.bus.queries import Answering, QuietQueryable
 
 HEARTBEAT = 0.5  # [s] between two status messages
 METRICS_EVERY = 2  # status messages
@@ -35,6 +32,7 @@ LAST_WAIT = 1.0  # [s] for the current period to end when the server stops
 class RobotChoice:
     """A robot in another program."""
 
+    meet: Callable[..., Any]  # (session, twin, *, listen_only): the link to it, which is closed with the server
     make_twin: Callable[..., TwinLike]  # (link, scene, *, method)
     mirror: bool = False  # it is shown, and never commanded
     session: zenoh.Session | None = None  # where it is met; None: on the server's own
@@ -56,21 +54,16 @@ class TwinServer:
 
     def __init__(
         self,
+        setup: TwinSetup,
         *,
-        library: SceneLibrary,
-        make_twin: MakeTwin,
-        first: Load,
         port: int = 0,
         host: str = LOOPBACK,
         twin: str = "frankie",
-        playing: bool = True,
-        reference_tour: Callable[[Scene], float] | None = None,
         data: Path = DEFAULT_FOLDER,
-        methods: Methods | None = None,
         robot: RobotChoice | None = None,
         open_bus: bool = False,
     ) -> None:
-        """``robot``: one in another program instead of the simulated one; ``make_twin`` is not used then.
+        """``robot``: one in another program instead of the simulated one; ``setup.make_twin`` is not used then.
 
         ``open_bus``: let in every program of this machine, not only those of this user.
         """
@@ -80,7 +73,7 @@ class TwinServer:
         own = (*self.keys.own, *plant.told)
         self._session = open_server(self.port, host, own, plant.asked, open_bus=open_bus)
         clock = ServerClock()
-        self._keeper = Keeper(
+        self._data = DataFolder(
             data,
             self.endpoint,
             twin,
@@ -89,22 +82,11 @@ class TwinServer:
         )
         self._robot = None
         if robot is not None:
-            self._robot = RobotLink(robot.session or self._session, twin, listen_only=robot.mirror)
+            self._robot = robot.meet(robot.session or self._session, twin, listen_only=robot.mirror)
             make_twin = functools.partial(robot.make_twin, self._robot)
-        self.loop = TwinLoop(
-            twin_name=twin,
-            library=library,
-            make_twin=make_twin,
-            sink=self,
-            first=first,
-            playing=playing,
-            server_time=clock,
-            reference_tour=reference_tour,
-            keeper=self._keeper,
-            methods=methods,
-            plant="simulated" if robot is None else ("mirror" if robot.mirror else "zenoh"),
-        )
-        self._library = library
+            setup = replace(setup, make_twin=make_twin, plant="mirror" if robot.mirror else "zenoh")
+        self.loop = TwinLoop(setup, twin_name=twin, sink=self, server_time=clock, data=self._data)
+        self._library = setup.library
         self._publisher = Publisher(
             self._session,
             self.keys,
@@ -138,12 +120,12 @@ class TwinServer:
 
     def record(self, path: Path, done: Callable[[str, str], None]) -> None:
         """Record to this file; ``done`` hears why not ("": it began) and the path, from another thread."""
-        self._keeper.record(path, done)
+        self._data.record(path, done)
 
     def close(self) -> bool:
         """Stop within a second and a half; False when the current period had to be abandoned."""
         self._stop.set()
-        self._keeper.close()  # while the loop still gives it the session
+        self._data.close()  # while the loop still gives it the session
         self.loop.stop()
         self._token.undeclare()
         self._answering.close()

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from motm_twin.external.messages import (
+from motm_twin.bus.plant_messages import (
     VERSION,
     ClockReached,
     DetectionList,

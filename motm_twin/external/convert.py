@@ -1,11 +1,11 @@
-"""Between what the control loop uses (`model.plant`) and what travels (`external.messages`)."""
+"""Between what the control loop uses (`model.plant`) and what travels (`bus.plant_messages`)."""
 
 import math
 from typing import Any
 
 import numpy as np
 
-from motm_twin.external.messages import (
+from motm_twin.bus.plant_messages import (
     VERSION,
     DetectionData,
     DetectionList,

@@ -4,10 +4,7 @@ import time
 
 import numpy as np
 
-from motm_twin.control.predictor import Motion, Predictor
-from motm_twin.external.checks import NAMES
-from motm_twin.external.convert import array, detection_of, moved, scan_of, vector
-from motm_twin.external.messages import (
+from motm_twin.bus.plant_messages import (
     HOLD,
     VERSION,
     Info,
@@ -15,8 +12,10 @@ from motm_twin.external.messages import (
     RobotCommand,
     RobotState,
 )
-from motm_twin.external.obedience import Obedience
-from motm_twin.external.robot_link import RESET_ANSWER, RobotLink
+from motm_twin.control.predictor import Motion, Predictor
+from motm_twin.external.checks import NAMES
+from motm_twin.external.convert import array, detection_of, moved, scan_of, vector
+from motm_twin.external.robot_link import RESET_ANSWER, Obedience, RobotLink
 from motm_twin.external.timing import ClockOffset, Lead
 from motm_twin.external.world import RemoteWorld
 from motm_twin.model.geometry import Array, compose, inverse

@@ -16,10 +16,8 @@ from typing import Any
 import msgspec
 import zenoh
 
-from motm_twin.bus.keys import spoken_on
-from motm_twin.external.checks import MAX_AHEAD, NAMES, Message, RefusedMessage, read
-from motm_twin.external.keys import PlantKeys
-from motm_twin.external.messages import (
+from motm_twin.bus.keys import PlantKeys, spoken_on
+from motm_twin.bus.plant_messages import (
     VERSION,
     ClockGrant,
     Info,
@@ -27,6 +25,7 @@ from motm_twin.external.messages import (
     RobotCommand,
     RobotState,
 )
+from motm_twin.external.checks import MAX_AHEAD, NAMES, Message, RefusedMessage, read
 
 ANSWER = 2.0  # [s] for an answer
 RESET_ANSWER = 60.0  # [s] a simulated robot may compile for so long
@@ -34,6 +33,8 @@ REFUSED_FOR = 1.0  # [s] after which a refused message is no longer told
 SILENCE = 1.0  # [s] without a state that counts, after which a clock that was set, or another robot, is believed
 OTHERS = 4  # lives of which messages are kept aside
 _SENSED = ("scan", "detections")  # stamped before the state that comes after them
+TOLD_FOR = 3.0  # [s] for which a refusal is told
+_LONGEST = 200  # characters of a robot's reason
 
 
 class RobotLink:
@@ -227,3 +228,26 @@ class RobotLink:
 
 def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
     return zenoh.handlers.Callback(callback, indirect=False)
+
+
+class Obedience:
+    """Follows the states of one life of a robot; times [s] are monotonic and come in as arguments."""
+
+    def __init__(self) -> None:
+        self._count, self._reason = -1, ""
+        self._refused_at = self._forged_at = -1e9
+
+    def state(self, state: RobotState, received: float, newest: int) -> None:
+        """Take a state into account; ``newest``: the highest number that the twin has given a command."""
+        if state.refused > self._count >= 0:
+            self._refused_at, self._reason = received, state.refusal
+        self._count = state.refused
+        if any(seq > newest for seq, _ in state.heard):
+            self._forged_at = received
+
+    def text(self, now: float) -> str:
+        """The clause after a sentence about the robot; "" when it obeys."""
+        said = ""
+        if now - self._refused_at < TOLD_FOR:
+            said = f"; it refuses commands, {self._count} so far: {self._reason[:_LONGEST]}"
+        return said + ("; somebody else commands in this twin's name" if now - self._forged_at < TOLD_FOR else "")

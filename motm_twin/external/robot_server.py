@@ -10,11 +10,10 @@ from typing import Any
 import msgspec
 import zenoh
 
-from motm_twin.bus.keys import spoken_on
-from motm_twin.bus.session import open_member
+from motm_twin.bus.connection import open_member
+from motm_twin.bus.keys import PlantKeys, spoken_on
+from motm_twin.bus.plant_messages import VERSION, ClockGrant, EditRequest, PlantAnswer, ResetRequest, TaskNotice
 from motm_twin.external.emulator import LinkSpec
-from motm_twin.external.keys import PlantKeys
-from motm_twin.external.messages import VERSION, ClockGrant, EditRequest, PlantAnswer, ResetRequest, TaskNotice
 from motm_twin.external.robot import ReferenceRobot, encode
 from motm_twin.model.scene import Scene
 from motm_twin.sim.plant import SUBSTEP

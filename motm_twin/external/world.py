@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from motm_twin.bus.plant_messages import VERSION, EditRequest, Info, TaskNotice
 from motm_twin.external.convert import truth_of
-from motm_twin.external.messages import VERSION, EditRequest, Info, TaskNotice
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import WorldEdit
 from motm_twin.model.plant import Truth

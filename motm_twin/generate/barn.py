@@ -13,6 +13,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.model.bounds import SEED
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_format import FORMAT
 
@@ -26,7 +27,6 @@ FILLED_FROM, CLEARED_TO = 5, 1  # of 8 neighbours
 HALF_ROBOT = 2  # cells that the robot takes on either side of its own
 ATTEMPTS = 1000
 THINNER = 0.998  # of the share that is filled at first, from attempt to attempt: in the end there is a way
-MAX_SEED = 2**63 - 1
 STREAM = 0xBA24  # keeps these draws apart from other uses of a seed
 START, GOAL, TOLERANCE = (-2.25, 3.0), (-2.25, 13.0), 1.0  # [m]
 LIMIT = 100.0  # [s] from the first 0.1 m on
@@ -51,7 +51,7 @@ def made(asked: str) -> tuple[str, str]:
 def parse_barn(name: str) -> int:
     """The seed of ``barn:SEED``. Raises SceneError."""
     match = _NAME.fullmatch(name)
-    if match is None or int(match[1]) > MAX_SEED:
+    if match is None or SEED.refusal("seed", int(match[1])):
         raise SceneError(f"{name[:60]!r} is no world like those of BARN: write barn:SEED, as barn:17, up to 2^63 - 1")
     return int(match[1])
 

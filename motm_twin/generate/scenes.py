@@ -12,13 +12,13 @@ import yaml
 
 from motm_twin.generate.layout import FLOOR, RIM, Layout, Place, Unfit, attempt, can_turn, random_of, serviceable
 from motm_twin.generate.pieces import Dial, dial
+from motm_twin.model.bounds import SEED
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_format import FORMAT
 
 PREFIX = "generated:"
 DIFFICULTY = 0.5  # unless said
 DIGITS = 4  # of the difficulty after the point
-MAX_SEED = 2**63 - 1
 ATTEMPTS = 400
 GROWTH = 1.01  # of the room's floor from attempt to attempt: in the end there is room for everything
 COLOURS = ("red", "green", "blue", "yellow", "orange")
@@ -68,7 +68,7 @@ def made(asked: str) -> tuple[str, str]:
 
 def _checked(seed: int, difficulty: float) -> float:
     """The difficulty as it is written in a name: with four digits. Raises SceneError."""
-    if not 0 <= seed <= MAX_SEED:
+    if SEED.refusal("seed", seed):
         raise SceneError(f"the seed of a generated scene is a whole number from 0 to 2^63 - 1, got {seed}")
     if not (math.isfinite(difficulty) and 0.0 <= difficulty <= 1.0):
         raise SceneError(f"the difficulty of a generated scene is from 0 (easy) to 1 (hard), got {difficulty:g}")

@@ -4,30 +4,38 @@ World edits change the simulated world, and the robot learns of them through its
 what the robot wants or knows. With scene and seed, the log of both replays a run bit for bit.
 """
 
+from typing import Annotated
+
 import msgspec
 
-from motm_twin.model.faults import NAMES, USUAL_JOINT
+from motm_twin.model.bounds import FARTHEST, Between, Count, Length, OneOf, Text
+from motm_twin.model.faults import FaultFields
 from motm_twin.model.scene import Task
 
-FARTHEST = 100.0  # [m] from the origin that a body may be put
-LONGEST_NAME = 64  # characters of the name of a body
 SHAPES = ("box", "cylinder", "temi", "person")
-SMALLEST, LARGEST = 0.02, 5.0  # [m] of each side of a body
-FASTEST_THROW = 10.0  # [m/s]
-FARTHEST_PUSH, LARGEST_TURN = 0.5, 1.0  # [m], [rad] of a push of the base
-FAULTS = NAMES
+INDEX = Between(0, 10**7)  # of a period (almost six days of them) or of a task
 ParameterValue = float | bool | str
+Name = Annotated[str, Text(1, 64)]
+Coordinate = Annotated[float, FARTHEST]
+Size = Annotated[tuple[float, float, float], Between(0.02, 5.0, unit="m")]
+Heading = Annotated[float, Between(-1000.0, 1000.0, unit="rad")]
 
 
 class AddObstacle(msgspec.Struct, frozen=True, kw_only=True, tag="add_obstacle", forbid_unknown_fields=True):
     """Put a body into the world, unknown to the map. Temis and persons stand until they are sent somewhere."""
 
-    name: str
-    shape: str = "box"  # box | cylinder | temi | person
-    x: float
-    y: float
-    heading: float = 0.0  # [rad]
-    size: tuple[float, float, float] = (0.5, 0.5, 0.6)  # box: x, y, z [m]; cylinder: diameter, diameter, height
+    name: Name
+    shape: Annotated[str, OneOf(SHAPES)] = "box"
+    x: Coordinate
+    y: Coordinate
+    heading: Heading = 0.0
+    size: Size = (0.5, 0.5, 0.6)  # box: x, y, z; cylinder: diameter, diameter, height
+
+    def conflict(self) -> str:
+        """A cylinder is round."""
+        if self.shape != "cylinder" or self.size[0] == self.size[1]:
+            return ""
+        return f"size {list(self.size)} of a cylinder: it is diameter, diameter, height, and the first two differ"
 
 
 class MoveBody(msgspec.Struct, frozen=True, kw_only=True, tag="move_body", forbid_unknown_fields=True):
@@ -36,105 +44,99 @@ class MoveBody(msgspec.Struct, frozen=True, kw_only=True, tag="move_body", forbi
     Furniture is placed by the centre of its bounding box as in the scene file, and turned about it.
     """
 
-    name: str
-    x: float
-    y: float
-    heading: float | None = None  # [rad]; None keeps it. Furniture: turned this far from how the scene has it
+    name: Name
+    x: Coordinate
+    y: Coordinate
+    heading: Heading | None = None  # None keeps it. Furniture: turned this far from how the scene has it
     held: bool = True
 
 
 class ReleaseBody(msgspec.Struct, frozen=True, kw_only=True, tag="release_body", forbid_unknown_fields=True):
     """Let go of a dragged body; with a velocity it is thrown: it slides on until it stops or meets something."""
 
-    name: str
-    velocity: tuple[float, float] = (0.0, 0.0)  # [m/s], world
+    name: Name
+    velocity: Annotated[tuple[float, float], Length(10.0, unit="m/s")] = (0.0, 0.0)  # world
 
 
 class FreezeBody(msgspec.Struct, frozen=True, kw_only=True, tag="freeze_body", forbid_unknown_fields=True):
     """Make an agent stand still, or let it go on."""
 
-    name: str
+    name: Name
     frozen: bool = True
 
 
 class SendAgent(msgspec.Struct, frozen=True, kw_only=True, tag="send_agent", forbid_unknown_fields=True):
     """Let a Temi or person go to a point; there it goes on with its round, or stands when it has none."""
 
-    name: str
-    x: float
-    y: float
+    name: Name
+    x: Coordinate
+    y: Coordinate
 
 
 class RemoveBody(msgspec.Struct, frozen=True, kw_only=True, tag="remove_body", forbid_unknown_fields=True):
     """Take an obstacle, agent or piece of furniture away. Furniture that carries a bin or cube cannot be removed."""
 
-    name: str
+    name: Name
 
 
 class MoveObject(msgspec.Struct, frozen=True, kw_only=True, tag="move_object", forbid_unknown_fields=True):
     """Put a cube on whatever is below (x, y), also one that the gripper holds: it is taken out of the fingers."""
 
-    name: str
-    x: float
-    y: float
+    name: Name
+    x: Coordinate
+    y: Coordinate
 
 
 class PushRobot(msgspec.Struct, frozen=True, kw_only=True, tag="push_robot", forbid_unknown_fields=True):
     """Shove the base: its true pose jumps, its wheels and so its odometry notice nothing."""
 
-    dx: float  # [m], world
+    dx: Annotated[float, Length(0.5, unit="m", other="dy", called="push")]  # world
     dy: float
-    turn: float = 0.0  # [rad]
+    turn: Annotated[float, Between(-1.0, 1.0, unit="rad")] = 0.0
 
 
-class InjectFault(msgspec.Struct, frozen=True, kw_only=True, tag="inject_fault", forbid_unknown_fields=True):
+class InjectFault(FaultFields, frozen=True, kw_only=True, tag="inject_fault", forbid_unknown_fields=True):
     """A sensor or the robot fails for a while, in one of the ways of `model.faults`. One of a kind replaces another."""
-
-    fault: str  # a kind of `model.faults`: lidar_off, lidar_frozen, ...
-    seconds: float = 1.0  # [s] for how long
-    delay: float = 0.5  # [s] of what comes or acts late
-    amount: float | None = None  # of the kinds that have one, in their unit; None: the usual one
-    joint: int = USUAL_JOINT  # 1 to 7, joint_stuck only
 
 
 class InsertTask(msgspec.Struct, frozen=True, kw_only=True, tag="insert_task", forbid_unknown_fields=True):
     """Put tasks into the list before task ``index`` (None: at its end). A pick comes together with its place."""
 
-    tasks: tuple[Task, ...]
-    index: int | None = None
+    tasks: Annotated[tuple[Task, ...], Count(1, 60)]
+    index: Annotated[int, INDEX] | None = None
 
 
 class RemoveTask(msgspec.Struct, frozen=True, kw_only=True, tag="remove_task", forbid_unknown_fields=True):
     """Take a task out of the list; a pick or place that has not begun takes the other half with it."""
 
-    index: int
+    index: Annotated[int, INDEX]
 
 
 class MoveTask(msgspec.Struct, frozen=True, kw_only=True, tag="move_task", forbid_unknown_fields=True):
     """Move a waiting task (a pick with its place) to stand before task ``to``; the number of tasks: to the end."""
 
-    index: int
-    to: int
+    index: Annotated[int, INDEX]
+    to: Annotated[int, INDEX]
 
 
 class SetParameter(msgspec.Struct, frozen=True, kw_only=True, tag="set_parameter", forbid_unknown_fields=True):
     """Change one parameter of `control.tuning`; None sets it back to what it was at the start."""
 
-    name: str
-    value: ParameterValue | None = None
+    name: Name
+    value: Annotated[float, Between(-1e6, 1e6)] | bool | Annotated[str, Text(0, 64)] | None = None
 
 
 class Announce(msgspec.Struct, frozen=True, kw_only=True, tag="announce", forbid_unknown_fields=True):
     """Tell the robot where a piece of furniture, with its bins and cubes, is now: the map follows."""
 
-    name: str
+    name: Name
 
 
 class Drive(msgspec.Struct, frozen=True, kw_only=True, tag="drive", forbid_unknown_fields=True):
     """Drive the base by hand, for 0.3 s, within its limits and those of the monitor; the arm folds away meanwhile."""
 
-    v: float  # [m/s] forward
-    w: float = 0.0  # [rad/s] to the left
+    v: Annotated[float, Between(-10.0, 10.0, unit="m/s")]  # forward; the base takes what it can
+    w: Annotated[float, Between(-20.0, 20.0, unit="rad/s")] = 0.0  # to the left
 
 
 WorldEdit = (

@@ -4,16 +4,15 @@ Whatever lists faults is made of it or checked against it: the edit, the scene f
 the documents.
 """
 
-import math
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
-from motm_twin.model.names import hint
+from motm_twin.model.bounds import Between, OneOf
 
-SHORTEST, LONGEST = 0.05, 60.0  # [s] that a fault lasts
-LONGEST_DELAY = 5.0  # [s] of whatever comes or acts late
-JOINTS = 7
+SECONDS = Between(0.05, 60.0, unit="s", called="a fault of")  # that it lasts
+DELAY = Between(0, 5.0, unit="s", called="a delay of")  # of whatever comes or acts late
+JOINT = Between(1, 7)
 Field = Literal["", "delay", "amount", "joint"]
 
 
@@ -51,7 +50,7 @@ def _late(name: str, group: str, button: str, what: str, phrase: str) -> FaultKi
         what=what,
         phrase=phrase,
         number="delay",
-        high=LONGEST_DELAY,
+        high=DELAY.high,
         usual=0.5,
         unit="s",
     )
@@ -191,8 +190,8 @@ KINDS: dict[str, FaultKind] = {
             what="one joint of the arm brakes, and stands",
             phrase="joint {:.0f} stuck",
             number="joint",
-            low=1,
-            high=JOINTS,
+            low=JOINT.low,
+            high=JOINT.high,
             usual=4,
             unit="",
         ),
@@ -212,26 +211,23 @@ NAMES = tuple(KINDS)
 USUAL_JOINT = 4
 
 
-def problem(
-    fault: str, *, seconds: float, delay: float = 0.5, amount: float | None = None, joint: int = USUAL_JOINT
-) -> str:
-    """Why such a fault cannot be injected, in one sentence; "" when it can."""
-    kind = KINDS.get(fault)
-    if kind is None:
-        return f"{fault[:40]!r} is not a fault; {hint(fault, NAMES)}"
-    if not SHORTEST <= seconds <= LONGEST:
-        return f"a fault of {seconds:g} s: allowed is at least {SHORTEST:g} and at most {LONGEST:g} s"
-    if not 0.0 <= delay <= LONGEST_DELAY:
-        return f"a delay of {delay:g} s: allowed is 0 to {LONGEST_DELAY:g} s"
-    if not 1 <= joint <= JOINTS:
-        return f"joint {joint}: allowed is 1 to {JOINTS}"
-    if amount is None:
-        return ""
-    if kind.number != "amount":
-        return f"an amount of {amount:g}: {fault} has none"
-    if not (math.isfinite(amount) and kind.low <= amount <= kind.high):
-        return f"{fault} of {amount:g} {kind.unit}: allowed is {kind.low:g} to {kind.high:g} {kind.unit}"
-    return ""
+class FaultFields(msgspec.Struct, frozen=True, kw_only=True):
+    """A fault as the edit and the scene give it."""
+
+    fault: Annotated[str, OneOf(NAMES, where="one of the table of faults")]  # lidar_off, lidar_frozen, ...
+    seconds: Annotated[float, SECONDS] = 1.0  # for how long
+    delay: Annotated[float, DELAY] = 0.5  # of what comes or acts late
+    amount: float | None = None  # as in the table of faults, of the kinds that have one; None: the usual one
+    joint: Annotated[int, JOINT] = USUAL_JOINT  # joint_stuck only
+
+    def conflict(self) -> str:
+        """Why this kind of fault cannot have this amount, in one sentence; "" when it can."""
+        kind = KINDS[self.fault]
+        if self.amount is None:
+            return ""
+        if kind.number != "amount":
+            return f"an amount of {self.amount:g}: {kind.name} has none"
+        return Between(kind.low, kind.high, unit=kind.unit, called=f"{kind.name} of").refusal("amount", self.amount)
 
 
 def table() -> str:

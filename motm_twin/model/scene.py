@@ -3,8 +3,12 @@
 ``scene_file.py`` holds the YAML schema and makes these; everything else in the project reads only these.
 """
 
+from typing import Annotated
+
 import msgspec
 
+from motm_twin.model.bounds import Between, Text
+from motm_twin.model.faults import FaultFields
 from motm_twin.model.profile import RobotProfile
 
 Point = tuple[float, float]
@@ -82,21 +86,21 @@ class Agent(msgspec.Struct, frozen=True, kw_only=True):
 class Pick(msgspec.Struct, frozen=True, kw_only=True, tag="pick"):
     """Pick an object up."""
 
-    object: str
+    object: Annotated[str, Text(1, 64)]
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, tag="place"):
     """Drop what is held into a bin."""
 
-    bin: str
+    bin: Annotated[str, Text(1, 64)]
 
 
 class DriveTo(msgspec.Struct, frozen=True, kw_only=True, tag="drive_to"):
     """Drive to a point, or to a pose when a heading is given. Done within ``tolerance`` [m] (and 20 deg)."""
 
-    point: Point
-    heading: float | None = None
-    tolerance: float = 0.15
+    point: Annotated[Point, Between(-1000.0, 1000.0, unit="m")]
+    heading: Annotated[float, Between(-1000.0, 1000.0, unit="rad")] | None = None
+    tolerance: Annotated[float, Between(0.01, 5.0, unit="m")] = 0.15
 
 
 Task = Pick | Place | DriveTo
@@ -173,15 +177,10 @@ class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
 DETECTIONS = ("anonymous", "named")
 
 
-class TimedFault(msgspec.Struct, frozen=True, kw_only=True):
-    """A fault of `model.faults` that comes by itself at a time of the run; fields as in the edit ``inject_fault``."""
+class TimedFault(FaultFields, frozen=True, kw_only=True):
+    """A fault of `model.faults` that comes by itself at a time of the run."""
 
     at: float  # [s]
-    fault: str
-    seconds: float = 1.0
-    delay: float = 0.5
-    amount: float | None = None
-    joint: int = 4
 
 
 class Faults(msgspec.Struct, frozen=True, kw_only=True):

@@ -5,7 +5,7 @@ import math
 from shapely.geometry import Polygon, box
 from shapely.ops import unary_union
 
-from motm_twin.model import faults
+from motm_twin.model import bounds
 from motm_twin.model.scene import Bin, DriveTo, Pick, Place, Scene, SceneObject
 from motm_twin.model.scene_error import near
 from motm_twin.model.scene_shapes import outline, rectangle
@@ -66,8 +66,7 @@ def _check_lidar(scene: Scene, node: Node) -> None:
 def check_faults(scene: Scene, root: Node) -> None:
     """What is to fail at a time of the run has a number that its kind allows."""
     for index, one in enumerate(scene.faults.inject or ()):
-        problem = faults.problem(one.fault, seconds=one.seconds, delay=one.delay, amount=one.amount, joint=one.joint)
-        if problem:
+        if problem := bounds.problem(one):
             raise root.at("faults", "inject", index).error(problem)
 
 

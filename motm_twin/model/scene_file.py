@@ -5,6 +5,7 @@ The format is documented in ``docs/scenes.md``; its types are in ``scene_format.
 
 import msgspec
 
+from motm_twin.model.bounds import SEED
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_check import check_scene
 from motm_twin.model.scene_error import SceneError
@@ -12,8 +13,6 @@ from motm_twin.model.scene_load import Document, load_document, shipped_names, w
 from motm_twin.model.scene_resolve import Resolver
 
 __all__ = ["SceneError", "SceneListing", "check_all", "list_scenes", "load_scene"]
-
-_MAX_SEED = 2**63 - 1
 
 
 class SceneListing(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,7 +56,7 @@ def check_all(name_or_path: str) -> tuple[Scene, ...]:
 
 
 def _resolve(document: Document, variant: str | None, seed: int | None) -> Scene:
-    if seed is not None and not 0 <= seed <= _MAX_SEED:
+    if seed is not None and SEED.refusal("seed", seed):
         raise SceneError(f"the seed must be a whole number from 0 to 2^63 - 1, got {seed}", file=document.file)
     root, chosen = with_variant(document, variant)
     resolver = Resolver(root, seed)

@@ -10,10 +10,11 @@ import msgspec
 from msgspec import Meta
 
 from motm_twin.model import faults
+from motm_twin.model.bounds import FARTHEST, SEED
 
 FORMAT = "motm-scene/1"
 
-Coordinate = Annotated[float, Meta(ge=-100, le=100, description="[m]")]
+Coordinate = Annotated[float, FARTHEST.meta]
 Height = Annotated[float, Meta(ge=0, le=5, description="[m] above the floor")]
 Size = Annotated[float, Meta(gt=0, le=100, description="[m]")]
 Sigma = Annotated[float, Meta(ge=0, le=1, description="[m] standard deviation, 0 switches it off")]
@@ -23,6 +24,10 @@ Point = tuple[Coordinate, Coordinate]
 Name = Annotated[str, Meta(pattern="^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Colour = Annotated[str, Meta(pattern="^([a-z]{3,20}|#[0-9a-fA-F]{6})$")]
+Seed = Annotated[int, SEED.meta]
+CubeSide = Annotated[float, Meta(ge=0.02, le=0.2, description="[m]")]
+TimeLimit = Annotated[float, Meta(gt=0, le=36000, description="[s] of simulated time")]
+Tolerance = Annotated[float, Meta(ge=0.02, le=2, description="[m]")]
 Style = Literal["plain", "table", "desk", "cabinet", "shelf", "box", "wall"]
 
 
@@ -78,7 +83,7 @@ class ObjectFile(Part, frozen=True, kw_only=True):
     surface: Name | None = None
     z: Height | None = None
     yaw_deg: Degrees = 0.0
-    side: Annotated[float, Meta(ge=0.02, le=0.2, description="[m]")] = 0.04
+    side: CubeSide = 0.04
     colour: Colour = "red"
 
 
@@ -128,7 +133,7 @@ class DriveToFile(Part, frozen=True, kw_only=True):
     x: Coordinate
     y: Coordinate
     heading_deg: Degrees | None = None
-    tolerance: Annotated[float, Meta(ge=0.02, le=2, description="[m]")] = 0.15
+    tolerance: Tolerance = 0.15
 
 
 class TaskFile(Part, frozen=True, kw_only=True):
@@ -150,7 +155,7 @@ class DeliverFile(Part, frozen=True, kw_only=True):
 
     slots: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=100)] | RandomSlots | None = None
     to: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=20)] | None = None
-    side: Annotated[float, Meta(ge=0.02, le=0.2, description="[m]")] = 0.04
+    side: CubeSide = 0.04
     colour: Colour = "red"
 
 
@@ -192,10 +197,10 @@ class TimedFaultFile(Part, frozen=True, kw_only=True):
 
     at: Annotated[float, Meta(ge=0, le=36000, description="[s] of simulated time")]
     fault: Annotated[str, Meta(extra_json_schema={"enum": list(faults.NAMES)})]
-    seconds: Annotated[float, Meta(ge=faults.SHORTEST, le=faults.LONGEST, description="[s]")] = 1.0
-    delay: Annotated[float, Meta(ge=0, le=faults.LONGEST_DELAY, description="[s]")] = 0.5
+    seconds: Annotated[float, faults.SECONDS.meta] = 1.0
+    delay: Annotated[float, faults.DELAY.meta] = 0.5
     amount: float | None = None
-    joint: Annotated[int, Meta(ge=1, le=faults.JOINTS)] = faults.USUAL_JOINT
+    joint: Annotated[int, faults.JOINT.meta] = faults.USUAL_JOINT
 
 
 class FaultsFile(Part, frozen=True, kw_only=True):
@@ -299,9 +304,9 @@ class Content(Part, frozen=True, kw_only=True):
     mismatch: MismatchFile | None = None
     detections: Literal["anonymous", "named"] | None = None  # named: markers on the objects
     faults: FaultsFile | None = None
-    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] | None = None
+    seed: Seed | None = None
     bounds: tuple[Coordinate, Coordinate, Coordinate, Coordinate] | None = None  # x_min, y_min, x_max, y_max
-    time_limit: Annotated[float, Meta(gt=0, le=36000, description="[s] of simulated time")] | None = None
+    time_limit: TimeLimit | None = None
 
 
 class VariantFile(Content, frozen=True, kw_only=True):
@@ -317,6 +322,18 @@ class SceneFile(Content, frozen=True, kw_only=True):
     extends: Annotated[str, Meta(min_length=1, max_length=60)] | None = None  # shipped name, or file in this folder
     default_variant: Name | None = None
     variants: Annotated[dict[Name, VariantFile], Meta(max_length=100)] = {}
+
+
+def most_entries(section: str) -> int:
+    """The largest number of entries of a section of a scene."""
+    kind = next(field.type for field in msgspec.structs.fields(Content) if field.name == section)
+    parts = (kind, *getattr(kind, "__args__", ()))
+    return next(
+        meta.max_length
+        for part in parts
+        for meta in getattr(part, "__metadata__", ())
+        if isinstance(meta, Meta) and meta.max_length is not None
+    )
 
 
 def json_schema() -> dict:

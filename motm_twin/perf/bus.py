@@ -254,7 +254,7 @@ def _recorder_seconds(twin: Measured) -> float:
 
 NAME = "bus"
 TITLE = "The bus: Experiment 1 at 1x on Zenoh, measured in other processes; all in one run"
-RECORDER = "motm_twin.record.recorder_process"
+RECORDER = "motm_twin.record.recorder"
 PERIOD_MS = 1000.0 * PERIOD
 
 LIMITS = {

@@ -10,14 +10,14 @@ import msgspec
 import zenoh
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.session import LOOPBACK, free_port, open_client, open_server
+from motm_twin.bus.connection import LOOPBACK, free_port, open_client, open_server
 from motm_twin.perf.worker import Works
 
 KEY = "motm-bench/bare"
 
 
 class Bare:
-    """A publisher that is declared as that of the ticks is (`bus.latest`)."""
+    """A publisher that is declared as that of the ticks is (`bus.latest_values`)."""
 
     def __init__(self) -> None:
         port = free_port()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from motm_twin.bus.session import LOOPBACK, free_port, open_server
+from motm_twin.bus.connection import LOOPBACK, free_port, open_server
 from motm_twin.control.tick import Tick
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant

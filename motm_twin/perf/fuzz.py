@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from motm_twin.bus.commands import COMMAND_NAMES, MAX_COMMAND_BYTES
-from motm_twin.bus.keys import Keys
-from motm_twin.bus.ranges import MAX_NAME
+from motm_twin.bus.commands import COMMAND_NAMES, MAX_COMMAND_BYTES, MAX_NAME
+from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.control.tick import Tick
 from motm_twin.external.checks import NAMES
 from motm_twin.external.emulator import LinkSpec
-from motm_twin.external.keys import PlantKeys
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.external_trial import external_robot
 from motm_twin.perf.processes import wait_for

@@ -14,9 +14,10 @@ from typing import Any
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Command, HandOver, Pause, Play, Reset, Speed
+from motm_twin.bus.connection import LOOPBACK, free_port
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.messages import TickMessage
-from motm_twin.bus.session import LOOPBACK, free_port
+from motm_twin.bus.connection import LOOPBACK, free_port
 from motm_twin.ui.page_server import VARIABLE, page_url
 
 START = 300.0  # [s] for the first start on a busy machine: kernels are compiled
@@ -61,7 +62,7 @@ class Served:
     @property
     def server(self) -> int:
         """Process number of the twin server."""
-        return self.pid("motm_twin.bus.server_process")
+        return self.pid("motm_twin.server_process")
 
     def interrupt(self) -> float:
         """Ctrl-C; how long [s] it took to end."""

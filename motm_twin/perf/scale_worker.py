@@ -9,9 +9,9 @@ from typing import Any
 
 import zenoh
 
-from motm_twin.bus.config import session_config
+from motm_twin.bus.connection import LOOPBACK, free_port, open_client, open_member
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.session import LOOPBACK, free_port, open_client, open_member
+from motm_twin.bus.zenoh_config import session_config
 from motm_twin.perf.report import percentiles
 from motm_twin.perf.worker import Works
 

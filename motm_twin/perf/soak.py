@@ -17,17 +17,17 @@ from typing import Any
 import msgspec
 from rich.console import Console
 
-from motm_twin.bus import running
+from motm_twin.bus import private_folder as running
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Speed
+from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.bus.credentials import FILE, own_credentials
-from motm_twin.bus.session import LOOPBACK, PortTaken, free_port, require_free_port
 from motm_twin.perf import bus, fuzz
 from motm_twin.perf.bus import Measured
 from motm_twin.perf.processes import act, memory_mb, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
 from motm_twin.perf.worker import Worker, one_thread
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 
 WORKER = "attackers"
 PARALLEL = 8  # clients at a time

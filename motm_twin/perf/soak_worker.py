@@ -13,8 +13,8 @@ import zenoh
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Answer
+from motm_twin.bus.connection import LOOPBACK, open_client, open_member
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.session import LOOPBACK, open_client, open_member
 from motm_twin.perf.fuzz import Fuzzer, Message
 from motm_twin.perf.worker import Works
 

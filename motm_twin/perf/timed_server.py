@@ -1,4 +1,4 @@
-"""A twin server to measure: as `bus.server_process`, with a clock round the cost of publishing to the loop."""
+"""A twin server to measure: as `server_process`, with a clock round the cost of publishing to the loop."""
 
 import functools
 import threading
@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from motm_twin.bus.commands import Load
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
-from motm_twin.bus.server_process import SEARCH_SECONDS, make_twin
 from motm_twin.memory import share_arenas
 from motm_twin.perf.worker import Works
 from motm_twin.planning.types import SearchBudget
+from motm_twin.server_process import SEARCH_SECONDS, make_twin
 
 
 class TimedSink:
@@ -57,10 +58,12 @@ def timed_twin(scene: str, data: str) -> tuple[dict[str, Any], Works]:
     share_arenas()
     library = FileLibrary(scene)
     server = TwinServer(
-        library=library,
-        make_twin=functools.partial(make_twin, budget=SearchBudget(seconds=SEARCH_SECONDS)),
-        first=Load(scene=library.own_name),
-        playing=False,
+        TwinSetup(
+            library=library,
+            make_twin=functools.partial(make_twin, budget=SearchBudget(seconds=SEARCH_SECONDS)),
+            first=Load(scene=library.own_name),
+            playing=False,
+        ),
         data=Path(data),
     )
     sink = TimedSink(server)

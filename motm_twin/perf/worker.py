@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from motm_twin.bus.process import leave
+from motm_twin.bus.processes import leave
 
 ROLES = {  # name: module and function, which is given the arguments and gives the greeting and the works by name
     "bare": ("motm_twin.perf.bus_participants", "bare"),

@@ -7,10 +7,10 @@ from typing import Any
 import msgspec
 
 from motm_twin.bus import messages as bus
+from motm_twin.bus.observations import ObservationsMessage
 from motm_twin.model.scene import Scene
 from motm_twin.record import foxglove_schemas as drawn
-from motm_twin.record.observations import ObservationsMessage
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 
 RECORDED_SESSION_VERSION = "motm.recorded_session/1"
 RECORDED_GRID_VERSION = "motm.recorded_grid/1"

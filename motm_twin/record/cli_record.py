@@ -14,7 +14,7 @@ from tyro.conf import Positional
 
 from motm_twin.console import plain_console
 from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 from motm_twin.settings import ReplaySettings
 
 ANSWER = 5.0  # [s] in which the twin must answer once its server does
@@ -57,7 +57,7 @@ def record(
     arguments = ["--twin", twin, "--endpoint", endpoint, "--out", out, "--wait", str(wait), "--answer", str(ANSWER)]
     arguments += [] if seconds is None else ["--seconds", str(seconds)]
     console = plain_console()
-    command = [sys.executable, "-m", "motm_twin.record.recorder_process", *arguments]
+    command = [sys.executable, "-m", "motm_twin.record.recorder", *arguments]
     code = FAILED
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own module
     handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -102,7 +102,7 @@ def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
 
     Exit code 0: ended on request; 1: a process died again and again; 2: bad input.
     """
-    from motm_twin.bus.commands import SPEED_MAX, SPEED_MIN
+    from motm_twin.bus.commands import SPEED
     from motm_twin.cli_serve import serve_recording
 
     file, speed = settings.file, settings.speed
@@ -110,8 +110,8 @@ def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
         raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
     if not Path(file).is_file():
         raise SessionError("there is no such file", file=file)
-    if not SPEED_MIN <= speed <= SPEED_MAX:
-        raise SessionError(f"--speed {speed:g}: use {SPEED_MIN:g} to {SPEED_MAX:g}")
+    if problem := SPEED.refusal("", speed):
+        raise SessionError(f"--{problem}")
     return serve_recording(settings)
 
 

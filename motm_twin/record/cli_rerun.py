@@ -11,7 +11,7 @@ from motm_twin.record.outputs import refuse_unwritable, write_json
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, rerun, updated
 from motm_twin.record.rerun_file import RunReport, rerun_run
-from motm_twin.record.session import Session, SessionError, load_session, save_session
+from motm_twin.sessions.session import Session, SessionError, load_session, save_session
 
 
 def rerun_file(file: str, *, update: bool = False, report: str | None = None, method: str | None = None) -> int:

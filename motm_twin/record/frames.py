@@ -13,7 +13,7 @@ from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.record import channels as ch
 from motm_twin.record.reader import Entry, Health, read
 from motm_twin.record.recording import RunKey, TickPart
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 _LEVEL = 1  # of zlib
 MOST_AT_ONCE = 64 * 1024 * 1024  # bytes that come within one period

@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
 from motm_twin.record.channels import Channel
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 CHUNK_BYTES = 1024 * 1024
 _END = b"".join(  # of a file without an index: end of data, footer, and the magic

@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 STANDARD_OUTPUT = "-"
 

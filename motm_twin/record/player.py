@@ -8,6 +8,7 @@ import queue
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import msgspec
 
@@ -24,9 +25,9 @@ from motm_twin.bus.commands import (
     Step,
     TakeWheel,
 )
+from motm_twin.bus.driver import Wheel
+from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.messages import STATUS_VERSION, MethodChoice, SceneChoice, StatusMessage
-from motm_twin.bus.methods import MethodLibrary
-from motm_twin.bus.wheel import Wheel
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch
@@ -46,6 +47,18 @@ class _Timed(msgspec.Struct):
     time: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class Playback:
+    """How a recording is played at first."""
+
+    speed: float = 1.0
+    loop: bool = False  # begin again at the end
+    playing: bool = True
+
+
+AS_IT_WAS = Playback()
+
+
 class Player:
     """Owns the position in a recording; everything that moves it happens in the thread that calls `run`."""
 
@@ -58,17 +71,15 @@ class Player:
         put: Put,
         now: Callable[[], float],
         changed: Work,
-        speed: float = 1.0,
-        loop: bool = False,
-        playing: bool = True,
+        playback: Playback = AS_IT_WAS,
     ) -> None:
         """``name``: of the file, for the status; ``now``: server time [s]; ``changed``: the status is another one."""
         self._frames, self._name, self._twin, self._put, self._now = frames, name, twin, put, now
-        self._changed, self._loop = changed, loop
+        self._changed, self._loop = changed, playback.loop
         self._requests: queue.Queue[Work] = queue.Queue(maxsize=1000)
         self._wheel = Wheel(lambda _: None, changed)
         self._encode, self._stopped = msgspec.json.Encoder().encode, False
-        self._state, self._speed = "playing" if playing else "paused", speed
+        self._state, self._speed = "playing" if playback.playing else "paused", playback.speed
         self._at = -1  # frame that was sent last
         self._due = time.monotonic()
         self._later: deque[tuple[float, Sent]] = deque()  # due [s], what is sent between two frames

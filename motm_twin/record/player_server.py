@@ -1,5 +1,10 @@
-"""A recording on Zenoh, under the keys of a twin; commands only as checked queries, as for a twin."""
+"""A recording on Zenoh, under the keys of a twin; commands only as checked queries, as for a twin.
 
+As a program: ``python -m motm_twin.record.player_server run.mcap --port 7447``.
+"""
+
+import argparse
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -7,17 +12,21 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from motm_twin.bus.answering import Answering
+from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, open_server
 from motm_twin.bus.events import EventLog
-from motm_twin.bus.keys import Keys
-from motm_twin.bus.latest import LatestValues
+from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
+from motm_twin.bus.latest_values import LatestValues
 from motm_twin.bus.messages import NumberedEvent
-from motm_twin.bus.quiet import Quiet
+from motm_twin.bus.processes import Reporter, leave, stop_event
+from motm_twin.bus.queries import Answering, Quiet
 from motm_twin.bus.server import HEARTBEAT, ServerClock
-from motm_twin.bus.session import LOOPBACK, free_port, open_server
+from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
-from motm_twin.record.player import Player
+from motm_twin.record.player import AS_IT_WAS, Playback, Player
+from motm_twin.sessions.session import SessionError
+
+WATCH = 0.1  # [s] between looks at the state for the report
 
 
 class PlayerServer:
@@ -30,9 +39,7 @@ class PlayerServer:
         twin: str = "frankie",
         port: int = 0,
         host: str = LOOPBACK,
-        speed: float = 1.0,
-        loop: bool = False,
-        playing: bool = True,
+        playback: Playback = AS_IT_WAS,
         open_bus: bool = False,
     ) -> None:
         """Raises SessionError for a file that can not be played, PortTaken for the port."""
@@ -61,9 +68,7 @@ class PlayerServer:
             put=lambda topic, payload, attachment: self._put(key_of[topic], payload, attachment),
             now=self._clock,
             changed=self._send_status,
-            speed=speed,
-            loop=loop,
-            playing=playing,
+            playback=playback,
         )
         self._log = EventLog(self._clock, lambda event: self._values.put(keys.event, self._encode(event)))
         self._values.answer(keys.event, self._event_answer)
@@ -130,3 +135,48 @@ class PlayerServer:
     def _on_session(query: zenoh.Query) -> None:
         with suppress(zenoh.ZError), query:
             query.reply_err("this is a recording: its file has the session, see `motm-twin rerun`")
+
+
+def main() -> None:
+    """Play until a signal or the end of the parent."""
+    options = _options()
+    report, stop = Reporter(options.report), stop_event(options.report is not None)
+    try:
+        server = PlayerServer(
+            options.file,
+            twin=options.twin,
+            port=options.port,
+            playback=Playback(speed=options.speed, loop=options.loop, playing=not options.paused),
+            open_bus=options.open_bus,
+        )
+    except (SessionError, PortTaken, ValueError) as error:
+        report("refused", text=str(error))
+        leave(BAD_INPUT)
+        return
+    report("listening", endpoint=server.endpoint)
+    server.start()
+    said = ""
+    while not stop.wait(WATCH):
+        status = server.player.status()
+        if status.state != said:
+            said = status.state
+            report("state", state=said, text=status.text or status.plant_text)
+    server.close()
+    leave(0)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m motm_twin.record.player_server", description=__doc__)
+    parser.add_argument("file")
+    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port of Zenoh, 0 takes any free one")
+    parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
+    parser.add_argument("--speed", type=float, default=1.0, help="1 as it was, 1/8 to 8")
+    parser.add_argument("--loop", action="store_true", help="begin again at the end")
+    parser.add_argument("--paused", action="store_true", help="do not play at the start")
+    parser.add_argument("--open-bus", action="store_true", help="anybody on this machine is let in")
+    parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
+    return parser.parse_args(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    main()

@@ -13,7 +13,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD = 64 * 1024 * 1024  # bytes; a longer one is a broken length

@@ -1,5 +1,9 @@
-"""Records one twin: a Zenoh subscriber of its own, never in the loop. Whatever it meets, the robot goes on."""
+"""Records one twin: a Zenoh subscriber of its own, never in the loop. Whatever it meets, the robot goes on.
 
+As a program: ``python -m motm_twin.record.recorder --out run.mcap``.
+"""
+
+import argparse
 import queue
 import sys
 import threading
@@ -10,10 +14,15 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from motm_twin.bus.keys import Keys
+from motm_twin.bus.connection import LOOPBACK, open_member
+from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
+from motm_twin.bus.processes import Reporter, leave, stop_event
+from motm_twin.client.discover import NoTwin, require_answer
+from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.record.channels import CHANNELS
 from motm_twin.record.mcap_file import McapFile, RecordingFailed
 from motm_twin.record.stream import Stream
+from motm_twin.sessions.session import SessionError
 
 SAVE_INTERVAL = 0.4  # [s] between two chunks on the disk: what a sudden end can cost
 WAIT = 0.05  # [s] between looks at what else is to be done
@@ -22,8 +31,8 @@ SESSION_INTERVAL = 30.0  # [s] between two sessions, whose state hashes a rerun 
 ASK_INTERVAL = 1.0  # [s] between two at least
 ASK_TIMEOUT = 5.0  # [s]
 WAITING_MOST = 20_000  # payloads, half a minute at eight times real time; then the disk is too slow for ever
-
 Asked = Callable[[], None]
+LISTENS = 1.0  # [s] at most until the twin knows that it is recorded; what came meanwhile is recorded too
 
 
 class Recorder:
@@ -150,4 +159,44 @@ def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback
     return zenoh.handlers.Callback(callback, indirect=False)
 
 
-__all__ = ["Recorder", "RecordingFailed"]
+def main() -> None:
+    """Record until a signal, the end of the parent, or the time that was given."""
+    options = _options()
+    report, stop = Reporter(options.report), stop_event(options.report is not None)
+    try:
+        session = open_member(options.endpoint, wait=options.wait, stop=stop)
+        if options.answer is not None:
+            require_answer(session, options.twin, options.endpoint, within=options.answer)
+        recorder = Recorder(session, options.twin, options.out)
+    except (SessionError, NoTwin, TimeoutError, ValueError) as error:
+        report("refused", text=str(error))
+        leave(BAD_INPUT)
+        return
+    recorder.listens(LISTENS)
+    report("recording", **recorder.summary)
+    try:
+        recorder.run(stop, seconds=options.seconds)
+    except RecordingFailed as error:
+        print(f"record: the recording has stopped: {error}; the robot goes on", file=sys.stderr)
+        report("failed", text=str(error), **recorder.summary)
+        leave(FAILED)
+        return
+    report("recorded", **recorder.summary)
+    session.close()
+    leave(OK)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m motm_twin.record.recorder", description=__doc__)
+    parser.add_argument("--endpoint", default=f"tcp/{LOOPBACK}:{DEFAULT_PORT}", help="where the twin server listens")
+    parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
+    parser.add_argument("--out", required=True, help="file to be written; it must not exist")
+    parser.add_argument("--seconds", type=float, help="time to record; without it until a signal")
+    parser.add_argument("--wait", type=float, default=30.0, help="time to wait for the server")
+    parser.add_argument("--answer", type=float, help="refuse when the twin does not answer within this time")
+    parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
+    return parser.parse_args(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    main()

@@ -8,14 +8,14 @@ from typing import Annotated
 import msgspec
 
 from motm_twin.bus.messages import StatusMessage
+from motm_twin.bus.observations import ObservationsMessage
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch
 from motm_twin.record.channels import RecordedScene, RecordedSession
-from motm_twin.record.observations import ObservationsMessage
 from motm_twin.record.reader import Entry, Health, read
-from motm_twin.record.session import MAX_PERIODS, Cut, LoggedEdit, Session, SessionError
+from motm_twin.sessions.session import MAX_PERIODS, Cut, LoggedEdit, Session, SessionError
 
 MAX_EDITS = 500_000  # in one file: hours of dragging
 

@@ -9,7 +9,7 @@ from mcap.writer import CompressionType, Writer
 
 from motm_twin.record.mcap_file import LIBRARY, PROFILE
 from motm_twin.record.reader import Health, read
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from motm_twin.bus.messages import (
 from motm_twin.model.scene import Scene
 from motm_twin.record import channels as ch
 from motm_twin.record.channels import Channel, RecordedGrid, RecordedScene, RecordedSession
-from motm_twin.record.drawn import Drawer
-from motm_twin.record.session import Session
+from motm_twin.record.drawer import Drawer
+from motm_twin.sessions.session import Session
 
 STATUS_INTERVAL = 1.0  # [s] between two recorded status messages that say the same
 

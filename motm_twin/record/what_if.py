@@ -24,9 +24,17 @@ from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.interrupts import deaf
 from motm_twin.methods.registry import find_method
 from motm_twin.model.names import MethodError
-from motm_twin.record.changes import Changes, parse_changes, start_period
-from motm_twin.record.session import Session, SessionError, decode_session, encode_session, load_session
-from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, run_one
+from motm_twin.record.what_if_run import (
+    AS_IT_WAS,
+    CHANGED,
+    Changes,
+    Outcome,
+    Sample,
+    parse_changes,
+    run_one,
+    start_period,
+)
+from motm_twin.sessions.session import Session, SessionError, decode_session, encode_session, load_session
 from motm_twin.warm_up import compile_kernels
 
 NICE = 10  # the live twin comes first

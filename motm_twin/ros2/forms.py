@@ -1,17 +1,24 @@
-"""The two forms in which ROS 2 travels on Zenoh: that of zenoh-bridge-ros2dds, and that of rmw_zenoh.
+"""The topics of the bridge, and the two forms in which they travel on Zenoh: of zenoh-bridge-ros2dds and rmw_zenoh.
 
-Formats: rmw_zenoh `docs/design.md` and `liveliness_utils.cpp`; zenoh-plugin-ros2dds `liveliness_mgt.rs`.
+Formats: rmw_zenoh `docs/design.md` and `liveliness_utils.cpp`; zenoh-plugin-ros2dds `liveliness_mgt.rs`; type hashes of
+messages, which rmw_zenoh puts into its keys since Iron: REP 2016, "RIHS01".
 """
 
 import hashlib
+import json
 import re
 import struct
-from typing import Protocol
+from functools import cache
+from typing import NamedTuple, Protocol
 
-from motm_twin.ros2.definitions import dds_name
-from motm_twin.ros2.topics import Topic
-from motm_twin.ros2.type_hash import UNSUPPORTED, type_hash
+from motm_twin.ros2.definitions import DEFINITIONS, NONE, SEQUENCE, Field, dds_name, fields
 
+UNSUPPORTED = "TypeHashNotSupported"  # what rmw_zenoh of Humble, which has no hashes, writes instead
+_BASIC = {
+    "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
+    "float32": 10, "float64": 11, "bool": 15, "string": 17,
+}  # fmt: skip
+_NESTED, _ARRAY, _SEQUENCE = 1, 48, 144
 BRIDGE, RMW = "bridge", "rmw"
 FORMS = (BRIDGE, RMW)
 DISTROS = ("humble", "jazzy")
@@ -19,6 +26,99 @@ PUBLISHER, SUBSCRIBER = "MP", "MS"
 MAX_DOMAIN = 232  # ROS_DOMAIN_ID
 _RMW_DEPTH = 42  # the default of rmw_zenoh, which it leaves out
 _PREFIX = re.compile(r"/([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?)?\Z")
+
+
+class Topic(NamedTuple):
+    """One topic. All are reliable, which every subscriber accepts; latched ones are transient local."""
+
+    name: str
+    message: str
+    depth: int = 10
+    latched: bool = False
+
+
+JOINT_STATES = Topic("joint_states", "sensor_msgs/msg/JointState")
+
+
+ODOM = Topic("odom", "nav_msgs/msg/Odometry")
+
+
+TF = Topic("tf", "tf2_msgs/msg/TFMessage", depth=100)
+
+
+TF_STATIC = Topic("tf_static", "tf2_msgs/msg/TFMessage", depth=1, latched=True)
+
+
+SCAN = Topic("scan", "sensor_msgs/msg/LaserScan")
+
+
+MAP = Topic("map", "nav_msgs/msg/OccupancyGrid", depth=1, latched=True)
+
+
+PLAN = Topic("plan", "nav_msgs/msg/Path")
+
+
+LOCAL_PLAN = Topic("local_plan", "nav_msgs/msg/Path")
+
+
+MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray")
+
+
+ROBOT_DESCRIPTION = Topic("robot_description", "std_msgs/msg/String", depth=1, latched=True)
+
+
+CLOCK = Topic("clock", "rosgraph_msgs/msg/Clock", depth=1)
+
+
+PUBLISHED = (
+    JOINT_STATES, ODOM, TF, TF_STATIC, SCAN, MAP, PLAN, LOCAL_PLAN, MARKERS, ROBOT_DESCRIPTION, CLOCK,
+)  # fmt: skip
+
+
+CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", depth=1)
+
+
+GOAL_POSE = Topic("goal_pose", "geometry_msgs/msg/PoseStamped", depth=1)
+
+
+INITIAL_POSE = Topic("initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", depth=1)
+
+
+ACCEPTED = (CMD_VEL, GOAL_POSE, INITIAL_POSE)
+
+
+@cache
+def type_hash(message: str) -> str:
+    """``RIHS01_`` and the SHA-256 of the message's description with everything it refers to."""
+    described = {
+        "type_description": _described(message),
+        "referenced_type_descriptions": [_described(name) for name in sorted(_referred(message))],
+    }
+    text = json.dumps(described, separators=(", ", ": "))
+    return "RIHS01_" + hashlib.sha256(text.encode()).hexdigest()
+
+
+def _referred(message: str) -> set[str]:
+    found: set[str] = set()
+    for field in fields(message):
+        if field.base in DEFINITIONS:
+            found |= {field.base} | _referred(field.base)
+    return found
+
+
+def _described(message: str) -> dict:
+    return {"type_name": message, "fields": [{"name": f.name, "type": _type(f)} for f in fields(message)]}
+
+
+def _type(field: Field) -> dict:
+    nested = field.base in DEFINITIONS
+    offset = {NONE: 0, SEQUENCE: _SEQUENCE}.get(field.count, _ARRAY)
+    return {
+        "type_id": (_NESTED if nested else _BASIC[field.base]) + offset,
+        "capacity": max(field.count, 0),
+        "string_capacity": 0,
+        "nested_type_name": field.base if nested else "",
+    }
 
 
 class Form(Protocol):

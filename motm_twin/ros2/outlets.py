@@ -7,8 +7,7 @@ import zenoh
 import zenoh.ext
 
 from motm_twin.ros2.cdr import Message, encode
-from motm_twin.ros2.forms import PUBLISHER, SUBSCRIBER, Form
-from motm_twin.ros2.topics import ACCEPTED, PUBLISHED, Topic
+from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, PUBLISHER, SUBSCRIBER, Form, Topic
 
 
 class Outlet:

@@ -12,7 +12,7 @@ from motm_twin.bus.commands import Command, Drive, DriveToPoint, PushRobot
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.ros2.cdr import CdrError, Message, decode
 from motm_twin.ros2.convert import MAP, yaw_of
-from motm_twin.ros2.topics import CMD_VEL, GOAL_POSE, INITIAL_POSE, Topic
+from motm_twin.ros2.forms import CMD_VEL, GOAL_POSE, INITIAL_POSE, Topic
 
 SENDER, NAME = "ros2", "ROS 2"
 BETWEEN = 0.05  # [s] between two drive commands: one a period; of what comes faster the newest counts

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from motm_twin.bus.config import SHIPPED
+from motm_twin.bus.zenoh_config import SHIPPED
 from motm_twin.security.authority import Authority, Identity
 from motm_twin.security.rights import ROLES, access_control, identity, router_access_control
 

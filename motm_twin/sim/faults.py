@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.edits import InjectFault
-from motm_twin.model.faults import KINDS
+from motm_twin.model.faults import KINDS, FaultFields
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.plant import Detection, Observation, Scan
 from motm_twin.model.scene import Scene, TimedFault
@@ -195,7 +195,7 @@ class FaultEffects:
 
 
 def _edit_of(one: TimedFault) -> InjectFault:
-    return InjectFault(fault=one.fault, seconds=one.seconds, delay=one.delay, amount=one.amount, joint=one.joint)
+    return InjectFault(**{field: getattr(one, field) for field in FaultFields.__struct_fields__})
 
 
 def _ghost(fault: ActiveFault, item: ObjectState, frame: Frame) -> Detection:

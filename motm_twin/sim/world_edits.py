@@ -5,18 +5,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from motm_twin.model import faults
+from motm_twin.model import bounds
 from motm_twin.model.edits import (
-    FARTHEST,
-    FARTHEST_PUSH,
-    LARGEST,
-    LARGEST_TURN,
-    LONGEST_NAME,
-    SHAPES,
-    SMALLEST,
     AddObstacle,
     FreezeBody,
-    InjectFault,
     MoveBody,
     MoveObject,
     PushRobot,
@@ -49,25 +41,18 @@ class EditError(ValueError):
 
 def check_edit(furnishings: Furnishings, state: PlantState, scenery: Scenery, edit: WorldEdit) -> None:
     """Raise `EditError` unless the world can take the edit as it stands; ``scenery`` is that of the state's layout."""
+    if problem := bounds.problem(edit):
+        raise EditError(problem)
     names = Names(furnishings, state)
     match edit:
         case AddObstacle():
             _check_new(furnishings, state, edit)
-            _check_place(edit.name, edit.x, edit.y, edit.heading)
-        case MoveBody():
+        case MoveBody() | ReleaseBody():
             names.require(edit.name, names.bodies)
-            _check_place(edit.name, edit.x, edit.y, 0.0 if edit.heading is None else edit.heading)
-        case ReleaseBody():
-            names.require(edit.name, names.bodies)
-            if not all(math.isfinite(value) for value in edit.velocity):
-                raise EditError(
-                    f"velocity {edit.velocity} of {_quoted(edit.name)} is not finite: give two numbers in m/s"
-                )
         case FreezeBody():
             names.require(edit.name, names.agents, "an agent")
         case SendAgent():
             names.require(edit.name, names.agents, "an agent")
-            _check_place(edit.name, edit.x, edit.y)
             _check_goal(state, scenery, edit)
         case RemoveBody():
             names.require(edit.name, names.bodies)
@@ -75,12 +60,9 @@ def check_edit(furnishings: Furnishings, state: PlantState, scenery: Scenery, ed
                 _check_unburdened(furnishings, state, scenery, edit.name)
         case MoveObject():
             names.require(edit.name, [item.name for item in state.objects], "an object")
-            _check_place(edit.name, edit.x, edit.y)
             _check_free(furnishings, state, scenery, edit)
         case PushRobot():
             _check_push(furnishings, state, scenery, edit)
-        case InjectFault():
-            _check_fault(edit)
 
 
 class Names:
@@ -108,27 +90,12 @@ def _quoted(name: str) -> str:
     return repr(name if len(name) <= _QUOTED else name[:_QUOTED] + "...")
 
 
-def _check_place(name: str, x: float, y: float, heading: float = 0.0) -> None:
-    if not all(math.isfinite(value) for value in (x, y, heading)):
-        raise EditError(f"pose of {_quoted(name)} is not finite: ({x}, {y}, {heading})")
-    if max(abs(x), abs(y)) > FARTHEST:
-        raise EditError(f"{_quoted(name)} would be at ({x:g}, {y:g}): stay within {FARTHEST:.0f} m")
-
-
 def _check_new(furnishings: Furnishings, state: PlantState, edit: AddObstacle) -> None:
     scene, layout = furnishings.scene, state.layout
     groups = (scene.solids, scene.objects, scene.bins, scene.agents, layout.obstacles)
     taken = {item.name for group in groups for item in group} | {item.agent.name for item in state.agents}
-    if not edit.name:
-        raise EditError("the name is empty: choose one")
     if edit.name in taken | {*furnishings.pieces, "base", "floor"}:
         raise EditError(f"name {_quoted(edit.name)} is taken: choose another")
-    if len(edit.name) > LONGEST_NAME:
-        raise EditError(f"name {_quoted(edit.name)} is too long: at most {LONGEST_NAME} characters")
-    if edit.shape not in SHAPES:
-        raise EditError(f"shape {_quoted(edit.shape)} is unknown: use one of {', '.join(SHAPES)}")
-    if not all(SMALLEST <= value <= LARGEST for value in edit.size):
-        raise EditError(f"size {edit.size} of {_quoted(edit.name)}: each must be {SMALLEST:g} to {LARGEST:g} m")
     if len(layout.obstacles) + sum(item.added for item in state.agents) >= MOST_BODIES:
         raise EditError(f"there are {MOST_BODIES} added bodies already: remove one first")
 
@@ -187,13 +154,6 @@ def _first_inside(body: Outline, corners: np.ndarray, names: Sequence[str]) -> s
 
 
 def _check_push(furnishings: Furnishings, state: PlantState, scenery: Scenery, edit: PushRobot) -> None:
-    if not all(math.isfinite(value) for value in (edit.dx, edit.dy, edit.turn)):
-        raise EditError(f"push ({edit.dx}, {edit.dy}, {edit.turn}) is not finite")
-    if math.hypot(edit.dx, edit.dy) > FARTHEST_PUSH or abs(edit.turn) > LARGEST_TURN:
-        raise EditError(
-            f"push of {math.hypot(edit.dx, edit.dy):.2f} m and {edit.turn:.2f} rad: "
-            f"at most {FARTHEST_PUSH} m and {LARGEST_TURN} rad"
-        )
     if math.hypot(edit.dx, edit.dy) < STILL and abs(edit.turn) < STILL_TURN:
         raise EditError(
             f"push of {1000.0 * math.hypot(edit.dx, edit.dy):g} mm and {edit.turn:g} rad moves nothing: "
@@ -215,11 +175,3 @@ def pushed_pose(state: PlantState, edit: PushRobot, share: float = 1.0) -> np.nd
     """Pose of the base after a share of a push, shape (3,)."""
     x, y, heading = state.base.pose
     return np.array([x + share * edit.dx, y + share * edit.dy, wrap_angle(heading + share * edit.turn)])
-
-
-def _check_fault(edit: InjectFault) -> None:
-    problem = faults.problem(
-        edit.fault, seconds=edit.seconds, delay=edit.delay, amount=edit.amount, joint=edit.joint
-    )  # fmt: skip
-    if problem:
-        raise EditError(problem)

@@ -14,7 +14,7 @@ import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.studies.pool import Lost, make_pool, outcomes
 from motm_twin.studies.spec import Experiment, Job, jobs_of
 from motm_twin.studies.store import Record, Store

@@ -19,8 +19,8 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record.session import SessionError
-from motm_twin.record.session_check import check_scene
+from motm_twin.sessions.scene_limits import check_scene
+from motm_twin.sessions.session import SessionError
 
 
 def changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import msgspec
 
-from motm_twin.record.session import Session, save_session
+from motm_twin.sessions.session import Session, save_session
 from motm_twin.studies.spec import TrialSpec
 
 TRIALS = "trials.jsonl"

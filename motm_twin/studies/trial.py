@@ -10,8 +10,8 @@ import msgspec
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.perf.report import machine
-from motm_twin.record.made_with import SOURCE, made_with
-from motm_twin.record.session import Session
+from motm_twin.sessions.made_with import SOURCE, made_with
+from motm_twin.sessions.session import Session
 from motm_twin.studies.spec import Job, method_of
 
 WALL = ("tick_ms", "realtime_factor")  # measured by a clock: differ from run to run

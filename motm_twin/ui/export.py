@@ -21,7 +21,6 @@ import viser
 
 from motm_twin.bus.client import Grid, NoSession
 from motm_twin.bus.messages import GridInfo, TickMessage
-from motm_twin.bus.session import LOOPBACK
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import History, unpacked
 from motm_twin.ui.hub import Hub, Shown

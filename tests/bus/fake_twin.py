@@ -8,7 +8,10 @@ import typing
 
 import numpy as np
 
+from motm_twin.bus.commands import Load
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.messages import SceneChoice
+from motm_twin.bus.server import TwinServer
 from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import Event, ObjectBelief, TaskState, Tick
 from motm_twin.model.edits import AddObstacle, MoveBody, RemoveBody
@@ -17,7 +20,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Agent, Bin, Box, Cylinder, Noise, Pick, Place, Scene, SceneObject, Solid
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 from motm_twin.sim.plant import SimulatedPlant
 
 HOME = np.array([0.0, -0.6, 0.0, -2.3, 0.0, 1.8, 0.785])
@@ -377,3 +380,10 @@ def fake_tick(twin, edits):
         done=done,
         success=done,
     )
+
+
+def fake_server(*, first=None, playing=True, methods=None, **options):
+    """A server of the fake twin."""
+    first = first or Load(scene="fake")
+    setup = TwinSetup(library=FakeLibrary(), make_twin=FakeTwin, first=first, playing=playing, methods=methods)
+    return TwinServer(setup, **options)

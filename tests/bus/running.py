@@ -7,6 +7,7 @@ from fake_twin import FakeLibrary, FakeTwin
 from waiting import until
 
 from motm_twin.bus.commands import Envelope, Load, Step
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.loop import TwinLoop
 
 
@@ -32,7 +33,8 @@ class Sink:
 class Running:
     """A loop in its thread, with commands that wait for their answers."""
 
-    def __init__(self, make_twin=FakeTwin, playing=False, first="fake", library=None, **options):
+    def __init__(self, make_twin=FakeTwin, playing=False, first="fake", library=None, data=None, **options):
+        """``options``: of the `TwinSetup`."""
         self.sink, self.library = Sink(), library or FakeLibrary()
         self.twins = []
 
@@ -40,15 +42,9 @@ class Running:
             self.twins.append(make_twin(scene, method=method))
             return self.twins[-1]
 
-        self.loop = TwinLoop(
-            twin_name="t",
-            library=self.library,
-            make_twin=make,
-            sink=self.sink,
-            first=first if isinstance(first, Load) else Load(scene=first),
-            playing=playing,
-            **options,
-        )
+        first = first if isinstance(first, Load) else Load(scene=first)
+        setup = TwinSetup(library=self.library, make_twin=make, first=first, playing=playing, **options)
+        self.loop = TwinLoop(setup, twin_name="t", sink=self.sink, data=data)
         self.thread = threading.Thread(target=self.loop.run)
 
     def __enter__(self):

@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 from running import Running
 
 from motm_twin.bus import commands
-from motm_twin.bus.commands import Branch, Inspect, Refused, Reset, UndoBranch
+from motm_twin.bus.commands import Branch, Inspect, Refused, Reset, UndoBranch, check_command
 from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.ranges import check_command
 from motm_twin.control.tuning import PARAMETERS
-from motm_twin.model.edits import FAULTS
+from motm_twin.model.faults import NAMES as FAULTS
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin

@@ -12,18 +12,18 @@ from contextlib import contextmanager
 
 import pytest
 import zenoh
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import fake_server
 from rich.console import Console
-from waiting import until
+from waiting import until, until_paused
 
 from motm_twin import cli_serve
-from motm_twin.bus import credentials, running
+from motm_twin.bus import credentials
+from motm_twin.bus import private_folder as running
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Load, Step
-from motm_twin.bus.config import SHIPPED, VARIABLE, ConfigError
+from motm_twin.bus.commands import Step
+from motm_twin.bus.connection import free_port, open_client, open_member, open_server
 from motm_twin.bus.credentials import FILE, client_file, forget, known_at, own_credentials
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import free_port, open_client, open_member, open_server
+from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE, ConfigError
 from motm_twin.client import connect
 from motm_twin.client.discover import NoTwin, running_twins
 
@@ -47,10 +47,8 @@ def another_user(tmp_path, monkeypatch):
 
 @contextmanager
 def serving(**options):
-    with TwinServer(
-        library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False, **options
-    ) as server:
-        until(lambda: server.loop.status().state == "paused", "the twin never started")
+    with fake_server(playing=False, **options) as server:
+        until_paused(server)
         yield server
 
 

@@ -9,7 +9,7 @@ import pytest
 from waiting import until
 
 from motm_twin.bus.commands import Speed, Step
-from motm_twin.bus.session import open_client, open_member
+from motm_twin.bus.connection import open_client, open_member
 from motm_twin.perf import bus, soak
 from motm_twin.perf.processes import act, restart
 from motm_twin.perf.worker import Worker

@@ -136,7 +136,7 @@ def test_a_first_scene_that_fails_is_told_and_another_can_be_loaded():
 
 
 def test_a_held_body_is_let_go_when_its_holder_falls_silent(monkeypatch):
-    monkeypatch.setattr("motm_twin.bus.holds.SILENCE", 0.0)
+    monkeypatch.setattr("motm_twin.bus.driver.HELD_FOR", 0.0)
     released = []
 
     class Watching(FakeTwin):

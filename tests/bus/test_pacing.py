@@ -1,6 +1,16 @@
-import pytest
+"""Pacing of the loop, and the scheduling of its thread."""
 
-from motm_twin.bus.pacing import Pacer
+import os
+import threading
+
+import pytest
+from fake_twin import FakeTwin
+from running import Running
+from waiting import until
+
+from motm_twin.bus import pacing
+from motm_twin.bus.commands import Load, Pause, Play, Speed
+from motm_twin.bus.pacing import Pacer, RealTime, refusal
 from motm_twin.model.period import PERIOD
 
 
@@ -60,3 +70,79 @@ def test_only_real_time_that_the_machine_keeps_up_with_is_at_ease():
     slow = Pacer()
     now, _ = run(slow, 5.0, 0.08)
     assert not slow.at_ease(now)
+
+
+def in_thread(work):
+    """What ``work`` gives in a thread of its own, whose scheduling ends with it."""
+    found = []
+    thread = threading.Thread(target=lambda: found.append(work()))
+    thread.start()
+    thread.join(20.0)
+    return found[0]
+
+
+def policy():
+    return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+
+
+def test_the_thread_gets_real_time_scheduling_where_it_is_allowed_and_gives_it_back():
+    def work():
+        allowed, chosen = refusal() == "", RealTime()
+        usual = policy()
+        chosen.want(True)
+        wanted, inherited = policy(), in_thread(policy)
+        chosen.want(False)
+        return allowed, usual, wanted, inherited, policy()
+
+    allowed, usual, wanted, inherited, after = in_thread(work)
+    assert usual == inherited == after == os.SCHED_OTHER
+    assert wanted == (os.SCHED_FIFO if allowed else os.SCHED_OTHER)
+
+
+def test_without_permission_the_usual_scheduling_stays_and_it_is_said(monkeypatch):
+    def forbidden(_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(pacing, "schedule", forbidden)
+    chosen = RealTime()
+    chosen.want(True)
+    assert not chosen.on
+    assert refusal() == "Operation not permitted"
+
+
+def test_an_operating_system_without_it_is_said(monkeypatch):
+    monkeypatch.delattr(os, "SCHED_FIFO")
+    chosen = RealTime()
+    chosen.want(True)
+    assert not chosen.on
+    assert refusal() == "this operating system has none"
+
+
+@pytest.mark.skipif(refusal() != "", reason=f"no real-time scheduling here: {refusal()}")
+def test_the_loop_has_it_only_while_it_sleeps_between_periods():
+    with Running() as running:
+        assert running.ask(Play()) == ""
+        until(lambda: running.loop._real_time.on, "no real-time scheduling in real time")
+        assert running.ask(Speed(factor=4.0)) == ""
+        until(lambda: not running.loop._real_time.on, "real-time scheduling at four times the speed")
+        assert running.ask(Speed(factor=1.0)) == ""
+        until(lambda: running.loop._real_time.on, "no real-time scheduling in real time again")
+        assert running.ask(Pause()) == ""
+        assert not running.loop._real_time.on
+
+
+@pytest.mark.skipif(refusal() != "", reason=f"no real-time scheduling here: {refusal()}")
+def test_a_load_has_the_usual_scheduling():
+    found = []
+
+    class Slow(FakeTwin):
+        def __init__(self, *about, **more):
+            super().__init__(*about, **more)
+            found.append(policy())
+
+    with Running(Slow) as running:
+        assert running.ask(Play()) == ""
+        until(lambda: running.loop._real_time.on, "no real-time scheduling in real time")
+        assert running.ask(Load(scene="fake")) == ""
+        until(lambda: len(found) == 2, "nothing is loaded")
+    assert found == [os.SCHED_OTHER] * 2

@@ -37,7 +37,7 @@ from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.replay import rerun
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 from motm_twin.twin import Twin
 
 BODIES = ("objects", "agents", "obstacles", "furniture", "removed")

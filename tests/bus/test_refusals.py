@@ -4,13 +4,14 @@ import json
 
 import msgspec
 import pytest
-from waiting import until
+from waiting import until, until_paused
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import MAX_COMMAND_BYTES, Load, SetParameter, Step
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 from motm_twin.twin import Twin
 
 STEADY = ("run", "state", "text", "scene", "variant", "seed", "time", "speed", "driver", "parameters", "recorded")
@@ -21,9 +22,9 @@ def server(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
     first = Load(scene="exp1")
     with TwinServer(
-        library=FileLibrary("exp1"), make_twin=Twin, first=first, playing=False, data=folder / "files"
+        TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=first, playing=False), data=folder / "files"
     ) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started", 240.0)
+        until_paused(running)
         yield running
         assert not (folder / "files").exists(), "a refused command has written a file"
 

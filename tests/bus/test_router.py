@@ -5,14 +5,13 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import fake_server
 from waiting import until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Load, Step
-from motm_twin.bus.config import SHIPPED, VARIABLE
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import free_port
+from motm_twin.bus.commands import Step
+from motm_twin.bus.connection import free_port
+from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "scale.md"
 
@@ -42,10 +41,7 @@ def test_twins_at_one_router_are_read_and_commanded_through_it_and_through_anoth
     site.write_text(shipped.replace("connect: { endpoints: [] }", f'connect: {{ endpoints: ["{routers[0]}"] }}'))
     viewer.write_text(shipped.replace('mode: "peer"', 'mode: "client"'))
     monkeypatch.setenv(VARIABLE, str(site))
-    made = [
-        TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), twin=name, playing=False)
-        for name in ("anna", "bert")
-    ]
+    made = [fake_server(playing=False, twin=name) for name in ("anna", "bert")]
     monkeypatch.setenv(VARIABLE, str(viewer))
     with made[0] as anna, made[1]:
         for endpoint in routers:

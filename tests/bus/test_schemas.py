@@ -7,19 +7,17 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from fake_twin import FakeLibrary, FakeTwin
-from waiting import asked, until
+from fake_twin import fake_server
+from waiting import asked, until, until_paused
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import AddObstacle, Envelope, Load, Step
-from motm_twin.bus.schema_rule import breaking_changes
-from motm_twin.bus.schemas import COMMANDS, MESSAGES, file_name, names, schema
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import open_client
-from motm_twin.external.schemas import KINDS, plant_schema
+from motm_twin.bus.commands import AddObstacle, Envelope, Step
+from motm_twin.bus.connection import open_client
+from motm_twin.bus.schemas import COMMANDS, MESSAGES, PLANT_MESSAGES, breaking_changes, file_name, names, schema
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "schemas"
+PUBLISHED = [*MESSAGES, *PLANT_MESSAGES]
 
 
 def published(name):
@@ -34,9 +32,14 @@ def tool():
     return module
 
 
-@pytest.mark.parametrize("name", MESSAGES)
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_a_schema_is_a_valid_one(name):
+    jsonschema.Draft202012Validator.check_schema(schema(name))
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
 def test_a_message_fits_what_was_published_under_its_version(name):
-    version = MESSAGES[name][0]
+    version = schema(name)["$id"]
     assert (FOLDER / file_name(name)).exists(), f"{version} is not published: run tools/schemas.py"
     breaks = breaking_changes(published(name), schema(name))
     assert not breaks, f"bump the version of {name!r}, {version}: {'; '.join(breaks)}"
@@ -49,7 +52,8 @@ def test_the_published_files_are_those_of_now(tool):
 
 
 def test_the_tool_does_not_publish_what_breaks_a_version(tool, tmp_path):
-    for name in MESSAGES:
+    (tmp_path / "plant").mkdir()
+    for name in PUBLISHED:
         (tmp_path / file_name(name)).write_text(json.dumps(published(name)))
     assert tool.problems(tmp_path) == []
     changed = published("robot")
@@ -116,14 +120,8 @@ def test_removing_retyping_and_requiring_need_a_new_version(name, edit, word):
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    with TwinServer(
-        library=FakeLibrary(),
-        make_twin=FakeTwin,
-        first=Load(scene="fake"),
-        playing=False,
-        data=tmp_path_factory.mktemp("data"),
-    ) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started")
+    with fake_server(playing=False, data=tmp_path_factory.mktemp("data")) as running:
+        until_paused(running)
         yield running
 
 
@@ -132,9 +130,9 @@ def test_schemas_are_answered_to_queries(server):
         (reply,) = asked(session, server.keys.schema("tick"))
         assert json.loads(reply.ok.payload.to_bytes()) == schema("tick")
         found = {str(reply.ok.key_expr) for reply in session.get(server.keys.schemas)}
-        assert found == {server.keys.schema(name) for name in (*names(), *(f"plant/{name}" for name in KINDS))}
+        assert found == {server.keys.schema(name) for name in names()}
         (reply,) = session.get(server.keys.schema("plant/state"))
-        assert json.loads(reply.ok.payload.to_bytes()) == plant_schema("state")
+        assert json.loads(reply.ok.payload.to_bytes()) == schema("plant/state")
         assert len(list(session.get(server.keys.schema("cmd/*")))) == len(COMMANDS)
         assert list(session.get(server.keys.schema("nothing"))) == []
 

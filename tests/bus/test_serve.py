@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -18,11 +19,12 @@ from waiting import asked, until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, MoveBody, Pause, Speed
+from motm_twin.bus.connection import free_port, require_free_port
 from motm_twin.bus.credentials import client_file
-from motm_twin.bus.running import all_running
-from motm_twin.bus.session import free_port, require_free_port
+from motm_twin.bus.private_folder import all_running
+from motm_twin.bus.processes import setter
 from motm_twin.record.replay import rerun
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 
 READY = 240.0  # [s] the first start compiles, on a machine that may be busy
 
@@ -192,3 +194,19 @@ def test_bad_input_is_exit_code_2_with_a_sentence(options, words):
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
     assert ended.returncode == 2
     assert words in ended.stdout + ended.stderr
+
+
+@pytest.mark.timeout(60)
+def test_a_signal_that_comes_while_its_event_is_waited_for_does_not_hang_the_program():
+    before = signal.getsignal(signal.SIGALRM)
+    try:
+        for _ in range(50):
+            stop = threading.Event()
+            signal.signal(signal.SIGALRM, setter(stop))
+            signal.setitimer(signal.ITIMER_REAL, 1e-4, 1e-4)  # into every step of the wait
+            while not stop.wait(1e-5):
+                continue
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

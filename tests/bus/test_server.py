@@ -8,26 +8,27 @@ import time
 import msgspec
 import pytest
 import zenoh
-from fake_twin import FakeLibrary, FakeTwin
-from waiting import until
+from fake_twin import FakeLibrary, FakeTwin, fake_server
+from waiting import until, until_paused
 
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, HandOver, Inspect, Load, MoveBody, Pause, Play, Speed, Step
+from motm_twin.bus.connection import PortTaken, free_port, open_client, require_free_port
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import PortTaken, free_port, open_client, require_free_port
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 
 FAKE = Load(scene="fake")
 
 
 def serving(first=FAKE, **options):
-    return TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=first, **options)
+    return fake_server(first=first, **options)
 
 
 @pytest.fixture
 def server():
     with serving(playing=False) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started")
+        until_paused(running)
         yield running
 
 
@@ -207,7 +208,7 @@ def test_the_heartbeat_sees_a_changed_scene_file():
         def load(self, scene, variant, seed):
             return msgspec.structs.replace(super().load(scene, variant, seed), title=f"edited {len(self.loads)} times")
 
-    with TwinServer(library=Edited(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False) as server:
+    with TwinServer(TwinSetup(library=Edited(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False)) as server:
         until(lambda: server.loop.status().text == "scene file changed: loaded again", "it is not loaded again")
         with TwinClient(server.endpoint) as client:
             until(lambda: client.scene() and client.scene().title == "edited 2 times", "the scene is not sent")
@@ -288,7 +289,7 @@ def test_closing_takes_less_than_two_seconds_even_in_a_long_period():
                 time.sleep(8.0)
             return super().advance()
 
-    server = TwinServer(library=FakeLibrary(), make_twin=Slow, first=Load(scene="fake"))
+    server = TwinServer(TwinSetup(library=FakeLibrary(), make_twin=Slow, first=Load(scene="fake")))
     server.start()
     until(lambda: server.loop.status().time > 0.09, "the twin never started")
     began = time.monotonic()

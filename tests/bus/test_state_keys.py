@@ -8,7 +8,7 @@ import msgspec
 import pytest
 import zenoh
 from fake_twin import FakeTwin, fake_scene, fake_tick
-from waiting import asked, until
+from waiting import asked, until, until_paused
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import (
@@ -26,20 +26,23 @@ from motm_twin.bus.commands import (
     Speed,
     Step,
 )
+from motm_twin.bus.connection import open_client
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.events import EventLog, EventWatch
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import EventsMessage, MetricsMessage, NumberedEvent, RobotStateMessage, ScanMessage
-from motm_twin.bus.robot_stream import RobotStream
+from motm_twin.bus.senders import RobotStream
 from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import open_client
 from motm_twin.twin import Twin
 
 
 @pytest.fixture(scope="module")
 def server():
-    with TwinServer(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started", 240.0)
+    with TwinServer(
+        TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), playing=False)
+    ) as running:
+        until_paused(running)
         yield running
 
 

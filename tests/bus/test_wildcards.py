@@ -7,15 +7,14 @@ from contextlib import ExitStack
 import msgspec
 import pytest
 import zenoh
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import fake_server
 from waiting import until
 
 from motm_twin.bus.commands import COMMAND_NAMES, Load
-from motm_twin.bus.config import SHIPPED, VARIABLE, session_config
+from motm_twin.bus.connection import LOOPBACK, free_port, open_member
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.schemas import names
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import LOOPBACK, free_port, open_member
+from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE, session_config
 
 TWINS = ("anna", "bert")
 VARIANTS = {"anna": "a", "bert": "b"}
@@ -52,11 +51,7 @@ def twins(at_router):
     with ExitStack() as stack:
         for name in TWINS:
             first = Load(scene="fake", variant=VARIANTS[name])
-            made = at_router(
-                lambda name=name, first=first: TwinServer(
-                    library=FakeLibrary(), make_twin=FakeTwin, first=first, twin=name, playing=True
-                )
-            )
+            made = at_router(lambda name=name, first=first: fake_server(first=first, playing=True, twin=name))
             stack.enter_context(made)
         yield
 

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from fake_twin import FakeLibrary, FakeTwin
-from waiting import until
+from fake_twin import fake_server
+from waiting import until, until_paused
 
-from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Load, command_name
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import free_port
+from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, command_name
+from motm_twin.bus.connection import free_port
 from motm_twin.client import EventsLost, NoTwin, Refused, connect, connect_async, running_twins
 from motm_twin.client.commanding import Commanding
 from motm_twin.client.events import EventReader
@@ -29,15 +28,8 @@ ANY = {str: "x", int: 1, float: 1.0}  # an argument of each type
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    with TwinServer(
-        library=FakeLibrary(),
-        make_twin=FakeTwin,
-        first=Load(scene="fake"),
-        playing=False,
-        twin="t1",
-        data=tmp_path_factory.mktemp("data"),
-    ) as running:
-        until(lambda: running.loop.status().state == "paused", "the twin never started")
+    with fake_server(playing=False, twin="t1", data=tmp_path_factory.mktemp("data")) as running:
+        until_paused(running)
         yield running
 
 
@@ -306,7 +298,7 @@ def test_a_reader_goes_on_after_the_server_was_started_again(tmp_path):
     port = free_port()
 
     def serving():
-        return TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), port=port, data=tmp_path)
+        return fake_server(port=port, data=tmp_path)
 
     with serving():
         twin = connect(f"tcp/127.0.0.1:{port}")

@@ -10,6 +10,7 @@ import pytest
 from waiting import until
 
 from motm_twin.bus.commands import Load
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
 from motm_twin.client import connect
@@ -22,7 +23,9 @@ EXAMPLES = ROOT / "examples"
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
-    with TwinServer(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1"), data=data) as running:
+    with TwinServer(
+        TwinSetup(library=FileLibrary("exp1"), make_twin=Twin, first=Load(scene="exp1")), data=data
+    ) as running:
         until(lambda: running.loop.status().state == "playing", "the twin never started", 240.0)
         yield running
 

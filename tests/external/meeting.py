@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import zenoh
 
-from motm_twin.bus.session import LOOPBACK, free_port, open_server
+from motm_twin.bus.connection import LOOPBACK, free_port, open_server
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot_link import RobotLink

@@ -3,29 +3,16 @@
 import re
 from pathlib import Path
 
-import jsonschema
 import pytest
 
+from motm_twin.bus.keys import PlantKeys
+from motm_twin.bus.plant_messages import DetectionList, Info, RobotCommand, RobotState, ScanData
 from motm_twin.external.convert import scan_of
-from motm_twin.external.keys import PlantKeys
-from motm_twin.external.messages import DetectionList, Info, RobotCommand, RobotState, ScanData
-from motm_twin.external.schemas import KINDS, path, plant_schema, text
 from motm_twin.model.profile import Lidar
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "external_robot.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_the_published_schema_is_that_of_the_code(name: str) -> None:
-    published = path(name).read_text(encoding="utf-8")
-    assert published == text(name), "run python -m motm_twin.external.schemas; a change of meaning needs a new version"
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_every_schema_is_a_valid_one(name: str) -> None:
-    jsonschema.Draft202012Validator.check_schema(plant_schema(name))
 
 
 def test_the_page_leads_to_the_skeleton_and_names_what_is_replaced_in_it() -> None:

@@ -9,11 +9,11 @@ import pytest
 import zenoh
 from meeting import Router, driven, running_robot, until
 
-from motm_twin.bus.session import open_member
+from motm_twin.bus.connection import open_member
+from motm_twin.bus.keys import PlantKeys
+from motm_twin.bus.plant_messages import VERSION, RobotCommand
 from motm_twin.control.tick import Tick
 from motm_twin.external.emulator import LinkSpec
-from motm_twin.external.keys import PlantKeys
-from motm_twin.external.messages import VERSION, RobotCommand
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import AddObstacle, Announce, MoveObject

@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from motm_twin.bus.plant_messages import VERSION, RobotCommand
 from motm_twin.external.guard import MAX_BYTES, SILENCE, CommandGuard
-from motm_twin.external.messages import VERSION, RobotCommand
 from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import BaseLimits
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from motm_twin.bus.config import ConfigError
-from motm_twin.bus.session import LOOPBACK, free_port, open_member, open_server
+from motm_twin.bus.connection import LOOPBACK, free_port, open_member, open_server
+from motm_twin.bus.zenoh_config import ConfigError
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from motm_twin.bus.plant_messages import LIFETIME
 from motm_twin.control.monitor import Monitor
 from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.external.emulator import Link, LinkSpec
-from motm_twin.external.messages import LIFETIME
 from motm_twin.external.timing import ClockOffset, Lead
 from motm_twin.model.plant import Actuation
 from motm_twin.model.scene import Noise, Scene

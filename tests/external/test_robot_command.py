@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from meeting import Router
 
-from motm_twin.bus.config import SHIPPED, VARIABLE
-from motm_twin.bus.session import LOOPBACK, free_port
+from motm_twin.bus.connection import LOOPBACK, free_port
+from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE
 
 STATE = "motm/frankie/plant/state"
 

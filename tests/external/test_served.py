@@ -12,13 +12,15 @@ from meeting import Router, driven, running_robot, until
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Refused, Speed, Step
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.bus.server import RobotChoice, TwinServer
-from motm_twin.bus.server_process import make_external_twin
 from motm_twin.client import connect
+from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
 from motm_twin.planning.types import SearchBudget
+from motm_twin.server_process import make_external_twin
 
 SKELETON = Path(__file__).parents[2] / "examples" / "robot_skeleton.py"
 
@@ -50,11 +52,13 @@ def served(tmp_path: Path, router: Router) -> Iterator[TwinServer]:
 def serving(data: Path, router: Router, *, mirror: bool = False) -> TwinServer:
     make = functools.partial(make_external_twin, budget=SearchBudget(), sender="twin")
     return TwinServer(
-        library=FileLibrary("exp1"),
-        make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
-        first=Load(scene="exp1", variant="trial1"),
+        TwinSetup(
+            library=FileLibrary("exp1"),
+            make_twin=lambda scene, method: pytest.fail("the simulated robot was asked for"),
+            first=Load(scene="exp1", variant="trial1"),
+        ),
         data=data,
-        robot=RobotChoice(make_twin=make, mirror=mirror, session=router.session),
+        robot=RobotChoice(meet=RobotLink, make_twin=make, mirror=mirror, session=router.session),
     )
 
 

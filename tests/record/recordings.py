@@ -19,7 +19,7 @@ class Recording:
         command = [
             sys.executable,
             "-m",
-            "motm_twin.record.recorder_process",
+            "motm_twin.record.recorder",
             "--endpoint",
             endpoint,
             "--out",

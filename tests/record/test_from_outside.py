@@ -9,20 +9,21 @@ import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
 from motm_twin.bus.commands import Refused
+from motm_twin.bus.data_folder import DataFolder
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.keeping import Keeper
+from motm_twin.bus.observations import ObservationEncoder
 from motm_twin.console import plain_console, printable, table_console
 from motm_twin.record import channels as ch
-from motm_twin.record import session as session_module
 from motm_twin.record.cli_rerun import rerun_file
 from motm_twin.record.frames import Frames
 from motm_twin.record.info import info, show
 from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.observations import ObservationEncoder, RecordedPlant
 from motm_twin.record.reader import FREE_MESSAGES, MAX_NAMES, read
 from motm_twin.record.recording import load_recording
 from motm_twin.record.recover import recover
-from motm_twin.record.session import SessionError, decode_session, encode_session, load_session, save_session
+from motm_twin.record.rerun_file import RecordedPlant
+from motm_twin.sessions import session as session_module
+from motm_twin.sessions.session import SessionError, decode_session, encode_session, load_session, save_session
 from motm_twin.twin import Twin
 
 DEEP = b"[" * 5_000 + b"]" * 5_000
@@ -230,11 +231,11 @@ def test_save_and_record_follow_no_link_out_of_their_folder(tmp_path, suffix, th
     if there:
         elsewhere.write_text("mine")
     (folder / f"run{suffix}").symlink_to(elsewhere)
-    keeper = Keeper(folder, "tcp/127.0.0.1:1", "frankie", lambda: None)
+    folder_of_server = DataFolder(folder, "tcp/127.0.0.1:1", "frankie", lambda: None)
     with pytest.raises(Refused, match="is there already"):
-        keeper._new("run", suffix)
+        folder_of_server._new("run", suffix)
     assert elsewhere.exists() is there
-    keeper.close()
+    folder_of_server.close()
 
 
 def mutated(data, rng):

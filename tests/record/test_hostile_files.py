@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 FILE = Path(__file__).resolve().parents[2] / "tools" / "hostile_files.py"
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from motm_twin.bus.robot_frames import RobotEncoder
+from motm_twin.bus.encode import RobotEncoder
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch

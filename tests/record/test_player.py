@@ -6,23 +6,22 @@ import time
 import msgspec
 import numpy as np
 import pytest
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import fake_server
 from recordings import Recording
 from waiting import asked, until
 
 from motm_twin.bus.client import NoSession, TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, Pause, Play, Reset, Speed, Step
+from motm_twin.bus.connection import open_client
 from motm_twin.bus.messages import EventsMessage
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import open_client
 from motm_twin.model.period import PERIOD
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
 from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.player import Player
+from motm_twin.record.player import Playback, Player
 from motm_twin.record.player_server import PlayerServer
 from motm_twin.record.reader import read
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 LAST = 60
 
@@ -33,7 +32,7 @@ def path(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recordings")
     first, out = Load(scene="fake", method="staa"), folder / "x.mcap"
     with (
-        TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=first, playing=False, data=folder) as server,
+        fake_server(first=first, playing=False, data=folder) as server,
         TwinClient(server.endpoint) as client,
     ):
         recorder = Recording(server.endpoint, out)
@@ -49,7 +48,7 @@ def path(tmp_path_factory):
 @pytest.fixture
 def client(path):
     with (
-        PlayerServer(path, twin="again", playing=False) as server,
+        PlayerServer(path, twin="again", playback=Playback(playing=False)) as server,
         TwinClient(server.endpoint, "again", sender="tester") as connected,
     ):
         until(lambda: connected.tick() and connected.status() and connected.scene() and connected.grid(), "nothing")
@@ -66,7 +65,10 @@ def test_a_recording_looks_like_a_twin(client):
 
 
 def test_its_events_can_be_asked_for_and_are_numbered_as_they_are_told(path):
-    with PlayerServer(path, twin="again", speed=8.0) as server, open_client(server.endpoint) as plain:
+    with (
+        PlayerServer(path, twin="again", playback=Playback(speed=8.0)) as server,
+        open_client(server.endpoint) as plain,
+    ):
         until(lambda: server.player.status().state == "done", "it never ended")
         first = _events(plain, "motm/again/event?from=0")
         assert [event.kind for event in first.events].count("edit") == 1, "the obstacle that was added"
@@ -123,7 +125,7 @@ def test_while_it_plays_the_states_of_the_robot_come_one_after_the_other_as_they
         put=lambda topic, *_: sent.append(topic),
         now=time.time,
         changed=lambda: None,
-        speed=0.125,
+        playback=Playback(speed=0.125),
     )
     robots = [[item for item in frame.sent() if item[0] == ch.ROBOT.topic] for frame in frames]
     number = next(number for number, found in enumerate(robots) if number and len(found) > 1)
@@ -184,7 +186,7 @@ def test_asked_with_a_wildcard_it_answers_on_its_own_key_and_obeys_nobody(path):
 
 def test_a_loop_begins_again_by_itself(path):
     with (
-        PlayerServer(path, twin="loop", speed=8.0, loop=True) as server,
+        PlayerServer(path, twin="loop", playback=Playback(speed=8.0, loop=True)) as server,
         TwinClient(server.endpoint, "loop") as client,
     ):
         until(lambda: client.tick() and client.tick().run >= 2, "it did not begin again")

@@ -16,7 +16,7 @@ from motm_twin.record import recorder as module
 from motm_twin.record.info import info
 from motm_twin.record.reader import read
 from motm_twin.record.recorder import Recorder
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 
 
 class Bus:

@@ -7,15 +7,14 @@ import signal
 import time
 
 import pytest
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import fake_server
 from recordings import Recording, unprivileged
 from waiting import until
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Load, Step
-from motm_twin.bus.latest import LatestValues
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import free_port
+from motm_twin.bus.commands import Step
+from motm_twin.bus.connection import free_port
+from motm_twin.bus.latest_values import LatestValues
 from motm_twin.record.channels import STATUS
 from motm_twin.record.info import info
 from motm_twin.record.mcap_file import McapFile, RecordingFailed
@@ -27,7 +26,7 @@ MOST_LOST = 1.0  # [s]
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
-    with TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), data=data) as running:
+    with fake_server(data=data) as running:
         until(lambda: running.loop.status().state == "playing", "the twin never started")
         yield running
 
@@ -144,9 +143,7 @@ def test_a_server_that_answers_slowly_is_recorded_from_the_start(tmp_path, monke
 
     monkeypatch.setattr(LatestValues, "_answer", slowly)
     with (
-        TwinServer(
-            library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False, data=tmp_path
-        ) as server,
+        fake_server(playing=False, data=tmp_path) as server,
         TwinClient(server.endpoint) as client,
     ):
         until(lambda: client.tick() and client.status(), "no tick")

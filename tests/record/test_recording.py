@@ -13,6 +13,7 @@ from waiting import until
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Branch, Load, MoveBody, SetParameter, Step
 from motm_twin.bus.encode import tick_message
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.server import TwinServer
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
@@ -23,7 +24,7 @@ from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
 from motm_twin.record.recover import recover
 from motm_twin.record.rerun_file import _differing, rerun_run
-from motm_twin.record.session import SessionError
+from motm_twin.sessions.session import SessionError
 
 READY = 240.0  # [s] the first start compiles, on a machine that may be busy
 BRANCHED, ENDED = 25, 45
@@ -46,7 +47,7 @@ def files(tmp_path_factory, clocked):
     """Two recordings of one run with a branch: from the start, and from its middle on."""
     folder = tmp_path_factory.mktemp("recordings")
     first = Load(scene="exp1", variant="trial2", seed=1, method="no_rotation_cost")
-    server = TwinServer(library=Library(), make_twin=clocked, first=first, playing=False, data=folder)
+    server = TwinServer(TwinSetup(library=Library(), make_twin=clocked, first=first, playing=False), data=folder)
     whole = Recording(server.endpoint, folder / "whole.mcap")  # before there is anything to be recorded
     assert whole.event()["event"] == "recording"
     with server, TwinClient(server.endpoint) as client:

@@ -17,11 +17,10 @@ from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParamete
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import what_if_run
-from motm_twin.record.changes import parse_changes, start_period
+from motm_twin.record.cli_what_if import BothRuns
 from motm_twin.record.replay import rerun
-from motm_twin.record.session import LoggedEdit, Session, SessionError, save_session
-from motm_twin.record.what_if_progress import BothRuns
-from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, run_one
+from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, parse_changes, run_one, start_period
+from motm_twin.sessions.session import LoggedEdit, Session, SessionError, save_session
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
 

@@ -21,9 +21,9 @@ from motm_twin.model.edits import (
 )
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import SearchBudget
-from motm_twin.record.branches import Branches
 from motm_twin.record.replay import rerun, updated
-from motm_twin.record.session import save_session
+from motm_twin.sessions.branches import Branches
+from motm_twin.sessions.session import save_session
 from motm_twin.twin import Twin
 
 FOLDER = Path(__file__).parent

@@ -10,7 +10,7 @@ import pytest
 
 from motm_twin.record.cli_rerun import explain
 from motm_twin.record.replay import rerun
-from motm_twin.record.session import load_session
+from motm_twin.sessions.session import load_session
 
 FILES = sorted(Path(__file__).parent.glob("*.json"))
 

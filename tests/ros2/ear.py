@@ -10,15 +10,15 @@ from rosbags.typesys import Stores, get_typestore
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Load
+from motm_twin.bus.connection import open_member
+from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import RobotStateMessage, ScanMessage, TickMessage
 from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import open_member
 from motm_twin.planning.types import SearchBudget
 from motm_twin.ros2.bridge import Bridge
-from motm_twin.ros2.forms import BridgeForm, RmwForm
+from motm_twin.ros2.forms import PUBLISHED, BridgeForm, RmwForm
 from motm_twin.ros2.robot_model import PRIMITIVES
-from motm_twin.ros2.topics import PUBLISHED
 from motm_twin.twin import Twin
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
@@ -39,12 +39,14 @@ class Served:
 
     def __enter__(self):
         self.server = TwinServer(
-            library=FileLibrary("exp1"),
-            make_twin=lambda scene, method: Twin(
-                scene, method=method, budget=SearchBudget(seconds=0.02), clock=time.perf_counter
-            ),
-            first=Load(scene="exp1"),
-            playing=True,
+            TwinSetup(
+                library=FileLibrary("exp1"),
+                make_twin=lambda scene, method: Twin(
+                    scene, method=method, budget=SearchBudget(seconds=0.02), clock=time.perf_counter
+                ),
+                first=Load(scene="exp1"),
+                playing=True,
+            )
         )
         self.server.start()
         self.session = open_member(self.server.endpoint)

@@ -8,7 +8,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from motm_twin.ros2.cdr import CdrError, decode, encode
 from motm_twin.ros2.definitions import DEFINITIONS, NONE, SEQUENCE, fields
-from motm_twin.ros2.type_hash import type_hash
+from motm_twin.ros2.forms import type_hash
 
 STORES = {"humble": get_typestore(Stores.ROS2_HUMBLE), "jazzy": get_typestore(Stores.ROS2_JAZZY)}
 NUMBERS = {

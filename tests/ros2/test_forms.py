@@ -2,9 +2,8 @@
 
 import pytest
 
-from motm_twin.ros2 import topics
-from motm_twin.ros2.forms import BridgeForm, RmwForm, check_prefix
-from motm_twin.ros2.type_hash import type_hash
+from motm_twin.ros2 import forms as topics
+from motm_twin.ros2.forms import BridgeForm, RmwForm, check_prefix, type_hash
 
 TF = type_hash("tf2_msgs/msg/TFMessage")
 

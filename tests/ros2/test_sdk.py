@@ -8,10 +8,9 @@ import pytest
 from ear import JAZZY, until
 
 from motm_twin.bus.credentials import own_credentials
-from motm_twin.ros2 import topics
+from motm_twin.ros2 import forms as topics
 from motm_twin.ros2.definitions import DEFINITIONS
-from motm_twin.ros2.topics import PUBLISHED
-from motm_twin.ros2.type_hash import type_hash
+from motm_twin.ros2.forms import PUBLISHED, type_hash
 
 sdk = pytest.importorskip("zenoh_ros2_sdk", reason="zenoh-ros2-sdk is not installed", exc_type=ImportError)
 from zenoh_ros2_sdk import discovery  # noqa: E402

@@ -11,10 +11,10 @@ from ear import HUMBLE, JAZZY, Ear, at, direct, until
 from scipy.spatial.transform import Rotation
 
 from motm_twin.bus.commands import AddObstacle, RemoveBody
-from motm_twin.ros2 import topics
+from motm_twin.ros2 import forms as topics
 from motm_twin.ros2.cdr import decode
+from motm_twin.ros2.forms import PUBLISHED
 from motm_twin.ros2.markers import DELETE
-from motm_twin.ros2.topics import PUBLISHED
 
 LATCHED = [topic for topic in PUBLISHED if topic.latched]
 TOO_RARE = {topics.TF_STATIC, topics.ROBOT_DESCRIPTION}  # for who comes later

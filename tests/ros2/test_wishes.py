@@ -8,7 +8,7 @@ import pytest
 from ear import JAZZY, until
 
 from motm_twin.bus.commands import Pause, Play, Reset, Speed, Step
-from motm_twin.ros2 import topics
+from motm_twin.ros2 import forms as topics
 from motm_twin.ros2.cdr import encode
 
 FORMS = ("bridge", "rmw")

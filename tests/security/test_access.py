@@ -13,17 +13,14 @@ import zenoh.ext
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "bus"))
 
-from fake_twin import FakeLibrary, FakeTwin
-from waiting import until
+from fake_twin import fake_server
+from waiting import until, until_paused
 
-from motm_twin.bus import config
+from motm_twin.bus import zenoh_config as config
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Load
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import free_port, open_member, open_server
-from motm_twin.ros2.forms import BridgeForm, RmwForm
+from motm_twin.bus.connection import free_port, open_member, open_server
+from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, BridgeForm, RmwForm
 from motm_twin.ros2.outlets import Outlets
-from motm_twin.ros2.topics import ACCEPTED, PUBLISHED
 from motm_twin.security.folder import Folder, People
 
 NAMES = {"viewer": ["ann"], "driver": ["bob"], "robot": ["mine"]}
@@ -112,8 +109,8 @@ def test_a_late_viewer_is_told_the_last_of_everything_by_a_real_twin(place, monk
     port = free_port()
     made.create(People(hosts=["127.0.0.1"], port=port, passwords=place.passwords, names=NAMES))
     monkeypatch.setenv(config.VARIABLE, str(made.server))
-    with TwinServer(library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), playing=False) as server:
-        until(lambda: server.loop.status().state == "paused", "the twin never started")
+    with fake_server(playing=False) as server:
+        until_paused(server)
         monkeypatch.setenv(config.VARIABLE, str(made.of("viewer", "ann")))
         with TwinClient(config.configured_endpoint() or "") as client:
             until(lambda: client.tick() and client.grid() and client.scene() and client.status(), "not told")

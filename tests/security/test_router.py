@@ -9,14 +9,13 @@ import zenoh
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "bus"))
 
-from fake_twin import FakeLibrary, FakeTwin
+from fake_twin import fake_server
 from waiting import until
 
-from motm_twin.bus import config
+from motm_twin.bus import zenoh_config as config
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Load, Step
-from motm_twin.bus.server import TwinServer
-from motm_twin.bus.session import free_port, open_member
+from motm_twin.bus.commands import Step
+from motm_twin.bus.connection import free_port, open_member
 from motm_twin.client.discover import running_twins
 from motm_twin.security.folder import Folder, People, SecurityError
 
@@ -33,9 +32,7 @@ def folder(request, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
         for name in NAMES["twin"]:
             patch.setenv(config.VARIABLE, str(made.of("twin", name)))
-            server = TwinServer(
-                library=FakeLibrary(), make_twin=FakeTwin, first=Load(scene="fake"), twin=name, playing=False
-            )
+            server = fake_server(playing=False, twin=name)
             stack.enter_context(server)
         yield made
     router.close()

@@ -10,7 +10,6 @@ from sim_hands import act
 from sim_scenes import Noise
 
 from motm_twin.model.edits import (
-    FAULTS,
     AddObstacle,
     FreezeBody,
     InjectFault,
@@ -21,6 +20,7 @@ from motm_twin.model.edits import (
     RemoveBody,
     SendAgent,
 )
+from motm_twin.model.faults import NAMES as FAULTS
 from motm_twin.model.state import state_hash
 from motm_twin.sim.edit_effects import Effects
 from motm_twin.sim.plant import SimulatedPlant

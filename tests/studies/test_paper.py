@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from motm_twin.methods.registry import METHODS
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.studies import catalogue
 from motm_twin.studies.paper import (
     data,

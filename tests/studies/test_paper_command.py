@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.studies.paper import cli_paper, plan
 from motm_twin.studies.paper.cli_paper import paper
 from motm_twin.studies.paper.parts import NAMES, PARTS, needed

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motm_twin.bus.ranges import MAX_STEPS
+from motm_twin.bus.commands import STEPS
 from motm_twin.perf.processes import served
 from motm_twin.studies.paper import layout_figures, planner_figures, snapshots
 from motm_twin.studies.paper.ground import first_period
@@ -41,7 +41,7 @@ def test_the_layout_has_the_twelve_slots_and_both_boxes():
 
 
 def test_a_twin_is_stepped_beyond_what_one_command_allows() -> None:
-    late = MAX_STEPS + 10
+    late = STEPS.high + 10
     with served("exp1", "--expansions-only") as twin:
         snapshots._rewind(twin.client)
         snapshots._step_to(twin.client, late)

@@ -13,7 +13,7 @@ import pytest
 from joblib.externals.loky import get_reusable_executor
 from rich.console import Console
 
-from motm_twin.record.session import load_session
+from motm_twin.sessions.session import load_session
 from motm_twin.studies.pool import Lost, make_pool, outcomes
 from motm_twin.studies.run import TimeLeft, left_text, run
 from motm_twin.studies.spec import Experiment, TrialSpec

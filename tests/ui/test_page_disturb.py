@@ -11,7 +11,7 @@ from page import serving, until, visiting
 
 from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, HandOver, Pause, Reset, SendAgent
 from motm_twin.model.edits import InjectFault, MoveBody, MoveObject, PushRobot, ReleaseBody
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 from motm_twin.sim.slides import FRICTION
 
 GRAB = 0.15  # [m] height at which the Temi is taken: its body

@@ -5,7 +5,7 @@ import re
 import pytest
 from page import SHOWN, changed, chromium, serving, until, visiting
 
-from motm_twin.bus.session import free_port
+from motm_twin.bus.connection import free_port
 from motm_twin.ui.page_server import open_page
 
 NO_EFFECT = {"5", "W A S D Q E"}  # the camera stays as it is and may be moved by hand; keys of Viser's own

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from page import changed, serving, until, visiting
 
-from motm_twin.record.session import Session
+from motm_twin.sessions.session import Session
 from motm_twin.ui.hub import LAYERS
 from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT
 

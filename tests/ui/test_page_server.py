@@ -13,7 +13,7 @@ from viser._messages import RemoveNotificationMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio.client import connect
 
-from motm_twin.bus.session import PortTaken, free_port
+from motm_twin.bus.connection import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
 from motm_twin.ui.page_scripts import SCRIPTS
 from motm_twin.ui.page_server import (

@@ -27,7 +27,7 @@ from motm_twin.bus.commands import (
     UndoBranch,
 )
 from motm_twin.bus.encode import tick_message
-from motm_twin.bus.methods import MethodLibrary
+from motm_twin.bus.library import MethodLibrary
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.fast import FAST
 from motm_twin.model.furniture import pieces

@@ -118,7 +118,7 @@ def _announce(given: PaperSettings, wanted, console: Console) -> None:
 
 def _begun(given: PaperSettings) -> bool:
     """The folder has trials of this plan, run with the source as it is now."""
-    from motm_twin.record.made_with import SOURCE, made_with
+    from motm_twin.sessions.made_with import SOURCE, made_with
     from motm_twin.studies.paper.stored import PLAN, stored
 
     wanted = (given.plan, made_with()[SOURCE])

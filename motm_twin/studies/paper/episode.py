@@ -14,7 +14,7 @@ from motm_twin.measures import Measures
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.scene import Scene
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.studies.paper.part import write_json
 from motm_twin.studies.spec import TrialSpec, job_of, method_of
 

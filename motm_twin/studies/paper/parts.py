@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.studies.paper import (
     data,
     episode_figures,

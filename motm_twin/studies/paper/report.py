@@ -10,7 +10,7 @@ from motm_twin.control.tuning import PARAMETERS
 from motm_twin.measures.gripper import STATIC_AFTER
 from motm_twin.methods.registry import METHODS
 from motm_twin.perception.movers import MoverParameters
-from motm_twin.record.made_with import SOURCE
+from motm_twin.sessions.made_with import SOURCE
 from motm_twin.studies.paper import data, goals, html
 from motm_twin.studies.paper.data import Result, Store
 from motm_twin.studies.paper.html import Section, paragraphs, table, text

@@ -8,12 +8,11 @@ import numpy as np
 from PIL import Image
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.commands import Pause, Reset, Step
-from motm_twin.bus.ranges import MAX_STEPS
+from motm_twin.bus.commands import STEPS, Pause, Reset, Step
 from motm_twin.model.period import PERIOD
 from motm_twin.perf.page_reader import browser
 from motm_twin.perf.processes import act, served, wait_for
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.studies.paper.data import command_of
 from motm_twin.studies.paper.episode import Episode, Moment
 from motm_twin.studies.paper.part import Drawn, Missing, Part
@@ -146,7 +145,7 @@ def _step_to(client: TwinClient, index: int) -> None:
     assert tick is not None
     here = tick.index
     while here < index:
-        steps = min(index - here, MAX_STEPS)
+        steps = min(index - here, int(STEPS.high))
         here += steps
         act(client, Step(count=steps))
         wait_for(functools.partial(_at, client, here), ANSWER, f"period {here}")

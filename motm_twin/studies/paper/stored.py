@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from motm_twin.perf.report import machine
-from motm_twin.record.made_with import SOURCE, made_with
+from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.studies.spec import Experiment, TrialSpec, jobs_of
 from motm_twin.studies.store import TRIALS, Record
 from motm_twin.studies.store import Store as Trials

@@ -1,0 +1,126 @@
+"""Zenoh sessions with an explicit configuration: nothing is reachable that was not asked for.
+
+Zenoh's own defaults listen on all interfaces and look for others by multicast; here a session listens on the given
+address only, finds nobody by itself, and takes messages of a bounded size.
+"""
+
+import contextlib
+import errno
+import json
+import random
+import socket
+import threading
+import time
+from collections.abc import Sequence
+
+import zenoh
+
+from motm_twin.bus.credentials import announce, forget
+from motm_twin.bus.zenoh_config import session_config
+
+LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
+FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
+MAX_PORT = 65_535
+TRIES = 50  # ports that are tried
+ATTEMPT = 0.5  # [s] that one attempt to connect takes at most; a stop is noticed between two
+
+
+class PortTaken(OSError):
+    """The port that was asked for belongs to somebody else."""
+
+    def __init__(self, host: str, port: int, use: str) -> None:
+        self.host, self.port = host, port
+        super().__init__(errno.EADDRINUSE, f"port {port} on {host} is taken; {use}")
+
+
+def require_free_port(host: str, port: int, use: str) -> None:
+    """Raise PortTaken, with advice, when the TCP port belongs to somebody; port 0 is always free.
+
+    Raises ValueError when no program could listen there: no such port, or an address of another machine.
+    """
+    if not 0 <= port <= MAX_PORT:
+        raise ValueError(f"port {port}: use 1 to {MAX_PORT} (0 takes any free one)")
+    with socket.socket(family := _family(host), socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise PortTaken(host, port, use) from error
+            if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+                version, all_of_them = ("6", "::") if family == socket.AF_INET6 else ("4", "0.0.0.0")  # noqa: S104 - named
+                raise ValueError(
+                    f"{host} is no IPv{version} address of this machine: give one of its own, or {all_of_them} for all"
+                ) from error
+            raise ValueError(f"nothing can listen on port {port} of {host}: {error.strerror}; {use}") from error
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
+
+
+def free_port(host: str = LOOPBACK) -> int:
+    """A TCP port that is free now, and that no outgoing connection takes before it is listened on.
+
+    The operating system's own choice (port 0) is one of those that it gives to outgoing connections of any program.
+    Raises PortTaken when none was found, ValueError for an address of another machine.
+    """
+    for port in random.SystemRandom().sample(range(*FREE), TRIES):
+        with contextlib.suppress(PortTaken):
+            require_free_port(host, port, "")
+            forget(port)
+            return port
+    raise PortTaken(host, port, f"so were {TRIES - 1} others")
+
+
+def open_server(
+    port: int, host: str = LOOPBACK, own: Sequence[str] = (), asks: Sequence[str] = (), *, open_bus: bool = False
+) -> zenoh.Session:
+    """A session that listens on one TCP port, and alone speaks on the keys ``own`` and asks on ``asks``.
+
+    It lets in the programs of this user (`bus.credentials`); with ``open_bus`` everybody on this machine. Raises
+    ConfigError, and as `require_free_port`.
+
+    It connects to nobody, unless the configuration file names a router.
+    """
+    require_free_port(host, port, "choose another one with --zenoh-port (0 takes any free one)")
+    endpoint, guarded = f"tcp/{f'[{host}]' if ':' in host else host}:{port}", None if open_bus else port
+    if open_bus:
+        announce(port, endpoint, None)
+    return zenoh.open(session_config(listen=[endpoint], connect=[], mode="peer", own=own, asks=asks, guarded=guarded))
+
+
+def open_client(endpoint: str) -> zenoh.Session:
+    """A session that connects to ``endpoint`` ("tcp/127.0.0.1:7447"), now or as soon as somebody is there.
+
+    Raises ConfigError for an endpoint that is none.
+
+    Behind a router the configuration file must say mode "client": a router does not pass on between peers.
+    """
+    return zenoh.open(session_config(listen=[], connect=[endpoint]))
+
+
+def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Event | None = None) -> zenoh.Session:
+    """A session whose data, queryables and tokens other members see as well: the server passes them on.
+
+    Waits until somebody answers at ``endpoint``, for ``wait`` [s] at most (None: for ever), or until ``stop`` is set;
+    then raises TimeoutError. Later it finds a server that was started again by itself, with all that it has declared.
+    Raises ConfigError at once for an endpoint that is none.
+    """
+    deadline = None if wait is None else time.monotonic() + wait
+    stop = stop or threading.Event()
+    while True:
+        began = time.monotonic()
+        config = session_config(listen=[], connect=[endpoint], mode="client")  # it may ask for a password by now
+        config.insert_json5("connect/timeout_ms", json.dumps(round(ATTEMPT * 1000)))
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            now = time.monotonic()
+            if stop.is_set() or (deadline is not None and now >= deadline):
+                raise TimeoutError(
+                    f"nobody answers at {endpoint}: is the server running there, and does it let you in?"
+                ) from error
+        stop.wait(max(0.0, began + ATTEMPT - now))

@@ -1,0 +1,123 @@
+"""The driver: one person or program at a time, and the bodies that are let go when the driver stops."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from motm_twin.bus.commands import Envelope, HandOver, Inspect, Refused
+from motm_twin.bus.lease import Lease
+from motm_twin.model.edits import Edit, MoveBody, ReleaseBody, RemoveBody
+
+NAMES_KEPT = 1000  # senders
+HELD_FOR = 1.5  # [s] after the last move of a held body
+
+
+class Wheel:
+    """Lets one person at a time change things; all times [s] are on one monotonic clock."""
+
+    def __init__(self, release: Callable[[ReleaseBody], None], changed: Callable[[], None]) -> None:
+        """``release`` lets a body go, ``changed`` tells everybody about a new driver."""
+        self._release, self._changed = release, changed
+        self._lease, self._holds = Lease(), Holds()
+        self._names: dict[str, str] = {}  # shown name of each sender that was heard, the latest last
+
+    def shown(self, now: float) -> dict[str, Any]:
+        """What a status says of the driver."""
+        lease = self._lease
+        return {"driver": lease.driver, "driver_name": lease.name, "driver_left": round(lease.left(now), 2)}
+
+    def require(self, envelope: Envelope, arrived: float) -> None:
+        """Raise Refused when a command needs the wheel and somebody else has it."""
+        self._remember(envelope)
+        if not isinstance(envelope.command, Inspect):
+            self._expire(arrived)
+            self._lease.require(envelope.sender, arrived)
+
+    def turn(self, envelope: Envelope, arrived: float) -> None:
+        """After a command was accepted: its sender drives, or has handed over."""
+        before = (self._lease.driver, self._lease.name)
+        match envelope.command:
+            case Inspect():
+                return
+            case HandOver(to=to, name=name):
+                self._lease.hand_over(to, name.strip() or self._names.get(to, ""), arrived)
+            case _:
+                self._lease.take(envelope.sender, envelope.name, arrived)
+        self._tell(before)
+
+    def turn_if_free(self, envelope: Envelope, now: float) -> None:
+        """After a command that took its time was done: its sender drives, unless somebody else does by now."""
+        with suppress(Refused):
+            self.require(envelope, now)
+            self.turn(envelope, now)
+
+    def renew(self, sender: str, now: float) -> None:
+        """Waiting for an own command is no silence."""
+        self._lease.renew(sender, now)
+
+    def note(self, edit: Edit, now: float) -> None:
+        """Follow which bodies are held."""
+        self._holds.note(edit, now)
+
+    def forget_holds(self) -> None:
+        """A new run: nothing is held."""
+        self._holds.clear()
+
+    def look_after(self, now: float) -> None:
+        """What silence brings about."""
+        for release in self._holds.expired(now):
+            self._release(release)
+        self._expire(now)
+
+    def _remember(self, envelope: Envelope) -> None:
+        """Others shall read the name of whoever is handed the wheel, who may only have asked for it."""
+        if name := envelope.name.strip():
+            self._names.pop(envelope.sender, None)
+            self._names[envelope.sender] = name
+            if len(self._names) > NAMES_KEPT:
+                del self._names[next(iter(self._names))]
+
+    def _expire(self, now: float) -> None:
+        before = (self._lease.driver, self._lease.name)
+        self._lease.expire(now)
+        self._tell(before)
+
+    def _tell(self, before: tuple[str, str]) -> None:
+        after = (self._lease.driver, self._lease.name)
+        if before == after:
+            return
+        if before[0] not in ("", after[0]):
+            for release in self._holds.all():
+                self._release(release)
+        self._changed()
+
+
+class Holds:
+    """Bodies that are being dragged, with the time until which the grip lasts."""
+
+    def __init__(self) -> None:
+        self._until: dict[str, float] = {}
+
+    def note(self, edit: Edit, now: float) -> None:
+        """Follow an edit that was accepted at ``now`` [s]."""
+        if isinstance(edit, MoveBody) and edit.held:
+            self._until[edit.name] = now + HELD_FOR
+        elif isinstance(edit, MoveBody | ReleaseBody | RemoveBody):
+            self._until.pop(edit.name, None)
+
+    def expired(self, now: float) -> list[ReleaseBody]:
+        """Releases for those who fell silent; they are forgotten."""
+        silent = [name for name, until in self._until.items() if until <= now]
+        for name in silent:
+            del self._until[name]
+        return [ReleaseBody(name=name) for name in silent]
+
+    def all(self) -> list[ReleaseBody]:
+        """Releases for everything that is held; it is forgotten."""
+        releases = [ReleaseBody(name=name) for name in self._until]
+        self._until.clear()
+        return releases
+
+    def clear(self) -> None:
+        """A new run: nothing is held."""
+        self._until.clear()

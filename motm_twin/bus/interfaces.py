@@ -1,0 +1,151 @@
+"""What the loop of the server needs from others: a twin, scenes, and somewhere to send what it computes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from motm_twin.bus.commands import Load
+from motm_twin.bus.messages import MethodChoice, SceneChoice, TickMessage
+from motm_twin.control.tick import Tick
+from motm_twin.model.edits import Edit, ParameterValue
+from motm_twin.model.geometry import Array
+from motm_twin.model.scene import PlanarPose, Scene
+from motm_twin.planning.types import SearchBudget
+from motm_twin.sessions.session import LoggedEdit, Session
+
+if TYPE_CHECKING:
+    from motm_twin.control.method import Method
+
+
+class TwinLike(Protocol):
+    """What the loop needs of a twin."""
+
+    edits: list[LoggedEdit]  # everything that was done to this run
+    refused: list[str]  # what an external robot would not do in the last period after all, a sentence each
+
+    def advance(self, budget: SearchBudget | None = None) -> Tick:
+        """Compute one period, with another budget of the search than its own when one is given."""
+        ...
+
+    def post(self, edit: Edit) -> None:
+        """Apply an edit at the start of the next period. Raises ValueError when it is not possible."""
+        ...
+
+    def reset(self) -> None:
+        """Back to the start."""
+        ...
+
+    @property
+    def index(self) -> int:
+        """Number of the next period."""
+        ...
+
+    @property
+    def parameters(self) -> dict[str, ParameterValue]:
+        """Parameters that were changed."""
+        ...
+
+    @property
+    def announced(self) -> dict[str, PlanarPose]:
+        """Where the robot was told that pieces of furniture stand: reference point x, y [m], turn [rad]."""
+        ...
+
+    def session(self, title: str = "") -> Session:
+        """What repeats the run so far."""
+        ...
+
+    def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
+        """Paths to a candidate of the last period, and from there to the next target; shapes (m, 2) and (k, 2)."""
+        ...
+
+    def staa_path(self) -> Array:
+        """Shortest path of unmodified STAA* in the last period, shape (m, 2)."""
+        ...
+
+    def snapshot(self) -> dict[str, Any]:
+        """A copy of the whole state."""
+        ...
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        ...
+
+
+class SceneLibrary(Protocol):
+    """Scenes that may be loaded."""
+
+    def choices(self) -> list[SceneChoice]:
+        """What there is."""
+        ...
+
+    def load(self, scene: str, variant: str | None, seed: int | None) -> Scene:
+        """Resolve one. Raises ValueError with a reason."""
+        ...
+
+    def changed(self) -> bool:
+        """Whether the files of the scene that was loaded last have changed since the last question, or since then."""
+        ...
+
+
+class Sink(Protocol):
+    """Where the loop's results go; called from the loop's thread."""
+
+    def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
+        """A new period; ``last`` when no other follows for now."""
+        ...
+
+    def scene(self, scene: Scene) -> None:
+        """Another scene was loaded."""
+        ...
+
+    def status(self) -> None:
+        """The status changed."""
+        ...
+
+    def event(self, *, run: int, index: int, time: float, kind: str, text: str) -> None:
+        """Something to be told that no period shows."""
+        ...
+
+
+class Methods(Protocol):
+    """Methods that may be loaded."""
+
+    def choices(self) -> list[MethodChoice]:
+        """What there is."""
+        ...
+
+    def find(self, name: str) -> "Method":
+        """One of them. Raises ValueError with a reason."""
+        ...
+
+
+class MakeTwin(Protocol):
+    """Makes the twin of a scene under a method."""
+
+    def __call__(self, scene: Scene, *, method: "Method") -> TwinLike:
+        """At its start."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinSetup:
+    """What a server runs: scenes and methods that it offers, the first of them, and how the twin of a scene is made."""
+
+    library: SceneLibrary
+    make_twin: MakeTwin
+    first: Load
+    playing: bool = True
+    methods: Methods | None = None  # None: the shipped ones
+    reference_tour: Callable[[Scene], float] | None = None  # [s] lower bound of a scene
+    plant: str = "simulated"  # simulated, zenoh or mirror, as the twins that ``make_twin`` makes will be
+
+
+class Reply(Protocol):
+    """Takes what became of a command, once."""
+
+    def __call__(self, reason: str, index: int, path: str = "", /) -> None:
+        """Why it was refused ("" = done), the last period before, and the file that was written."""
+        ...
+
+
+SessionReply = Callable[[bytes, bytes, str], None]  # the session and its SessionInfo as JSON, or why there is none

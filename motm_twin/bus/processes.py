@@ -1,0 +1,146 @@
+"""Processes of `serve`: how a child reports and ends with its parent, and how the parent starts and ends it."""
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+GRACE = 1.6  # [s] between the wish to end and the end by force
+RESTARTS = 3  # within RESTART_WINDOW
+RESTART_WINDOW = 60.0  # [s]
+Listener = Callable[[str, dict], None]  # name of the child, event
+
+
+class Reporter:
+    """Writes events for the parent, one JSON object per line; without a parent they go to standard output."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        self._file = sys.stdout if descriptor is None else os.fdopen(descriptor, "w", encoding="utf-8")
+        self._lock = threading.Lock()
+
+    def __call__(self, event: str, **details: Any) -> None:
+        """Send one event; a parent that is gone is no error."""
+        with self._lock:
+            try:
+                print(json.dumps({"event": event, **details}), file=self._file, flush=True)
+            except (OSError, ValueError):
+                return
+
+
+def setter(stop: threading.Event) -> Callable[..., None]:
+    """A signal handler that sets an event, from another thread.
+
+    A handler runs in the main thread between any two of its steps. Where that one waits for the same event, it may
+    hold the event's lock just then, and `Event.set` would wait for it for ever; `SimpleQueue.put` never does.
+    """
+    heard: queue.SimpleQueue[None] = queue.SimpleQueue()
+
+    def pass_on() -> None:
+        heard.get()
+        stop.set()
+
+    threading.Thread(target=pass_on, name="signals", daemon=True).start()
+    return lambda *_: heard.put(None)
+
+
+def stop_event(with_parent: bool) -> threading.Event:
+    """An event that is set by SIGTERM, by SIGINT, and (``with_parent``) when standard input ends."""
+    stop = threading.Event()
+    handler = setter(stop)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, handler)
+    if with_parent:
+
+        def watch() -> None:
+            while os.read(0, 1024):
+                continue
+            stop.set()
+
+        threading.Thread(target=watch, name="parent", daemon=True).start()
+    return stop
+
+
+def leave(code: int) -> None:
+    """End now, without waiting for threads that compile or compute."""
+    for file in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # full, closed, or nobody reads it
+            file.flush()
+    os._exit(code)
+
+
+class Child:
+    """One process that runs a module of this package and reports through a pipe."""
+
+    def __init__(
+        self,
+        name: str,
+        module: str,
+        arguments: list[str],
+        listener: Listener,
+        env: dict[str, str],
+        ended: Callable[[int], None] = lambda code: None,
+    ) -> None:
+        """``ended`` is called with the exit code of each process, after all that it reported."""
+        self._ended = ended
+        self.name, self._module, self._arguments = name, module, arguments
+        self._listener, self._env = listener, env
+        self._starts: list[float] = []
+        self.process: subprocess.Popen | None = None
+
+    def start(self) -> None:
+        """Start the process. It ends by itself when this one is gone, because its standard input ends."""
+        read, write = os.pipe()
+        command = [sys.executable, "-m", self._module, *self._arguments, "--report", str(write)]
+        self.process = subprocess.Popen(  # noqa: S603 - our own module with checked arguments
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            pass_fds=(write,),
+            start_new_session=True,  # Ctrl-C reaches this process only, which then ends its children in order
+            env=self._env,
+        )
+        os.close(write)
+        self._starts.append(time.monotonic())
+        listen = threading.Thread(
+            target=self._listen, args=(read, self.process), name=f"{self.name} reports", daemon=True
+        )
+        listen.start()
+
+    def exit_code(self) -> int | None:
+        """None while it runs."""
+        return None if self.process is None else self.process.poll()
+
+    def may_restart(self) -> bool:
+        """Whether it died seldom enough to be worth another start."""
+        recent = [at for at in self._starts if time.monotonic() - at < RESTART_WINDOW]
+        return len(recent) <= RESTARTS
+
+    def _listen(self, descriptor: int, process: subprocess.Popen) -> None:
+        with os.fdopen(descriptor, encoding="utf-8") as lines:
+            for line in lines:
+                self._listener(self.name, json.loads(line))
+        self._ended(process.wait())
+
+
+def end_all(children: list[Child]) -> None:
+    """End all children: asked first, forced after `GRACE`; returns when none is left."""
+    running = [child.process for child in children if child.process is not None and child.process.poll() is None]
+    for process in running:
+        process.send_signal(signal.SIGTERM)
+    deadline = time.monotonic() + GRACE
+    for process in running:
+        try:
+            process.wait(max(0.01, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    for child in children:
+        if child.process is not None and child.process.stdin is not None:
+            child.process.stdin.close()

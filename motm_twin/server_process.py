@@ -1,0 +1,151 @@
+"""The twin server as a program: ``python -m motm_twin.server_process exp1 --port 7447``."""
+
+import argparse
+import functools
+import secrets
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from motm_twin.bus.commands import Load
+from motm_twin.bus.connection import PortTaken, open_member
+from motm_twin.bus.data_folder import DEFAULT_FOLDER
+from motm_twin.bus.interfaces import TwinLike, TwinSetup
+from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
+from motm_twin.bus.library import FileLibrary, MethodLibrary
+from motm_twin.bus.pacing import refusal
+from motm_twin.bus.processes import Reporter, leave, stop_event
+from motm_twin.bus.server import RobotChoice, TwinServer
+from motm_twin.exit_codes import BAD_INPUT
+from motm_twin.external.robot_link import RobotLink
+from motm_twin.memory import freeze_setup, share_arenas
+from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_error import SceneError
+from motm_twin.planning.types import SearchBudget
+
+if TYPE_CHECKING:
+    from motm_twin.control.method import Method
+
+SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period is 0.05 s
+WATCH = 0.1  # [s] between looks at the state for the report
+
+
+def make_twin(scene: Scene, *, budget: SearchBudget, method: "Method") -> TwinLike:
+    """A twin whose searches are bounded by the clock as well."""
+    from motm_twin.twin import Twin  # slow to import: only once the server listens
+    from motm_twin.warm_up import compile_kernels
+
+    compile_kernels()
+    twin = Twin(scene, method=method, budget=budget, clock=time.perf_counter)
+    freeze_setup()
+    return twin
+
+
+def make_external_twin(
+    robot: RobotLink, scene: Scene, *, budget: SearchBudget, sender: str, method: "Method"
+) -> TwinLike:
+    """A twin of a robot in another program; one that is only shown has nothing to do."""
+    from motm_twin.external.plant import ZenohPlant
+    from motm_twin.twin import Twin
+    from motm_twin.warm_up import compile_kernels
+
+    compile_kernels()
+    scene = msgspec.structs.replace(scene, tasks=()) if robot.listen_only else scene
+    plant = ZenohPlant(robot, scene, sender=sender)
+    twin = Twin(scene, method=method, budget=budget, clock=time.perf_counter, plant=plant)
+    freeze_setup()
+    return twin
+
+
+def reference_tour(scene: Scene) -> float:
+    """Lower bound [s] of the time for the tasks of a scene."""
+    from motm_twin.measures.reference_tour import reference_tour_s
+
+    return reference_tour_s(scene)
+
+
+def main() -> None:
+    """Run until a signal or the end of the parent."""
+    options = _options()
+    share_arenas()
+    report, stop = Reporter(options.report), stop_event(options.report is not None)
+    try:
+        library = FileLibrary(options.scene)
+        methods = MethodLibrary(options.method)
+        first = Load(scene=library.own_name, variant=options.variant, seed=options.seed, method=methods.own_name)
+        budget = SearchBudget(seconds=None if options.expansions_only else SEARCH_SECONDS)
+        server = TwinServer(
+            TwinSetup(
+                library=library,
+                make_twin=functools.partial(make_twin, budget=budget),
+                first=first,
+                playing=not options.paused,
+                reference_tour=reference_tour,
+                methods=methods,
+            ),
+            port=options.port,
+            twin=options.twin,
+            data=options.data,
+            robot=_robot(options, budget, stop),
+            open_bus=options.open_bus,
+        )
+    except TimeoutError:  # stopped before the router was there
+        leave(0)
+        return
+    except (SceneError, PortTaken, ValueError) as error:
+        report("refused", text=str(error))
+        leave(BAD_INPUT)
+        return
+    report("listening", endpoint=server.endpoint, no_real_time=refusal())
+    server.start()
+    if options.record is not None:
+        server.record(options.record, lambda problem, path: report("record", text=problem or path, ok=not problem))
+    said = ("", "")
+    while not stop.wait(WATCH):
+        status = server.loop.status()
+        if (status.state, status.text) != said:
+            said = (status.state, status.text)
+            report("state", state=status.state, text=status.text)
+    server.close()
+    leave(0)
+
+
+def _robot(options: argparse.Namespace, budget: SearchBudget, stop: threading.Event) -> RobotChoice | None:
+    """The robot that is asked for; waits for the router where it is to be met."""
+    if options.plant == "simulated":
+        return None
+    sender = f"twin-{secrets.token_hex(4)}"
+    return RobotChoice(
+        meet=RobotLink,
+        make_twin=functools.partial(make_external_twin, budget=budget, sender=sender),
+        mirror=options.plant == "mirror",
+        session=None if options.connect is None else open_member(options.connect, stop=stop),
+    )
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m motm_twin.server_process", description=__doc__)
+    parser.add_argument("scene")
+    parser.add_argument("--variant")
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--method", default=DEFAULT_METHOD, help="shipped name, or FILE.py:NAME")
+    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port of Zenoh, 0 takes any free one")
+    parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
+    parser.add_argument("--data", type=Path, default=DEFAULT_FOLDER, help="folder of saved sessions and recordings")
+    parser.add_argument("--plant", choices=("simulated", "zenoh", "mirror"), default="simulated", help="the robot")
+    parser.add_argument("--connect", help="router where the robot is met; without it, at this server")
+    parser.add_argument("--record", type=Path, help="MCAP file to record to from the start")
+    parser.add_argument("--expansions-only", action="store_true", help="no clock ends a search of the base")
+    parser.add_argument("--paused", action="store_true", help="do not play at the start")
+    parser.add_argument("--open-bus", action="store_true", help="anybody on this machine is let in")
+    parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
+    return parser.parse_args(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""The session of the live twin, written for whoever asks."""
+
+import pytest
+
+from motm_twin.bus import live
+from motm_twin.bus.commands import Refused
+from motm_twin.bus.live import SESSION_INTERVAL, SessionDesk
+
+
+class Writer:
+    """Counts what it writes."""
+
+    def __init__(self):
+        self.count, self.problem = 0, None
+
+    def __call__(self):
+        if self.problem is not None:
+            raise self.problem
+        self.count += 1
+        return b"session %d" % self.count, b"info"
+
+
+@pytest.fixture
+def desk():
+    writer = Writer()
+    made = SessionDesk(writer, lambda error: f"no: {error}")
+    made.writer, made.answers = writer, []
+    return made
+
+
+def ask(desk):
+    return desk.ask(lambda *answer: desk.answers.append(answer))
+
+
+def test_all_who_wait_get_the_same_session(desk):
+    assert [ask(desk) for _ in range(3)] == [True, False, False]  # the loop is told once
+    desk.serve(10.0, True)
+    assert desk.answers == [(b"session 1", b"info", "")] * 3
+    desk.serve(20.0, True)
+    assert desk.writer.count == 1
+
+
+def test_while_time_passes_it_is_not_written_more_often_however_often_it_is_asked_for(desk):
+    times = [10.0 + 0.01 * step for step in range(101)]
+    for now in times:
+        ask(desk)
+        desk.serve(now, True)
+    assert desk.writer.count == pytest.approx(1.0 / SESSION_INTERVAL, abs=1)
+    desk.serve(times[-1] + SESSION_INTERVAL, True)
+    assert len(desk.answers) == len(times)  # nobody is forgotten
+
+
+def test_who_waits_gets_a_session_from_after_the_question(desk):
+    ask(desk)
+    desk.serve(10.0, True)
+    ask(desk)
+    desk.serve(10.0 + 0.5 * SESSION_INTERVAL, True)
+    assert len(desk.answers) == 1
+    desk.serve(10.0 + SESSION_INTERVAL, True)
+    assert desk.answers[1][0] == b"session 2"
+
+
+def test_while_time_stands_every_question_is_answered_at_once(desk):
+    for _ in range(3):
+        ask(desk)
+        desk.serve(10.0, False)
+    assert len(desk.answers) == 3
+
+
+def test_a_reason_instead_of_a_session_goes_to_everybody(desk):
+    desk.writer.problem = ValueError("nothing runs")
+    ask(desk), ask(desk)
+    desk.serve(10.0, True)
+    assert desk.answers == [(b"", b"", "no: nothing runs")] * 2
+
+
+def test_more_than_a_limit_are_refused_and_the_others_answered(desk, monkeypatch):
+    monkeypatch.setattr(live, "MOST_ASKERS", 2)
+    ask(desk), ask(desk)
+    with pytest.raises(Refused, match="too many"):
+        ask(desk)
+    desk.serve(10.0, True)
+    assert len(desk.answers) == 2
