@@ -40,13 +40,10 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
 KNOWN = {
     "bus/loop.py:TwinLoop.__init__",
     "bus/server.py:TwinServer.__init__",
-    "control/arm/controller.py:Manipulator._report",
     "control/loop.py:ControlLoop.period",
     "control/tuning.py:_number",
     "external/cli_robot.py:robot",
     "gym/env.py:MotmEnv.__init__",
-    "planning/controller.py:StaaController.plan",
-    "planning/search_settings.py:search_settings",
     "planning/staa.py:_child",
     "record/player.py:Player.__init__",
     "security/cli_security.py:security",
