@@ -15,12 +15,12 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.motion import kernel, step
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
-from motm_twin.planning.kernel import kernel
 from motm_twin.planning.parameters import Room, StaaParameters
 from motm_twin.planning.pocket import NO_POCKET, half_width, in_pocket, settle_pocket
 from motm_twin.planning.prediction import at_half_steps, gap_to
@@ -305,10 +305,7 @@ def follow(
                 dt = min(dt, left)
             v_end = min(bounds.v_f, max(-bounds.v_r, v + accelerations[i, 0] * dt))
             w_end = min(bounds.w_max, max(-bounds.w_max, w + accelerations[i, 1] * dt))
-            ahead = heading + 0.25 * (w + w_end) * dt
-            x += 0.5 * (v + v_end) * dt * math.cos(ahead)
-            y += 0.5 * (v + v_end) * dt * math.sin(ahead)
-            heading += 0.5 * (w + w_end) * dt
+            x, y, heading = step(x, y, heading, v, w, v_end, w_end, dt)
             v, w, time, rest = v_end, w_end, time + dt, rest - dt
             if clearance(x, y, heading, 0.25, field, body) < allowed:
                 return False, False

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from motm_twin.control.method import BaseChoices, Materials, Method
-from motm_twin.model.geometry import Array, drive, frozen, wrap_angle
+from motm_twin.model.geometry import Array, frozen, wrap_angle
+from motm_twin.model.motion import drive
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.planning.candidates import Rule

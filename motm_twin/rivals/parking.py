@@ -10,7 +10,8 @@ from motm_twin.control.arm.controller import ArmWays, Manipulator
 from motm_twin.control.arm.phases import PhaseRules
 from motm_twin.control.arm.types import ArmInputs
 from motm_twin.control.method import ArmParts, PlannerParts
-from motm_twin.model.geometry import Array, drive, frozen
+from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.motion import drive
 from motm_twin.model.state import Stateful
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.braking import stopping_clearance

@@ -26,7 +26,7 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "planning/braking.py": ("pose, twist, limits and field", ("can_stop", "stopping_clearance")),
     "planning/commitment.py": ("pose, twist, the kept nodes and limits", ("follow",)),
     "planning/escape.py": ("pose, twist, lattice and limits", ("follow_escape",)),
-    "planning/least_cost.py": ("pose, goal, rates and table", ("cost_from",)),
+    "planning/cost_to_go.py": ("pose, sight, graph and table", ("cheapest",)),
     "planning/pocket.py": ("lattice and its queue", ("_fill",)),
     "planning/reach.py": ("nodes and the disc of the target", ("_mark_reached",)),
     "planning/rejections.py": ("candidate, field and border", ("_beyond_border", "_judge")),
