@@ -16,9 +16,10 @@ import math
 import numpy as np
 
 from motm_twin.methods.method import Method, PlannerParts
+from motm_twin.planning.candidates import ring
 from motm_twin.planning.collision import body_of, clearances, field_of
 from motm_twin.planning.global_path import GraphCache
-from motm_twin.planning.placement import NextTargetPlacement, ring
+from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import Placement

@@ -7,20 +7,22 @@ EARLY10 are the same for `sequential_overlap`, whose arm moves while the base ar
 """
 
 import dataclasses
+from functools import partial
 
+from motm_twin.methods.method import BaseChoices
 from motm_twin.rivals.parking import StationaryParameters
-from motm_twin.rivals.stationary import ALL_TERMS, SEQUENTIAL, SEQUENTIAL_OVERLAP, stationary_planner
+from motm_twin.rivals.stationary import ALL_TERMS, SEQUENTIAL, SEQUENTIAL_OVERLAP, parking, stationary
 
 
 def weighing(seconds, method=SEQUENTIAL):
     """The method, with a pose without manipulability costing so many seconds more than the best one."""
     parameters = StationaryParameters(manipulability_weight=seconds)
-    overlap = method is SEQUENTIAL_OVERLAP
+    controller = partial(parking, overlap=method is SEQUENTIAL_OVERLAP, parameters=parameters)
     return dataclasses.replace(
         method,
         name=f"{method.name}_{seconds:g}s",
         title=f"{method.title}, {seconds:g} s",
-        planner=lambda parts: stationary_planner(parts, ALL_TERMS, overlap=overlap, parameters=parameters),
+        planner=BaseChoices(placement=stationary(ALL_TERMS, parameters=parameters), controller=controller),
     )
 
 

@@ -13,8 +13,9 @@ import numpy as np
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.method import ARM_STEPS, Rehearsed, Timed
 from motm_twin.control.tick import Tick
-from motm_twin.model.geometry import command_pose, frozen
+from motm_twin.model.geometry import frozen
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.motion import command_pose
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Actuation, Observation, Plant
 from motm_twin.model.scene import Noise, Scene

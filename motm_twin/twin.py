@@ -11,7 +11,7 @@ from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.loop import ControlLoop, Settings
 from motm_twin.control.method import ArmParts, Method, PlannerParts, Rehearsed, Timed
 from motm_twin.control.targets import odometry_to_world
-from motm_twin.control.task_list import TaskEdit, TaskList, edited
+from motm_twin.control.task_list import TaskList, edited
 from motm_twin.control.tick import Tick
 from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
@@ -26,6 +26,7 @@ from motm_twin.model.edits import (
     ParameterValue,
     ReleaseBody,
     SetParameter,
+    TaskEdit,
     WorldEdit,
 )
 from motm_twin.model.exact import norm

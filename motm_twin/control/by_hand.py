@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from motm_twin.model.edits import Drive
-from motm_twin.model.geometry import Array, drive
+from motm_twin.model.geometry import Array
+from motm_twin.model.motion import drive
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.planning.braking import stopping_clearance

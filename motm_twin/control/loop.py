@@ -20,11 +20,11 @@ from motm_twin.control.self_check import SelfCheck
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.stages import Stages
 from motm_twin.control.targets import Targets, odometry_to_world
-from motm_twin.control.task_list import TaskEdit
 from motm_twin.control.tick import Event, Tick
-from motm_twin.model.edits import Edit
-from motm_twin.model.geometry import Array, command_pose, from_frame, to_frame, wrap_angle
+from motm_twin.model.edits import Edit, TaskEdit
+from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.motion import command_pose
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.profile import RobotProfile

@@ -8,19 +8,22 @@ controller, or an arm of their own. A method that plans the whole task beforehan
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from motm_twin.control.arm.controller import Manipulator
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.task_list import TaskEdit
-from motm_twin.model.edits import ParameterValue
+from motm_twin.model.edits import ParameterValue, TaskEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.perception.still_map import StillMap
+from motm_twin.planning.candidates import Rule, smallest_ring
+from motm_twin.planning.commitment import Anew, Commitment
+from motm_twin.planning.controller import StaaController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BoolArray
+from motm_twin.planning.placement import NextTargetPlacement
+from motm_twin.planning.planner import BasePlanner, View
+from motm_twin.planning.types import BaseController, BoolArray, PlacementStrategy
 
 ARM_STEPS = 5  # of a period
 
@@ -78,11 +81,64 @@ def map_ahead(parts: PlannerParts) -> StillMap | None:
     return StillMap(parts.known) if parts.parameters.staa.prediction > 0.0 else None
 
 
-def paper_planner(parts: PlannerParts) -> BasePlanner:
-    """Next-target-aware placement and modified STAA* (Paper, Sec. III and IV)."""
-    return BasePlanner(
-        parts.known.robot, parts.parameters, clock=parts.clock, graphs=parts.graphs, still=map_ahead(parts)
-    )
+class Materials(NamedTuple):
+    """Things that the choices of a planner are made from, and that they share."""
+
+    parts: PlannerParts
+    graphs: GraphCache
+    ahead: StillMap | None  # of `map_ahead`
+    view: View | None
+
+
+def paper_candidates(materials: Materials) -> Rule:
+    """The smallest ring that has a viable candidate (Paper, Sec. IV)."""
+    return smallest_ring
+
+
+def next_target_placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
+    """The candidate with the least C_iC + 1.05 C_iN (Paper, Sec. IV)."""
+    parts = materials.parts
+    return NextTargetPlacement(parts.known.robot, parts.parameters, materials.graphs, candidates)
+
+
+def staa_control(materials: Materials, commitment: Commitment) -> BaseController:
+    """STAA* with the paper's modifications, as the parameters say (Paper, Sec. III)."""
+    parts = materials.parts
+    return StaaController(
+        parts.known.robot, parts.parameters, clock=parts.clock, graphs=materials.graphs, still=materials.ahead,
+        commitment=commitment,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseChoices:
+    """Choices of which the planner of a method is made: a table whose lines are compared between methods.
+
+    The values here are the paper's. What differs by numbers only (termination, penalty, Bezier heuristic, ...) is in
+    `Method.parameters`.
+    """
+
+    view: Callable[[KnownWorld], View | None] = lambda known: None  # the map on which it plans: as it is seen
+    candidates: Callable[[Materials], Rule] = paper_candidates
+    placement: Callable[[Materials, Rule], PlacementStrategy] = next_target_placement
+    commitment: Callable[[], Commitment] = Anew  # what is kept of earlier plans
+    controller: Callable[[Materials, Commitment], BaseController] = staa_control
+
+    def __call__(self, parts: PlannerParts) -> BasePlanner:
+        """The planner."""
+        materials = Materials(parts, parts.graphs or GraphCache(), map_ahead(parts), self.view(parts.known))
+        return BasePlanner(
+            parts.known.robot,
+            parts.parameters,
+            placement=self.placement(materials, self.candidates(materials)),
+            controller=self.controller(materials, self.commitment()),
+            graphs=materials.graphs,
+            still=materials.ahead,
+            view=materials.view,
+        )
+
+
+paper_planner = BaseChoices()  # next-target-aware placement and modified STAA* (Paper, Sec. III and IV)
 
 
 def paper_arm(parts: ArmParts) -> Manipulator:

@@ -12,8 +12,9 @@ import numpy as np
 from numba import njit
 
 from motm_twin.control.expiry import expired
-from motm_twin.model.geometry import Array, drive
+from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.motion import drive
 from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import RobotProfile
 

@@ -9,8 +9,9 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from motm_twin.control.task_list import TaskEdit, TaskList, edited, kind_of, name_of
+from motm_twin.control.task_list import TaskList, edited, kind_of, name_of
 from motm_twin.control.tick import Event, TaskState
+from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.scene import DriveTo, Pick, Place, Task

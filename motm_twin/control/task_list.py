@@ -9,14 +9,13 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import cast
 
-from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask
+from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask, TaskEdit
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.names import hint
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 
 MOST_TASKS = 60
 TOLERANCE = (0.05, 2.0)  # [m] of a drive_to
-TaskEdit = InsertTask | RemoveTask | MoveTask
 
 
 @dataclass(frozen=True)

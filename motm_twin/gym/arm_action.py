@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.controller import Decision, Manipulator
 from motm_twin.control.arm.parameters import ArmParameters, numbers
 from motm_twin.control.arm.phases import enter
 from motm_twin.control.arm.program import anchor, base_bounds, joint_bounds
@@ -48,24 +48,22 @@ class ArmAction(Manipulator):
     def step(self, inputs: ArmInputs) -> ArmStep:
         """Base twist, joint rates and gripper for the next ``inputs.dt``: those asked for, within their limits."""
         state, p = self._state, self.parameters
-        view = self._look(inputs)
+        view = self.look(inputs)
         outcome = self._fingers(view)
         anchor(state.twist, state.rates, (view.arm.wanted, view.arm.dq), self._base, inputs.dt, self._lag)
         state.twist = np.clip(inputs.base_twist, *base_bounds(state.twist, inputs.dt, self.profile))
         low, high = joint_bounds(view.q, state.rates, inputs.dt, p.qp)
         state.rates = np.clip(state.asked_rates, low, high)
         at_limit = np.flatnonzero((state.asked_rates < low) | (state.asked_rates > high))
-        return self._report(
-            view,
-            inputs,
+        decided = Decision(
             twist=frozen(state.twist),
             rates=frozen(state.rates),
-            slack=frozen(np.zeros(6)),
             active=tuple(f"joint {k + 1}" for k in at_limit),
             status=STATUS,
             outcome=outcome,
             reason=f"the arm is {STATUS}",
         )
+        return self.report(view, inputs, decided)
 
     def _fingers(self, view: View) -> str:
         """The phase of this step, from what the gripper was told and what its width says; returns the outcome."""

@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.motion import kernel, step
 from motm_twin.model.profile import RobotProfile
-from motm_twin.planning.kernel import kernel
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.reach import Job, ReachModel, in_reach
 from motm_twin.planning.rtr import turn
@@ -72,10 +72,7 @@ def follow(pose: Array, twist: Array, wanted: Array, dv: float, dw: float, out: 
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, heading, v, w
         next_v = v + min(max(wanted[0] - v, -dv), dv)
         next_w = w + min(max(wanted[1] - w, -dw), dw)
-        middle = heading + 0.25 * (w + next_w) * STEP
-        x += 0.5 * (v + next_v) * math.cos(middle) * STEP
-        y += 0.5 * (v + next_v) * math.sin(middle) * STEP
-        heading += 0.5 * (w + next_w) * STEP
+        x, y, heading = step(x, y, heading, v, w, next_v, next_w, STEP)
         v, w = next_v, next_w
 
 

@@ -9,6 +9,7 @@ from numba import njit
 
 from motm_twin.measures.interval import Interval
 from motm_twin.model.geometry import Array, wrap_angle
+from motm_twin.model.motion import arc
 from motm_twin.model.profile import Footprint
 
 APART = 0.5  # [s] after which a conflict with the same agent is a new one
@@ -44,24 +45,15 @@ def body_of(foot: Footprint) -> Body:
 
 
 @njit(cache=True)
-def _sinc(x: float) -> float:
-    """sin(pi x) / (pi x)."""
-    y = math.pi * x
-    return math.sin(y) / y if y != 0.0 else 1.0
-
-
-@njit(cache=True)
 def predicted_gap(body: Body, pose: Array, twist: tuple[float, float], agent: Array, radius: float) -> float:
     """Least gap [m] over the next 2 s when both go on as they do; ``agent``: x, y, and its velocity, shape (4,)."""
     v, w = twist
     least = np.inf
     for i in range(round(HORIZON / STEP) + 1):
         time = i * STEP
-        half = 0.5 * (w * time)
-        chord = v * time * _sinc(half / math.pi)  # of the arc, from its start
-        x, y = pose[0] + chord * math.cos(pose[2] + half), pose[1] + chord * math.sin(pose[2] + half)
+        x, y, heading = arc(pose[0], pose[1], pose[2], v, w, time)
         at_x, at_y = agent[0] + time * agent[2], agent[1] + time * agent[3]
-        least = min(least, _gap(body, x, y, pose[2] + w * time, at_x, at_y, radius))
+        least = min(least, _gap(body, x, y, heading, at_x, at_y, radius))
     return least
 
 

@@ -2,57 +2,40 @@
 
 import msgspec
 
-from motm_twin.control.method import Method, PlannerParts, map_ahead
+from motm_twin.control.method import BaseChoices, Materials, Method
+from motm_twin.model.known import KnownWorld
 from motm_twin.model.state import HasState
 from motm_twin.perception.movers import MoverParameters, standing
 from motm_twin.perception.still_map import StandingMap, StillMap
-from motm_twin.planning.commitment import CommittedController
-from motm_twin.planning.global_path import GraphCache
-from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget
-from motm_twin.planning.wide_placement import WidePlacement
+from motm_twin.planning.commitment import KeepPlans
+from motm_twin.planning.every_ring import EveryRing
+from motm_twin.planning.types import BaseProblem
 
 
-class FastPlanner(BasePlanner):
-    """The paper's rule in a map without what moves far away: it will be elsewhere when the robot comes there."""
+class WithoutFarMovers:
+    """The map without dynamic obstacles that are far away: they will be elsewhere when the robot comes there."""
 
-    def __init__(self, parts: PlannerParts) -> None:
-        """The planner of those parts."""
-        known, parameters, graphs = parts.known, parts.parameters, parts.graphs or GraphCache()
-        ahead = map_ahead(parts)
-        controller = CommittedController(known.robot, parameters, clock=parts.clock, graphs=graphs, still=ahead)
-        self.movers = MoverParameters()
-        self.still = StillMap(known, self.movers)
-        placement = WidePlacement(known.robot, parameters, graphs, self.still)
-        super().__init__(
-            known.robot, parameters, placement=placement, controller=controller, graphs=graphs, still=ahead
-        )
+    def __init__(self, known: KnownWorld) -> None:
+        self._movers = MoverParameters()
         self.standing = StandingMap(known)
-        self._asked: tuple[BaseProblem, BaseProblem] | None = None  # of this period: as it came, and as it is solved
+        self.still = StillMap(known, self._movers)  # without the near ones, too
 
-    def place(self, problem: BaseProblem) -> Placement:
-        """Choose a base pose in the map without dynamic obstacles that are far away."""
-        self._asked = problem, self._without_far(problem)
-        return super().place(self._asked[1])
-
-    def drive(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
-        """Plan the acceleration in the same map."""
-        assert self._asked is not None and self._asked[0] is problem
-        return super().drive(self._asked[1], placement, budget)
-
-    def _without_far(self, problem: BaseProblem) -> BaseProblem:
+    def of(self, problem: BaseProblem) -> BaseProblem:
+        """The problem in that map; the same one when nothing moves far away."""
         world = problem.world
         far = world.movers[world.movers[:, 5] == 0.0]
-        without = self.standing.without(world, standing(world, far, self.movers))
+        without = self.standing.without(world, standing(world, far, self._movers))
         return problem if without is world else msgspec.structs.replace(problem, world=without)
 
-    def _stateful(self) -> dict[str, HasState]:
-        return {**super()._stateful(), "standing": self.standing, "still": self.still}
+    def memory(self) -> dict[str, HasState]:
+        """Both maps."""
+        return {"standing": self.standing, "still": self.still}
 
 
-def fast_planner(parts: PlannerParts) -> BasePlanner:
-    """The planner of `fast`."""
-    return FastPlanner(parts)
+def every_ring(materials: Materials) -> EveryRing:
+    """Candidates on all rings; where none is viable, the robot waits beside what moves."""
+    view = materials.view
+    return EveryRing(view.still if isinstance(view, WithoutFarMovers) else None)
 
 
 FAST = Method(
@@ -88,5 +71,5 @@ FAST = Method(
         "heuristic with a weight of 1.2 (0.8 s longer, +- 0.3)."
     ),
     parameters={"bezier_offset": 0.1, "notches": 5, "steadiness": 0.02},
-    planner=fast_planner,
+    planner=BaseChoices(view=WithoutFarMovers, candidates=every_ring, commitment=KeepPlans),
 )

@@ -15,19 +15,23 @@ from motm_twin.model.geometry import Array
 ARM_FRAMES = (*(f"panda_link{i}" for i in range(9)), "panda_hand", "panda_tcp")
 HAND, TCP = ARM_FRAMES.index("panda_hand"), ARM_FRAMES.index("panda_tcp")
 
+# Lengths of the Panda [m]: shoulder over the mount; shoulder to elbow and elbow to wrist along the arm, and across it;
+# joint 7 beside joint 6; link 8 beyond link 7; tool centre point beyond the hand, and beyond joint 7.
+SHOULDER, UPPER, LOWER, ELBOW_OFFSET, WRIST = 0.333, 0.316, 0.384, 0.0825, 0.088
+FLANGE, HAND_LENGTH = 0.107, 0.1034
+TOOL = FLANGE + HAND_LENGTH
+
 _JOINTS = 7
 _FIXED = (  # joint i in link i - 1: x, y, z [m] and the sine of its turn about x (0 or a quarter turn)
-    (0.0, 0.0, 0.333, 0.0),
+    (0.0, 0.0, SHOULDER, 0.0),
     (0.0, 0.0, 0.0, -1.0),
-    (0.0, -0.316, 0.0, 1.0),
-    (0.0825, 0.0, 0.0, 1.0),
-    (-0.0825, 0.384, 0.0, -1.0),
+    (0.0, -UPPER, 0.0, 1.0),
+    (ELBOW_OFFSET, 0.0, 0.0, 1.0),
+    (-ELBOW_OFFSET, LOWER, 0.0, -1.0),
     (0.0, 0.0, 0.0, 1.0),
-    (0.088, 0.0, 0.0, 1.0),
+    (WRIST, 0.0, 0.0, 1.0),
 )
 _ORIGINS = np.array(_FIXED)
-_FLANGE = 0.107  # [m] link 8 beyond link 7
-_TCP = 0.1034  # [m] tool centre point beyond the hand
 _HAND_TURN = math.sqrt(0.5)  # the hand is turned by -45 deg about the flange axis
 _SINGULAR = 1e-14  # smallest pivot of J J^T that counts as positive
 
@@ -52,14 +56,14 @@ def fk_arm(q: Array) -> Array:
         T[i + 1, 3, 3] = 1.0
     for r in range(3):
         x_axis, y_axis, z_axis = T[7, r, 0], T[7, r, 1], T[7, r, 2]
-        flange = T[7, r, 3] + _FLANGE * z_axis
+        flange = T[7, r, 3] + FLANGE * z_axis
         T[8, r, 0], T[8, r, 1], T[8, r, 2], T[8, r, 3] = x_axis, y_axis, z_axis, flange
         for frame in (9, 10):
             T[frame, r, 0] = _HAND_TURN * (x_axis - y_axis)
             T[frame, r, 1] = _HAND_TURN * (x_axis + y_axis)
             T[frame, r, 2] = z_axis
         T[9, r, 3] = flange
-        T[10, r, 3] = flange + _TCP * z_axis
+        T[10, r, 3] = flange + HAND_LENGTH * z_axis
     T[8, 3, 3] = T[9, 3, 3] = T[10, 3, 3] = 1.0
     return T
 

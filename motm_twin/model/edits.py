@@ -142,7 +142,8 @@ class Drive(msgspec.Struct, frozen=True, kw_only=True, tag="drive", forbid_unkno
 WorldEdit = (
     AddObstacle | MoveBody | ReleaseBody | FreezeBody | SendAgent | RemoveBody | MoveObject | PushRobot | InjectFault
 )
-ControlEdit = InsertTask | RemoveTask | MoveTask | SetParameter | Announce | Drive
+TaskEdit = InsertTask | RemoveTask | MoveTask
+ControlEdit = TaskEdit | SetParameter | Announce | Drive
 Edit = WorldEdit | ControlEdit
 
 WORLD_EDITS = WorldEdit.__args__

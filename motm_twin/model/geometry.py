@@ -60,31 +60,6 @@ def from_frame(pose_a_b: Array, points_b: Array) -> Array:
     return points_a
 
 
-def drive(pose: Array, v: float, w: float, dt: float) -> Array:
-    """Pose after driving the arc of constant forward speed v [m/s] and yaw rate w [rad/s] for dt [s]."""
-    x, y, heading = pose.tolist()
-    turned = w * dt
-    if abs(turned) < 1e-9:
-        return np.array([x + v * dt * math.cos(heading), y + v * dt * math.sin(heading), wrap_angle(heading + turned)])
-    radius = v / w
-    return np.array(
-        [
-            x + radius * (math.sin(heading + turned) - math.sin(heading)),
-            y - radius * (math.cos(heading + turned) - math.cos(heading)),
-            wrap_angle(heading + turned),
-        ]
-    )
-
-
-def command_pose(pose: Array, twist: Array, lag: float) -> Array:
-    """Pose from which the next command acts on a base that answers with a first-order lag [s]; twist as measured.
-
-    Its point p + lag v moves by the command u alone (p' = v and lag v' = u - v), and is where the base comes to rest
-    with u = 0. Planned from there, the way to rest is what the base needs; it comes by the lag after the plan.
-    """
-    return drive(pose, float(twist[0]), float(twist[1]), lag)
-
-
 def frozen(values: object) -> Array:
     """A read-only float64 copy of anything array-like."""
     array = np.array(values, dtype=np.float64)

@@ -14,7 +14,7 @@ from shapely.geometry import LineString, box
 from shapely.geometry import Point as ShapelyPoint
 from shapely.ops import unary_union
 
-from motm_twin.model.arm_kernels import HAND, TCP, fk_arm
+from motm_twin.model.arm_kernels import HAND, SHOULDER, TCP, fk_arm
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.joint_limits import READY
 from motm_twin.model.scene import Agent, DriveTo, Point, Scene, Solid
@@ -26,7 +26,6 @@ ROBOT_TOP = 1.3  # [m] furniture that begins above this leaves room for base and
 ARM_REACH = 0.855  # [m] of the Panda from its shoulder; Paper, Sec. IV
 LINK_RADIUS = 0.05  # [m] of the arm's thinnest part: what is nearer to its middle line is inside it
 _ARM_LINE = [2, 4, 5, 7, HAND, TCP]  # frames along the arm above its foot, which stands on the base
-SHOULDER = 0.333  # [m] of the Panda above its mount
 
 
 def blocking(scene: Scene, height: float) -> list[Solid]:

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 
-from motm_twin.model.geometry import Array, compose, drive, inverse, wrap_angle
+from motm_twin.model.geometry import Array, compose, inverse, wrap_angle
+from motm_twin.model.motion import drive
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.finding import Finding

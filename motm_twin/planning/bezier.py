@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.kernel import kernel, length_of
+from motm_twin.model.motion import kernel
+from motm_twin.planning.kernels import length_of
 from motm_twin.planning.rtr import turn
 
 ROUNDING = 1e-9  # [s] in sums of times

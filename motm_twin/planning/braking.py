@@ -7,8 +7,8 @@ them.
 import math
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.motion import kernel, step
 from motm_twin.planning.collision import ROUNDING, SLOPE, Body, Field, clearance, clearance_from
-from motm_twin.planning.kernel import kernel
 
 
 @kernel
@@ -30,10 +30,7 @@ def stopping_clearance(
     while (v != 0.0 or w != 0.0) and least >= wanted:
         v_end = max(0.0, abs(v) - a_max * dt) * (1.0 if v > 0.0 else -1.0)
         w_end = max(0.0, abs(w) - b_max * dt) * (1.0 if w > 0.0 else -1.0)
-        ahead = heading + 0.25 * (w + w_end) * dt
-        x += 0.5 * (v + v_end) * dt * math.cos(ahead)
-        y += 0.5 * (v + v_end) * dt * math.sin(ahead)
-        heading += 0.5 * (w + w_end) * dt
+        x, y, heading = step(x, y, heading, v, w, v_end, w_end, dt)
         v, w = v_end, w_end
         least = min(least, clearance(x, y, heading, 1.0, field, body))
     return least
@@ -66,10 +63,7 @@ def can_stop(
     while (v != 0.0 or w != 0.0) and least >= wanted:
         v_end = max(0.0, abs(v) - a_max * dt) * (1.0 if v > 0.0 else -1.0)
         w_end = max(0.0, abs(w) - b_max * dt) * (1.0 if w > 0.0 else -1.0)
-        ahead = heading + 0.25 * (w + w_end) * dt
-        x += 0.5 * (v + v_end) * dt * math.cos(ahead)
-        y += 0.5 * (v + v_end) * dt * math.sin(ahead)
-        heading += 0.5 * (w + w_end) * dt
+        x, y, heading = step(x, y, heading, v, w, v_end, w_end, dt)
         room -= SLOPE * dt * 0.5 * (abs(v + v_end) + reach * abs(w + w_end))
         v, w = v_end, w_end
         if room < wanted + ROUNDING:
@@ -101,9 +95,7 @@ def best_braking(
             if j < 0:
                 w_end = math.copysign(max(0.0, abs(w) - b_max * 0.1), w)
             w_end = min(w_max, max(-w_max, w_end))
-            x += 0.05 * (v + v_end) * math.cos(heading + 0.025 * (w + w_end))
-            y += 0.05 * (v + v_end) * math.sin(heading + 0.025 * (w + w_end))
-            heading += 0.05 * (w + w_end)
+            x, y, heading = step(x, y, heading, v, w, v_end, w_end, 0.1)
             v, w = v_end, w_end
             least = min(least, clearance(x, y, heading, 1.0, field, body))
         least = min(least, stopping_clearance(x, y, heading, v, w, a_max, b_max, -1.0, field, body))

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.motion import kernel
 from motm_twin.model.profile import Footprint
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.kernel import kernel
 
 # How fast the interpolated distance of a field can change along a line, and what rounding adds to it [m].
 SLOPE, ROUNDING = 1.4143, 1e-4

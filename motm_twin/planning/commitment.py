@@ -9,23 +9,24 @@ keeps to that one in the same way, until one is found that gets there.
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.motion import kernel, step
+from motm_twin.model.profile import BaseLimits
 from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
-from motm_twin.planning.controller import ESCAPING, StaaController
-from motm_twin.planning.kernel import kernel
+from motm_twin.planning.parameters import Room, StaaParameters
 from motm_twin.planning.pocket import NO_POCKET, half_width, in_pocket, settle_pocket
 from motm_twin.planning.prediction import at_half_steps, gap_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.search_memory import CellSights, Memory, Pocket, Settings, World
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
+from motm_twin.planning.types import ESCAPING, BasePlan, BaseProblem, Placement, Target
 
 TINY = 1e-6  # [s]
 LATE = 0.1  # [s] that a job may end after its plan, the target in reach: poses are known to 1 cm
@@ -71,6 +72,11 @@ class Rest(NamedTuple):
     to_go: Array  # [s] what is left of its cost at each, shape (n,)
     job: Job
 
+    @property
+    def bound(self) -> float:
+        """A plan that costs as much [s] is of no use."""
+        return float(self.to_go[0]) if self.kept.arrives else math.inf
+
     def instead_of(self, found: BasePlan) -> BasePlan:
         """The plan of a period in which the search found nothing better."""
         states, times, arrives = self.states, self.times, self.kept.arrives
@@ -86,54 +92,67 @@ class Rest(NamedTuple):
         )
 
 
-class CommittedController(StaaController, Stateful[CommitmentState]):
-    """STAA* that keeps to a plan that gets the job done."""
+class BaseSearch(Protocol):
+    """The controller of which plans are kept, as a commitment reads it."""
 
-    def __init__(self, *parts: Any, **named: Any) -> None:
-        """As `StaaController`."""
-        super().__init__(*parts, **named)
-        self._state = CommitmentState()
-        self._in_pocket = self._loaded = False  # the first only while a plan is made
-        self._rest: Rest | None = None  # of this period
-        speeds = np.array([self._limits.forward_speed, self._limits.yaw_rate])
-        self._follows = np.array([*FOLLOWS, *np.maximum(FOLLOWS_SPEED, np.array(FOLLOWS_SHARE) * speeds)])
+    limits: BaseLimits
+    parameters: StaaParameters
+    body: Body
 
-    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
-        """The plan of this period, or what is left of the one before when that is not dearer."""
-        self._rest = self._rest_of_kept(problem, placement)
-        found = super().plan(problem, placement, budget)
-        if found.status in ("idle", ESCAPING) or problem.target is None:
-            self._state = CommitmentState()
-            return found
-        rest = self._rest
-        if rest is not None and not _better(found, rest, self._in_pocket):
-            return rest.instead_of(found)
-        self._state = CommitmentState(
-            _kept(problem, problem.target, found, self._in_pocket) if len(found.local_poses) > 1 else None
-        )
+    def ahead(self, problem: BaseProblem) -> tuple[Field, Field, Array]:
+        """Distances and grid of what stands, and discs of what moves."""
+        ...
+
+    def room(self, problem: BaseProblem) -> Room:
+        """The room that plans of this period keep."""
+        ...
+
+    def job(self, problem: BaseProblem, target: Target) -> Job:
+        """The target as the search knows it."""
+        ...
+
+
+class Commitment(Protocol):
+    """A policy of what is kept of the plan of the last period."""
+
+    def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
+        """What is left of the plan that is kept; None: nothing."""
+        ...
+
+    def pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
+        """The costs of leaving the place where the robot is, where PathRTR does not know them."""
+        ...
+
+    def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
+        """The plan of this period. ``informed``: that which was found knows the costs of a pocket."""
+        ...
+
+
+class Anew:
+    """Every period searches anew (Paper)."""
+
+    def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
+        """Keep nothing."""
+        return None
+
+    def pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
+        """The paper knows of no pockets."""
+        return NO_POCKET
+
+    def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
+        """The plan that was found."""
         return found
 
-    def _bound(self) -> float:
-        rest = self._rest
-        return math.inf if rest is None or not rest.kept.arrives else float(rest.to_go[0])
 
-    def _pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
-        pose, kept = np.array(problem.pose, dtype=np.float64), self._state.kept
-        held_up = kept is not None and not kept.arrives and kept.targets == _targets(problem)
-        self._in_pocket = (
-            held_up
-            and abs(problem.twist[0]) < CREEPS * self._limits.forward_speed
-            and in_pocket(pose, s, world)
-            and _for_good(problem.world, pose, half_width(self._body) + MOVES_RADIUS)
-        )
-        if self._loaded and not self._in_pocket:
-            return NO_POCKET
-        self._loaded = True  # its kernels, in the first period: not when it is in a pocket
-        found = settle_pocket(pose, s, world, cells, memory.scratch)
-        return found if self._in_pocket else NO_POCKET
+class KeepPlans(Stateful[CommitmentState]):
+    """A plan that gets the job done is kept until a better one is found."""
 
-    def _rest_of_kept(self, problem: BaseProblem, placement: Placement) -> Rest | None:
-        """The rest of the kept plan, when it is still possible."""
+    def __init__(self) -> None:
+        self._state = CommitmentState()
+        self._loaded = False  # the kernels of a pocket
+
+    def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
+        """What is left of the kept plan, when it is still possible."""
         kept, target = self._state.kept, problem.target
         if kept is None or target is None or kept.targets != _targets(problem) or placement.mode in ("closest", "none"):
             return None
@@ -141,30 +160,63 @@ class CommittedController(StaaController, Stateful[CommitmentState]):
             return None
         since = problem.time - kept.begins
         node = int(np.searchsorted(kept.times, since + TINY)) - 1
-        if node + 1 >= len(kept.times):
-            return None
-        if not _followed(kept, problem, since, self._follows):
+        if node + 1 >= len(kept.times) or not _followed(kept, problem, since, base.limits):
             return None
         to_go = float(np.interp(since, kept.times, kept.to_go))
         times = np.concatenate(([0.0], kept.times[node + 1 :] - since))
-        job, limits = self._job(problem, target), self._limits
+        job, limits, p = base.job(problem, target), base.limits, base.parameters
         states = np.empty((len(times), 5))
         states[0] = (*problem.pose, *problem.twist)
-        field, _, moving = self._ahead(problem)
+        field, _, moving = base.ahead(problem)
         free, done = follow(
-            states, np.diff(times), kept.accelerations[node:], self._left(target), problem.engaged,
+            states, np.diff(times), kept.accelerations[node:], time_left(target), problem.engaged,
             Bounds(limits.forward_speed, limits.reverse_speed, limits.yaw_rate, limits.linear_acceleration,
-                   limits.yaw_acceleration, self._margins(problem).margin, self._p.margin_floor,
-                   self._p.brake_depth * self._p.node_duration, 0.5 * self._p.node_duration),
-            field, moving, self._body, job,
+                   limits.yaw_acceleration, base.room(problem).margin, p.margin_floor,
+                   p.brake_depth * p.node_duration, 0.5 * p.node_duration),
+            field, moving, base.body, job,
         )  # fmt: skip
         if not done if kept.arrives else not free:
             return None
         return Rest(kept, states, times, np.concatenate(([to_go], kept.to_go[node + 1 :])), job)
 
+    def pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
+        """The costs round a robot that creeps in a pocket, its plans held up."""
+        pose, kept = np.array(problem.pose, dtype=np.float64), self._state.kept
+        held_up = kept is not None and not kept.arrives and kept.targets == _targets(problem)
+        inside = (
+            held_up
+            and abs(problem.twist[0]) < CREEPS * s.v_f
+            and in_pocket(pose, s, world)
+            and _for_good(problem.world, pose, half_width(world.body) + MOVES_RADIUS)
+        )
+        if self._loaded and not inside:
+            return NO_POCKET
+        self._loaded = True  # its kernels, in the first period: not when it is in a pocket
+        found = settle_pocket(pose, s, world, cells, memory.scratch)
+        return found if inside else NO_POCKET
 
-def _followed(kept: Kept, problem: BaseProblem, since: float, most: Array) -> bool:
-    """Whether the robot is where the plan says, and drives as it says."""
+    def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
+        """The plan of this period, or what is left of the one before when that is not dearer."""
+        if found.status in ("idle", ESCAPING) or problem.target is None:
+            self._state = CommitmentState()
+            return found
+        if rest is not None and not _better(found, rest, informed):
+            return rest.instead_of(found)
+        self._state = CommitmentState(
+            _kept(problem, problem.target, found, informed) if len(found.local_poses) > 1 else None
+        )
+        return found
+
+
+def time_left(target: Target) -> float:
+    """Time [s] in reach that the job at a target still needs, as searches count it."""
+    return max(target.dwell, 0.05) if target.kind != "drive" else 1.0
+
+
+def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits) -> bool:
+    """The robot is where the plan says, and drives as it says."""
+    speeds = np.array([limits.forward_speed, limits.yaw_rate])
+    most = np.array([*FOLLOWS, *np.maximum(FOLLOWS_SPEED, np.array(FOLLOWS_SHARE) * speeds)])
     off = [np.interp(since, kept.times, column) for column in kept.states.T]
     off = np.array(off) - (*problem.pose, *problem.twist)
     off[2] = math.remainder(off[2], 2.0 * math.pi)
@@ -253,10 +305,7 @@ def follow(
                 dt = min(dt, left)
             v_end = min(bounds.v_f, max(-bounds.v_r, v + accelerations[i, 0] * dt))
             w_end = min(bounds.w_max, max(-bounds.w_max, w + accelerations[i, 1] * dt))
-            ahead = heading + 0.25 * (w + w_end) * dt
-            x += 0.5 * (v + v_end) * dt * math.cos(ahead)
-            y += 0.5 * (v + v_end) * dt * math.sin(ahead)
-            heading += 0.5 * (w + w_end) * dt
+            x, y, heading = step(x, y, heading, v, w, v_end, w_end, dt)
             v, w, time, rest = v_end, w_end, time + dt, rest - dt
             if clearance(x, y, heading, 0.25, field, body) < allowed:
                 return False, False

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import inlined, kernel, length_of
+from motm_twin.planning.kernels import heap_pop, heap_push, inlined, kernel, length_of
 from motm_twin.planning.rtr import turn
 from motm_twin.planning.visibility import Graph, push_out, segment_free, tangential, visible_vertices
 
 IntArray = NDArray[np.int32]
 BESIDE = 0.10  # [m] a point this little inside a grown polygon is treated as if it were outside
 FAR = 1e9  # [s] no path
+Cheapest = tuple[float, bool, int, int]  # cost [s], in reverse?, first vertex (-1: straight), and what follows it
 
 
 class Rates(NamedTuple):
@@ -166,60 +166,81 @@ def make_table(graph: Graph, place: Array, goal_start: IntArray, goal: Array, ra
 
 
 @inlined
-def cost_outside(
+def cheapest_outside(
     px: float, py: float, heading: float, sx: float, sy: float, visible: IntArray, graph: Graph, table: Table
-) -> tuple[float, bool, int, int]:  # fmt: skip
-    """Cost [s] from a pose outside the grown polygons: cost, in reverse?, first vertex (-1: straight), what follows.
+) -> Cheapest:
+    """The cheapest path from a pose outside the grown polygons.
 
-    (sx, sy) is the point from which sight is tested, and from which the vertices `visible` are seen.
+    (sx, sy) is the point from which sight is tested, and from which the vertices `visible` are seen. What cannot be
+    less than the best so far is left out, the likeliest is first. A sum of rounded numbers never falls when a number is
+    added that is not negative: the order makes no difference, to the bit.
     """
-    best, in_reverse, via, follow = FAR, False, -1, 0
-    rates = table.rates
+    found, rates = (FAR, False, -1, 0), table.rates
     for s in range(table.site.shape[0]):
         dx, dy = table.site[s, 0] - px, table.site[s, 1] - py
         length = length_of(dx, dy)
         total = length + table.site[s, 4]
-        if total * rates.front >= best or not segment_free(sx, sy, table.site[s, 2], table.site[s, 3], graph.walls):
+        if total * rates.front >= found[0]:
             continue
         straight = length >= 1e-6
         angle = math.atan2(dy, dx) if straight else heading
         front, back = final_costs(s, angle, table)
         if straight:
             a_0 = turn(heading, angle)
-            front += a_0 * table.rates.turn + total * table.rates.front
-            back += (math.pi - a_0) * table.rates.turn + total * table.rates.back
+            front += a_0 * rates.turn + total * rates.front
+            back += (math.pi - a_0) * rates.turn + total * rates.back
         else:
-            front += total * table.rates.front
+            front += total * rates.front
             back = FAR
-        if front < best:
-            best, in_reverse, via, follow = front, False, -1, -1 - s
-        if back < best:
-            best, in_reverse, via, follow = back, True, -1, -1 - s
+        cost = min(front, back)
+        if cost < found[0] and segment_free(sx, sy, table.site[s, 2], table.site[s, 3], graph.walls):
+            found = (cost, back < front, -1, -1 - s)
+    likeliest, lowest = -1, found[0]
     for i in range(visible.shape[0]):
         v = visible[i]
+        low = length_of(graph.vertex[v, 0] - px, graph.vertex[v, 1] - py) * rates.front + table.bound[v]
+        if low < lowest:
+            likeliest, lowest = i, low
+    if likeliest < 0:
+        return found
+    for k in range(-1, visible.shape[0]):
+        if k == likeliest:
+            continue
+        v = visible[likeliest if k < 0 else k]
         dx, dy = graph.vertex[v, 0] - px, graph.vertex[v, 1] - py
         length = length_of(dx, dy)
-        if length * rates.front + table.bound[v] >= best:
+        if length * rates.front + table.bound[v] < found[0]:
+            found = _through(v, length, math.atan2(dy, dx) if length > 1e-6 else heading, heading, found, graph, table)
+    return found
+
+
+@inlined
+def _through(
+    v: int, length: float, angle: float, heading: float, found: Cheapest, graph: Graph, table: Table
+) -> Cheapest:
+    """The cheapest path so far, or that through vertex v, `length` [m] away in direction `angle`, if less."""
+    rates = table.rates
+    best, in_reverse, via, follow = found
+    a_0 = turn(heading, angle)
+    front_0 = a_0 * rates.turn + length * rates.front
+    back_0 = (math.pi - a_0) * rates.turn + length * rates.back
+    if front_0 + table.bound[v] >= best and back_0 + table.bound[v] >= best:
+        return found
+    for k in range(table.exit_start[v], table.exit_start[v + 1]):
+        if front_0 + table.exit[k, 1] >= best and back_0 + table.exit[k, 2] >= best:
             continue
-        angle = math.atan2(dy, dx) if length > 1e-6 else heading
-        a_0 = turn(heading, angle)
-        front_0 = a_0 * rates.turn + length * rates.front
-        back_0 = (math.pi - a_0) * rates.turn + length * rates.back
-        for k in range(table.exit_start[v], table.exit_start[v + 1]):
-            spin = turn(angle, table.exit[k, 0]) * rates.turn
-            if front_0 + spin + table.exit[k, 1] < best:
-                best, in_reverse, via, follow = front_0 + spin + table.exit[k, 1], False, v, -1 - k
-            if back_0 + spin + table.exit[k, 2] < best:
-                best, in_reverse, via, follow = back_0 + spin + table.exit[k, 2], True, v, -1 - k
-        for e in range(graph.out_start[v], graph.out_start[v + 1]):
-            if front_0 + table.way[e, 0] >= best and back_0 + table.way[e, 1] >= best:
-                continue
-            spin = turn(angle, graph.edge[e, 1]) * rates.turn
-            if front_0 + spin + table.way[e, 0] < best:
-                best, in_reverse, via, follow = front_0 + spin + table.way[e, 0], False, v, e
-            if back_0 + spin + table.way[e, 1] < best:
-                best, in_reverse, via, follow = back_0 + spin + table.way[e, 1], True, v, e
-    return best, in_reverse, via, follow
+        spin = turn(angle, table.exit[k, 0]) * rates.turn
+        front, back = front_0 + spin + table.exit[k, 1], back_0 + spin + table.exit[k, 2]
+        if min(front, back) < best:
+            best, in_reverse, via, follow = min(front, back), back < front, v, -1 - k
+    for e in range(graph.out_start[v], graph.out_start[v + 1]):
+        if front_0 + table.way[e, 0] >= best and back_0 + table.way[e, 1] >= best:
+            continue
+        spin = turn(angle, graph.edge[e, 1]) * rates.turn
+        front, back = front_0 + spin + table.way[e, 0], back_0 + spin + table.way[e, 1]
+        if min(front, back) < best:
+            best, in_reverse, via, follow = min(front, back), back < front, v, e
+    return (best, in_reverse, via, follow)
 
 
 @kernel
@@ -234,6 +255,29 @@ def way_out(
     return sx, sy, out, a_0 * rates.turn + pushed * rates.front
 
 
+@inlined
+def cheapest(
+    px: float, py: float, heading: float, sx: float, sy: float, pushed: float, visible: IntArray, graph: Graph,
+    table: Table,
+) -> Cheapest:  # fmt: skip
+    """The cheapest path from any pose; (sx, sy) is its point outside the grown polygons, `pushed` [m] away.
+
+    From deep inside (a pocket, a gap narrower than the growth) the way leads to that point, forwards or in reverse,
+    and on from there in whichever direction is best.
+    """
+    best = (FAR, False, -1, 0)
+    for way in range(2):
+        x, y, facing, spent = px, py, heading, 0.0
+        if pushed > BESIDE:
+            x, y, facing, spent = way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
+        found = cheapest_outside(x, y, facing, sx, sy, visible, graph, table)
+        if spent + found[0] < best[0]:
+            best = (spent + found[0], found[1], found[2], found[3])
+        if pushed <= BESIDE:
+            break
+    return best
+
+
 @kernel
 def _trace(
     px: float, py: float, heading: float, graph: Graph, table: Table, scratch: IntArray, path: Array
@@ -243,16 +287,7 @@ def _trace(
     size = 1
     sx, sy, pushed = push_out(px, py, graph.outline, graph.solids)
     visible = scratch[: visible_vertices(sx, sy, graph, scratch)]
-    cost, in_reverse, via, follow = FAR, False, -1, 0
-    for way in range(2):
-        x, y, facing, spent = px, py, heading, 0.0
-        if pushed > BESIDE:
-            x, y, facing, spent = way_out(px, py, heading, sx, sy, pushed, way == 1, table.rates)
-        found = cost_outside(x, y, facing, sx, sy, visible, graph, table)
-        if spent + found[0] < cost:
-            cost, in_reverse, via, follow = spent + found[0], found[1], found[2], found[3]
-        if pushed <= BESIDE:
-            break
+    cost, in_reverse, via, follow = cheapest(px, py, heading, sx, sy, pushed, visible, graph, table)
     if cost >= FAR:
         return 1, False, -1
     if pushed > BESIDE:

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.model.geometry import Array, drive, to_frame
+from motm_twin.model.geometry import Array, to_frame
+from motm_twin.model.motion import drive, kernel
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.clusters import label_cells
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import Body, Field, clearances
-from motm_twin.planning.kernel import kernel
 
 IntArray = NDArray[np.int32]
 STEPS = 40  # of each motion that is tried
@@ -147,10 +147,7 @@ def follow_escape(
     least[:, 4] = math.inf
     for step in range(path.shape[0]):
         if step > 0:
-            heading += 0.5 * twist[1] * dt
-            x += twist[0] * dt * math.cos(heading)
-            y += twist[0] * dt * math.sin(heading)
-            heading += 0.5 * twist[1] * dt
+            x, y, heading = step(x, y, heading, twist[0], twist[1], twist[0], twist[1], dt)
         c, s = math.cos(heading), math.sin(heading)
         least[:, :4] = 0.0
         for i in range(points.shape[0]):

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
+from motm_twin.model.motion import kernel
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import Field, field_of
-from motm_twin.planning.cost_to_go import Rates, Table, make_table, trace
-from motm_twin.planning.kernel import kernel
-from motm_twin.planning.least_cost import Sights, costs_from, sights_of
-from motm_twin.planning.visibility import Graph, build_graph
+from motm_twin.planning.cost_to_go import FAR, Rates, Table, cheapest, make_table, trace
+from motm_twin.planning.visibility import Graph, build_graph, push_out, visible_vertices
 
 NEVER = 1e6  # [s/m] less than no path: costs stay finite
 KEPT = 8  # tables of costs to goals: those of a period, goal and next targets do not change in most
@@ -70,6 +69,52 @@ def rates_of(limits: BaseLimits, *, rotation_cost: bool = True) -> Rates:
     """
     turn_rate = 1.0 / limits.yaw_rate if rotation_cost else 0.0
     return Rates(1.0 / limits.forward_speed, min(1.0 / max(limits.reverse_speed, 1e-9), NEVER), turn_rate)
+
+
+class Sights(NamedTuple):
+    """Sight from a list of places: point outside (m, 3 with how far), vertices in compressed rows."""
+
+    point: Array
+    start: NDArray[np.int32]
+    vertex: NDArray[np.int32]
+
+
+@kernel
+def _look(place: Array, graph: Graph, sights: Sights) -> int:
+    count = 0
+    for i in range(place.shape[0]):
+        qx, qy, pushed = push_out(place[i, 0], place[i, 1], graph.outline, graph.solids)
+        sights.point[i, 0], sights.point[i, 1], sights.point[i, 2] = qx, qy, pushed
+        count += visible_vertices(qx, qy, graph, sights.vertex[count:])
+        sights.start[i + 1] = count
+    return count
+
+
+def sights_of(place: Array, graph: Graph) -> Sights:
+    """The vertices seen from places, shape (m, 2)."""
+    m, n = len(place), len(graph.vertex)
+    sights = Sights(np.empty((m, 3)), np.zeros(m + 1, np.int32), np.empty(m * n, np.int32))
+    _look(place, graph, sights)
+    return sights
+
+
+@kernel
+def _costs(
+    poses: Array, place_of: NDArray[np.int32], sights: Sights, graph: Graph, table: Table, result: Array
+) -> None:
+    for i in range(poses.shape[0]):
+        p = place_of[i]
+        seen = sights.vertex[sights.start[p] : sights.start[p + 1]]
+        x, y, pushed = sights.point[p, 0], sights.point[p, 1], sights.point[p, 2]
+        cost = cheapest(poses[i, 0], poses[i, 1], poses[i, 2], x, y, pushed, seen, graph, table)[0]
+        result[i] = cost if cost < FAR else math.inf
+
+
+def costs_from(poses: Array, place_of: NDArray[np.int32], sights: Sights, graph: Graph, table: Table) -> Array:
+    """Costs [s] of poses (m, 3), pose i standing at place place_of[i] of `sights`; inf: no path."""
+    result = np.empty(len(poses))
+    _costs(poses, place_of, sights, graph, table, result)
+    return result
 
 
 class Poses(NamedTuple):

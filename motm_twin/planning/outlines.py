@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.kernel import kernel
+from motm_twin.model.motion import kernel
 
 SHRINK = 0.002  # [m]
 SAME = 1e-6  # [m] points of a ring this close to the one before are left out

@@ -5,6 +5,7 @@
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 from motm_twin.model.profile import Footprint, RobotProfile
 
@@ -147,3 +148,23 @@ class PlanningParameters:
     placement: PlacementParameters = PlacementParameters()
     staa: StaaParameters = StaaParameters()
     reach: ReachParameters = ReachParameters()
+
+
+LEAST_ROOM = 0.02  # [m] beyond half the width of the footprint that a way must have, however tight
+
+
+class Room(NamedTuple):
+    """Room that plans keep: growth of obstacles for global paths, margin of the search, clearance of candidates [m]."""
+
+    growth: float
+    margin: float
+    clearance: float
+
+
+def room_for(parameters: PlanningParameters, footprint: Footprint, tightness: float) -> Room:
+    """The room of a period: 0 as the parameters say, 1 down to the true footprint, for a robot that finds no way."""
+    staa, placement = parameters.staa, parameters.placement
+    wide = growth(footprint, staa)
+    least = Room(min(wide, 0.5 * footprint.width + LEAST_ROOM), min(staa.margin, staa.margin_floor), LEAST_ROOM)
+    most = Room(wide, staa.margin, placement.clearance)
+    return Room(*(a + tightness * (b - a) for a, b in zip(most, least, strict=True)))

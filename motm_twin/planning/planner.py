@@ -1,9 +1,9 @@
 """Placement and control of the base in one call, on one visibility graph."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
-from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask
+from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import HasState
@@ -23,6 +23,45 @@ from motm_twin.planning.types import (
 )
 
 
+class View(Protocol):
+    """The world as a method plans in it."""
+
+    def of(self, problem: BaseProblem) -> BaseProblem:
+        """The problem of a period as it is to be solved."""
+        ...
+
+    def memory(self) -> dict[str, HasState]:
+        """Parts that remember something between periods, by name."""
+        ...
+
+
+@runtime_checkable
+class HasPaths(Protocol):
+    """A placement strategy that knows the paths behind its costs."""
+
+    def paths(self, index: int) -> tuple[Array, Array] | None:
+        """Paths of a candidate of the last period: from the robot to it, and on to the next target."""
+        ...
+
+
+@runtime_checkable
+class HasStaaPath(Protocol):
+    """A controller that can tell how unmodified STAA* would go."""
+
+    def staa_path(self) -> Array:
+        """That path in the last period, shape (m, 2) [m]."""
+        ...
+
+
+@runtime_checkable
+class HearsTasks(Protocol):
+    """A controller that plans beyond the next target."""
+
+    def retasked(self, edit: TaskEdit) -> None:
+        """A person has changed the task list."""
+        ...
+
+
 class BasePlanner:
     """The base's part of a period. Strategies other than the paper's can be handed in."""
 
@@ -36,10 +75,12 @@ class BasePlanner:
         controller: BaseController | None = None,
         graphs: GraphCache | None = None,
         still: StillMap | None = None,
+        view: View | None = None,
     ) -> None:
         """``graphs``: of another planner, to go on with the visibility graph that it has built.
 
-        ``still``: the map without what moves, for a controller that expects that on its course.
+        ``still``: the map without what moves, for a controller that expects that on its course. ``view``: the world as
+        placement and controller are to see it; None: as it is.
         """
         parameters = parameters or PlanningParameters()
         self.graphs = graphs or GraphCache()
@@ -49,6 +90,8 @@ class BasePlanner:
         self.controller = controller or StaaController(
             profile, parameters, clock=clock, graphs=self.graphs, still=still
         )
+        self.view = view
+        self._seen: tuple[BaseProblem, BaseProblem] | None = None  # of this period: as it came, and as it is solved
 
     def plan(self, problem: BaseProblem, budget: SearchBudget) -> tuple[Placement, BasePlan]:
         """Where to stand, and how to accelerate now."""
@@ -56,15 +99,25 @@ class BasePlanner:
         return placement, self.drive(problem, placement, budget)
 
     def place(self, problem: BaseProblem) -> Placement:
-        """Where to stand."""
-        return self.placement.place(problem)
+        """Choose where to stand."""
+        return self.placement.place(self._viewed(problem))
 
     def drive(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
-        """How to accelerate now."""
-        return self.controller.plan(problem, placement, budget)
+        """Choose how to accelerate now."""
+        return self.controller.plan(self._viewed(problem), placement, budget)
 
-    def retasked(self, edit: InsertTask | RemoveTask | MoveTask) -> None:
+    def _viewed(self, problem: BaseProblem) -> BaseProblem:
+        """The problem as it is to be solved, the same for placement and controller."""
+        if self.view is None:
+            return problem
+        if self._seen is None or self._seen[0] is not problem:
+            self._seen = problem, self.view.of(problem)
+        return self._seen[1]
+
+    def retasked(self, edit: TaskEdit) -> None:
         """A person has changed the task list: of interest only to whoever plans beyond the next target."""
+        if isinstance(self.controller, HearsTasks):
+            self.controller.retasked(edit)
 
     def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
         """Paths (m, 2) [m] behind the costs of a candidate of the last period: robot to it, and it to the next target.
@@ -73,12 +126,12 @@ class BasePlanner:
         empty when there is no next target.
         """
         placement = self.placement
-        return placement.paths(index) if isinstance(placement, NextTargetPlacement) else None
+        return placement.paths(index) if isinstance(placement, HasPaths) else None
 
     def staa_path(self) -> Array:
         """Global path (m, 2) [m] of unmodified STAA* in the last period; empty when there was none."""
         controller = self.controller
-        return controller.staa_path() if isinstance(controller, StaaController) else empty_path()
+        return controller.staa_path() if isinstance(controller, HasStaaPath) else empty_path()
 
     def snapshot(self) -> dict[str, Any]:
         """A deep copy of everything that changes between periods."""
@@ -91,6 +144,9 @@ class BasePlanner:
                 part.restore(state[name])
 
     def _stateful(self) -> dict[str, HasState]:
-        """The strategies that remember something between periods."""
-        parts = {"placement": self.placement, "controller": self.controller, "ahead": self.ahead}
-        return {name: part for name, part in parts.items() if isinstance(part, HasState)}
+        """The strategies that remember something between periods; of `StaaController` it is its commitment."""
+        controller = self.controller
+        remembers = controller.commitment if isinstance(controller, StaaController) else controller
+        parts = {"placement": self.placement, "controller": remembers, "ahead": self.ahead}
+        found = {name: part for name, part in parts.items() if isinstance(part, HasState)}
+        return found if self.view is None else {**found, **self.view.memory()}

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
-from motm_twin.planning.cell_costs import cost_at
 from motm_twin.planning.collision import Body, Field, clearance, clearance_from, distance_at
 from motm_twin.planning.cost_to_go import FAR
-from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import kernel
+from motm_twin.planning.kernels import heap_pop, heap_push, kernel
 from motm_twin.planning.rtr import TWO_PI, turn
-from motm_twin.planning.search_memory import CellSights, Pocket, Settings, World
+from motm_twin.planning.search_memory import CellSights, Pocket, Settings, World, cost_at
 
 IntArray = NDArray[np.int32]
 CELL = 0.1  # [m] of the lattice

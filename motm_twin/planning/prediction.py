@@ -9,8 +9,9 @@ import math
 import numpy as np
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.motion import kernel
 from motm_twin.planning.collision import Body
-from motm_twin.planning.kernel import kernel, length_of
+from motm_twin.planning.kernels import length_of
 
 NOBODY = np.zeros((1, 0, 3))
 NOBODY.setflags(write=False)

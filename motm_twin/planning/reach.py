@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.motion import arc, kernel
 from motm_twin.model.profile import RobotProfile
-from motm_twin.planning.kernel import kernel, length_of
+from motm_twin.planning.kernels import length_of
 from motm_twin.planning.parameters import ReachParameters, StaaParameters
-from motm_twin.planning.rtr import TWO_PI, turn
+from motm_twin.planning.rtr import turn
 from motm_twin.planning.types import Target
 
 MANIPULATE, DRIVE = 1, 2
@@ -81,27 +82,10 @@ def first_node_in_reach(states: Array, dt: float, job: Job) -> float:
             return i
         if i + 1 < n:
             v_m, w_m = 0.5 * (v + states[i + 1, 3]), 0.5 * (w + states[i + 1, 4])
-            mx, my, facing = _driven(x, y, heading, v_m, w_m, dt / 2)
+            mx, my, facing = arc(x, y, heading, v_m, w_m, dt / 2)
             if in_reach(mx, my, facing, v, w, job):
                 return i + 0.5
     return math.inf
-
-
-@kernel
-def _driven(x: float, y: float, heading: float, v: float, w: float, dt: float) -> tuple[float, float, float]:
-    """`model.geometry.drive` to the bit."""
-    turned = w * dt
-    facing = np.fmod(heading + turned, TWO_PI)
-    if facing > math.pi:
-        facing -= TWO_PI
-    elif facing <= -math.pi:
-        facing += TWO_PI
-    if abs(turned) < 1e-9:
-        return x + v * dt * math.cos(heading), y + v * dt * math.sin(heading), facing
-    radius = v / w
-    x += radius * (math.sin(heading + turned) - math.sin(heading))
-    y -= radius * (math.cos(heading + turned) - math.cos(heading))
-    return x, y, facing
 
 
 @kernel

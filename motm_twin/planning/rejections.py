@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.motion import kernel
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import Body, Field, clearance
-from motm_twin.planning.kernel import kernel
 from motm_twin.planning.visibility import Graph
 
 REASONS = ("", "outside the map", "collision with a seen obstacle", "collision with mapped furniture")

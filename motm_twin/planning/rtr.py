@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.kernel import kernel
+from motm_twin.model.motion import kernel
 
 TWO_PI = 2.0 * math.pi
 

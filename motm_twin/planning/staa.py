@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 from motm_twin.planning.bezier import bezier_points, time_below
 from motm_twin.planning.braking import can_stop
-from motm_twin.planning.cell_costs import cost_at
 from motm_twin.planning.collision import BORDER, ROUNDING, SLOPE, Body, clearance, clearance_from, distance_at
 from motm_twin.planning.cost_to_go import FAR
-from motm_twin.planning.heap import heap_pop, heap_push
-from motm_twin.planning.kernel import inlined, kernel, length_of
+from motm_twin.planning.kernels import heap_pop, heap_push, inlined, kernel, length_of
 from motm_twin.planning.pocket import pocket_cost
 from motm_twin.planning.prediction import at_half_steps, gap_to, way_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach, manipulable
@@ -43,6 +41,7 @@ from motm_twin.planning.search_memory import (
     Settings,
     Sight,
     World,
+    cost_at,
 )
 
 RUNNING, GOAL, ABORTED, DRY = 0, 1, 2, 3

@@ -74,6 +74,7 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     next_goals: Array | None = None  # best poses of the next target, cheapest first; nan: free, (k, 3)
 
 
+ESCAPING = "escaping"  # status of a plan that leaves an overlap
 NO_COSTS = frozen(np.zeros(0))
 
 
@@ -116,6 +117,15 @@ class BaseController(Protocol):
 def empty_path() -> Array:
     """A path without points, shape (0, 2)."""
     return np.zeros((0, 2))
+
+
+def no_placement(pose: Array) -> Placement:
+    """The placement of a robot at a pose (3,) that has no target."""
+    none = frozen(np.zeros(0))
+    return Placement(
+        mode="none", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none, cost=none,
+        rejected=(), chosen=-1, goal=frozen(pose), goal_has_heading=False, reason="there is no target", next_goal=None,
+    )  # fmt: skip
 
 
 BoolArray = NDArray[np.bool_]

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from motm_twin.model.exact import angle_of
 from motm_twin.model.geometry import Array
-from motm_twin.planning.kernel import kernel, length_of
+from motm_twin.model.motion import kernel
+from motm_twin.planning.kernels import length_of
 from motm_twin.planning.outlines import SHRINK, Rings, grown_outlines, rings_of
 
 IntArray = NDArray[np.int32]

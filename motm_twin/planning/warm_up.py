@@ -8,7 +8,7 @@ import numpy as np
 
 from motm_twin.model.profile import RobotProfile
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.commitment import CommittedController
+from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
@@ -44,7 +44,7 @@ def warm_up_search() -> None:
     assert controller.plan(too_fast, placement, SearchBudget(expansions=8)).status == "braking"
     away = msgspec.structs.replace(placement, goal=np.array([-1.0, 0.0, 0.0]))
     before_the_box = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]))
-    committed = CommittedController(RobotProfile(), PlanningParameters())
+    committed = StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans())
     for _ in range(2):  # the second time it keeps to the plan of the first, which does not arrive, and is in a pocket
         committed.plan(before_the_box, away, SearchBudget(expansions=4))
 

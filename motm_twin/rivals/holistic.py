@@ -16,25 +16,34 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.controller import ArmWays, Manipulator
 from motm_twin.control.arm.geometry import rotation_error, tilt_for, tool_rotation
-from motm_twin.control.arm.motion import OVER, OVER_RIM, Motion
-from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.arm.program import ARM, BASE, SLACK, Rows
+from motm_twin.control.arm.motion import OVER, OVER_RIM, Motion, hand_motion
+from motm_twin.control.arm.parameters import ArmParameters, Numbers
+from motm_twin.control.arm.program import ARM, BASE, SLACK
 from motm_twin.control.arm.qp import Program
-from motm_twin.control.arm.types import ArmInputs, ArmStep
-from motm_twin.control.arm.view import View
-from motm_twin.control.method import ArmParts, Method, PlannerParts
+from motm_twin.control.arm.types import ArmInputs
+from motm_twin.control.arm.view import ManipulatorState, View
+from motm_twin.control.method import ArmParts, BaseChoices, Materials, Method
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.kinematics import manipulability_gradient
-from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
+from motm_twin.planning.candidates import Rule
+from motm_twin.planning.commitment import Commitment
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
-from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement
+from motm_twin.planning.types import (
+    BaseController,
+    BasePlan,
+    BaseProblem,
+    Placement,
+    PlacementStrategy,
+    SearchBudget,
+    Target,
+    empty_path,
+)
+from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement, TangentState
 
 _RESTING = ("stow", "carry")  # the arm is not on its way to anything: neither is the base
 _STEPS = 6.0  # arm steps of acceleration by which the base may be ahead of what the monitor let through last
@@ -71,95 +80,100 @@ class AtOnce:
         return time_to_range
 
 
-class HolisticManipulator(Manipulator):
-    """The phases of a grasp of the paper's arm; the program moves the base as well."""
+class WholeBody:
+    """Ways of the paper's arm when the program moves the base as well; the phases of a grasp stay."""
 
-    def __init__(
-        self, known: KnownWorld, parameters: ArmParameters, holistic: HolisticParameters | None = None
-    ) -> None:
+    def __init__(self, profile: RobotProfile, parameters: ArmParameters, holistic: HolisticParameters) -> None:
         """``parameters``: of the grasp phases and of the arm's obstacle avoidance."""
-        h = self._h = holistic or HolisticParameters()
-        qp = msgspec.structs.replace(
-            parameters.qp, damper_gain=h.damper_gain, damper_start=h.damper_start, damper_stop=h.damper_stop
-        )
-        super().__init__(known, msgspec.structs.replace(parameters, abandon_time=math.inf, qp=qp), AtOnce())
+        self._base, self._p, self._h = profile.base, parameters, holistic
 
-    def step(self, inputs: ArmInputs) -> ArmStep:
-        """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""
-        limits = self.profile.base
-        room = inputs.dt * np.array([limits.linear_acceleration, limits.yaw_acceleration])
-        last = np.clip(self._state.twist, inputs.base_twist - _STEPS * room, inputs.base_twist + _STEPS * room)
+    def inputs(self, state: ManipulatorState, inputs: ArmInputs) -> ArmInputs:
+        """The base goes on from its last twist; without a goal it does what is wanted of it."""
+        room = inputs.dt * np.array([self._base.linear_acceleration, self._base.yaw_acceleration])
+        last = np.clip(state.twist, inputs.base_twist - _STEPS * room, inputs.base_twist + _STEPS * room)
         wanted = np.clip(inputs.base_twist, last - room, last + room) if inputs.goal.kind == "none" else last
-        return super().step(msgspec.structs.replace(inputs, base_twist=wanted))
+        return msgspec.structs.replace(inputs, base_twist=wanted)
 
-    def _motion(self, view: View, inputs: ArmInputs) -> Motion:
+    def motion(
+        self, state: ManipulatorState, view: View, inputs: ArmInputs, parameters: ArmParameters, numbers: Numbers
+    ) -> Motion:
         """On the way: straight for the point above the target, however far it is."""
-        if self._state.phase != "transit":
-            return super()._motion(view, inputs)
+        if state.phase != "transit":
+            return hand_motion(state, view, inputs, parameters, numbers)
         h, point = self._h, self._hover(view)
         error = point - view.p
         scale = h.scale(float(np.abs(error).sum()))
-        angular = h.gain * h.angular_gain * rotation_error(view.R, self._rotation(view))
+        angular = h.gain * h.angular_gain * rotation_error(view.R, self._rotation(state, view))
         return Motion(point, norm(error), scale * np.concatenate([h.gain * error, angular]))
 
     def _hover(self, view: View) -> Array:
-        p, point = self.parameters, view.target.copy()
+        p, point = self._p, view.target.copy()
         if view.distance > OVER:
             point[2] += p.transit_clearance if view.goal.kind == "pick" else OVER_RIM
         elif view.goal.kind == "pick":
             point[2] += p.hover_height
         return point
 
-    def _rotation(self, view: View) -> Array:
+    def _rotation(self, state: ManipulatorState, view: View) -> Array:
         """Down, as over the target; tilted outwards where the reach needs it."""
-        p = self.parameters
+        p = self._p
         outward = math.atan2(view.target[1] - view.mount[1], view.target[0] - view.mount[0])
-        largest = p.place_tilt if view.goal.kind == "place" else p.pick_tilt
+        reach, largest = (p.place_reach, p.place_tilt) if view.goal.kind == "place" else (p.pick_reach, p.pick_tilt)
         tilt = 0.0
-        if view.radius <= self._rules.reach(view.goal.kind):
+        if view.radius <= reach:
             tilt = tilt_for(view.radius, view.p[2] - view.mount[2], p.grasp_stretch, largest)
-        return tool_rotation(outward if self._state.yaw is None else self._state.yaw, tilt, outward)
+        return tool_rotation(outward if state.yaw is None else state.yaw, tilt, outward)
 
-    def _program(self, view: View, inputs: ArmInputs, motion: Motion) -> tuple[Program, Rows]:
+    def program(self, state: ManipulatorState, view: View, motion: Motion, program: Program) -> Program:
         """The program of the arm with the holistic cost; while a grasp is under way the hand is held as there."""
-        program, rows = super()._program(view, inputs, motion)
         if view.goal.kind == "none":
-            return program, rows
+            return program
         P, c, h = program.P.copy(), program.c.copy(), self._h
-        if self._state.phase in _RESTING:
+        if state.phase in _RESTING:
             c[BASE] = 0.0
-            return msgspec.structs.replace(program, c=c), rows
+            return msgspec.structs.replace(program, c=c)
         error = max(float(np.abs(motion.reference - view.p).sum()), h.arrived)
         scale = h.scale(error)
         P[BASE] = h.base_weight / error
-        c[BASE] = 0.0, -self._turning(scale * h.k_eps, float(P[BASE][1]), self._direction(view))
-        if self._state.phase == "transit":
+        c[BASE] = 0.0, -self._turning(scale * h.k_eps, float(P[BASE][1]), _direction(view))
+        if state.phase == "transit":
             P[ARM], P[SLACK] = h.rate_weight, h.slack_weight / error
             c[ARM] = -scale * manipulability_gradient(view.q)
-        return msgspec.structs.replace(program, P=P, c=c), rows
+        return msgspec.structs.replace(program, P=P, c=c)
 
     def _turning(self, gain: float, weight: float, theta: float) -> float:
         """Linear cost of the yaw rate: ``gain theta``, less where the base could not stop turning within theta."""
-        base = self.profile.base
-        b, lag = base.yaw_acceleration, base.velocity_lag
+        b, lag = self._base.yaw_acceleration, self._base.velocity_lag
         stoppable = b * (math.sqrt(lag * lag + 2.0 * abs(theta) / b) - lag)
         return math.copysign(min(gain * abs(theta), weight * stoppable), theta)
 
-    def _direction(self, view: View) -> float:
-        """theta [rad] of the hand in the base frame."""
-        dx, dy, heading = view.p[0] - view.pose[0], view.p[1] - view.pose[1], view.pose[2]
-        c, s = math.cos(heading), math.sin(heading)
-        return math.atan2(-s * dx + c * dy, c * dx + s * dy)
+
+def _direction(view: View) -> float:
+    """theta [rad] of the hand in the base frame."""
+    dx, dy, heading = view.p[0] - view.pose[0], view.p[1] - view.pose[1], view.pose[2]
+    c, s = math.cos(heading), math.sin(heading)
+    return math.atan2(-s * dx + c * dy, c * dx + s * dy)
 
 
-class HolisticPlacement(TangentPlacement):
-    """There is no place to stand: the hand leads."""
+class HolisticPlacement:
+    """There is no place to stand: the hand leads. Points to drive to are placed as by MotM of 2022."""
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self._drives = TangentPlacement(profile, TangentParameters())
+
+    def snapshot(self) -> TangentState:
+        """The state of the drives."""
+        return self._drives.snapshot()
+
+    def restore(self, state: TangentState) -> None:
+        """Continue from a snapshot."""
+        self._drives.restore(state)
 
     def place(self, problem: BaseProblem) -> Placement:
         """The target itself; for a point to drive to, that point."""
         target = problem.target
         if target is None or target.kind == "drive":
-            return super().place(problem)
+            return self._drives.place(problem)
         none = frozen(np.zeros(0))
         return Placement(
             mode="whole body", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none,
@@ -168,19 +182,19 @@ class HolisticPlacement(TangentPlacement):
         )  # fmt: skip
 
 
-class HolisticBase(TangentController):
+class HolisticBase:
     """Drives to points; while the hand leads there is nothing to plan, only to tell how far the target is."""
 
     def __init__(self, profile: RobotProfile, planning: PlanningParameters) -> None:
-        super().__init__(profile, planning)
-        self._arm = profile.arm
+        self._drives = TangentController(profile, planning)
+        self._arm, self._limits = profile.arm, profile.base
         self._model = ReachModel(profile, planning.reach)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """No acceleration of its own towards a pick or a place: the program of the arm has the base."""
         target = problem.target
         if target is None or target.kind == "drive":
-            return super().plan(problem, placement, budget)
+            return self._drives.plan(problem, placement, budget)
         time = self._time_to_range(problem, target)
         return BasePlan(
             acceleration=frozen(np.zeros(2)),
@@ -209,22 +223,26 @@ class HolisticBase(TangentController):
         return max(away, 0.05) / self._limits.forward_speed
 
 
-def holistic_planner(parts: PlannerParts) -> BasePlanner:
+def whole_body_placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
+    """No place to stand."""
+    return HolisticPlacement(materials.parts.known.robot)
+
+
+def whole_body_base(materials: Materials, commitment: Commitment) -> BaseController:
     """Nothing to plan but drives to points."""
-    profile = parts.known.robot
-    return BasePlanner(
-        profile,
-        parts.parameters,
-        clock=parts.clock,
-        graphs=parts.graphs,
-        placement=HolisticPlacement(profile, TangentParameters()),
-        controller=HolisticBase(profile, parts.parameters),
-    )
+    return HolisticBase(materials.parts.known.robot, materials.parts.parameters)
 
 
-def holistic_arm(parts: ArmParts) -> Manipulator:
+def holistic_arm(parts: ArmParts, holistic: HolisticParameters | None = None) -> Manipulator:
     """Base and arm in one program."""
-    return HolisticManipulator(parts.known, parts.parameters)
+    h = holistic or HolisticParameters()
+    qp = msgspec.structs.replace(
+        parts.parameters.qp, damper_gain=h.damper_gain, damper_start=h.damper_start, damper_stop=h.damper_stop
+    )
+    parameters = msgspec.structs.replace(parts.parameters, abandon_time=math.inf, qp=qp)
+    whole = WholeBody(parts.known.robot, parameters, h)
+    ways = ArmWays(inputs=whole.inputs, motion=whole.motion, program=whole.program)
+    return Manipulator(parts.known, parameters, AtOnce(), ways=ways)
 
 
 HOLISTIC = Method(
@@ -243,6 +261,6 @@ HOLISTIC = Method(
         "accelerations swings. Once the hand is over the target, the phases of a grasp and the weights of the hand "
         "are ours. The rows of the arm before furniture and obstacles stay; the base has none, as published."
     ),
-    planner=holistic_planner,
+    planner=BaseChoices(placement=whole_body_placement, controller=whole_body_base),
     arm=holistic_arm,
 )

@@ -16,14 +16,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motm_twin.control.method import Method, PlannerParts
-from motm_twin.model.geometry import Array, drive, frozen, wrap_angle
+from motm_twin.control.method import BaseChoices, Materials, Method
+from motm_twin.model.geometry import Array, frozen, wrap_angle
+from motm_twin.model.motion import drive
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
+from motm_twin.planning.candidates import Rule
+from motm_twin.planning.commitment import Commitment
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+from motm_twin.planning.types import (
+    BaseController,
+    BasePlan,
+    BaseProblem,
+    Placement,
+    PlacementStrategy,
+    SearchBudget,
+    Target,
+    empty_path,
+    no_placement,
+)
 
 _STEP = 0.1  # [s] of the prediction
 _NODE = 3  # steps between two nodes of the plan that is shown and that the arm reads
@@ -101,7 +113,7 @@ class TangentPlacement(Stateful[TangentState]):
         target = problem.target
         if target is None:
             self._state = TangentState()
-            return _no_target(problem.pose)
+            return no_placement(problem.pose)
         radius = _radius(target, self._p)
         sides = SIDES if radius > 0.0 else SIDES[:1]
         lines = [tangent(problem.pose, target.position, radius, side) for side in sides]
@@ -275,25 +287,14 @@ def _leaving(line: Tangent, target: Target, following: Target | None) -> float |
     return math.atan2(following.position[1] - line.point[1], following.position[0] - line.point[0])
 
 
-def _no_target(pose: Array) -> Placement:
-    none = frozen(np.zeros(0))
-    return Placement(
-        mode="none", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none, cost=none,
-        rejected=(), chosen=-1, goal=frozen(pose), goal_has_heading=False, reason="there is no target", next_goal=None,
-    )  # fmt: skip
+def tangent_placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
+    """Tangent points; the tuned smallest ring and next weight belong to the paper's rule only."""
+    return TangentPlacement(materials.parts.known.robot, TangentParameters())
 
 
-def tangent_planner(parts: PlannerParts) -> BasePlanner:
-    """Tangent placement and controller; the tuned smallest ring and next weight belong to the paper's rule only."""
-    profile, p = parts.known.robot, TangentParameters()
-    return BasePlanner(
-        profile,
-        parts.parameters,
-        clock=parts.clock,
-        graphs=parts.graphs,
-        placement=TangentPlacement(profile, p),
-        controller=TangentController(profile, parts.parameters, p),
-    )
+def tangent_law(materials: Materials, commitment: Commitment) -> BaseController:
+    """The law of the tangent."""
+    return TangentController(materials.parts.known.robot, materials.parts.parameters)
 
 
 MOTM2022 = Method(
@@ -313,5 +314,5 @@ MOTM2022 = Method(
         "rho = 0.25 m on the base goes round the circle until the job is done. Time to range: from the law itself, "
         "predicted with the limits of the base. In range: as of all methods, instead of a manipulability above 0.08."
     ),
-    planner=tangent_planner,
+    planner=BaseChoices(placement=tangent_placement, controller=tangent_law),
 )

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.control.arm.controller import Manipulator
+from motm_twin.control.arm.controller import Decision, Manipulator
 from motm_twin.control.arm.types import ArmInputs, ArmStep
 from motm_twin.control.arm.view import ManipulatorState
 from motm_twin.control.method import ARM_STEPS, ArmParts, Method, PlannerParts, Rehearse, Rehearsed, Timed
-from motm_twin.control.task_list import TaskEdit
+from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen, to_frame, wrap_angle
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.names import MethodError
@@ -132,18 +132,6 @@ class TrackingController(Stateful[ScriptState]):
         self.script.retasked(self._state, edit)
 
 
-class OpenLoopPlanner(BasePlanner):
-    """Planner around one `TrackingController`."""
-
-    def __init__(self, parts: PlannerParts, tracking: TrackingController) -> None:
-        super().__init__(parts.known.robot, parts.parameters, placement=tracking, controller=tracking)
-        self._tracking = tracking
-
-    def retasked(self, edit: TaskEdit) -> None:
-        """A person has changed the task list."""
-        self._tracking.retasked(edit)
-
-
 @dataclass
 class OpenLoopState(ManipulatorState):
     """State of the arm and of the plan behind it."""
@@ -171,7 +159,7 @@ class OpenLoopArm(Manipulator):
         """The planned joint rates, and what brings the joints back to the plan; outcomes by the clock."""
         state = self._state
         plan, seen = self.script.plan(state.script), inputs.observation
-        view = self._look(inputs)
+        view = self.look(inputs)
         n, over = min(state.script.at, len(plan.q) - 1), state.script.at >= len(plan.q)
         planned = np.zeros(7) if over else plan.rates[n]
         rates = np.clip(planned + K_Q * (plan.q[n] - seen.q), -DQ_MAX, DQ_MAX)
@@ -180,17 +168,14 @@ class OpenLoopArm(Manipulator):
         state.gripper = "close" if plan.closed[n] else "open"
         outcome = self._outcome(plan, inputs.goal.kind, n, over=over)
         state.script.at += 1
-        return self._report(
-            view,
-            inputs,
+        decided = Decision(
             twist=frozen(inputs.base_twist),
             rates=frozen(rates),
-            slack=frozen(np.zeros(6)),
-            active=(),
             status="open loop",
             outcome=outcome,
             reason=state.script.refused or (_over(plan) if over else ""),
         )
+        return self.report(view, inputs, decided)
 
     def retasked(self, edit: TaskEdit) -> None:
         """A person has changed the task list."""
@@ -250,7 +235,8 @@ def _rehearsed_by(parts: PlannerParts | ArmParts) -> Rehearse:
 
 
 def _planner(parts: PlannerParts) -> BasePlanner:
-    return OpenLoopPlanner(parts, TrackingController(parts.known.robot, _rehearsed_by(parts)))
+    tracking = TrackingController(parts.known.robot, _rehearsed_by(parts))
+    return BasePlanner(parts.known.robot, parts.parameters, placement=tracking, controller=tracking)
 
 
 def _arm(parts: ArmParts) -> Manipulator:

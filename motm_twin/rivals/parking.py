@@ -6,10 +6,12 @@ import math
 import msgspec
 import numpy as np
 
-from motm_twin.control.arm.controller import Manipulator
-from motm_twin.control.arm.types import ArmInputs, ArmStep
+from motm_twin.control.arm.controller import ArmWays, Manipulator
+from motm_twin.control.arm.phases import PhaseRules
+from motm_twin.control.arm.types import ArmInputs
 from motm_twin.control.method import ArmParts, PlannerParts
-from motm_twin.model.geometry import Array, drive, frozen
+from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.motion import drive
 from motm_twin.model.state import Stateful
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.braking import stopping_clearance
@@ -71,7 +73,7 @@ def stopping_base(parameters: PlanningParameters) -> PlanningParameters:
     )
 
 
-class ParkingController(StaaController, Stateful[ParkingState]):
+class ParkingController(Stateful[ParkingState]):
     """STAA* to the chosen pose, then the shortest stop there is, as soon as that ends near enough to it."""
 
     def __init__(
@@ -79,16 +81,19 @@ class ParkingController(StaaController, Stateful[ParkingState]):
         still: StillMap | None = None,
     ) -> None:  # fmt: skip
         """``overlap``: the arm is told how soon the base will stand, and moves already while it arrives."""
-        self.stationary = parameters or StationaryParameters()
-        super().__init__(
-            parts.known.robot, stopping_base(parts.parameters), clock=parts.clock, graphs=graphs, still=still
+        p = self.stationary = parameters or StationaryParameters()
+        stopping = stopping_base(parts.parameters)
+        near = dataclasses.replace(
+            stopping.staa,
+            pass_distance=min(stopping.staa.pass_distance, p.goal_distance),
+            pass_heading=min(stopping.staa.pass_heading, p.goal_heading),
         )
-        self._usual = self._p
-        self._exact = dataclasses.replace(
-            self._p,
-            pass_distance=min(self._p.pass_distance, self.stationary.goal_distance),
-            pass_heading=min(self._p.pass_heading, self.stationary.goal_heading),
+        self._usual, self._exact = (
+            StaaController(parts.known.robot, each, clock=parts.clock, graphs=graphs, still=still)
+            for each in (stopping, dataclasses.replace(stopping, staa=near))
         )
+        self._asked = self._usual  # only to explain the last period
+        self._limits, self._body, self._reach = self._usual.limits, self._usual.body, self._usual.reach
         self._overlap = overlap
         self._arm_reach = TargetReach(parts.known, parts.parameters)
         self._state = ParkingState()
@@ -97,20 +102,27 @@ class ParkingController(StaaController, Stateful[ParkingState]):
         """Plan the acceleration of this period."""
         target = problem.target
         if target is None or target.kind == "drive" or placement.mode not in ("ring", "reach"):
-            self._state, self._p = ParkingState(), self._usual
-            return self._without_arm(super().plan(problem, placement, budget))
+            self._state = ParkingState()
+            return self._without_arm(self._search(problem, placement, budget))
         if self._state.target != (target.kind, target.name):
             self._state = ParkingState(target=(target.kind, target.name))
-        self._tighten()
         self._advance(problem, placement, target)
-        self._tighten()
         if self._state.phase == DRIVING:
-            return self._arriving(super().plan(problem, placement, budget))
+            return self._arriving(self._search(problem, placement, budget))
         return self._standing(problem, placement)
 
-    def _tighten(self) -> None:
-        """Search with the tolerances of the state."""
-        self._p = self._exact if self._state.exact else self._usual
+    def staa_path(self) -> Array:
+        """The path of unmodified STAA* in the last period, shape (m, 2) [m]; empty when there was no target."""
+        return self._asked.staa_path()
+
+    def _search(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        self._asked = self._base
+        return self._base.plan(problem, placement, budget)
+
+    @property
+    def _base(self) -> StaaController:
+        """The controller with the tolerances of the state."""
+        return self._exact if self._state.exact else self._usual
 
     def _advance(self, problem: BaseProblem, placement: Placement, target: Target) -> None:
         """Drive, stop, or stand."""
@@ -123,7 +135,7 @@ class ParkingController(StaaController, Stateful[ParkingState]):
             state.phase = PARKED if self._stands(problem.twist) else STOPPING
         if state.phase != DRIVING:
             state.exact = False
-        elif self._slow(problem.twist) and placement.chosen >= 0 and self._at(problem.pose, placement):
+        elif self._slow(problem.twist) and placement.chosen >= 0 and self._base.at_goal(problem.pose, placement):
             state.exact = True
 
     def _stands(self, twist: Array) -> bool:
@@ -134,7 +146,7 @@ class ParkingController(StaaController, Stateful[ParkingState]):
 
     def _serves(self, pose: Array, target: Target) -> bool:
         """Does a base that stands have the target in reach?"""
-        return self._reach.contains(pose, np.zeros(2), target, self._p)
+        return self._reach.contains(pose, np.zeros(2), target)
 
     def _may_stop(self, problem: BaseProblem, placement: Placement, target: Target) -> bool:
         """Does the shortest stop from here end near enough to the chosen pose, and with as good a reach?
@@ -169,7 +181,8 @@ class ParkingController(StaaController, Stateful[ParkingState]):
 
     def _stop_is_free(self, problem: BaseProblem) -> bool:
         """With the margin of the search: it ends with another heading than the chosen one, which has room enough."""
-        wanted = self._p.margin_floor if self._slow(problem.twist) else self._p.margin
+        p = self._usual.parameters
+        wanted = p.margin_floor if self._slow(problem.twist) else p.margin
         most, (x, y, heading), (v, w) = self._most(), problem.pose, problem.twist
         free = stopping_clearance(
             float(x), float(y), float(heading), float(v), float(w), float(most[0]), float(most[1]), wanted,
@@ -199,7 +212,7 @@ class ParkingController(StaaController, Stateful[ParkingState]):
             expansions=0,
             cut_by_clock=False,
             t_h=left,
-            k=self._k(left),
+            k=self._usual.penalty_scale(left),
             time_to_range=left if self._overlap or self._state.phase == PARKED else math.inf,
         )
 
@@ -218,19 +231,24 @@ class ParkingController(StaaController, Stateful[ParkingState]):
 _NEVER = -1.0  # [m/s] no hand is as slow as this
 
 
-class StandingManipulator(Manipulator):
-    """Fingers close on an object, and let go of it, only while the base stands."""
+class FingersWait:
+    """Rules of the phases by which fingers close on an object, and let go of it, only while the base stands."""
 
-    def __init__(self, parts: ArmParts, parameters: StationaryParameters | None = None) -> None:
-        super().__init__(parts.known, parts.parameters)
-        self.stationary = parameters or StationaryParameters()
-        waiting = msgspec.structs.replace(self.parameters, close_speed=_NEVER, release_speed=_NEVER)
-        self._standing_rules = self._rules
-        self._waiting_rules = dataclasses.replace(self._rules, parameters=waiting)
+    def __init__(self, parameters: StationaryParameters) -> None:
+        self._p = parameters
+        self._waiting: PhaseRules | None = None  # made of the usual ones
 
-    def step(self, inputs: ArmInputs) -> ArmStep:
-        """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""
+    def __call__(self, usual: PhaseRules, inputs: ArmInputs) -> PhaseRules:
+        """The rules of a step."""
         v, w = inputs.observation.twist
-        stands = abs(v) < self.stationary.stands_v and abs(w) < self.stationary.stands_w
-        self._rules = self._standing_rules if stands else self._waiting_rules
-        return super().step(inputs)
+        if abs(v) < self._p.stands_v and abs(w) < self._p.stands_w:
+            return usual
+        if self._waiting is None:
+            waiting = msgspec.structs.replace(usual.parameters, close_speed=_NEVER, release_speed=_NEVER)
+            self._waiting = dataclasses.replace(usual, parameters=waiting)
+        return self._waiting
+
+
+def standing_arm(parts: ArmParts) -> Manipulator:
+    """The arm of a robot that stops to manipulate."""
+    return Manipulator(parts.known, parts.parameters, ways=ArmWays(rules=FingersWait(StationaryParameters())))

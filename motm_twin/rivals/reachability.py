@@ -16,6 +16,7 @@ from motm_twin.control.arm.bodies import FINGERS, HAND_BODY, IntArray, arm_balls
 from motm_twin.control.arm.geometry import ELBOW, stretch, tilt_for, tool_rotation
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.view import PREFERRED_RADIUS
+from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPPER, WRIST
 from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN
@@ -26,9 +27,6 @@ from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import Target
 
 POSTURES = 4  # per value of joint 7
-_SHOULDER_Z = 0.333  # [m] shoulder over the mount
-_UPPER, _LOWER, _OFFSET = 0.316, 0.384, 0.0825  # [m] along and across the arm, from the elbow's axis
-_WRIST, _TOOL = 0.088, 0.2104  # [m] joint 7 beside the wrist's centre; tool centre point beyond joint 7
 _TURNED = -math.pi / 4.0  # [rad] of the hand about the flange
 _FLAT = 1e-9  # sine of joint 2 below which joints 1 and 3 turn about the same line
 
@@ -50,7 +48,7 @@ def _wrist_centre(R: Array, p: Array, q7: float) -> tuple[Array, Array]:
         frame[r, 0] = c * x - s * y  # link 6: x beside the flange's axis,
         frame[r, 1] = -z  # y against it,
         frame[r, 2] = s * x + c * y  # z is joint 6
-    centre = p - _TOOL * R[:, 2] - _WRIST * frame[:, 0]
+    centre = p - TOOL * R[:, 2] - WRIST * frame[:, 0]
     return frame, centre
 
 
@@ -72,16 +70,16 @@ def solve_arm(R: Array, p: Array, q7: float, found: Array) -> int:
     way in which it has 2.6 rad of room. Joint limits are the caller's.
     """
     R6, wrist = _wrist_centre(R, p, q7)
-    to_x, to_y, to_z = -wrist[0], -wrist[1], _SHOULDER_Z - wrist[2]
-    upper, lower = math.hypot(_UPPER, _OFFSET), math.hypot(_LOWER, _OFFSET)
+    to_x, to_y, to_z = -wrist[0], -wrist[1], SHOULDER - wrist[2]
+    upper, lower = math.hypot(UPPER, ELBOW_OFFSET), math.hypot(LOWER, ELBOW_OFFSET)
     square = to_x * to_x + to_y * to_y + to_z * to_z
     cosine = (upper * upper + lower * lower - square) / (2.0 * upper * lower)
     if abs(cosine) > 1.0:
         return 0
     q4 = ELBOW - (math.pi - math.acos(cosine))
     c4, s4 = math.cos(q4), math.sin(q4)
-    across = -_OFFSET * c4 - _UPPER * s4 + _OFFSET  # shoulder from the wrist's centre, in link 4
-    along = _OFFSET * s4 - _UPPER * c4 - _LOWER
+    across = -ELBOW_OFFSET * c4 - UPPER * s4 + ELBOW_OFFSET  # shoulder from the wrist's centre, in link 4
+    along = ELBOW_OFFSET * s4 - UPPER * c4 - LOWER
     v = np.empty(3)
     for k in range(3):
         v[k] = R6[0, k] * to_x + R6[1, k] * to_y + R6[2, k] * to_z

@@ -1,12 +1,17 @@
 """The stop-then-manipulate methods of Reister et al. on this robot, and a stronger form of the best of them."""
 
-from motm_twin.control.method import ArmParts, Method, PlannerParts, map_ahead
-from motm_twin.planning.global_path import GraphCache
-from motm_twin.planning.planner import BasePlanner
-from motm_twin.rivals.parking import ParkingController, StandingManipulator, StationaryParameters
-from motm_twin.rivals.stationary_placement import FixedSetPlacement, StationaryPlacement, Terms
+from collections.abc import Callable
+from functools import partial
+
+from motm_twin.control.method import BaseChoices, Materials, Method, PlannerParts
+from motm_twin.planning.candidates import Rule
+from motm_twin.planning.commitment import Commitment
+from motm_twin.planning.types import BaseController, PlacementStrategy
+from motm_twin.rivals.parking import ParkingController, StationaryParameters, standing_arm
+from motm_twin.rivals.stationary_placement import FixedPoses, PoseRule, StationaryPlacement, Terms
 
 MANIPULABILITY = Terms(current=False, onward=False)
+FIXED_TERMS = Terms(current=False, onward=False, nearest_at_bins=True)
 GREEDY_TERMS = Terms(current=True, onward=False)
 ALL_TERMS = Terms(current=True, onward=True)
 _SOURCE = "Reister, Grotz and Asfour, RA-L 2022; Paper, Sec. VI"
@@ -24,56 +29,28 @@ _MAP = (
 _COST = "A pose without manipulability costs 5 s more than the best one; ways count their seconds, weight 1."
 
 
-def stationary_planner(
-    parts: PlannerParts, terms: Terms, *, overlap: bool = False, parameters: StationaryParameters | None = None
-) -> BasePlanner:
-    """Poses from the inverse reachability map, and a base that stands there; ``overlap``: the arm comes early."""
-    graphs = parts.graphs or GraphCache()
-    placement = StationaryPlacement(parts, graphs, terms, parameters)
-    return _standing(parts, placement, graphs, overlap=overlap, parameters=parameters)
-
-
-def _standing(
-    parts: PlannerParts, placement: StationaryPlacement, graphs: GraphCache, *, overlap: bool = False,
+def stationary(
+    terms: Terms,
+    first: Callable[[PlannerParts], PoseRule] | None = None,
     parameters: StationaryParameters | None = None,
-) -> BasePlanner:  # fmt: skip
-    still = map_ahead(parts)
-    controller = ParkingController(parts, graphs, overlap=overlap, parameters=parameters, still=still)
-    return BasePlanner(
-        parts.known.robot,
-        parts.parameters,
-        clock=parts.clock,
-        placement=placement,
-        controller=controller,
-        graphs=graphs,
-        still=still,
+) -> Callable[[Materials, Rule], PlacementStrategy]:
+    """Placement by these terms of the cost; ``first``: poses that are wanted before all others."""
+
+    def placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
+        parts = materials.parts
+        return StationaryPlacement(parts, materials.graphs, terms, parameters, None if first is None else first(parts))
+
+    return placement
+
+
+def parking(
+    materials: Materials, commitment: Commitment, *, overlap: bool = False,
+    parameters: StationaryParameters | None = None,
+) -> BaseController:  # fmt: skip
+    """A base that stands at the pose; ``overlap``: the arm comes early."""
+    return ParkingController(
+        materials.parts, materials.graphs, overlap=overlap, parameters=parameters, still=materials.ahead
     )
-
-
-def _fixed_set(parts: PlannerParts) -> BasePlanner:
-    graphs = parts.graphs or GraphCache()
-    return _standing(parts, FixedSetPlacement(parts, graphs), graphs)
-
-
-def _irm(parts: PlannerParts) -> BasePlanner:
-    return stationary_planner(parts, MANIPULABILITY)
-
-
-def _greedy(parts: PlannerParts) -> BasePlanner:
-    return stationary_planner(parts, GREEDY_TERMS)
-
-
-def _sequential(parts: PlannerParts) -> BasePlanner:
-    return stationary_planner(parts, ALL_TERMS)
-
-
-def _sequential_overlap(parts: PlannerParts) -> BasePlanner:
-    return stationary_planner(parts, ALL_TERMS, overlap=True)
-
-
-def standing_arm(parts: ArmParts) -> StandingManipulator:
-    """The arm of all of them."""
-    return StandingManipulator(parts)
 
 
 IRM = Method(
@@ -86,7 +63,7 @@ IRM = Method(
         "Of poses within 1 % of the best, the one that faces the target most: the heading hardly changes the measure. "
         f"{_MAP}{_STANDING}"
     ),
-    planner=_irm,
+    planner=BaseChoices(placement=stationary(MANIPULABILITY), controller=parking),
     arm=standing_arm,
 )
 
@@ -102,7 +79,7 @@ FIXED_SET = Method(
         "the nearest of seven poses that face the bin. Where none is free and near enough, it does as irm; it measures "
         "and stops as irm does."
     ),
-    planner=_fixed_set,
+    planner=BaseChoices(placement=stationary(FIXED_TERMS, first=FixedPoses), controller=parking),
     arm=standing_arm,
 )
 
@@ -113,7 +90,7 @@ GREEDY = Method(
     source=_SOURCE,
     known="Manipulability and the navigation cost to the candidate.",
     chosen=f"{_COST} It measures and stops as irm does.",
-    planner=_greedy,
+    planner=BaseChoices(placement=stationary(GREEDY_TERMS), controller=parking),
     arm=standing_arm,
 )
 
@@ -130,7 +107,7 @@ SEQUENTIAL = Method(
         f"{_COST} The way on ends at the pose of the next target that is best by the same cost. It measures and stops "
         "as irm does."
     ),
-    planner=_sequential,
+    planner=BaseChoices(placement=stationary(ALL_TERMS), controller=parking),
     arm=standing_arm,
 )
 
@@ -143,7 +120,7 @@ SEQUENTIAL_OVERLAP = Method(
         "The hand arrives as the base does, says the paper of Reister et al. (Sec. II); not how, nor in which times."
     ),
     chosen="The arm starts by the rule of motm, with the time until the base stands. All else is as in sequential.",
-    planner=_sequential_overlap,
+    planner=BaseChoices(placement=stationary(ALL_TERMS), controller=partial(parking, overlap=True)),
     arm=standing_arm,
 )
 

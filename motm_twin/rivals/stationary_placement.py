@@ -8,6 +8,7 @@ from.
 
 import dataclasses
 import math
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,35 +20,43 @@ from shapely.ops import unary_union
 
 from motm_twin.control.method import PlannerParts
 from motm_twin.model.geometry import Array, from_frame, frozen
-from motm_twin.model.known import KnownWorld, known_solids
+from motm_twin.model.known import known_solids
 from motm_twin.model.scene import Bin, Solid
 from motm_twin.model.scene_shapes import base_outline, outline
+from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.collision import clearances, field_of
-from motm_twin.planning.cost_to_go import Table
-from motm_twin.planning.global_path import GraphCache, goal_table, robot_table
-from motm_twin.planning.placement import (
+from motm_twin.planning.candidates import (
+    NO_REACH,
     Candidates,
-    NextTargetPlacement,
     PlacementState,
-    Searched,
+    Survey,
+    costs_of,
+    next_poses,
     spokes,
 )
-from motm_twin.planning.rejections import Here, rejections
-from motm_twin.planning.room import room_for
+from motm_twin.planning.collision import clearances, field_of
+from motm_twin.planning.cost_to_go import Table
+from motm_twin.planning.global_path import GraphCache, goal_table
+from motm_twin.planning.placement import NextTargetPlacement, Searched
+from motm_twin.planning.rejections import rejections
 from motm_twin.planning.types import BaseProblem, Placement, Target
 from motm_twin.rivals.parking import StationaryParameters
 from motm_twin.rivals.reachability import TargetReach
 
 IntArray = NDArray[np.integer[Any]]
-NOT_FREE, NO_REACH, REFUSED = "not free", "arm cannot reach", "the base did not get there"
+NOT_FREE, REFUSED = "not free", "the base did not get there"
 
 
 class Terms(NamedTuple):
-    """Which terms of the cost count."""
+    """Terms of the cost that count."""
 
     current: bool
     onward: bool
+    nearest_at_bins: bool = False  # at a bin nothing counts but the way to it
+
+
+PoseSet = tuple[Array, IntArray, str]  # poses (m, 3), their directions about the target, and how they are called
+PoseRule = Callable[[Target], Iterator[PoseSet]]  # sets of poses in the order in which they are wanted
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -61,7 +70,7 @@ class StationaryState(PlacementState):
     refused: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))  # [m] poses that it did not get to
 
 
-class Judged(NamedTuple):
+class Rated(NamedTuple):
     """Candidates with what is known of each."""
 
     candidates: Candidates
@@ -72,24 +81,28 @@ class Judged(NamedTuple):
     cost: Array  # C_i [s]
 
 
-class StationaryPlacement(NextTargetPlacement):
+class StationaryPlacement(Stateful[StationaryState]):
     """Base poses from the inverse reachability map; the paper's own candidates where it has none that is free."""
 
     def __init__(
-        self, parts: PlannerParts, graphs: GraphCache, terms: Terms, parameters: StationaryParameters | None = None
-    ) -> None:
-        super().__init__(parts.known.robot, parts.parameters, graphs)
+        self, parts: PlannerParts, graphs: GraphCache, terms: Terms, parameters: StationaryParameters | None = None,
+        first: PoseRule | None = None,
+    ) -> None:  # fmt: skip
+        """``first``: poses that are wanted before all others."""
         self.stationary = parameters or StationaryParameters()
-        self._terms = terms
-        self._arm_reach = TargetReach(parts.known, parts.parameters)
-        self._state: StationaryState = StationaryState()
+        self.paper = NextTargetPlacement(parts.known.robot, parts.parameters, graphs)
+        self.model = self.paper.model
+        self.arm_reach = TargetReach(parts.known, parts.parameters)
+        self._terms, self._first = terms, first
+        self._state = StationaryState()
+        self._last: Searched | None = None  # only to explain the choice; None: it was the paper's
 
     def place(self, problem: BaseProblem) -> Placement:
         """The choice made before as long as it serves, else a new one."""
         target = problem.target
         if target is None or target.kind == "drive":
             return self._others(problem)
-        if self._state.target != (target.kind, target.name):
+        if not self._state.of(target):
             self._state = StationaryState(target=(target.kind, target.name))
         state = self._state
         if state.decided is not None:
@@ -108,16 +121,20 @@ class StationaryPlacement(NextTargetPlacement):
         state.over = bool(self._over_seen(state.goal[None], target, problem.world)[0])
         return state.decided
 
+    def paths(self, index: int) -> tuple[Array, Array] | None:
+        """Paths (m, 2) [m] of a candidate of the last choice: from the robot to it, and on to the next target."""
+        return self.paper.paths(index) if self._last is None else self._last.paths(index)
+
     def _over_seen(self, poses: Array, target: Target, world: WorldMap) -> NDArray[np.bool_]:
         """Would the arm be over an obstacle outside the map? It counts as tall, and the arm would be held back."""
         points = world.seen_points[world.seen_static]
-        return self._arm_reach.clear_of(poses, target, points) < self.stationary.arm_clearance
+        return self.arm_reach.clear_of(poses, target, points) < self.stationary.arm_clearance
 
     def _stuck(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
         """Has the base been standing for long, but not at its place? The map may show a way where there is none."""
         p = self.stationary
         there = np.hypot(*(problem.pose[:2] - decided.goal[:2])) <= p.park_distance + p.park_slack
-        parked = there and self._reach.reached_from(problem.pose[None], target)[0]
+        parked = there and self.model.reach.reached_from(problem.pose[None], target)[0]
         if parked or problem.engaged or abs(problem.twist[0]) > p.slow_v or abs(problem.twist[1]) > p.slow_w:
             state.still_since = None
         elif state.still_since is None:
@@ -125,10 +142,14 @@ class StationaryPlacement(NextTargetPlacement):
         return state.still_since is not None and problem.time - state.still_since > p.patience
 
     def _others(self, problem: BaseProblem) -> Placement:
-        """The paper's placement, whose memory is not the one of this class."""
-        placement = super().place(problem)
-        self._state = StationaryState(target=self._state.target, goal=self._state.goal)  # for its hysteresis
+        """The paper's placement, which is loyal to the last choice."""
+        placement, chosen = self.paper.decide(problem, self._chosen())
+        self._state, self._last = StationaryState(target=chosen.target, goal=chosen.goal), None
         return placement
+
+    def _chosen(self) -> PlacementState:
+        """The last choice, as the paper's rule remembers one."""
+        return PlacementState(target=self._state.target, goal=self._state.goal)
 
     def _still_serves(self, decided: Placement, problem: BaseProblem, target: Target) -> bool:
         """Is the chosen pose free, and the target where it was, or at least in reach?"""
@@ -136,66 +157,63 @@ class StationaryPlacement(NextTargetPlacement):
         if at is None or np.hypot(*(target.position[:2] - at)) > self.stationary.moved:
             return False
         goal = decided.goal[None]
-        if not (self._reach.reached_from(goal, target)[0] and self._arm_reach.share(goal, target)[0] > 0.0):
+        if not (self.model.reach.reached_from(goal, target)[0] and self.arm_reach.share(goal, target)[0] > 0.0):
             return False
         if not self._state.over and self._over_seen(goal, target, problem.world)[0]:
             return False
-        margin = self._parameters.staa.margin
-        return bool(clearances(goal, margin, field_of(problem.world), self._body)[0] >= margin)
+        margin = self.model.parameters.staa.margin
+        return bool(clearances(goal, margin, field_of(problem.world), self.model.body)[0] >= margin)
 
     def _decide(self, problem: BaseProblem, target: Target, refused: Array) -> Placement | None:
         """The cheapest candidate, with those of the other directions; None when none is free."""
-        self._room = room_for(self._parameters, self._footprint, problem.recovery.tightness)
-        graph = self._graphs.graph(problem.world, self._room.growth)
-        here = Here(problem.world, field_of(problem.world), self._body, graph, problem.pose)
-        from_robot = robot_table(graph, problem.pose, self._rates)
-        to_next = self._to_next(problem.next_target, here)
+        survey = self.paper.survey(problem, self._chosen())
+        survey = survey._replace(to_next=self._to_next(problem.next_target, survey))
         for pose, direction, mode in self._pose_sets(target):
-            judged = self._judge(pose, direction, target, here, from_robot, to_next, refused)
-            if np.isfinite(judged.cost).any():
-                return self._shown(judged, mode, target, here, from_robot, to_next)
+            rated = self._rate(pose, direction, target, survey, refused)
+            if np.isfinite(rated.cost).any():
+                return self._shown(rated, mode, target, survey)
         return None
 
-    def _pose_sets(self, target: Target):
-        """Poses (m, 3) and their directions, in the order in which they are wanted, and how they are called."""
-        yield *self.dense(target), "pose"
+    def _pose_sets(self, target: Target) -> Iterator[PoseSet]:
+        """Sets of poses in the order in which they are wanted."""
+        called = "pose"
+        if self._first is not None:
+            yield from self._first(target)
+            called = "none of the fixed poses is free and near enough: pose"
+        yield *self.dense(target), called
 
     def dense(self, target: Target) -> tuple[Array, IntArray]:
         """Every pose of a polar grid about a target from which the arm reaches it, and its direction."""
         p = self.stationary
-        largest = self._parameters.reach.r_max(target.kind) + self._mount_offset
         poses, direction = [], []
-        for radius in np.arange(self._body.inner, largest, p.radius_step):
+        for radius in np.arange(self.model.body.inner, self.model.farthest(target.kind), p.radius_step):
             pose, _, place_of = spokes(target.position, radius, p.directions, p.headings)
             poses.append(pose)
             direction.append(place_of)
         pose, about = np.concatenate(poses), np.concatenate(direction)
-        reached = self._arm_reach.good_share(pose, target) > 0.0
+        reached = self.arm_reach.good_share(pose, target) > 0.0
         return pose[reached], about[reached]
 
-    def _judge(
-        self, pose: Array, direction: IntArray, target: Target, here: Here, from_robot: Table, to_next: Table | None,
-        refused: Array,
-    ) -> Judged:  # fmt: skip
-        wanted = self._parameters.placement.clearance
+    def _rate(self, pose: Array, direction: IntArray, target: Target, survey: Survey, refused: Array) -> Rated:
+        wanted, here = self.model.placement.clearance, survey.here
         free = clearances(pose, wanted, here.field, here.body) >= wanted
-        share = self._arm_reach.share(pose, target)
+        share = self.arm_reach.share(pose, target)
         place, place_of = np.unique(pose[:, :2], axis=0, return_inverse=True)
-        reached = self._arm_reach.good_share(pose, target) > 0.0
+        reached = self.arm_reach.good_share(pose, target) > 0.0
         rejected = [("" if ok else NO_REACH) if fits else NOT_FREE for fits, ok in zip(free, reached, strict=True)]
         for place_refused in refused:
             for i in np.flatnonzero(np.hypot(*(pose[:, :2] - place_refused).T) <= self.stationary.refused_distance):
                 rejected[i] = rejected[i] or REFUSED
         of_place: Any = place_of.reshape(-1).astype(np.int32)
-        candidates = Candidates("reach", 0.0, pose, place, of_place, rejected)
-        current, onward = self._costs(candidates, here.graph, from_robot, to_next)
-        cost = self._cost(target, share, self._arm_reach.azimuth(pose, target), current, onward)
+        candidates, current, onward, _ = costs_of(Candidates("reach", 0.0, pose, place, of_place, rejected), survey)
+        cost = self._cost(target, share, self.arm_reach.azimuth(pose, target), current, onward)
         cost = cost + self.stationary.over_cost * self._over_seen(pose, target, here.world)
-        return Judged(candidates, direction, share, current, onward, cost)
+        return Rated(candidates, direction, share, current, onward, cost)
 
     def _cost(self, target: Target, share: Array, azimuth: Array, current: Array, onward: Array) -> Array:
         """C_i [s]; inf when rejected."""
-        del target  # a strategy may treat bins otherwise
+        if self._terms.nearest_at_bins and target.kind == "place":
+            return current
         p = self.stationary
         viable = np.isfinite(current)
         cost = p.manipulability_weight * (1.0 - share)
@@ -208,38 +226,36 @@ class StationaryPlacement(NextTargetPlacement):
             cost = cost + p.onward_weight * np.where(viable, onward, 0.0)
         return np.where(viable, cost, np.inf)
 
-    def _to_next(self, target: Target | None, here: Here) -> Table | None:
+    def _to_next(self, target: Target | None, survey: Survey) -> Table | None:
         """Costs to the poses of the next target, each with what its manipulability costs; None when they do not count.
 
         At the best position of each direction, with some headings.
         """
         if target is None or not self._terms.onward:
             return None
+        here, rates = survey.here, self.model.rates
         if target.kind == "drive":
-            poses = self._next_poses(target, here)
-            return None if poses is None else goal_table(here.graph, poses, self._rates)
-        wanted = self._parameters.placement.clearance
+            return goal_table(here.graph, next_poses(target, survey), rates)
+        wanted = self.model.placement.clearance
         for pose, direction, _ in self._pose_sets(target):
             free = clearances(pose, wanted, here.field, here.body) >= wanted
             if free.any():
-                share = self._arm_reach.share(pose[free], target)
+                share = self.arm_reach.share(pose[free], target)
                 keep = _best_positions(pose[free], direction[free], share, self.stationary.next_headings)
                 offsets = self.stationary.manipulability_weight * (1.0 - share[keep])
-                return goal_table(here.graph, pose[free][keep], self._rates, offsets)
+                return goal_table(here.graph, pose[free][keep], rates, offsets)
         return None
 
-    def _shown(
-        self, judged: Judged, mode: str, target: Target, here: Here, from_robot: Table, to_next: Table | None
-    ) -> Placement:
+    def _shown(self, rated: Rated, mode: str, target: Target, survey: Survey) -> Placement:
         """The choice, and the best of every direction, rejected ones with their reasons."""
-        keep = _best_of_directions(judged)
-        pose = judged.candidates.pose[keep]
-        current, onward, cost = judged.current[keep], judged.onward[keep], judged.cost[keep]
+        keep = _best_of_directions(rated)
+        pose = rated.candidates.pose[keep]
+        current, onward, cost = rated.current[keep], rated.onward[keep], rated.cost[keep]
         chosen = int(np.argmin(cost))
-        why = [judged.candidates.rejected[i] for i in keep]
-        reasons = rejections(pose, self._parameters.placement.clearance, here)
+        why = [rated.candidates.rejected[i] for i in keep]
+        reasons = rejections(pose, self.model.placement.clearance, survey.here)
         why = [reason if text == NOT_FREE else text for text, reason in zip(why, reasons, strict=True)]
-        self._last = Searched(here.graph, from_robot, to_next, pose, np.isfinite(cost))
+        self._last = Searched(survey.here.graph, survey.from_robot, survey.to_next, pose, np.isfinite(cost))
         return Placement(
             mode="reach",
             radius=float(np.hypot(*(pose[chosen, :2] - target.position[:2]))),
@@ -251,24 +267,24 @@ class StationaryPlacement(NextTargetPlacement):
             chosen=chosen,
             goal=frozen(pose[chosen]),
             goal_has_heading=True,
-            reason=self._reason(judged, keep[chosen], mode),
+            reason=self._reason(rated, keep[chosen], mode),
             next_goal=None,
         )
 
-    def _reason(self, judged: Judged, i: int, mode: str) -> str:
-        text = f"{mode} with {100.0 * judged.share[i]:.0f} % of the best manipulability"
+    def _reason(self, rated: Rated, i: int, mode: str) -> str:
+        text = f"{mode} with {100.0 * rated.share[i]:.0f} % of the best manipulability"
         if self._terms.current:
-            text += f", {judged.current[i]:.1f} s to it"
+            text += f", {rated.current[i]:.1f} s to it"
         if self._terms.onward:
-            text += f" and {judged.onward[i]:.1f} s from it to the next target"
+            text += f" and {rated.onward[i]:.1f} s from it to the next target"
         return text
 
 
-def _best_of_directions(judged: Judged) -> list[int]:
+def _best_of_directions(rated: Rated) -> list[int]:
     """Index of the cheapest candidate of each direction; of a direction without one, that of best manipulability."""
-    order = np.lexsort((-judged.share, judged.cost, judged.direction))
+    order = np.lexsort((-rated.share, rated.cost, rated.direction))
     first = np.ones(len(order), dtype=bool)
-    first[1:] = judged.direction[order][1:] != judged.direction[order][:-1]
+    first[1:] = rated.direction[order][1:] != rated.direction[order][:-1]
     return [int(i) for i in order[first]]
 
 
@@ -299,11 +315,19 @@ class FixedPoses:
     are such that the point of the line that is served worst is reached with the most manipulability.
     """
 
-    def __init__(self, known: KnownWorld, reach: TargetReach, clearance: float, parameters: StationaryParameters):
-        self._known, self._reach, self._clearance, self._p = known, reach, clearance, parameters
+    def __init__(self, parts: PlannerParts, parameters: StationaryParameters | None = None) -> None:
+        known, self._p = parts.known, parameters or StationaryParameters()
+        self._known, self._reach = known, TargetReach(known, parts.parameters)
+        self._clearance = parts.parameters.placement.clearance + 0.01
         self._obstacles = unary_union([outline(solid.shape) for solid in known_solids(known)])
         self._bins = {item.name: item for item in known.bins}
         self._found: dict[tuple[str, ...], Array] = {}  # a pure function of the names
+
+    def __call__(self, target: Target) -> Iterator[PoseSet]:
+        """The poses for a target as the one set; none for an object that stands on no furniture of the map."""
+        poses = self.round(target)
+        if len(poses):
+            yield poses, np.arange(len(poses)), "fixed pose"
 
     def round(self, target: Target) -> Array:
         """The poses for a target, shape (7, 3); (0, 3) for an object that stands on no furniture of the map."""
@@ -389,31 +413,6 @@ class FixedPoses:
             if base_outline(pose, self._known.robot.footprint).distance(obstacles) >= self._clearance:
                 break
         return pose
-
-
-class FixedSetPlacement(StationaryPlacement):
-    """Of the seven poses round a table the one with the most manipulability, of those round a bin the nearest.
-
-    When none of them is free and reaches the target, every pose counts, as in `irm`.
-    """
-
-    def __init__(self, parts: PlannerParts, graphs: GraphCache, parameters: StationaryParameters | None = None) -> None:
-        super().__init__(parts, graphs, Terms(current=False, onward=False), parameters)
-        self._fixed = FixedPoses(
-            parts.known, self._arm_reach, self._parameters.placement.clearance + 0.01, self.stationary
-        )
-
-    def _pose_sets(self, target: Target):
-        poses = self._fixed.round(target)
-        if len(poses):
-            yield poses, np.arange(len(poses)), "fixed pose"
-        yield *self.dense(target), "none of the fixed poses is free and near enough: pose"
-
-    def _cost(self, target: Target, share: Array, azimuth: Array, current: Array, onward: Array) -> Array:
-        """C_i [s]: for a bin the way to it."""
-        if target.kind == "place":
-            return current
-        return super()._cost(target, share, azimuth, current, onward)
 
 
 def _square(item: Bin) -> Polygon:

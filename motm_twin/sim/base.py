@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from motm_twin.model.geometry import Array, drive
+from motm_twin.model.geometry import Array
+from motm_twin.model.motion import drive
 from motm_twin.model.profile import BaseLimits
 
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.model.geometry import Array, drive, wrap_angle
+from motm_twin.model.geometry import Array, wrap_angle
+from motm_twin.model.motion import drive
 from motm_twin.model.scene import Noise
 from motm_twin.model.state import LATER
 

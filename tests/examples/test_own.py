@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from motm_twin.methods.registry import METHODS, find_method
@@ -59,7 +60,11 @@ def test_a_method_in_a_file_drives_and_can_be_copied(name):
 def test_the_rule_of_the_text_works_as_it_is_shown(tmp_path):
     (tmp_path / "my_rule.py").write_text(blocks()[0], encoding="utf-8")
     _, tick = twin_of(f"{tmp_path / 'my_rule.py'}:MINE")
-    assert tick.placement.reason.startswith("cheapest with its room of ")
+    _, paper = twin_of("motm")
+    own, usual = tick.placement, paper.placement
+    assert np.array_equal(own.poses, usual.poses)
+    price = own.cost_current[np.isfinite(own.cost)] - usual.cost_current[np.isfinite(own.cost)]
+    assert price.min() > -1e-9 and 0.5 < price.max() < 8.0 * 0.25
 
 
 def test_the_arm_of_the_text_leaves_by_its_own_rule(tmp_path):

@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motm_twin.model.geometry import compose, drive, from_frame, inverse, to_frame, wrap_angle
+from motm_twin.model.geometry import compose, from_frame, inverse, to_frame, wrap_angle
+from motm_twin.model.motion import drive
 
 metres = st.floats(-50.0, 50.0)
 angles = st.floats(-20.0, 20.0)

@@ -8,7 +8,6 @@ import pytest
 
 from motm_twin.model import joint_limits
 from motm_twin.model.data_dirs import web_assets_dir
-from motm_twin.model.geometry import drive
 from motm_twin.model.kinematics import (
     ARM_FRAMES,
     LINKS,
@@ -20,6 +19,7 @@ from motm_twin.model.kinematics import (
     manipulability_gradient,
     point_jacobian,
 )
+from motm_twin.model.motion import drive
 from motm_twin.model.profile import ArmSpec, RobotProfile
 
 STEP = 1e-6

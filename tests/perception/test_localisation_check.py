@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.model.geometry import drive
+from motm_twin.model.motion import drive
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.localisation_check import (

@@ -147,7 +147,7 @@ def run(
     rng = np.random.default_rng(noise) if noise is not None else None
     error = np.zeros(3)
     pose, twist = np.zeros(3), np.zeros(2)
-    model = planner.controller._reach
+    model = planner.controller.reach
     index, hold, now = 0, 0.0, 0.0
     result = Result(False, 0.0, 10.0, 0, 0.0, 0.0, 0, 0.0, [], [], 0, set(), 0, np.zeros((0, 3)))
     closing, track, touching, before = [], [], False, None

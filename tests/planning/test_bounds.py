@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motm_twin.model.geometry import drive
+from motm_twin.model.motion import drive
 from motm_twin.model.profile import Footprint
 from motm_twin.planning.bezier import bezier_curve, curve_time
 from motm_twin.planning.collision import Field, body_of, clearance, distance_at

@@ -11,12 +11,12 @@ from idealised import rectangle, step_unicycle, world_of
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.planning.collision import body_of, clearances, field_of
-from motm_twin.planning.commitment import CommittedController
+from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
+from motm_twin.planning.every_ring import EveryRing
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
-from motm_twin.planning.wide_placement import WidePlacement
 
 PERIOD = 0.05
 TABLE = rectangle(1.0, 0.5, 3.0, 1.3)
@@ -29,7 +29,7 @@ class Drive:
 
     def __init__(self):
         self.placement = NextTargetPlacement(RobotProfile(), PlanningParameters())
-        self.controller = CommittedController(RobotProfile(), PlanningParameters())
+        self.controller = StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans())
         self.pose, self.twist, self.time = np.array([0.7, 0.0, 0.0]), np.array([0.4, 0.0]), 0.0
 
     def problem(self, cube=CUBE, boxes=()) -> BaseProblem:
@@ -96,10 +96,10 @@ def test_a_target_that_has_moved_ends_it(drive):
 def test_a_copy_goes_on_as_the_one_it_was_copied_from(drive):
     drive.period(WHOLE)
     copy = Drive()
-    copy.controller.restore(drive.controller.snapshot())
+    copy.controller.commitment.restore(drive.controller.commitment.snapshot())
     copy.pose, copy.twist, copy.time = drive.pose, drive.twist, drive.time
     assert state_hash(copy.period(HARDLY)) == state_hash(drive.period(HARDLY))
-    assert state_hash(copy.controller.snapshot()) == state_hash(drive.controller.snapshot())
+    assert state_hash(copy.controller.commitment.snapshot()) == state_hash(drive.controller.commitment.snapshot())
 
 
 def test_the_costs_of_a_plan_are_what_the_search_counts():
@@ -123,13 +123,13 @@ def test_all_rings_are_tried_and_the_nearest_way_wins():
         target=Target(kind="pick", name="cube", position=np.array([2.0, 0.95])), next_target=None,
     )  # fmt: skip
     strict = NextTargetPlacement(RobotProfile(), PlanningParameters()).place(problem)
-    wide = WidePlacement(RobotProfile(), PlanningParameters()).place(problem)
+    wide = NextTargetPlacement(RobotProfile(), PlanningParameters(), candidates=EveryRing()).place(problem)
     assert len(wide.poses) == 5 * 72
     assert wide.chosen >= 0 and wide.cost[wide.chosen] <= strict.cost[strict.chosen]
 
 
 def test_the_chosen_pose_stays_while_it_is_free_at_all():
-    placement = WidePlacement(RobotProfile(), PlanningParameters())
+    placement = NextTargetPlacement(RobotProfile(), PlanningParameters(), candidates=EveryRing())
 
     def place(*more):
         """With a table, and perhaps a box."""
@@ -172,7 +172,7 @@ def _before_a_table_that_is_taken(still):
         time=0.0, world=world, pose=np.array([-0.8, -1.2, 0.0]), twist=np.zeros(2), engaged=False,
         target=Target(kind="pick", name="cube", position=np.array(CUBE)), next_target=None,
     )  # fmt: skip
-    placement = WidePlacement(RobotProfile(), PlanningParameters(), still=still)
+    placement = NextTargetPlacement(RobotProfile(), PlanningParameters(), candidates=EveryRing(still))
     return problem, placement.place(problem)
 
 
@@ -211,7 +211,7 @@ def test_what_is_lost_by_passing_more_slowly_counts(speed, radius, lost):
             time=0.0, world=world_of(()), pose=np.array([0.0, 0.0, 0.0]), twist=np.zeros(2), target=target,
             next_target=None, engaged=False,
         )  # fmt: skip
-        placement = WidePlacement(profile, PlanningParameters()).place(problem)
+        placement = NextTargetPlacement(profile, PlanningParameters(), candidates=EveryRing()).place(problem)
         on_ring = np.isclose(np.hypot(*(placement.poses[:, :2] - CUBE).T), radius)
         return placement.cost_current[on_ring & np.isfinite(placement.cost_current)]
 

@@ -13,9 +13,9 @@ from idealised import polygons, rectangle, world_of
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.world_map import WorldMap
+from motm_twin.planning.candidates import ring, rings
 from motm_twin.planning.parameters import PlacementParameters, PlanningParameters, ReachParameters
 from motm_twin.planning.placement import NextTargetPlacement
-from motm_twin.planning.rings import ring, rings
 from motm_twin.planning.types import BaseProblem, Placement, Target
 
 W_MAX = RobotProfile().base.yaw_rate

@@ -9,13 +9,14 @@ from idealised import polygons, step_unicycle, world_of
 from motm_twin.model.profile import RobotProfile
 from motm_twin.planning import search_memory
 from motm_twin.planning.collision import body_of, clearances, field_of
-from motm_twin.planning.commitment import CommittedController
+from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.cost_to_go import FAR
+from motm_twin.planning.every_ring import EveryRing
 from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.pocket import ANGLES, BLUR, CELL, HEADINGS, LENGTHS, NO_POCKET, STEPS, cells_of, pocket_cost
 from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
-from motm_twin.planning.wide_placement import WidePlacement
 
 PERIOD = 0.05
 WORLD = world_of(polygons(boxes=True))  # Experiment 1a: one box stands 10 cm from the table
@@ -24,18 +25,18 @@ BIN = (4.25, -1.29)
 MARGIN = PlanningParameters().staa.margin
 
 
-class Listening(CommittedController):
+class Listening(KeepPlans):
     """Keeps what the pocket was computed from."""
 
-    def _pocket(self, problem, s, world, cells, memory):
-        self.given, self.pocket = world, super()._pocket(problem, s, world, cells, memory)
-        return self.pocket
+    def pocket(self, problem, s, world, cells, memory):
+        self.given, self.found = world, super().pocket(problem, s, world, cells, memory)
+        return self.found
 
 
 def drive(controller: StaaController, periods: int, pose=POCKET) -> list[BasePlan]:
     """From rest towards the bin, period by period."""
     pose, twist = np.array(pose), np.zeros(2)
-    placement, plans = WidePlacement(RobotProfile(), PlanningParameters()), []
+    placement, plans = NextTargetPlacement(RobotProfile(), PlanningParameters(), candidates=EveryRing()), []
     for k in range(periods):
         problem = BaseProblem(
             time=k * PERIOD, world=WORLD, pose=pose, twist=twist, engaged=False,
@@ -59,10 +60,10 @@ def tight_poses(count: int) -> list[tuple[float, float, float]]:
 
 @pytest.fixture(scope="module")
 def pocket() -> tuple[search_memory.Pocket, search_memory.World]:
-    controller = Listening(RobotProfile(), PlanningParameters())
-    drive(controller, 2)
-    assert controller.pocket is not NO_POCKET
-    return controller.pocket, controller.given
+    listening = Listening()
+    drive(StaaController(RobotProfile(), PlanningParameters(), commitment=listening), 2)
+    assert listening.found is not NO_POCKET
+    return listening.found, listening.given
 
 
 def test_searches_arrive_sooner():
@@ -72,7 +73,7 @@ def test_searches_arrive_sooner():
         without += sum(
             p.status == "aborted" for p in drive(StaaController(RobotProfile(), PlanningParameters()), 40, pose)
         )
-        plans = drive(CommittedController(RobotProfile(), PlanningParameters()), 40, pose)
+        plans = drive(StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans()), 40, pose)
         with_pocket += sum(p.status == "aborted" for p in plans)
     assert without > 60
     assert with_pocket < 0.35 * without
@@ -115,6 +116,6 @@ def test_leaving_takes_longer_than_the_straight_way(pocket):
 
 @pytest.mark.parametrize("pose", [(2.0, 0.0, 1.0), (3.6, -0.2, -2.0)])
 def test_where_it_can_turn_on_the_spot_there_is_none(pose):
-    controller = Listening(RobotProfile(), PlanningParameters())
-    drive(controller, 3, pose=pose)
-    assert controller.pocket is NO_POCKET
+    listening = Listening()
+    drive(StaaController(RobotProfile(), PlanningParameters(), commitment=listening), 3, pose=pose)
+    assert listening.found is NO_POCKET

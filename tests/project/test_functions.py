@@ -12,10 +12,6 @@ COMPILED = ("njit", "kernel", "inlined")  # decorators of numeric kernels
 # Numeric kernels with more arguments: numba compiles them for arrays and numbers, and takes no struct. With the reason.
 KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "control/arm/limits.py": ("rows of the program", ("approach_row",)),
-    "control/arm/monitor.py": (
-        "forces of the hold on all joints: state, limits and result arrays",
-        ("_hold_back", "_worst"),
-    ),
     "control/arm/program.py": ("bounds of all joint rates", ("_joint_bounds",)),
     "control/arm/qp.py": ("arrays of the solver DAQP, and its answer", ("_complete", "_fill_daqp")),
     "control/monitor.py": ("outline of the footprint against all points of the scan", ("_examine", "points_in_stop")),
@@ -26,7 +22,7 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "planning/braking.py": ("pose, twist, limits and field", ("can_stop", "stopping_clearance")),
     "planning/commitment.py": ("pose, twist, the kept nodes and limits", ("follow",)),
     "planning/escape.py": ("pose, twist, lattice and limits", ("follow_escape",)),
-    "planning/least_cost.py": ("pose, goal, rates and table", ("cost_from",)),
+    "planning/cost_to_go.py": ("pose, sight, graph and table", ("cheapest",)),
     "planning/pocket.py": ("lattice and its queue", ("_fill",)),
     "planning/reach.py": ("nodes and the disc of the target", ("_mark_reached",)),
     "planning/rejections.py": ("candidate, field and border", ("_beyond_border", "_judge")),
@@ -38,12 +34,9 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 # Not mended yet. Who mends one takes it out; nothing new comes in.
 KNOWN = {
-    "control/arm/controller.py:Manipulator._report",
     "control/loop.py:ControlLoop.period",
     "control/tuning.py:_number",
     "gym/env.py:MotmEnv.__init__",
-    "planning/controller.py:StaaController.plan",
-    "planning/search_settings.py:search_settings",
     "planning/staa.py:_child",
     "sim/camera.py:Camera.frame",
     "sim/gripper.py:Gripper.step",

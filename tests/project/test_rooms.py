@@ -144,6 +144,34 @@ def test_no_files_import_each_other_in_a_circle_but_for_those_listed():
     assert {name.removeprefix("motm_twin.") for name in graph() if name in reached_from(name)} == KNOWN_CIRCLES
 
 
+NAMED_TUPLE = {"_replace", "_asdict", "_fields"}
+
+
+@pytest.mark.parametrize("room", ["planning", "control", "rivals", "methods"])
+def test_no_class_reaches_a_protected_member_of_another(room: str):
+    """But for `_state`, which a `Stateful` is for: variation is a value that is handed in, not a method overridden."""
+    for path in files_of(room):
+        tree = ast.parse(path.read_text())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and protected(node.attr) and not of_self(node):
+                raise AssertionError(f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)}")
+        for each in ast.walk(tree):
+            if isinstance(each, ast.ClassDef):
+                attributes = [node for node in ast.walk(each) if isinstance(node, ast.Attribute) and of_self(node)]
+                own = {one.name for one in each.body if isinstance(one, ast.FunctionDef)} | {"_state"}
+                own |= {node.attr for node in attributes if isinstance(node.ctx, ast.Store)}
+                inherited = {node.attr for node in attributes if protected(node.attr)} - own
+                assert not inherited, f"{path.relative_to(ROOT)}: {each.name} reaches {inherited} of its base class"
+
+
+def protected(name: str) -> bool:
+    return name.startswith("_") and not name.startswith("__") and name not in NAMED_TUPLE
+
+
+def of_self(node: ast.Attribute) -> bool:
+    return isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
+
+
 def reached_from(name: str) -> set[str]:
     """Modules that a module imports, and those that they import."""
     seen, queue = set(), [name]

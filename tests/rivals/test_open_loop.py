@@ -7,8 +7,8 @@ import pytest
 from motm_twin.control.method import ArmParts, PlannerParts
 from motm_twin.methods.modifications import MOTM
 from motm_twin.model.edits import InsertTask
-from motm_twin.model.geometry import drive
 from motm_twin.model.known import known_world
+from motm_twin.model.motion import drive
 from motm_twin.model.names import MethodError
 from motm_twin.model.scene import Bin, DriveTo, Faults, Pick, Place
 from motm_twin.model.scene_file import load_scene

@@ -17,8 +17,8 @@ from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Target
 from motm_twin.rivals.parking import DRIVING, PARKED, STOPPING, ParkingController
-from motm_twin.rivals.stationary import ALL_TERMS, GREEDY_TERMS, IRM, MANIPULABILITY
-from motm_twin.rivals.stationary_placement import FixedSetPlacement, StationaryPlacement, Terms
+from motm_twin.rivals.stationary import ALL_TERMS, FIXED_TERMS, GREEDY_TERMS, IRM, MANIPULABILITY
+from motm_twin.rivals.stationary_placement import FixedPoses, StationaryPlacement, Terms
 from motm_twin.twin import Twin
 
 COLUMNS = (3.1, 3.65, 4.2, 4.75, 5.3)
@@ -81,7 +81,7 @@ def test_irm_takes_the_most_manipulability_there_is_and_does_not_mind_the_way(ro
     placement = strategy.place(room.problem(room.cube()))
     poses, _ = strategy.dense(room.cube())
     free = clearances(poses, 0.06, field_of(room.world), body_of(room.known.robot.footprint)) >= 0.06
-    reach = strategy._arm_reach
+    reach = strategy.arm_reach
     best = reach.share(poses[free], room.cube()).max()
     assert reach.share(placement.goal[None], room.cube())[0] >= best - 0.011
     from_elsewhere = room.placement(MANIPULABILITY).place(room.problem(room.cube(), pose=(0.0, 0.0, 0.0)))
@@ -116,7 +116,7 @@ def test_costs_are_the_sum_of_their_terms_and_what_is_rejected_says_why(room: Ro
     viable = np.array([not why for why in placement.rejected])
     assert 5 < viable.sum() < len(viable) <= 36
     assert {why for why in placement.rejected if why} == {"collision with mapped furniture"}
-    share = strategy._arm_reach.share(placement.poses, room.cube())
+    share = strategy.arm_reach.share(placement.poses, room.cube())
     weight = strategy.stationary.manipulability_weight
     whole = weight * (1.0 - share) + placement.cost_current + placement.cost_next
     assert np.allclose(placement.cost[viable], whole[viable])
@@ -125,22 +125,22 @@ def test_costs_are_the_sum_of_their_terms_and_what_is_rejected_says_why(room: Ro
 
 
 def test_the_seven_fixed_poses_serve_every_slot_and_face_the_table(room: Room) -> None:
-    strategy = FixedSetPlacement(room.parts, room.graphs)
-    poses = strategy._fixed.round(room.cube())
+    strategy = StationaryPlacement(room.parts, room.graphs, FIXED_TERMS, first=FixedPoses(room.parts))
+    poses = FixedPoses(room.parts).round(room.cube())
     assert poses.shape == (7, 3)
     free = clearances(poses, 0.06, field_of(room.world), body_of(room.known.robot.footprint)) >= 0.06
     for slot in SLOTS:
-        assert (strategy._arm_reach.good_share(poses[free], room.cube(slot)) > 0.5).any(), slot
+        assert (strategy.arm_reach.good_share(poses[free], room.cube(slot)) > 0.5).any(), slot
     nose = poses[:, :2] + 0.8 * np.column_stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])))
     assert ((nose > (3.0, 1.37)) & (nose < (5.4, 2.17))).all()
 
 
 def test_the_fixed_set_takes_the_best_of_the_seven_at_a_table_and_the_nearest_at_a_bin(room: Room) -> None:
-    strategy = FixedSetPlacement(room.parts, room.graphs)
+    strategy = StationaryPlacement(room.parts, room.graphs, FIXED_TERMS, first=FixedPoses(room.parts))
     placement = strategy.place(room.problem(room.cube()))
     assert len(placement.poses) == 7
     assert any(why == "arm cannot reach" for why in placement.rejected)
-    share = strategy._arm_reach.good_share(placement.poses, room.cube())
+    share = strategy.arm_reach.good_share(placement.poses, room.cube())
     assert share[placement.chosen] >= share.max() - 0.011
     placement = strategy.place(room.problem(room.bin(0)))
     assert placement.cost_current[placement.chosen] == placement.cost_current.min()
@@ -241,5 +241,5 @@ def test_the_arm_does_not_reach_over_a_seen_obstacle_when_there_is_another_place
     between = 0.5 * (first.goal[:2] + 0.15 * np.array([math.cos(first.goal[2]), math.sin(first.goal[2])]) + CUBE)
     seen = msgspec.structs.replace(room.world, seen_points=between[None], seen_static=np.ones(1, dtype=bool))
     second = strategy.place(msgspec.structs.replace(problem, world=seen))
-    assert strategy._arm_reach.clear_of(second.goal[None], room.cube(), between[None])[0] > 0.13
+    assert strategy.arm_reach.clear_of(second.goal[None], room.cube(), between[None])[0] > 0.13
     assert strategy.place(msgspec.structs.replace(problem, world=seen)) is second

@@ -1,7 +1,9 @@
 """The arm side of the control period: phases, reference, QP and obstacle avoidance (Paper, Sec. V)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,13 +14,13 @@ from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.limits import Limit
 from motm_twin.control.arm.motion import Motion, hand_motion
 from motm_twin.control.arm.overlap import STANDS, ArmOverlap, Overlap
-from motm_twin.control.arm.parameters import ArmParameters, numbers
+from motm_twin.control.arm.parameters import ArmParameters, Numbers, numbers
 from motm_twin.control.arm.phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
 from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ArmProgram, Rows, lag_factor
 from motm_twin.control.arm.qp import Program, load, solve
 from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, TransitRule
 from motm_twin.control.arm.view import ManipulatorState, View, look
-from motm_twin.control.task_list import TaskEdit
+from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation
@@ -33,6 +35,38 @@ _REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
 _GRASPING = ("transit", "final", "closing", "lift", "retry")
 
 
+class Decision(NamedTuple):
+    """What one step decided; the arrays are read-only."""
+
+    twist: Array  # of the base, shape (2,)
+    rates: Array  # of the joints, shape (7,)
+    status: str  # of the program
+    outcome: str = ""
+    reason: str = ""
+    motion: Motion | None = None  # None: the hand was led nowhere
+    slack: Array = _NO_SLACK
+    active: tuple[str, ...] = ()
+    limiter: str = ""
+    allowed: float = math.inf
+
+
+def _as_it_is(state: ManipulatorState, view: View, motion: Motion, program: Program) -> Program:
+    return program
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmWays:
+    """Functions of one step in which arms differ; those of the paper's arm where nothing else is said."""
+
+    inputs: Callable[[ManipulatorState, ArmInputs], ArmInputs] = lambda state, inputs: inputs
+    rules: Callable[[PhaseRules, ArmInputs], PhaseRules] = lambda usual, inputs: usual  # of the phases
+    motion: Callable[[ManipulatorState, View, ArmInputs, ArmParameters, Numbers], Motion] = hand_motion
+    program: Callable[[ManipulatorState, View, Motion, Program], Program] = _as_it_is  # what becomes of it
+
+
+PAPER_WAYS = ArmWays()
+
+
 class Manipulator(Stateful[ManipulatorState]):
     """Picks and places while the base drives; one `step` per arm period (100 Hz)."""
 
@@ -42,17 +76,20 @@ class Manipulator(Stateful[ManipulatorState]):
         parameters: ArmParameters | None = None,
         timing: ArmTiming | None = None,
         limits: Sequence[Limit] = (),
+        ways: ArmWays = PAPER_WAYS,
     ) -> None:
         """Arm side for one robot and its mapped furniture.
 
-        ``timing`` replaces the transit rule of MotM; ``limits`` are more of them, after the usual ones.
+        ``timing`` replaces the transit rule of MotM; ``limits`` are more of them, after the usual ones; ``ways``
+        replace functions of a step.
         """
+        self._ways = ways
         self.parameters = parameters or ArmParameters()
         self.profile = known.robot
         p = self.parameters
         load(p.qp.solver)
         arm = known.robot.arm
-        self._rules = PhaseRules(
+        self._usual = self._rules = PhaseRules(
             parameters=p,
             profile=known.robot,
             timing=timing or TransitRule(k_A=p.k_A, base_speed=p.transit_base_speed, hand_speed=p.hand_speed),
@@ -80,50 +117,50 @@ class Manipulator(Stateful[ManipulatorState]):
 
     def step(self, inputs: ArmInputs) -> ArmStep:
         """Decide base twist, joint rates and gripper for the next ``inputs.dt``."""
-        view = self._look(inputs) if inputs.dt > 0.0 else None
+        inputs = self._ways.inputs(self._state, inputs)
+        self._rules = self._ways.rules(self._usual, inputs)
+        view = self.look(inputs) if inputs.dt > 0.0 else None
         if view is None or not view.finite:
             bad = _not_finite(inputs)
             if view is None or bad:
-                return self._damped_stop(inputs, None, f"{bad} is not finite")
+                return self.damped_stop(inputs, None, f"{bad} is not finite")
         held_side = self._state.side if self._state.holding else 0.0
         overlap = self._overlap.find(view.arm, inputs, held_side, lasts=self._state.inside_since is not None)
         if overlap is not None:
             return self._stand_clear(view, inputs, overlap)
         self._state.inside_since = None
         outcome, reason = advance(self._state, view, inputs, self._rules)
-        motion = self._motion(view, inputs)
+        motion = self._ways.motion(self._state, view, inputs, self.parameters, self._numbers)
         program, rows = self._program(view, inputs, motion)
         answer = solve(program, solver=self.parameters.qp.solver, residual=self.parameters.qp.residual)
         if answer.reason:
-            return self._damped_stop(inputs, view, answer.reason, outcome=outcome)
+            return self.damped_stop(inputs, view, answer.reason, outcome=outcome)
         x = answer.x
         x.setflags(write=False)
         twist, rates = x[BASE], x[ARM]
         self._state.twist, self._state.rates, self._state.stop_rates = twist.copy(), rates.copy(), None
         active = self._active(rows, answer.active)
         gave = _gave_way(x[FURNITURE_ELASTIC], active)
-        return self._report(
+        return self.report(
             view,
             inputs,
-            twist=twist,
-            rates=rates,
-            motion=motion,
-            slack=x[SLACK],
-            active=active,
-            limiter=rows.limiter,
-            allowed=rows.allowed,
-            status=gave or "solved",
-            outcome=outcome,
-            reason=reason or gave,
+            Decision(
+                twist=twist,
+                rates=rates,
+                motion=motion,
+                slack=x[SLACK],
+                active=active,
+                limiter=rows.limiter,
+                allowed=rows.allowed,
+                status=gave or "solved",
+                outcome=outcome,
+                reason=reason or gave,
+            ),
         )
 
-    def _look(self, inputs: ArmInputs) -> View:
+    def look(self, inputs: ArmInputs) -> View:
         """The view of this step."""
         return look(inputs, self._rules.mount, lag_factor(inputs.dt, self.profile), self.parameters)
-
-    def _motion(self, view: View, inputs: ArmInputs) -> Motion:
-        """The motion of the hand in this step."""
-        return hand_motion(self._state, view, inputs, self.parameters, self._numbers)
 
     def _active(self, rows: Rows, active: IntArray) -> tuple[str, ...]:
         """Names of the active rows, and of the active bounds of base twist and arm rates."""
@@ -155,7 +192,7 @@ class Manipulator(Stateful[ManipulatorState]):
         program, rows = self._programs.fill(view, state, inputs, self._relaxing(view, inputs), motion.velocity)
         if state.phase in ("stow", "carry") and view.time - state.since > self.parameters.stuck_time:
             program = self._free_return(view, program)
-        return program, rows
+        return self._ways.program(state, view, motion, program), rows
 
     def _free_return(self, view: View, program: Program) -> Program:
         """When the way to the stow pose is stuck: the same program, but led by the joints."""
@@ -179,13 +216,14 @@ class Manipulator(Stateful[ManipulatorState]):
         state.twist, state.rates = self._overlap.way_out(view.arm, inputs, state.twist, withdraws=withdraws)
         state.stop_rates = None
         why = f"something that the lidar sees is {overlap.depth:.2f} m inside the {overlap.body}"
-        return self._report(
-            view, inputs, twist=frozen(state.twist), rates=frozen(state.rates), slack=frozen(np.zeros(6)), active=(),
-            status=f"{'withdrawing' if withdraws else 'standing'}: {why}", outcome=outcome,
+        decided = Decision(
+            twist=frozen(state.twist), rates=frozen(state.rates), outcome=outcome,
+            status=f"{'withdrawing' if withdraws else 'standing'}: {why}",
             reason=f"{why}: {'the arm goes back slowly' if withdraws else 'the arm stands'}",
         )  # fmt: skip
+        return self.report(view, inputs, decided)
 
-    def _damped_stop(self, inputs: ArmInputs, view: View | None, why: str, *, outcome: str = "") -> ArmStep:
+    def damped_stop(self, inputs: ArmInputs, view: View | None, why: str, *, outcome: str = "") -> ArmStep:
         """Arm rates to zero within one control period, the base as fast as it may brake."""
         state, limits, dt = self._state, self.profile.base, _safe_step(inputs.dt)
         if state.stop_rates is None:
@@ -195,36 +233,18 @@ class Manipulator(Stateful[ManipulatorState]):
         state.rates = np.sign(state.rates) * np.maximum(np.abs(state.rates) - step - 1e-12, 0.0)
         brake = np.array([limits.linear_acceleration, limits.yaw_acceleration]) * dt
         state.twist = np.sign(state.twist) * np.maximum(np.abs(state.twist) - brake, 0.0)
-        return self._report(
-            view,
-            inputs,
+        decided = Decision(
             twist=frozen(state.twist),
             rates=frozen(state.rates),
-            slack=frozen(np.zeros(6)),
-            active=(),
             status=f"damped stop: {why}",
             outcome=outcome,
             reason=f"the arm was stopped: {why}",
         )
+        return self.report(view, inputs, decided)
 
-    def _report(
-        self,
-        view: View | None,
-        inputs: ArmInputs,
-        *,
-        twist: Array,
-        rates: Array,
-        slack: Array,
-        active: tuple[str, ...],
-        motion: Motion | None = None,
-        limiter: str = "",
-        allowed: float = math.inf,
-        status: str,
-        outcome: str,
-        reason: str,
-    ) -> ArmStep:
-        """The step for the Tick; the arrays given are read-only."""
-        state = self._state
+    def report(self, view: View | None, inputs: ArmInputs, decided: Decision) -> ArmStep:
+        """The step for the Tick."""
+        state, motion = self._state, decided.motion
         if motion is not None:
             there, error, _ = motion
             there.setflags(write=False)
@@ -233,22 +253,22 @@ class Manipulator(Stateful[ManipulatorState]):
         return ArmStep(
             time=inputs.observation.time,
             phase=state.phase,
-            actuation=Actuation(twist=twist, joint_velocity=rates, gripper=state.gripper),
+            actuation=Actuation(twist=decided.twist, joint_velocity=decided.rates, gripper=state.gripper),
             reference=there,
             error=error,
             tilt=0.0 if view is None else view.tilt,
-            slack=slack,
+            slack=decided.slack,
             manipulability=0.0 if view is None else view.manipulability,
-            active=active,
-            limiter=limiter,
+            active=decided.active,
+            limiter=decided.limiter,
             obstacle_distance=math.inf if view is None else view.nearest,
-            allowed_approach=allowed,
-            qp_status=status,
+            allowed_approach=decided.allowed,
+            qp_status=decided.status,
             holding=state.holding,
             engaged=engaged(state),
             dwell=0.0 if view is None else dwell(state, view, self._rules),
-            outcome=outcome,
-            reason=reason,
+            outcome=decided.outcome,
+            reason=decided.reason,
         )
 
 
@@ -294,9 +314,6 @@ class NoArm(Manipulator):
     def step(self, inputs: ArmInputs) -> ArmStep:
         """The wanted twist as it is: the monitor keeps it within the limits."""
         if not np.isfinite(inputs.base_twist).all():
-            return self._damped_stop(inputs, None, "wanted base twist is not finite")
+            return self.damped_stop(inputs, None, "wanted base twist is not finite")
         self._state.twist = inputs.base_twist.copy()
-        return self._report(
-            None, inputs, twist=frozen(inputs.base_twist), rates=_REST, slack=_NO_SLACK, active=(), status=NO_ARM,
-            outcome="", reason="",
-        )  # fmt: skip
+        return self.report(None, inputs, Decision(twist=frozen(inputs.base_twist), rates=_REST, status=NO_ARM))

@@ -10,13 +10,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPPER, WRIST
 from motm_twin.model.exact import hypot, norm, product, wrap_angle
 from motm_twin.model.geometry import Array
 
 QUARTER = math.pi / 2.0
-STRAIGHT = math.hypot(0.316, 0.0825) + math.hypot(0.384, 0.0825)  # [m] joint 6 from the shoulder, elbow straight
-ELBOW = -math.atan(0.0825 / 0.316) - math.atan(0.0825 / 0.384)  # [rad] joint 4 then: -0.467, far from its limit
-_SHOULDER, _TOOL, _WRIST = 0.333, 0.2104, 0.088  # [m] height over the mount, joint 7 to tool, joint 6 to joint 7
+_UPPER, _LOWER = math.hypot(UPPER, ELBOW_OFFSET), math.hypot(LOWER, ELBOW_OFFSET)  # [m] shoulder, elbow, joint 6
+STRAIGHT = _UPPER + _LOWER  # [m] joint 6 from the shoulder, elbow straight
+ELBOW = -math.atan(ELBOW_OFFSET / UPPER) - math.atan(ELBOW_OFFSET / LOWER)  # [rad] joint 4 then: -0.467, no limit near
 
 
 @njit(cache=True)
@@ -49,15 +50,15 @@ def stretch(radius: float, height: float, tilt: float) -> float:
     The tool is tilted outwards by ``tilt`` and the arm stands in one plane. `STRAIGHT` is the most the elbow gives.
     """
     c, s = math.cos(tilt), math.sin(tilt)
-    return hypot(radius - _TOOL * s - _WRIST * c, height + _TOOL * c - _WRIST * s - _SHOULDER)
+    return hypot(radius - TOOL * s - WRIST * c, height + TOOL * c - WRIST * s - SHOULDER)
 
 
 @njit(cache=True)
 def reach_radius(height: float, tilt: float, longest: float) -> float:
     """Radius [m] from the mount at which `stretch` is ``longest``; 0 when the height alone is too much."""
     c, s = math.cos(tilt), math.sin(tilt)
-    z = height + _TOOL * c - _WRIST * s - _SHOULDER
-    return max(0.0, _TOOL * s + _WRIST * c + math.sqrt(max(0.0, longest * longest - z * z)))
+    z = height + TOOL * c - WRIST * s - SHOULDER
+    return max(0.0, TOOL * s + WRIST * c + math.sqrt(max(0.0, longest * longest - z * z)))
 
 
 def planar_joints(radius: float, height: float, tilt: float) -> Array:
@@ -66,15 +67,15 @@ def planar_joints(radius: float, height: float, tilt: float) -> Array:
     Elbow up and behind. ValueError when the point is out of reach.
     """
     c, s = math.cos(tilt), math.sin(tilt)
-    x, z = radius - _TOOL * s - _WRIST * c, height + _TOOL * c - _WRIST * s - _SHOULDER
-    upper, lower = math.hypot(0.316, 0.0825), math.hypot(0.384, 0.0825)
+    x, z = radius - TOOL * s - WRIST * c, height + TOOL * c - WRIST * s - SHOULDER
+    upper, lower = _UPPER, _LOWER
     cosine = (upper**2 + lower**2 - x * x - z * z) / (2.0 * upper * lower)
     if abs(cosine) > 1.0:
         raise ValueError(f"radius {radius} m, height {height} m over the mount: out of reach of the arm")
     inner = math.acos(cosine)
     q4 = ELBOW - (math.pi - inner)
     first = math.atan2(x, z) - math.atan2(lower * math.sin(inner), upper - lower * math.cos(inner))
-    q2 = first - math.atan(0.0825 / 0.316)
+    q2 = first - math.atan(ELBOW_OFFSET / UPPER)
     q6 = tilt + q2 - q4
     return np.array([0.0, q2, 0.0, q4, 0.0, q6, math.pi / 4.0])
 

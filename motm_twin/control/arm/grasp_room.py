@@ -25,13 +25,13 @@ from motm_twin.control.arm.bodies import (
 from motm_twin.control.arm.geometry import QUARTER, cube_yaw, tool_rotation
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.arm.types import ArmGoal
+from motm_twin.model.arm_kernels import HAND_LENGTH
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.kinematics import HAND
 from motm_twin.model.known import KnownWorld
 
 REACH = 0.16  # [m] from the centre of an object: no part of the hand is further off
-_HAND = 0.1034  # [m] of the hand above the tool centre point
 _WAY = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
 _BESIDE = 0.003  # [m] that other objects keep from the fingers: how well they are known
 _HIGHER = 0.01  # [m] by which they may be higher beside the object than the camera has it
@@ -120,7 +120,7 @@ def _furniture_room(place: Array, side: float, balls: Balls, keep: Array, solids
             x = place[0] + R[0, 0] * centre[i, 0] + R[0, 1] * centre[i, 1]
             y = place[1] + R[1, 0] * centre[i, 0] + R[1, 1] * centre[i, 1]
             for up in _WAY:
-                height = place[2] + _HAND - centre[i, 2] + up
+                height = place[2] + HAND_LENGTH - centre[i, 2] + up
                 d, _, _, _ = solid_distance(x, y, height, k, solids)
                 d -= balls.radius[i] + (keep[1] if body >= FINGERS else keep[0])
                 if d < best:

@@ -1,15 +1,30 @@
-"""A binary heap in two arrays, for the searches. Equal keys leave in the order of their items."""
+"""Compiled building blocks of the searches: how kernels are compiled, lengths, and a binary heap."""
+
+import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
-from motm_twin.planning.kernel import kernel
+from motm_twin.model.motion import kernel
+
+# As `kernel`, for functions that take large tuples: passing those (by value) costs more than the work inside.
+inlined = njit(cache=True, _nrt=False, error_model="numpy", forceinline=True)
+
+
+@kernel
+def length_of(x: float, y: float) -> float:
+    """Length of a vector; math.hypot, which guards against overflow, takes five times as long."""
+    return math.sqrt(x * x + y * y)
 
 
 @kernel
 def heap_push(key: Array, item: NDArray[np.int32], size: int, new_key: float, new_item: int) -> int:
-    """Add an entry to the first `size` ones; returns the new size."""
+    """Add an entry to the first `size` ones of a heap in two arrays; returns the new size.
+
+    Equal keys leave in the order of their items.
+    """
     i = size
     while i > 0:
         parent = (i - 1) >> 1

@@ -1,0 +1,119 @@
+"""Candidates on all rings at once, which stay while they are free at all, and places to wait beside what will move on.
+
+The paper takes the smallest ring that has a viable candidate, however long the way to that one is. Between boxes, what
+is left of the smallest ring may be on the other side of the table, while a little further out there is room right here.
+There the base must pass more slowly, which counts.
+Where no ring has one, the paper goes to the free place that is closest to the target, be it on the other side of the
+table; when all that is in the way is something that moves, the candidates behind it will be free again.
+"""
+
+import functools
+import math
+
+import numpy as np
+
+from motm_twin.model.geometry import Array
+from motm_twin.perception.still_map import StillMap
+from motm_twin.planning.candidates import (
+    NO_REACH,
+    Candidates,
+    Judged,
+    Survey,
+    closest_places,
+    costs_of,
+    joined,
+    rings,
+    smallest_ring,
+    waiting_rooms,
+)
+from motm_twin.planning.collision import clearances
+from motm_twin.planning.global_path import GraphCache, costs_on, poses_at
+from motm_twin.planning.placement import SAME_HEADING, SAME_PLACE
+from motm_twin.planning.rejections import Here, rejections
+from motm_twin.planning.types import Target
+
+BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more,
+BESIDE_ROUND = 2.0  # [m] and beyond the circle about a base that is larger than Frankie
+PLACES = 72  # to wait at that are kept, the best: as many as candidates on a ring
+KEEP_CLEARANCE = 0.0  # [m] of the chosen pose: a cell at the edge of what the lidar sees comes and goes
+
+
+class EveryRing:
+    """A rule of candidates: 36 x 2 on every ring of 0.6 to 0.8 m; where none is viable, beside what moves."""
+
+    def __init__(self, still: StillMap | None = None) -> None:
+        """``still``: gives the map without what moves; None: nothing is waited for."""
+        self._still, self._graphs = still, GraphCache()
+
+    def __call__(self, target: Target, survey: Survey) -> Judged:
+        """The candidates of a target and their costs."""
+        if target.kind == "drive":
+            return smallest_ring(target, survey)
+        judged = costs_of(every_ring(target, survey), survey)
+        if np.isfinite(judged.current).any():
+            return judged._replace(current=judged.current + passing_more_slowly(judged.candidates, target, survey))
+        return self._beside(target, survey) or smallest_ring(target, survey)
+
+    def _beside(self, target: Target, survey: Survey) -> Judged | None:
+        """Free places, the way to each, and from it to a candidate that is free but for what moves; None: none is."""
+        model, here = survey.model, survey.here
+        world = here.world if self._still is None else self._still.of(here.world)
+        if world is here.world:
+            return None
+        graph = self._graphs.graph(world, survey.room.growth)
+        there = Here(world, self._graphs.field(world), here.body, graph, here.pose)
+        wanted = every_ring(target, survey._replace(here=there))
+        pose = wanted.pose[wanted.viable()]
+        for room in waiting_rooms(survey):
+            places = list(closest_places(target, survey, room, max(BESIDE, model.body.reach + BESIDE_ROUND)))
+            if places:
+                break
+        if not len(pose) or not places:
+            return None
+        free = functools.reduce(joined, places)
+        table = self._graphs.table(graph, pose[np.lexsort((pose[:, 1], pose[:, 0]))], model.rates)
+        current = costs_of(free, survey._replace(to_next=None)).current
+        onward = costs_on(graph, table, poses_at(graph, free.pose, free.place, free.place_of))
+        best = np.argsort(current + model.placement.next_weight * onward, kind="stable")[:PLACES]
+        best = np.sort(best[np.isfinite(current[best] + onward[best])])
+        if not len(best):
+            return None
+        used, place_of = np.unique(free.place_of[best], return_inverse=True)
+        radius = float(np.hypot(*(free.place[used] - target.position[:2]).T).min())
+        kept = Candidates("closest", radius, free.pose[best], free.place[used], place_of, [""] * len(best))
+        return Judged(kept, current[best], onward[best], waits=True)
+
+
+def every_ring(target: Target, survey: Survey) -> Candidates:
+    """The candidates of all rings; the pose chosen before is one of them as long as it is free at all."""
+    model = survey.model
+    pose, place, place_of = rings(target.position, model.radii, model.placement.positions)
+    rejected = _unless_chosen(rejections(pose, model.placement.clearance, survey.here), target, pose, survey)
+    for i in np.flatnonzero(~model.reach.reached_from(pose, target)).tolist():
+        rejected[i] = rejected[i] or NO_REACH
+    return Candidates("ring", float(model.radii[0]), pose, place, place_of, rejected)
+
+
+def passing_more_slowly(candidates: Candidates, target: Target, survey: Survey) -> Array:
+    """Seconds by which the base passes each later than at full speed, to stay in reach as long as the job takes.
+
+    On the tangent at r it has the target within reach R over 2 sqrt(R^2 - r^2). Shape (m,).
+    """
+    p, top_speed = survey.model.parameters.reach, survey.model.profile.base.forward_speed
+    reach = p.r_max(target.kind) - p.plan_slack
+    r = np.hypot(*(candidates.place[candidates.place_of] - target.position[:2]).T)
+    chord = 2.0 * np.sqrt(np.maximum(0.0, reach**2 - r**2))
+    return np.maximum(target.dwell, chord / p.passing_speed(top_speed)) - chord / top_speed
+
+
+def _unless_chosen(rejected: list[str], target: Target, pose: Array, survey: Survey) -> list[str]:
+    """The reasons without that of the pose chosen before, as long as it is free at all."""
+    goal, here = survey.last.goal, survey.here
+    if goal is None or not survey.last.of(target):
+        return rejected
+    for i in np.flatnonzero(np.hypot(pose[:, 0] - goal[0], pose[:, 1] - goal[1]) <= SAME_PLACE):
+        swing = abs(math.remainder(pose[i, 2] - goal[2], 2.0 * math.pi))
+        if rejected[i] and swing <= SAME_HEADING:
+            free = clearances(pose[i : i + 1], 1.0, here.field, here.body)[0]
+            rejected[i] = rejected[i] if free < KEEP_CLEARANCE else ""
+    return rejected
