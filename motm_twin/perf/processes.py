@@ -17,7 +17,6 @@ from motm_twin.bus.commands import Command, HandOver, Pause, Play, Reset, Speed
 from motm_twin.bus.connection import LOOPBACK, free_port
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.messages import TickMessage
-from motm_twin.bus.connection import LOOPBACK, free_port
 from motm_twin.ui.page_server import VARIABLE, page_url
 
 START = 300.0  # [s] for the first start on a busy machine: kernels are compiled

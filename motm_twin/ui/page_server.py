@@ -28,8 +28,8 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from motm_twin.bus.private_folder import folder, own_secret
 from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
+from motm_twin.bus.private_folder import folder, own_secret
 from motm_twin.memory import give_back
 from motm_twin.ui.page_scripts import with_scripts
 

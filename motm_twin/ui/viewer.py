@@ -18,10 +18,10 @@ import msgspec
 import viser
 
 from motm_twin.bus.client import Grid, TwinClient
+from motm_twin.bus.connection import LOOPBACK
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.messages import NumberedEvent, TickMessage
 from motm_twin.bus.processes import Reporter, leave, stop_event
-from motm_twin.bus.connection import LOOPBACK
 from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.memory import freeze_setup, share_arenas
 from motm_twin.ui.history import History

@@ -10,8 +10,8 @@ import viser
 from fake_twin import fake_scene
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.messages import BodyMessage
 from motm_twin.bus.connection import free_port
+from motm_twin.bus.messages import BodyMessage
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown
