@@ -20,6 +20,7 @@ import numpy as np
 import viser
 
 from motm_twin.bus.client import Grid, NoSession
+from motm_twin.bus.connection import LOOPBACK
 from motm_twin.bus.messages import GridInfo, TickMessage
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import History, unpacked
