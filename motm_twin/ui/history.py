@@ -115,6 +115,7 @@ class _Entry:
     time: float
     payload: bytes
     events: tuple[EventMessage, ...]
+    sample: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,6 @@ class _Tail:
     index: int
     time: float  # [s] of the last grid that both runs share
     entries: list[_Entry]
-    rows: NDArray[np.float64]
     maps: list[_Map]
 
 
@@ -145,8 +145,6 @@ class History:
         self._read_part = msgspec.json.Decoder(Part).decode
         self._read = msgspec.json.Decoder(TickMessage).decode
         self._entries: list[_Entry] = []
-        self._rows = np.empty((2 * periods + 2, len(Sample._fields)))  # of the entries, from the first on
-        self._first = 0
         self._bytes, self._map_bytes = 0, 0
         self._run, self._began = -1, 0.0
         self._maps: list[_Map] = []
@@ -165,11 +163,11 @@ class History:
         if part.preview:
             return
         packed = zlib.compress(payload, LEVEL)
-        entry, row = _Entry(part.index, part.time, packed, tuple(part.events)), sample(part)
+        entry = _Entry(part.index, part.time, packed, tuple(part.events), np.array(sample(part)))
         with self._lock:
             self._turn(part)
             self._cut(part.index, part.time + 1e-9)
-            self._append(entry, row)
+            self._entries.append(entry)
             self._bytes += len(packed)
             self._shorten()
 
@@ -250,7 +248,7 @@ class History:
             if end == 0:
                 return np.zeros((0, len(Sample._fields)))
             start = bisect.bisect_left(self._entries, self._entries[end - 1].time - seconds - 1e-9, 0, end, key=_TIME)
-            return self._rows[self._first + start : self._first + end].copy()
+            return np.array([entry.sample for entry in self._entries[start:end]])
 
     def events(self, index: int | None, count: int) -> list[EventMessage]:
         """The last events up to a period (None: the newest), newest first."""
@@ -265,14 +263,6 @@ class History:
     def _count(self, index: int | None) -> int:
         """Number of periods up to one."""
         return len(self._entries) if index is None else bisect.bisect_right(self._entries, index, key=_INDEX)
-
-    def _append(self, entry: _Entry, row: Sample | NDArray[np.float64]) -> None:
-        count = len(self._entries)
-        if self._first + count == len(self._rows):
-            self._rows[:count] = self._rows[self._first :]
-            self._first = 0
-        self._rows[self._first + count] = row
-        self._entries.append(entry)
 
     def _find(self, index: int) -> _Entry | None:
         if not self._entries:
@@ -289,7 +279,9 @@ class History:
         goes_on, aside = newer and 0 <= self._run and part.began == self._began, self._aside
         if goes_on and aside is not None and part.past == aside.run:
             self._aside = self._take_off(aside.index, aside.time)
-            self._put_back(aside)
+            self._entries += aside.entries  # what lies before them is the past that they had
+            self._bytes += sum(len(entry.payload) for entry in aside.entries)
+            self._maps += aside.maps
         elif goes_on and part.past in (-1, self._run):
             self._aside = self._take_off(part.first, part.time - (part.index - part.first) * PERIOD - 1e-9)
         else:
@@ -301,18 +293,10 @@ class History:
     def _take_off(self, index: int, time: float) -> _Tail:
         """Cut, and return the end that was cut off."""
         start = bisect.bisect_left(self._entries, index, key=_INDEX)
-        rows = self._rows[self._first + start : self._first + len(self._entries)].copy()
         later = self._maps[bisect.bisect_right(self._maps, time, key=_STAMP) :]
-        tail = _Tail(self._run, index, time, self._entries[start:], rows, later)
+        tail = _Tail(self._run, index, time, self._entries[start:], later)
         self._cut(index, time)
         return tail
-
-    def _put_back(self, tail: _Tail) -> None:
-        """Append an end that was cut off; the periods before it are the past that it had."""
-        for entry, row in zip(tail.entries, tail.rows, strict=True):
-            self._append(entry, row)
-            self._bytes += len(entry.payload)
-        self._maps += tail.maps
 
     def _cut(self, index: int, time: float) -> None:
         """Forget the periods from this one on, and the grids of later times [s]."""
@@ -335,7 +319,6 @@ class History:
         if gone == 0:
             return
         del self._entries[:gone]
-        self._first += gone
         old = bisect.bisect_right(self._maps, self._entries[0].time + 1e-9, key=_STAMP) - 1  # still in force
         if old > 0:
             self._map_bytes -= sum(len(kept.cells) for kept in self._maps[:old])

@@ -38,8 +38,8 @@ FIXED = ("/scene/", "/light/", "/furniture/")
 
 
 @pytest.fixture
-def stage():
-    """A stage on a page that nobody looks at, with no twin behind it."""
+def view():
+    """A view on a page that nobody looks at, with no twin behind it."""
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     with TwinClient(f"tcp/127.0.0.1:{free_port()}") as client:
         hub = Hub(client)
@@ -50,16 +50,23 @@ def stage():
     server.stop()
 
 
-def show(stage, tick, scene):
+def show(view, tick, scene):
     shown = Shown(
-        state="playing", status=None, scene=scene, tick=tick, newest=tick, live=True, view=stage._hub.view, grid=None
+        state="playing",
+        status=None,
+        scene=scene,
+        tick=tick,
+        newest=tick,
+        live=True,
+        view=view._hub.view,
+        grid=None,
     )
-    stage.draw(shown, 0.03, slow=True)
+    view.draw(shown, 0.03, slow=True)
 
 
-def nodes(stage):
+def nodes(view):
     """Names of all nodes that are drawn."""
-    table = stage._server.scene._handle_from_node_name
+    table = view._server.scene._handle_from_node_name
     return {name for name, handle in table.items() if type(handle).__name__ != "FrameHandle"}
 
 
@@ -69,70 +76,70 @@ def person(name, **fields):
     )
 
 
-def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_earlier(stage, tick):
+def test_a_trail_is_left_by_what_goes_and_not_by_what_is_put_elsewhere_or_seen_earlier(view, tick):
     def at(x, time):
         walker = msgspec.structs.replace(person("Ann"), position=[x, 0.5, 0.0])
-        show(stage, msgspec.structs.replace(tick, agents=[walker], time=time), scene)
-        return len(stage._bodies._bodies["body/Ann"].trail)
+        show(view, msgspec.structs.replace(tick, agents=[walker], time=time), scene)
+        return len(view._bodies._bodies["body/Ann"].trail)
 
     scene = fake_scene()
     assert [at(0.5 + 0.1 * k, 1.0 + 0.1 * k) for k in range(4)] == [1, 2, 3, 4]
     assert at(3.0, 1.3) == 1  # while time stands
     assert [at(3.1, 1.4), at(3.2, 1.5), at(6.0, 1.6)] == [2, 3, 1]  # while it runs
     assert [at(6.1, 1.7), at(3.1, 1.4)] == [2, 1]  # looking back
-    assert not stage._bodies._trails.visible
+    assert not view._bodies._trails.visible
 
 
-def test_fewer_than_a_hundred_nodes_move(stage, tick):
-    show(stage, tick, fake_scene())
-    stage._others.update([Other(label="changed: 7.1 s", pose=(0.0, 0.0, 0.0), q=(0.0,) * 7, gripper=0.08)])
-    moving = [name for name in nodes(stage) if not name.startswith(FIXED)]
+def test_fewer_than_a_hundred_nodes_move(view, tick):
+    show(view, tick, fake_scene())
+    view._others.update([Other(label="changed: 7.1 s", pose=(0.0, 0.0, 0.0), q=(0.0,) * 7, gripper=0.08)])
+    moving = [name for name in nodes(view) if not name.startswith(FIXED)]
     assert 20 < len(moving) <= 100
 
 
-def test_the_same_tick_again_sends_nothing(stage, tick):
+def test_the_same_tick_again_sends_nothing(view, tick):
     scene = fake_scene()
-    show(stage, tick, scene)
+    show(view, tick, scene)
     sent = []
-    stage._server.scene._queue_scene_message = sent.append
-    show(stage, tick, scene)
+    view._server.scene._queue_scene_message = sent.append
+    show(view, tick, scene)
     assert sent == []
 
 
-def test_a_body_comes_moves_is_marked_frozen_and_goes_without_a_trace(stage, tick):
+def test_a_body_comes_moves_is_marked_frozen_and_goes_without_a_trace(view, tick):
     scene = fake_scene()
-    show(stage, tick, scene)
-    before = nodes(stage)
-    show(stage, msgspec.structs.replace(tick, obstacles=[person("ann")]), scene)
+    show(view, tick, scene)
+    before = nodes(view)
+    show(view, msgspec.structs.replace(tick, obstacles=[person("ann")]), scene)
     frozen = msgspec.structs.replace(person("ann"), state="frozen")
-    show(stage, msgspec.structs.replace(tick, obstacles=[frozen]), scene)
-    assert any(name.endswith("sign") for name in nodes(stage) - before)
-    show(stage, msgspec.structs.replace(tick, obstacles=[]), scene)
-    assert nodes(stage) == before
+    show(view, msgspec.structs.replace(tick, obstacles=[frozen]), scene)
+    assert any(name.endswith("sign") for name in nodes(view) - before)
+    show(view, msgspec.structs.replace(tick, obstacles=[]), scene)
+    assert nodes(view) == before
 
 
-def test_furniture_stands_where_the_tick_has_it_and_is_hidden_when_gone(stage, tick):
+def test_furniture_stands_where_the_tick_has_it_and_is_hidden_when_gone(view, tick):
     scene = fake_scene()
-    show(stage, tick, scene)
-    name = next(iter(stage._surroundings.pieces))
-    frame = stage._server.scene._handle_from_node_name[f"/furniture/{name}"]
+    show(view, tick, scene)
+    name = next(iter(view._surroundings.pieces))
+    frame = view._server.scene._handle_from_node_name[f"/furniture/{name}"]
     body = BodyMessage(
         name=name, kind="furniture", position=[1.0, -2.0, 0.0], yaw=math.pi / 2, state="", size=[1.0, 1.0, 1.0]
     )
-    show(stage, msgspec.structs.replace(tick, furniture=[body]), scene)
+    show(view, msgspec.structs.replace(tick, furniture=[body]), scene)
     assert tuple(frame.position[:2]) == (1.0, -2.0)
     assert frame.wxyz[3] == pytest.approx(math.sin(math.pi / 4))
-    show(stage, msgspec.structs.replace(tick, removed=[name]), scene)
+    show(view, msgspec.structs.replace(tick, removed=[name]), scene)
     assert not frame.visible
-    show(stage, tick, scene)
+    show(view, tick, scene)
     assert frame.visible
 
 
-def test_another_scene_replaces_everything_of_the_last_one(stage, tick):
-    show(stage, tick, fake_scene())
-    before = nodes(stage)
-    show(stage, tick, msgspec.structs.replace(fake_scene(), seed=5))
-    assert nodes(stage) == before
+def test_another_scene_replaces_everything_of_the_last_one(view, tick):
+    show(view, tick, fake_scene())
+    before = nodes(view)
+    show(view, tick, msgspec.structs.replace(fake_scene(), seed=5))
+    assert nodes(view) == before
 
 
 def test_relative_costs_run_from_the_cheapest_to_the_dearest(tick):

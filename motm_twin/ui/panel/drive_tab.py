@@ -201,14 +201,9 @@ def in_hand(tick: TickMessage) -> list[TaskMessage]:
 
 def _length(tasks: Sequence[TaskMessage], index: int) -> int:
     """Number of tasks from a pick to its place; 1 for anything else."""
-    if tasks[index].kind != "pick":
-        return 1
-    for last in range(index + 1, len(tasks)):
-        if tasks[last].kind == "place":
-            return last - index + 1
-        if tasks[last].kind == "pick":
-            break
-    return 1
+    after = ((count, task.kind) for count, task in enumerate(tasks[index + 1 :], 2) if task.kind in ("pick", "place"))
+    count, kind = next(after, (1, ""))
+    return count if tasks[index].kind == "pick" and kind == "place" else 1
 
 
 def _status(group: Sequence[TaskMessage]) -> str:

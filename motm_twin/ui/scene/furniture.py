@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 import shapely.affinity
-import shapely.geometry.polygon
 import trimesh
 import viser
 from PIL import Image
@@ -221,30 +220,12 @@ def _rectangle(length: float, width: float, rounding: float) -> shapely.Polygon:
 
 def _extrude(outline: shapely.Polygon, z_min: float, z_max: float) -> trimesh.Trimesh:
     """A vertical prism over an outline, with its holes."""
-    outline = shapely.geometry.polygon.orient(outline)
-    triangulated = shapely.constrained_delaunay_triangles(outline)
-    caps = shapely.get_coordinates(triangulated).reshape(-1, 4, 2)[:, :3]
-    flat = np.array([cap if _turns_left(cap) else cap[::-1] for cap in caps])
-    triangles = [_at(flat, z_max), _at(flat[:, ::-1], z_min)]
-    for ring in (outline.exterior, *outline.interiors):
-        points = np.array(ring.coords)
-        start, end = points[:-1], points[1:]
-        low_start, low_end, high_start, high_end = (_at(p, z) for z in (z_min, z_max) for p in (start, end))
-        triangles += [
-            np.stack([low_start, low_end, high_end], axis=1),
-            np.stack([low_start, high_end, high_start], axis=1),
-        ]
-    corners = np.concatenate(triangles).reshape(-1, 3)
-    return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
-
-
-def _at(points: np.ndarray, z: float) -> np.ndarray:
-    return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)
-
-
-def _turns_left(corners: np.ndarray) -> bool:
-    (ax, ay), (bx, by) = corners[1] - corners[0], corners[2] - corners[0]
-    return bool(ax * by - ay * bx > 0.0)
+    triangles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(outline)))
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+    unique, faces = np.unique(corners, axis=0, return_inverse=True)
+    prism = trimesh.creation.extrude_triangulation(unique, faces.reshape(-1, 3), z_max - z_min)
+    prism.apply_translation((0.0, 0.0, z_min))
+    return prism
 
 
 def _assemble(parts: list[Part]) -> trimesh.Scene:
