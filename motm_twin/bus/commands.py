@@ -47,7 +47,7 @@ SPEED = Between(0.125, 8.0, called="speed")
 _SEED = Between(0, 2**31 - 1)
 _COORDINATE = Between(-1000.0, 1000.0, unit="m")
 _Person = Annotated[str, Text(0, NAME_MAX)]
-_Method = Annotated[str, Listed("a name of `status.methods`"), Text(1, MAX_NAME)]
+_Method = Annotated[str, Listed("a name of `status.methods`")]
 
 
 def _file_name(least: int) -> Text:

@@ -9,11 +9,8 @@ from numpy.typing import NDArray
 
 from motm_twin.control.tick import Tick
 from motm_twin.finish import SETTLE_PERIODS
-from motm_twin.gym.arm_action import ArmAction
-from motm_twin.gym.base_action import BaseAction
-from motm_twin.gym.library import gymnasium, spaces
-from motm_twin.gym.method import agent_method
-from motm_twin.gym.observation import ObservationReader, Observed
+from motm_twin.gym.actions import ArmAction, BaseAction, agent_method
+from motm_twin.gym.observation import ObservationReader, Observed, gymnasium, spaces
 from motm_twin.gym.picture import TopView
 from motm_twin.gym.reward import RewardWeights, Score, reward, score_of
 from motm_twin.gym.view import AgentView, view_of

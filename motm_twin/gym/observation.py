@@ -1,13 +1,13 @@
 """What an agent observes: a `Dict` space of float32 boxes and small discrete numbers. docs/gym.md has it as a table."""
 
 import math
+import sys
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.control.arm.types import ArmGoal
-from motm_twin.gym.library import spaces
 from motm_twin.gym.view import AgentView
 from motm_twin.model.arm_kernels import TCP, fk_arm
 from motm_twin.model.geometry import Array, to_frame
@@ -16,6 +16,14 @@ from motm_twin.model.plant import Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.planning.types import Target
 
+try:
+    import gymnasium
+except ImportError as error:
+    raise ImportError(
+        f"motm_twin.gym needs Gymnasium, which is not installed: {sys.executable} -m pip install 'gymnasium>=1.0'"
+    ) from error
+
+spaces = gymnasium.spaces
 TASKS = ("none", "pick", "place", "drive")
 PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "retry")
 FAR = 50.0  # [m] positions are clipped to

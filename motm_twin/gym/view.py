@@ -6,7 +6,7 @@ from motm_twin.control.arm.types import ArmGoal
 from motm_twin.control.lag import dwell_to_plan
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
-from motm_twin.gym.base_action import BaseAction
+from motm_twin.gym.actions import BaseAction
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import command_pose
 from motm_twin.model.period import PERIOD

@@ -1,0 +1,264 @@
+"""What an agent commands: the base, the arm, and the method of each action mode that runs with them."""
+
+import math
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from motm_twin.control.arm.controller import Decision, Manipulator
+from motm_twin.control.arm.parameters import ArmParameters, numbers
+from motm_twin.control.arm.phases import enter
+from motm_twin.control.arm.program import anchor, base_bounds, joint_bounds
+from motm_twin.control.arm.types import ArmInputs, ArmStep
+from motm_twin.control.arm.view import ManipulatorState, View
+from motm_twin.control.by_hand import ByHand
+from motm_twin.control.method import ArmParts, Method, PlannerParts
+from motm_twin.gym.forecast import Forecast
+from motm_twin.model.edits import Drive
+from motm_twin.model.exact import norm
+from motm_twin.model.geometry import Array, frozen, to_frame
+from motm_twin.model.known import KnownWorld
+from motm_twin.model.period import PERIOD
+from motm_twin.model.profile import RobotProfile
+from motm_twin.model.state import Stateful
+from motm_twin.planning.parameters import PlanningParameters
+from motm_twin.planning.planner import BasePlanner
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, empty_path
+
+STATUS = "agent"  # of the plan in the Tick
+ARM_STATUS = "commanded from outside"
+AT_OBJECT = 0.03  # [m] of the tool centre point from where the object is believed, for a grasp of it
+MODES = ("base", "whole_body")
+
+
+@dataclass
+class BaseActionState:
+    """What the agent asks for."""
+
+    twist: Array = field(default_factory=lambda: np.zeros(2))  # [m/s, rad/s]
+
+
+class BaseAction(Stateful[BaseActionState]):
+    """A `BaseController` that drives as it was told last, within the accelerations of the base."""
+
+    def __init__(self, profile: RobotProfile, parameters: PlanningParameters, *, guard: bool = False) -> None:
+        """``guard``: slowed so that it can stop clear of whatever the map shows, as when a person drives."""
+        self._guard = ByHand(profile, PERIOD) if guard else None
+        self._limits = profile.base
+        self.forecast = Forecast(profile, parameters)
+        self._state = BaseActionState()
+
+    @property
+    def twist(self) -> Array:
+        """The twist that is asked for, shape (2,) [m/s, rad/s]."""
+        return self._state.twist.copy()
+
+    def take(self, twist: Array) -> None:
+        """Drive like this from the next period on, shape (2,) [m/s, rad/s]."""
+        self._state.twist = np.array(twist, dtype=float)
+
+    def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
+        """The acceleration towards the twist that is asked for; what the arm reads of a plan is forecast from it."""
+        del placement, budget  # there is nothing to search
+        wanted = self._state.twist
+        acceleration, reason = self._acceleration(problem)
+        times, poses = self.forecast.motion(problem.pose, problem.twist, wanted)
+        return BasePlan(
+            acceleration=frozen(acceleration),
+            status=STATUS,
+            reason=reason,
+            global_path=empty_path(),
+            next_path=empty_path(),
+            intermediate_goal=frozen(np.full(3, math.nan)),
+            local_poses=frozen(poses),
+            local_times=frozen(times),
+            bezier=empty_path(),
+            expansions=0,
+            cut_by_clock=False,
+            t_h=math.inf,
+            k=1.0,
+            time_to_range=self.forecast.time_to_range(times, poses, problem.target, engaged=problem.engaged),
+        )
+
+    def _acceleration(self, problem: BaseProblem) -> tuple[Array, str]:
+        """Towards the twist that is asked for, and why not all the way; shape (2,) [m/s^2, rad/s^2]."""
+        v, w = (float(value) for value in self._state.twist)
+        most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
+        asked = np.clip(((v, w) - problem.twist) / problem.period, -most, most)
+        if self._guard is None:
+            return asked, ""
+        self._guard.take(Drive(v=v, w=w))
+        guarded = self._guard.plan(problem)
+        assert guarded is not None  # it was told right now
+        slowed = not np.allclose(guarded.acceleration, asked)
+        return guarded.acceleration, "slowed: it could not stop clear of what the map shows" if slowed else ""
+
+
+class NoPlacement:
+    """A `PlacementStrategy` that leaves it to the agent where the base stands."""
+
+    def place(self, problem: BaseProblem) -> Placement:
+        """No candidates; the goal is where the base is."""
+        none = frozen(np.zeros(0))
+        return Placement(
+            mode="none",
+            radius=0.0,
+            poses=frozen(np.zeros((0, 3))),
+            cost_current=none,
+            cost_next=none,
+            cost=none,
+            rejected=(),
+            chosen=-1,
+            goal=frozen(problem.pose),
+            goal_has_heading=False,
+            reason="an agent drives the base",
+            next_goal=None,
+        )
+
+
+@dataclass
+class ArmActionState(ManipulatorState):
+    """What the agent asks for, beside what an arm side remembers."""
+
+    phase: str = "transit"
+    asked_rates: Array = field(default_factory=lambda: np.zeros(7))  # [rad/s]
+    asked_gripper: str = "open"
+    over_bin: bool = False  # when it was let go
+
+
+class ArmAction(Manipulator):
+    """Does what it was told last, within the limits of the robot."""
+
+    def __init__(self, known: KnownWorld, parameters: ArmParameters | None = None) -> None:
+        super().__init__(known, parameters)
+        self._base, self._lag = numbers(known.robot.base), known.robot.arm.velocity_lag
+        self._state: ArmActionState = ArmActionState()
+
+    def take(self, rates: Array, gripper: str) -> None:
+        """Joint rates (7,) [rad/s] and gripper ("open" | "close") from the next arm step on."""
+        self._state.asked_rates, self._state.asked_gripper = np.array(rates, dtype=float), gripper
+
+    def step(self, inputs: ArmInputs) -> ArmStep:
+        """Base twist, joint rates and gripper for the next ``inputs.dt``: those asked for, within their limits."""
+        state, p = self._state, self.parameters
+        view = self.look(inputs)
+        outcome = self._fingers(view)
+        anchor(state.twist, state.rates, (view.arm.wanted, view.arm.dq), self._base, inputs.dt, self._lag)
+        state.twist = np.clip(inputs.base_twist, *base_bounds(state.twist, inputs.dt, self.profile))
+        low, high = joint_bounds(view.q, state.rates, inputs.dt, p.qp)
+        state.rates = np.clip(state.asked_rates, low, high)
+        at_limit = np.flatnonzero((state.asked_rates < low) | (state.asked_rates > high))
+        decided = Decision(
+            twist=frozen(state.twist),
+            rates=frozen(state.rates),
+            active=tuple(f"joint {k + 1}" for k in at_limit),
+            status=ARM_STATUS,
+            outcome=outcome,
+            reason=f"the arm is {ARM_STATUS}",
+        )
+        return self.report(view, inputs, decided)
+
+    def _fingers(self, view: View) -> str:
+        """The phase of this step, from what the gripper was told and what its width says; returns the outcome."""
+        state = self._state
+        if state.phase == "release":
+            return self._let_go(view)
+        if state.holding:
+            return self._hold(view)
+        state.gripper = state.asked_gripper
+        if state.gripper == "open":
+            state.phase = "transit"
+        elif state.phase == "transit":
+            enter(state, "closing", view.time)
+        elif state.phase == "closing" and self._over(self.profile.gripper.closing_time, view):
+            self._closed(view)
+        return ""
+
+    def _over(self, duration: float, view: View) -> bool:
+        """The fingers have had their time [s] since the phase began, and stand."""
+        return view.time - self._state.since >= duration - 0.5 * view.dt and not view.gripper_moving
+
+    def _closed(self, view: View) -> None:
+        """The fingers stand: on the object, when they are as far apart as it is wide, and where it is."""
+        state, goal = self._state, view.goal
+        fits = abs(view.width - goal.side) <= self.parameters.held_tolerance
+        if goal.kind == "pick" and fits and norm(view.p - view.target) <= AT_OBJECT:
+            state.holding, state.reported, state.side, state.anchor = True, False, goal.side, view.p.copy()
+            enter(state, "lift", view.time)
+        else:
+            enter(state, "retry", view.time)
+
+    def _hold(self, view: View) -> str:
+        state, p = self._state, self.parameters
+        if view.width < state.side - p.held_tolerance:
+            return self._drop(view, "lost")
+        if state.asked_gripper == "open":
+            state.gripper, state.released, state.over_bin = "open", view.time, _over_bin(view)
+            enter(state, "release", view.time)
+        elif state.phase == "lift" and view.p[2] - state.anchor[2] >= p.picked_height:
+            state.reported = True
+            enter(state, "carry", view.time)
+            return "picked"
+        return ""
+
+    def _let_go(self, view: View) -> str:
+        if not self._over(self.profile.gripper.opening_time, view):
+            return ""
+        return self._drop(view, "placed" if self._state.over_bin else "lost")
+
+    def _drop(self, view: View, outcome: str) -> str:
+        """Nothing is held any more; of what was never lifted there is nothing to tell."""
+        state = self._state
+        told = state.reported
+        state.holding, state.reported, state.released = False, False, None
+        state.gripper = state.asked_gripper
+        enter(state, "transit", view.time)
+        return outcome if told else ""
+
+
+def _over_bin(view: View) -> bool:
+    """Whether the hand is over the release square of the bin that is to be served."""
+    goal = view.goal
+    if goal.kind != "place" or view.p[2] < goal.position[2]:
+        return False
+    frame = np.array([goal.position[0], goal.position[1], goal.yaw])
+    return bool(np.abs(to_frame(frame, view.p[:2])).max() <= goal.release_half_width)
+
+
+def agent_planner(parts: PlannerParts, *, guard: bool) -> BasePlanner:
+    """A planner that drives as an agent says; ``guard``: as far as it can stop before whatever the map shows."""
+    robot, parameters = parts.known.robot, parts.parameters
+    controller = BaseAction(robot, parameters, guard=guard)
+    return BasePlanner(robot, parameters, placement=NoPlacement(), controller=controller, graphs=parts.graphs)
+
+
+def agent_arm(parts: ArmParts) -> ArmAction:
+    """An arm that moves as an agent says."""
+    return ArmAction(parts.known, parts.parameters)
+
+
+def agent_method(mode: str, arm: Method, *, guard: bool = False) -> Method:
+    """The method of an action mode; ``arm``: whose arm reaches in the mode "base". Raises ValueError."""
+    if mode not in MODES:
+        raise ValueError(f"action mode {mode!r}: use {' or '.join(map(repr, MODES))}")
+    whole = mode == "whole_body"
+    if not whole:
+        check_fits(arm, whole_body=False)
+    return Method(
+        name=f"gym_{mode}",
+        title="an agent, whole body" if whole else f"an agent drives, the arm of {arm.name}",
+        summary="What `motm_twin.gym` runs: the actions come from outside.",
+        source="own",
+        parameters={} if whole else arm.parameters,
+        planner=partial(agent_planner, guard=guard),
+        arm=agent_arm if whole else arm.arm,
+    )
+
+
+def check_fits(method: Method, *, whole_body: bool) -> None:
+    """Raise ValueError for a method that an action mode cannot use; ``whole_body``: which of the two it is."""
+    if method.name == "open_loop":
+        raise ValueError("open_loop rehearses the whole task beforehand: no action mode can use it")
+    if method.name == "holistic" and not whole_body:
+        raise ValueError("holistic decides about base and arm together: only actions='whole_body' takes both")
