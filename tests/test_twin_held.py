@@ -9,7 +9,7 @@ from twin_steps import BIN, CUBE, SCENE, advance, advance_until, caused, in_phas
 from motm_twin.control import sequence
 from motm_twin.model.edits import InsertTask, MoveObject, PushRobot
 from motm_twin.model.scene import Pick, Place
-from motm_twin.planning import stuck
+from motm_twin.planning.candidates import is_avoided
 from motm_twin.twin import Twin
 
 OTHER, SECOND = SCENE.tasks[3].bin, SCENE.tasks[2].object
@@ -37,7 +37,7 @@ def test_a_base_whose_arm_was_stuck_stands_elsewhere_for_the_next_try():
     twin.loop.manipulator._rules = rules
     was, target = tick.observation.pose[None], tick.tasks[0].target
     assert twin.advance().tasks[0].status == "active"
-    tick = advance_until(twin, lambda tick: not stuck.here(tick.observation.pose, was))
+    tick = advance_until(twin, lambda tick: not is_avoided(tick.observation.pose, was))
     tick = advance_until(twin, lambda tick: any(step.outcome == "picked" for step in tick.arm))
     assert states(tick)[target] == "held"
     assert twin.loop._problem(tick.observation, tick.map).stuck_at.shape == (0, 3)  # a new target, a new try
