@@ -1,5 +1,6 @@
 """From the Ticks and observations of the control loop to the messages on the bus."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -33,6 +34,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import BodyTruth, Observation, Scan, Truth
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Reason
 from motm_twin.model.scene import PlanarPose
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
@@ -81,6 +83,14 @@ def body_message(body: BodyTruth) -> BodyMessage:
     )
 
 
+def _typed(why: Reason | None) -> Reason | None:
+    """A reason whose numbers JSON can carry: none of them infinite."""
+    if why is None:
+        return None
+    value, limit = (0.0 if math.isinf(number) else float(number) for number in (why.value, why.limit))
+    return msgspec.structs.replace(why, value=value, limit=limit, cause=_typed(why.cause))
+
+
 def _placement(placement: Placement) -> PlacementMessage:
     return PlacementMessage(
         mode=placement.mode,
@@ -94,6 +104,7 @@ def _placement(placement: Placement) -> PlacementMessage:
         goal=numbers(placement.goal),
         goal_has_heading=bool(placement.goal_has_heading),
         reason=placement.reason,
+        why=_typed(placement.why),
         next_goal=None if placement.next_goal is None else numbers(placement.next_goal),
     )
 
@@ -102,6 +113,7 @@ def _plan(plan: BasePlan) -> PlanMessage:
     return PlanMessage(
         status=plan.status,
         reason=plan.reason,
+        why=_typed(plan.why),
         acceleration=numbers(plan.acceleration),
         global_path=numbers(plan.global_path),
         next_path=numbers(plan.next_path),
@@ -137,6 +149,7 @@ def _arm(step: ArmStep) -> ArmMessage:
         holding=bool(step.holding),
         outcome=step.outcome,
         reason=step.reason,
+        why=_typed(step.why),
     )
 
 
@@ -222,6 +235,7 @@ def tick_message(
         plan=_plan(tick.plan),
         arm=[_arm(step) for step in tick.arm],
         stop_reason=tick.stop_reason,
+        why=_typed(tick.why),
         events=[EventMessage(time=seconds(event.time), kind=event.kind, text=event.text) for event in tick.events],
         stage_ms={name: round(float(value), 3) for name, value in tick.stage_ms.items()},
         score=None if truth is None else _score(truth),

@@ -22,7 +22,6 @@ from motm_twin.model.period import PERIOD
 
 HISTORY = 1000  # events that can be asked for
 SAME_DRAG = 1.0  # [s] of simulated time within which more moves of a held body, or twists by hand, are not told again
-_DIGITS = re.compile(r"\d+(\.\d+)?")
 
 Emit = Callable[[NumberedEvent], None]
 
@@ -96,7 +95,7 @@ class EventWatch:
         self._run, self._index, self._began = -1, -1, -1.0
         self._loaded: str | None = None  # scene that was loaded and has not run yet
         self._state = ""
-        self._stopped = ""  # reason, without its numbers
+        self._stopped: tuple[str, ...] = ()  # reason, without its numbers
         self._contacts: set[tuple[float, str, str]] = set()
         self._cut_ins: set[tuple[float, str]] = set()
         self._dragged: dict[str, float] = {}  # body, "" for the robot: [s] of the last move while held
@@ -136,7 +135,7 @@ class EventWatch:
             self._add(message, "branch", f"goes on from {message.first * PERIOD:.2f} s")
         else:
             self._add(message, "reset", "back to the start")
-        self._loaded, self._stopped, self._dragged = None, "", {}
+        self._loaded, self._stopped, self._dragged = None, (), {}
         past = [] if message.score is None else message.score.contacts
         self._contacts = {_key(contact) for contact in past if contact.time < message.first * PERIOD}
         earlier = [] if message.score is None else message.score.cut_ins
@@ -166,11 +165,11 @@ class EventWatch:
         self._add(message, "cut_in", text, time=cut_in.time, other=cut_in.agent)
 
     def _stop(self, message: TickMessage) -> None:
-        reason = _DIGITS.sub("#", message.stop_reason)  # a distance that changes is no other reason
-        if reason == self._stopped:
+        key = () if message.why is None else message.why.key  # a distance that changes is no other reason
+        if key == self._stopped:
             return
-        self._stopped = reason
-        if reason:
+        self._stopped = key
+        if key:
             self._add(message, "stop", message.stop_reason)
         else:
             self._add(message, "go", "goes on")

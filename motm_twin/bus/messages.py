@@ -8,6 +8,7 @@ import msgspec
 
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit, ParameterValue
+from motm_twin.model.reason import Reason
 
 TICK_VERSION = "motm.tick/1"
 STATUS_VERSION = "motm.status/1"
@@ -82,6 +83,7 @@ class PlacementMessage(msgspec.Struct, frozen=True, kw_only=True):
     goal_has_heading: bool  # whether the heading of the goal matters
     reason: str  # one sentence
     next_goal: list[MaybeNumber] | None  # of the target after this one
+    why: Reason | None = None  # `reason`, typed
 
 
 class InspectedMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -110,6 +112,7 @@ class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
     k: float  # scale of the proximity penalty
     time_to_range: MaybeNumber  # [s] until the target is in reach; 0: it is
     staa_path: Vectors = []  # shortest path of unmodified STAA*, when asked for
+    why: Reason | None = None  # `reason`, typed
 
 
 class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -129,10 +132,11 @@ class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
     limiter: str  # obstacle that limits the gripper now; "": none
     obstacle_distance: MaybeNumber  # [m] of the gripper to it
     allowed_approach: MaybeNumber  # [m/s] towards it
-    qp_status: str  # solved | <gave way by .., standing, withdrawing or damped stop>: <why>
+    qp_status: str  # solved | <gave way, standing, withdrawing or damped stop>: <why>
     holding: bool  # an object is in the gripper
     outcome: str  # picked | placed | missed | lost | stuck, when that was found in this step
     reason: str  # one sentence when the arm waits
+    why: Reason | None = None  # the same, typed
 
 
 class EventMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -218,6 +222,7 @@ class TickMessage(msgspec.Struct, frozen=True, kw_only=True):
     past: int = -1  # run whose periods before `first` this one shares; -1: the run before, if `began` is the same
     preview: bool  # True: paused; bodies stand where posted edits will put them in the next period
     edits: list[Edit] = []  # applied at the start of this period
+    why: Reason | None = None  # `stop_reason`, typed
 
 
 class SceneChoice(msgspec.Struct, frozen=True, kw_only=True):

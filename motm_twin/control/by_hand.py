@@ -13,6 +13,7 @@ from motm_twin.model.edits import Drive
 from motm_twin.model.geometry import Array
 from motm_twin.model.motion import drive
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import body_of, clearance, field_of
@@ -56,11 +57,11 @@ class ByHand(Stateful[ByHandState]):
             [min(max(state.v, -b.reverse_speed), b.forward_speed), min(max(state.w, -b.yaw_rate), b.yaw_rate)]
         )
         share, room = self._free_share(problem, wanted)
-        slowed = "" if share == 1.0 else f", and slowed: {max(room, 0.0):.2f} m to what is seen"
+        slowed = "" if share == 1.0 else "slowed"
         return BasePlan(
             acceleration=self._towards(problem, share * wanted),
             status=STATUS,
-            reason=f"driven by hand{slowed}",
+            why=Reason(kind=Kind.BY_HAND, other=slowed, value=max(room, 0.0), unit="m"),
             global_path=empty_path(),
             next_path=empty_path(),
             intermediate_goal=np.full(3, math.nan),

@@ -28,6 +28,7 @@ from motm_twin.model.motion import command_pose
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Reason
 from motm_twin.model.state import HasState, Stateful
 from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
@@ -35,7 +36,7 @@ from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.controller import ESCAPING
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.rejections import NO_PATH
+from motm_twin.planning.rejections import Rejection
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
 
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
@@ -57,7 +58,7 @@ class LoopState:
     index: int = 0
     dwell: float | None = None  # [s] that the active job still needs in reach, as the arm said last
     engaged: bool = False
-    waiting: str = ""  # what the arm said last about why it waits
+    waiting: Reason | None = None  # why the arm waits, as it said last
     progress: ProgressState = field(default_factory=ProgressState)
     stuck_at: tuple[tuple[int, Array], ...] = ()  # number of a task, and a base pose from which the arm did not do it
 
@@ -137,7 +138,7 @@ class ControlLoop(Stateful[LoopState]):
         with stages.measure("plan"):
             plan = self.by_hand.plan(problem) or self.planner.drive(problem, placement, budget or self.settings.budget)
         waits = placement.mode == "closest" and plan.status == "idle"
-        blocked = "" if not waits else "no way to it" if NO_PATH in placement.rejected else "not free"
+        blocked = "" if not waits else "no way to it" if Rejection.NO_PATH in placement.rejected else "not free"
         in_reach = plan.time_to_range == 0.0
         outside = (waits or placement.chosen < 0) and self._outside(problem.target)
         busy, why = self.manipulator.busy, self._state.waiting
@@ -151,7 +152,7 @@ class ControlLoop(Stateful[LoopState]):
         events += arm_events + self.self_check.events(observation.time)
         truth = self._truth()
         state = self._state
-        state.waiting = steps[-1].reason
+        state.waiting = steps[-1].why
         tick = Tick(
             index=state.index,
             time=observation.time,
@@ -163,7 +164,7 @@ class ControlLoop(Stateful[LoopState]):
             placement=placement,
             plan=plan,
             arm=tuple(steps),
-            stop_reason=self._stop_reason(reason) or self._why(plan, steps[-1], observation),
+            why=self._stopped_by(reason) or self._why(plan, steps[-1], observation),
             events=tuple(events),
             edits=edits,
             stage_ms=stages.milliseconds(),
@@ -218,7 +219,7 @@ class ControlLoop(Stateful[LoopState]):
         counts = base_has_to_move(self.sequence, plan, busy=busy, by_hand=plan.status == by_hand.STATUS)
         time, index = observation.time, self.sequence.index
         stalled = Progress(self._state.progress, PERIOD).watch(time, index, placement, plan, counts=counts)
-        events = self.sequence.hold_up(time, stalled, plan.reason or placement.reason, observation.pose)
+        events = self.sequence.hold_up(time, stalled, plan.why or placement.why, observation.pose)
         if events:
             self._state.progress.restart(self.sequence.index, time)
             self._state.dwell, self._state.engaged = None, False
@@ -230,16 +231,14 @@ class ControlLoop(Stateful[LoopState]):
         found = (self.targets.base_target(task, observation, None) for task in tasks)
         return [np.asarray(target.position[:2]) for target in found if target is not None]
 
-    def _stop_reason(self, reason: str) -> str:
-        """Why the monitor slowed or stopped the robot, or else what the robot does without; "" for neither."""
+    def _stopped_by(self, reason: Reason | None) -> Reason | None:
+        """Why the monitor slowed or stopped the robot, or else what the robot does without; None for neither."""
         return reason or self.mapper.refusal or self.self_check.trust().reason
 
-    def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
-        """Why the base stands, or is not driven by its plan; "" when it is."""
+    def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
+        """Why the base stands, or is not driven by its plan; None when it is."""
         return (
-            plan.reason
-            if plan.status in (by_hand.STATUS, ESCAPING)
-            else standing(self.sequence, plan, step, observation)
+            plan.why if plan.status in (by_hand.STATUS, ESCAPING) else standing(self.sequence, plan, step, observation)
         )
 
     def _outside(self, target: Target | None) -> bool:
@@ -251,7 +250,7 @@ class ControlLoop(Stateful[LoopState]):
 
     def _arm_steps(
         self, observation: Observation, reported: Observation, world: WorldMap, plan: BasePlan, stages: Stages
-    ) -> tuple[list[ArmStep], tuple[Observation, ...], tuple[Observation, ...], list[Event], str]:
+    ) -> tuple[list[ArmStep], tuple[Observation, ...], tuple[Observation, ...], list[Event], Reason | None]:
         """The arm steps of this period, what each saw and was reported; the plant moves on between them."""
         dt = PERIOD / self.settings.arm_steps
         T_odom_world = odometry_to_world(observation)
@@ -262,7 +261,7 @@ class ControlLoop(Stateful[LoopState]):
         samples: list[Observation] = []
         reports: list[Observation] = []
         events: list[Event] = []
-        reason = ""
+        reason: Reason | None = None
         for k in range(self.settings.arm_steps):
             if k:
                 with stages.measure("observe"):
@@ -287,7 +286,7 @@ class ControlLoop(Stateful[LoopState]):
             steps.append(step)
             samples.append(observation)
             reports.append(reported)
-            reason = verdict.reason or kept.reason or reason
+            reason = verdict.why or kept.why or reason
             self._state.dwell, self._state.engaged = step.dwell, step.engaged
             if step.outcome:
                 held = self.sequence.held
@@ -298,7 +297,7 @@ class ControlLoop(Stateful[LoopState]):
                     self._lose(held, step.reference, observation, T_odom_world)
                 elif step.outcome == "placed" and held:
                     self.tracker.move_belief(held, inputs.goal.position, observation, BIN_SD)
-                events += self.sequence.apply(step.outcome, observation.time, step.reason)
+                events += self.sequence.apply(step.outcome, observation.time, step.why)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
             self.self_check.told(verdict.actuation, observation)

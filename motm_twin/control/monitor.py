@@ -18,12 +18,14 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.perception.floor import STALE, UNSEEN, Floor
 
 _MARGIN_OF_REACH = 0.1  # [m] beyond the stopping way and the footprint: nothing further off can be met
 _SAME_BODY = 0.15  # [m] between the points of neighbouring beams that show the same body
 _ROUNDING = 1e-6  # [m] more than sums of lengths are wrong by
+_SENSORS = Reason(kind=Kind.NOT_FINITE, subject="sensors are")
 _NO_SCAN = Scan(
     stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
     pose=np.zeros(3),
@@ -44,7 +46,12 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What may be sent to the plant, and why it differs from what was asked."""
 
     actuation: Actuation
-    reason: str
+    why: Reason | None
+
+    @property
+    def reason(self) -> str:
+        """The same in one sentence; "" for none."""
+        return "" if self.why is None else str(self.why)
 
 
 @dataclass
@@ -95,7 +102,7 @@ class Monitor(Stateful[MonitorState]):
             self._rectangle, self._corner, p.stop_margin, p.minimum_points, twist, rates,
         )  # fmt: skip
         if not healthy:
-            return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, "stopped: sensors are not finite")
+            return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, _stopped(_SENSORS))
         if trust.joints is not None:
             rates *= trust.joints
         if min(turning, holding) >= p.minimum_points:
@@ -106,47 +113,44 @@ class Monitor(Stateful[MonitorState]):
             reason = reason or slower  # a sensor that fails is the cause of floor that it does not see
         return self._let_through(twist, rates, actuation.gripper, reason)
 
-    def _let_through(self, twist: Array, rates: Array, gripper: str, reason: str) -> Verdict:
+    def _let_through(self, twist: Array, rates: Array, gripper: str, reason: Reason | None) -> Verdict:
         self._state.twist = twist
-        return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), reason=reason)
+        return Verdict(actuation=Actuation(twist=twist, joint_velocity=rates, gripper=gripper), why=reason)
 
-    def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, str]:
+    def _on_seen_floor(self, twist: Array, floor: Floor, pose: Array, dt: float) -> tuple[Array, Reason | None]:
         """The twist, slowed so that the base stops within the floor that it has seen, lately unless it creeps."""
         base, enough = self.profile.base, self.parameters.minimum_points
         frame = np.array([*floor.corner, floor.resolution])
         stop = np.array([twist[0], twist[1], base.linear_acceleration, base.yaw_acceleration, base.velocity_lag])
         unseen, stale = unseen_in_stop(pose, stop, self._rectangle, floor.seen, frame)
         if unseen >= enough:
-            return self._within_limits(
-                np.zeros(2), dt
-            ), "braking: the lidar has never seen the floor ahead of this motion"
+            return self._within_limits(np.zeros(2), dt), Reason(kind=Kind.FLOOR_UNSEEN, subject="lidar")
         creep = self.parameters.creep_speed
         fastest = max(abs(twist[0]), abs(twist[1]) * self._corner)
         if stale < enough or fastest <= creep:
-            return twist, ""
-        why = f"slowed to {creep:.1f} m/s: the lidar has not seen the floor ahead of this motion lately"
+            return twist, None
+        why = Reason(kind=Kind.FLOOR_STALE, subject="lidar", value=fastest, limit=creep, unit="m/s")
         return self._within_limits(twist * (creep / fastest), dt), why
 
-    def _age(self, observation: Observation, stamp: float | None, refused: str) -> tuple[float, str]:
+    def _age(
+        self, observation: Observation, stamp: float | None, refused: Reason | None
+    ) -> tuple[float, Reason | None]:
         """Share of its speed that the base keeps: less when the scan or what the robot reports about itself is old.
 
         ``refused``: why the newest scan was not used, which is the reason then.
         """
         if stamp is None:
-            return 0.0, f"stopped: {refused or 'no usable lidar scan has come yet'}"
+            return 0.0, _stopped(refused or Reason(kind=Kind.NO_SCAN, subject="lidar"))
         scan_age = observation.time - observation.ahead - stamp
-        what, age = "lidar scan", scan_age
+        p, age = self.parameters, max(scan_age, observation.age)
+        if age <= p.slow_age:
+            return 1.0, None
+        limit = p.stop_age if age > p.stop_age else p.slow_age
         if observation.age > scan_age:
-            what, age = "state of the robot", observation.age
-        p = self.parameters
-        if refused and what == "lidar scan" and age > p.slow_age:
-            return (0.0, f"stopped: {refused}") if age > p.stop_age else (0.5, f"slowed to half speed: {refused}")
-        if age > p.stop_age:
-            return 0.0, f"stopped: the newest {what} is {age:.2f} s old, more than {p.stop_age:.2f} s"
-        if age > p.slow_age:
-            why = f"slowed to half speed: the newest {what} is {age:.2f} s old, more than {p.slow_age:.2f} s"
-            return 0.5, why
-        return 1.0, ""
+            why = Reason(kind=Kind.STATE_OLD, subject="robot", value=age, limit=limit, unit="s")
+        else:
+            why = refused or Reason(kind=Kind.SCAN_OLD, subject="lidar", value=age, limit=limit, unit="s")
+        return (0.0, _stopped(why)) if age > p.stop_age else (0.5, _slowed(why, 0.5))
 
     def _arm_share(self, age: float) -> float:
         """Share of its speed that the arm keeps: it needs no scan, but must know where it is.
@@ -156,7 +160,7 @@ class Monitor(Stateful[MonitorState]):
         p = self.parameters
         return min(max((p.stop_age - age) / (p.stop_age - p.slow_age), 0.0), 1.0)
 
-    def _braking(self, twist: Array, observation: Observation) -> str:
+    def _braking(self, twist: Array, observation: Observation) -> Reason:
         scan = observation.scan
         assert scan is not None
         ranges, v, base = scan.ranges, abs(float(twist[0])), self.profile.base
@@ -165,13 +169,10 @@ class Monitor(Stateful[MonitorState]):
             _depths(points, _bodies(points, self._rectangle), 0.0, 0.0, 0.0, self._rectangle).max(initial=0.0)
         )
         if overlap > 0.0:
-            return f"stopped: something that the lidar sees is {overlap:.2f} m inside the base, which may only leave it"
+            return Reason(kind=Kind.INSIDE_BASE, subject="lidar", value=overlap, unit="m")
         way = v * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
         nearest = float(ranges[ranges > scan.range_min].min(initial=math.inf))
-        return (
-            f"braking from {v:.2f} m/s and {abs(float(twist[1])):.1f} rad/s: something that the lidar sees, "
-            f"the nearest {nearest:.2f} m from it, is in the stopping way of {way:.2f} m"
-        )
+        return Reason(kind=Kind.IN_STOPPING_WAY, subject="lidar", value=nearest, limit=way, unit="m")
 
     def _within_limits(self, twist: Array, dt: float) -> Array:
         limited = np.empty(2)
@@ -180,6 +181,14 @@ class Monitor(Stateful[MonitorState]):
 
     def _brake(self, dt: float) -> Array:
         return self._within_limits(np.zeros(2), dt)
+
+
+def _stopped(why: Reason) -> Reason:
+    return Reason(kind=Kind.STOPPED, subject=why.subject, cause=why)
+
+
+def _slowed(why: Reason, share: float) -> Reason:
+    return Reason(kind=Kind.SLOWED, subject=why.subject, value=share, cause=why)
 
 
 @njit(cache=True)

@@ -10,6 +10,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import BaseLimits, RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.finding import Finding
 
 JOINTS = 7
@@ -199,25 +200,17 @@ def findings(state: MotionState, now: Observation, base: BaseLimits, settings: M
         found.append(_of_base(state, float(now.twist[axis]), axis, base, settings))
     if state.joint >= 0:
         rate = float(state.rates[state.joint])
-        found.append(
-            Finding(
-                kind="joint_stuck", subject=f"joint {state.joint + 1}", value=float(now.dq[state.joint]), limit=rate,
-                unit="rad/s", base=0.0,
-                text=f"stopped: joint {state.joint + 1} of the arm does not follow its commands",
-            )
-        )  # fmt: skip
+        name, does = f"joint {state.joint + 1}", float(now.dq[state.joint])
+        why = Reason(kind=Kind.JOINT_STUCK, subject=name, value=does, limit=rate, unit="rad/s")
+        found.append(Finding(reason=why, base=0.0))
     if state.fingers == "stuck":
-        found.append(
-            Finding(
-                kind="fingers_stuck", subject="fingers", value=now.gripper_width, limit=state.width, unit="m",
-                base=0.0, arm=0.0,
-                text=f"stopped: the fingers should {state.gripper} and stand at {1e3 * state.width:.0f} mm",
-            )
-        )  # fmt: skip
+        stand = 1e3 * now.gripper_width
+        why = Reason(kind=Kind.FINGERS_STUCK, subject="fingers", other=state.gripper, value=stand, unit="mm")
+        found.append(Finding(reason=why, base=0.0, arm=0.0))
     return found
 
 
-def joint_shares(state: MotionState, settings: MotionSettings, *, stands: bool) -> Array | None:
+def joint_shares(state: MotionState, *, stands: bool) -> Array | None:
     """Shares of their rates that the joints keep, shape (7,), while one of them is stuck; None: all of it.
 
     The others go on until the base ``stands``; the stuck one is tried, to find out when it is free.
@@ -232,16 +225,12 @@ def joint_shares(state: MotionState, settings: MotionSettings, *, stands: bool) 
 def _of_base(state: MotionState, measured: float, axis: int, base: BaseLimits, settings: MotionSettings) -> Finding:
     expected, unit = float(state.expected[axis]), ("m/s", "rad/s")[axis]
     if state.base == "base_stuck":
-        text = f"the base does not follow: it does {measured:.2f} {unit} where {expected:.2f} {unit} were due"
-        return Finding(
-            kind="base_stuck", subject="wheels", value=measured, limit=expected, unit=unit, base=settings.creep,
-            text=text,
-        )  # fmt: skip
+        why = Reason(kind=Kind.BASE_STUCK, subject="wheels", value=measured, limit=expected, unit=unit)
+        return Finding(reason=why, base=settings.creep)
     largest = base.forward_speed, base.yaw_rate
     overshoot = abs(measured) > abs(expected) + settings.overshoot * largest[axis]
     share = 0.0 if overshoot else settings.creep
-    did = "stopped" if overshoot else "slowed"
+    late = float(state.lag.max())
     return Finding(
-        kind="base_late", subject="wheels", value=float(state.lag.max()), limit=settings.late, unit="s", base=share,
-        text=f"{did}: the base follows {float(state.lag.max()):.1f} s late, {measured:.2f} {unit} for {expected:.2f}",
-    )  # fmt: skip
+        reason=Reason(kind=Kind.BASE_LATE, subject="wheels", value=late, limit=settings.late, unit="s"), base=share
+    )

@@ -1,9 +1,10 @@
-"""Why the robot stands, in one sentence with names and numbers."""
+"""Why the robot stands."""
 
-from motm_twin.control.arm.types import ArmStep
+from motm_twin.control.arm.types import ArmStep, ProgramStatus
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.task_list import name_of
 from motm_twin.model.plant import Observation
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import DriveTo
 from motm_twin.planning.types import BasePlan
 
@@ -20,57 +21,53 @@ _DOING = {
 }
 
 
-def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation: Observation) -> str:
-    """Why the base stands or brakes; "" when it drives or is about to."""
-    if step.qp_status.startswith(("standing", "withdrawing")):
-        return step.reason
+def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
+    """Why the base stands or brakes; None when it drives or is about to."""
+    if step.program in (ProgramStatus.STANDING, ProgramStatus.WITHDRAWING):
+        return step.why
     task = sequence.active
     arm_s_turn = task is not None and not isinstance(task, DriveTo) and (plan.time_to_range == 0.0 or step.engaged)
     limit = WAITING if arm_s_turn and plan.status in ("goal", "aborted") else MOVING
     if abs(observation.twist[0]) > limit[0] or abs(observation.twist[1]) > limit[1]:
-        return plan.reason if plan.status == "braking" else ""
+        return plan.why if plan.status == "braking" else None
     if sequence.done:
         return _ended(sequence)
     if task is None:
         return _homeless(sequence)
-    if plan.reason:
-        return plan.reason
+    if plan.why is not None:
+        return plan.why
     if arm_s_turn:
         return _waiting(sequence, name_of(task), step)
     if abs(plan.acceleration[0]) > STARTING or abs(plan.acceleration[1]) > STARTING:
-        return ""
-    return f"no motion towards {name_of(task)} is better than standing ({plan.expansions} tried)"
+        return None
+    return Reason(kind=Kind.NO_BETTER_MOTION, subject=name_of(task), value=plan.expansions)
 
 
-def _ended(sequence: TaskSequence) -> str:
+def _ended(sequence: TaskSequence) -> Reason:
     count, failures = len(sequence.tasks), sequence.failures
     held = f"; {sequence.held} is still in the gripper" if sequence.held else ""
-    if not failures:
-        return f"all {count} tasks are done{held}" if count else f"there are no tasks{held}"
-    return f"all {count} tasks have ended, {len(failures)} given up: {'; '.join(failures)}{held}"
+    if failures:
+        given_up = f"{'; '.join(failures)}{held}"
+        return Reason(kind=Kind.ALL_ENDED, value=count, limit=len(failures), other=given_up)
+    return Reason(kind=Kind.ALL_DONE if count else Kind.NO_TASKS, value=count, other=held)
 
 
-def _homeless(sequence: TaskSequence) -> str:
-    """What is held has no place task."""
+def _homeless(sequence: TaskSequence) -> Reason:
+    """Held, and without a place task."""
     tried = f"it did not get into {' and '.join(sequence.refused)}; " if sequence.refused else ""
-    return f"{sequence.held} is in the gripper and no task says where it goes: {tried}put a place task first"
+    return Reason(kind=Kind.NO_PLACE_TASK, subject=sequence.held, other=tried)
 
 
-def _waiting(sequence: TaskSequence, name: str, step: ArmStep) -> str:
+def _waiting(sequence: TaskSequence, name: str, step: ArmStep) -> Reason:
     """The target is in reach: what the arm is at."""
-    tries = f" (try {sequence.attempts} of {sequence.most_attempts})" if sequence.attempts > 1 else ""
-    if step.qp_status != "solved":
-        return _about(name, step.reason) + tries
-    if step.limiter and any("lidar" in row for row in step.active):
+    tries = {"value": sequence.attempts, "limit": sequence.most_attempts}
+    cause = step.why
+    if step.program == ProgramStatus.SOLVED and step.limiter and any("lidar" in row for row in step.active):
         what = "gripper" if any(row.startswith("lidar") for row in step.active) else "arm"
-        return f"{name}: the {what} is held {step.obstacle_distance:.2f} m from a seen {step.limiter}{tries}"
-    if step.reason:
-        return _about(name, step.reason) + tries
+        cause = Reason(kind=Kind.HELD_OFF, subject=what, other=step.limiter, value=step.obstacle_distance, unit="m")
+    if cause is not None:
+        return Reason(kind=Kind.AT_TARGET, subject=name, cause=cause, **tries)
     doing = _DOING.get(step.phase, "it leaves its stow pose")
     if step.phase == "release" and step.actuation.gripper == "open":
         doing = "the fingers let go"
-    return f"waiting for the arm at {name}: {doing}{tries}"
-
-
-def _about(name: str, reason: str) -> str:
-    return reason if name in reason else f"{name}: {reason}"
+    return Reason(kind=Kind.PHASE, subject=name, other=doing, **tries)

@@ -17,6 +17,7 @@ from motm_twin.control.tick import Event
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.perception import detection_check, localisation_check
 from motm_twin.perception.association import disproved
@@ -35,8 +36,8 @@ class Trust(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     base: float = 1.0
     joints: Array | None = None  # shares of the joints' rates, shape (7,); None: all of them
-    reason: str = ""  # of what slows or stops the robot, or else of what it does without
-    scan: str = ""  # why the newest sweep was not used
+    reason: Reason | None = None  # of what slows or stops the robot, or else of what it does without
+    scan: Reason | None = None  # why the newest sweep was not used
 
 
 FULL_TRUST = Trust()
@@ -122,14 +123,14 @@ class SelfCheck(Stateful[SelfCheckState]):
             return FULL_TRUST
         motion, worst = state.motion, state.findings[0]
         stands = bool((np.abs(motion.expected) < STANDS).all())
-        joints = motion_check.joint_shares(motion, self._settings.motion, stands=stands)
+        joints = motion_check.joint_shares(motion, stands=stands)
         arm = min(one.arm for one in state.findings)
         if arm < 1.0:
             joints = np.full(7, arm) if joints is None else arm * joints
         bad = state.of_scan
         return Trust(
-            base=worst.base, joints=joints, reason=worst.text,
-            scan="" if bad is None or bad.kind != "scan_bad" else bad.text,
+            base=worst.base, joints=joints, reason=worst.told,
+            scan=None if bad is None or bad.kind != Kind.SCAN_BAD else bad.reason,
         )  # fmt: skip
 
     @property
@@ -151,7 +152,9 @@ class SelfCheck(Stateful[SelfCheckState]):
         """Findings that are new since the last period, and those that are over."""
         state = self._state
         now = {(one.kind, one.subject): one for one in state.findings}
-        events = [Event(time=time, kind="fault", text=one.text) for key, one in now.items() if key not in state.told]
+        events = [
+            Event(time=time, kind="fault", text=str(one.told)) for key, one in now.items() if key not in state.told
+        ]
         over = [(kind.replace("_", " "), subject) for kind, subject in state.told if (kind, subject) not in now]
         texts = [f"{kind} of {subject} is over" for kind, subject in over]
         events += [Event(time=time, kind="fault", text=text) for text in texts]
@@ -170,7 +173,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         if scan is not None and scan.stamp != state.sweep.stamp:
             checked = check_scan(scan, self._known.robot.lidar, now.time)
             if isinstance(checked, RefusedScan):
-                state.of_scan, state.sweep.stamp = _refused(checked.reason), scan.stamp
+                state.of_scan, state.sweep.stamp = Finding(reason=checked.reason), scan.stamp
             else:
                 scan = _without_negative(scan)
                 localisation_check.vote(local, scan, now, self._segments, settings.localisation)
@@ -187,11 +190,10 @@ class SelfCheck(Stateful[SelfCheckState]):
         state, found, limit = self._state, [], self._settings.old
         heard = 0.0 if state.good is None else now.time - now.ahead - state.good.stamp
         bad = state.of_scan is not None or state.localisation.mode == "doubt"
-        for kind, subject, age in (("scan_old", "lidar", 0.0 if bad else heard), ("state_old", "robot", now.age)):
+        ages = ((Kind.SCAN_OLD, "lidar", 0.0 if bad else heard), (Kind.STATE_OLD, "robot", now.age))
+        for kind, subject, age in ages:
             if age > limit:
-                what = "lidar scan" if kind == "scan_old" else "state of the robot"
-                text = f"the newest {what} is {age:.2f} s old, more than {limit:.2f} s"
-                found.append(Finding(kind=kind, subject=subject, value=age, limit=limit, unit="s", text=text))
+                found.append(Finding(reason=Reason(kind=kind, subject=subject, value=age, limit=limit, unit="s")))
         return found
 
     def _gather(
@@ -215,10 +217,6 @@ def _shifted(now: Observation, believed: Observation) -> Observation:
     shift = compose(believed.odometry, inverse(now.odometry))
     moved = tuple(msgspec.structs.replace(one, odometry=compose(shift, one.odometry)) for one in now.detections)
     return msgspec.structs.replace(believed, detections=moved)
-
-
-def _refused(reason: str) -> Finding:
-    return Finding(kind="scan_bad", subject="lidar", value=1.0, limit=0.0, unit="sweeps", text=reason)
 
 
 def _without_negative(scan: Scan) -> Scan:

@@ -6,7 +6,6 @@ refused, or a person has taken the place task off the list, the robot keeps what
 """
 
 import math
-import re
 from dataclasses import dataclass, field
 
 from motm_twin.control.task_list import TaskList, edited, kind_of, name_of
@@ -14,6 +13,7 @@ from motm_twin.control.tick import Event, TaskState
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.reason import Reason
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 from motm_twin.model.state import Stateful
 
@@ -26,7 +26,6 @@ DRIVE_LIMIT = 10.0  # [s] at the closest free place before a drive to a point th
 OTHER_ORDER = 25.0  # [s] without progress of the base after which another task comes first
 NO_PROGRESS = 45.0  # [s] after which the task is given up
 HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose
-_NUMBER = re.compile(r"-?\d+(\.\d+)?")  # a wait that says how far or how long is the same wait with another number
 
 
 @dataclass
@@ -39,7 +38,7 @@ class SequenceState:
     attempts: list[int] = field(default_factory=list)
     held: str = ""  # object that the gripper believes it holds
     in_reach_since: float | None = None
-    waits: dict[str, tuple[int, str]] = field(default_factory=dict)  # since then: how often for what, said last how
+    waits: dict[tuple[str, ...], tuple[int, Reason]] = field(default_factory=dict)  # since then: how often for what
     out_of_reach_since: float | None = None
     outside_since: float | None = None
     failures: list[str] = field(default_factory=list)
@@ -131,7 +130,7 @@ class TaskSequence(Stateful[SequenceState]):
         self._activate()
         return True
 
-    def apply(self, outcome: str, time: float, why: str = "") -> tuple[Event, ...]:
+    def apply(self, outcome: str, time: float, why: Reason | None = None) -> tuple[Event, ...]:
         """Take the outcome of an arm step into account ('' | picked | placed | missed | lost | stuck | no room)."""
         if outcome == "lost":
             return self._lost(time)
@@ -158,7 +157,7 @@ class TaskSequence(Stateful[SequenceState]):
 
     def watch(
         self, time: float, in_reach: bool, pose: Array, *,
-        blocked: str = "", outside: bool = False, busy: bool = False, why: str = "",
+        blocked: str = "", outside: bool = False, busy: bool = False, why: Reason | None = None,
     ) -> tuple[Event, ...]:  # fmt: skip
         """Once per period: end drive_to tasks on arrival; give up what cannot be done or makes no progress in reach.
 
@@ -194,7 +193,9 @@ class TaskSequence(Stateful[SequenceState]):
             return self._give_up(time, f"drive to {name_of(task)}: {blocked} for {DRIVE_LIMIT:.0f} s")
         return ()
 
-    def _watch_reach(self, task: Task, time: float, pose: Array, in_reach: bool, why: str) -> tuple[Event, ...]:
+    def _watch_reach(
+        self, task: Task, time: float, pose: Array, in_reach: bool, why: Reason | None
+    ) -> tuple[Event, ...]:
         state = self._state
         if not in_reach:
             if state.out_of_reach_since is None:
@@ -205,12 +206,11 @@ class TaskSequence(Stateful[SequenceState]):
         state.out_of_reach_since = None
         if state.in_reach_since is None:
             state.in_reach_since, state.waits = time, {}
-        if why:
-            kind = _NUMBER.sub("", why)
-            state.waits[kind] = state.waits.get(kind, (0, ""))[0] + 1, why
+        if why is not None:
+            state.waits[why.key] = state.waits.get(why.key, (0, why))[0] + 1, why
         if time - state.in_reach_since > STALL_LIMIT:
             text = f"{kind_of(task)} {name_of(task)}: in reach for {STALL_LIMIT:.0f} s, not done"
-            text = f"{text}: {max(state.waits.values())[1]}" if state.waits else text
+            text = f"{text}: {max(state.waits.values(), key=_count)[1]}" if state.waits else text
             if isinstance(task, Place) and state.attempts[state.index] < PLACE_ATTEMPTS:
                 state.attempts[state.index] += 1
                 state.in_reach_since, state.waits = time, {}
@@ -218,13 +218,13 @@ class TaskSequence(Stateful[SequenceState]):
             return self._give_up(time, text + self._elsewhere(pose))
         return ()
 
-    def hold_up(self, time: float, stalled: float, why: str, pose: Array) -> tuple[Event, ...]:
+    def hold_up(self, time: float, stalled: float, why: Reason | None, pose: Array) -> tuple[Event, ...]:
         """The base has made no progress for ``stalled`` [s]: do something else first, or give the task up."""
         state, task = self._state, self.active
         if task is None or stalled < OTHER_ORDER:
             return ()
         name = f"{kind_of(task)} {name_of(task)}"
-        reason = f": {why}" if why else ""
+        reason = "" if why is None else f": {why}"
         if name not in state.postponed and not state.held and self._put_off():
             state.postponed += (name,)
             text = f"{name}: no progress for {stalled:.0f} s, put off{reason}"
@@ -343,6 +343,10 @@ class TaskSequence(Stateful[SequenceState]):
     def _next_job(self, start: int) -> Task | None:
         """The first task from an index on that is not a drive."""
         return next((task for task in self._state.tasks[start:] if not isinstance(task, DriveTo)), None)
+
+
+def _count(wait: tuple[int, Reason]) -> int:
+    return wait[0]
 
 
 def arrived(task: DriveTo, pose: Array) -> bool:

@@ -6,6 +6,7 @@ from motm_twin.control.arm.types import ArmStep
 from motm_twin.model.edits import Edit
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Observation, Truth
+from motm_twin.model.reason import Reason
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
 
@@ -51,7 +52,7 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     placement: Placement
     plan: BasePlan
     arm: tuple[ArmStep, ...]  # the arm steps of this period, oldest first
-    stop_reason: str  # one sentence whenever the robot stands, is slowed, or does without something; else ""
+    why: Reason | None  # whenever the robot stands, is slowed, or does without something
     events: tuple[Event, ...]
     edits: tuple[Edit, ...]  # applied at the start of this period
     stage_ms: dict[str, float]  # wall time of each stage [ms]; not part of any hash
@@ -61,3 +62,8 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     samples: tuple[Observation, ...] = ()  # what each arm step of this period saw, oldest first
     reported: tuple[Observation, ...] = ()  # the same as the robot reported it, before anything was made of it
     restarted: bool = False  # control had been away: the base moves as it is seen to, whatever it was told before
+
+    @property
+    def stop_reason(self) -> str:
+        """Why the robot stands, is slowed, or does without something, in one sentence; "" for none of it."""
+        return "" if self.why is None else str(self.why)

@@ -10,7 +10,7 @@ from motm_twin.control.arm.controller import Decision, Manipulator
 from motm_twin.control.arm.parameters import ArmParameters, numbers
 from motm_twin.control.arm.phases import enter
 from motm_twin.control.arm.program import anchor, base_bounds, joint_bounds
-from motm_twin.control.arm.types import ArmInputs, ArmStep
+from motm_twin.control.arm.types import ArmInputs, ArmStep, ProgramStatus
 from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.control.by_hand import ByHand
 from motm_twin.control.method import ArmParts, Method, PlannerParts
@@ -21,13 +21,13 @@ from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, empty_path
 
 STATUS = "agent"  # of the plan in the Tick
-ARM_STATUS = "commanded from outside"
 AT_OBJECT = 0.03  # [m] of the tool centre point from where the object is believed, for a grasp of it
 MODES = ("base", "whole_body")
 
@@ -62,12 +62,12 @@ class BaseAction(Stateful[BaseActionState]):
         """The acceleration towards the twist that is asked for; what the arm reads of a plan is forecast from it."""
         del placement, budget  # there is nothing to search
         wanted = self._state.twist
-        acceleration, reason = self._acceleration(problem)
+        acceleration, why = self._acceleration(problem)
         times, poses = self.forecast.motion(problem.pose, problem.twist, wanted)
         return BasePlan(
             acceleration=frozen(acceleration),
             status=STATUS,
-            reason=reason,
+            why=why,
             global_path=empty_path(),
             next_path=empty_path(),
             intermediate_goal=frozen(np.full(3, math.nan)),
@@ -81,18 +81,18 @@ class BaseAction(Stateful[BaseActionState]):
             time_to_range=self.forecast.time_to_range(times, poses, problem.target, engaged=problem.engaged),
         )
 
-    def _acceleration(self, problem: BaseProblem) -> tuple[Array, str]:
+    def _acceleration(self, problem: BaseProblem) -> tuple[Array, Reason | None]:
         """Towards the twist that is asked for, and why not all the way; shape (2,) [m/s^2, rad/s^2]."""
         v, w = (float(value) for value in self._state.twist)
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
         asked = np.clip(((v, w) - problem.twist) / problem.period, -most, most)
         if self._guard is None:
-            return asked, ""
+            return asked, None
         self._guard.take(Drive(v=v, w=w))
         guarded = self._guard.plan(problem)
         assert guarded is not None  # it was told right now
         slowed = not np.allclose(guarded.acceleration, asked)
-        return guarded.acceleration, "slowed: it could not stop clear of what the map shows" if slowed else ""
+        return guarded.acceleration, Reason(kind=Kind.GUARDED, subject="base") if slowed else None
 
 
 class NoPlacement:
@@ -112,7 +112,7 @@ class NoPlacement:
             chosen=-1,
             goal=frozen(problem.pose),
             goal_has_heading=False,
-            reason="an agent drives the base",
+            why=Reason(kind=Kind.BY_AGENT),
             next_goal=None,
         )
 
@@ -153,9 +153,9 @@ class ArmAction(Manipulator):
             twist=frozen(state.twist),
             rates=frozen(state.rates),
             active=tuple(f"joint {k + 1}" for k in at_limit),
-            status=ARM_STATUS,
+            program=ProgramStatus.COMMANDED,
             outcome=outcome,
-            reason=f"the arm is {ARM_STATUS}",
+            why=Reason(kind=Kind.ARM_COMMANDED, subject="arm", other=ProgramStatus.COMMANDED),
         )
         return self.report(view, inputs, decided)
 

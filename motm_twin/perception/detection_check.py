@@ -11,6 +11,7 @@ from motm_twin.model.arm_kernels import HAND, fk_arm
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Bin
 from motm_twin.perception import association
 from motm_twin.perception.association import AssociationSettings, AssociationState, Places
@@ -140,10 +141,7 @@ def _named(
     return names
 
 
-_STRANGE = Finding(
-    kind="camera_ghost", subject="camera", value=1.0, limit=0.0, unit="objects",
-    text="the camera reports something where no object is known: left out",
-)  # fmt: skip
+_STRANGE = Finding(reason=Reason(kind=Kind.CAMERA_UNKNOWN, subject="camera", value=1.0, unit="objects"))
 
 
 def findings(
@@ -157,24 +155,14 @@ def findings(
     newest = max((one.stamp for one in now.detections), default=None)
     age = 0.0 if newest is None else now.time - now.ahead - newest
     if age > settings.late:
-        found.append(
-            Finding(
-                kind="camera_late", subject="camera", value=age, limit=settings.late, unit="s",
-                text=f"the camera's detections are {age:.1f} s old",
-            )
-        )  # fmt: skip
+        late = Reason(kind=Kind.CAMERA_LATE, subject="camera", value=age, limit=settings.late, unit="s")
+        found.append(Finding(reason=late))
     reported = {one.name for one in (*now.detections, *kept)}
     missing = _missing(state, now, beliefs, held, profile, settings, reported)
     if missing and age <= settings.late:
-        blind = not now.detections and len(missing) > 0
-        what = "the camera reports nothing" if blind else f"the camera does not report {missing[0]}"
         long = now.time - state.missing[missing[0]]
-        found.append(
-            Finding(
-                kind="camera_lost", subject="camera", value=long, limit=settings.missed, unit="s",
-                text=f"{what}, although {missing[0]} stands in its view",
-            )
-        )  # fmt: skip
+        lost = Reason(kind=Kind.CAMERA_LOST, subject=missing[0], value=long, limit=settings.missed, unit="s")
+        found.append(Finding(reason=lost))
     return found
 
 
@@ -205,10 +193,9 @@ def _ghost(
     )
     if angle <= widest and distance <= farthest:
         return None
-    return Finding(
-        kind="camera_ghost", subject=one.name, value=math.degrees(angle), limit=math.degrees(profile.camera.half_cone),
-        unit="deg", text=f"the camera reports {one.name} where it cannot look: left out",
-    )  # fmt: skip
+    cone = math.degrees(profile.camera.half_cone)
+    why = Reason(kind=Kind.CAMERA_GHOST, subject=one.name, value=math.degrees(angle), limit=cone, unit="deg")
+    return Finding(reason=why)
 
 
 def _twice(one: Detection, now: Observation, beliefs: Beliefs, settings: DetectionSettings) -> Finding | None:
@@ -223,10 +210,8 @@ def _twice(one: Detection, now: Observation, beliefs: Beliefs, settings: Detecti
         if apart > settings.twice and belief is not None:
             place = belief[0].tolist()
             if math.dist(here.tolist(), place) > math.dist(there.tolist(), place):
-                return Finding(
-                    kind="camera_ghost", subject=one.name, value=apart, limit=settings.twice, unit="m",
-                    text=f"the camera reports {one.name} twice, {apart:.2f} m apart: the new one is left out",
-                )  # fmt: skip
+                why = Reason(kind=Kind.CAMERA_TWICE, subject=one.name, value=apart, limit=settings.twice, unit="m")
+                return Finding(reason=why)
     return None
 
 
@@ -243,7 +228,7 @@ def _swapped(
         state.swapped.pop(one.name, None)
         return None
     if beliefs.in_bin(here):
-        other = "" if beliefs.in_bin(own[0]) else "what was dropped into a bin is"
+        other = "" if beliefs.in_bin(own[0]) else "what was dropped into a bin"
     else:
         other = beliefs.other_at(one.name, here, settings.at_other)
         its = next((each for each in now.detections if each.name == other), None)
@@ -252,15 +237,12 @@ def _swapped(
     if other:
         state.taken[other] = one.stamp
     elif one.stamp - state.taken.get(one.name, -math.inf) < settings.contested:
-        other = "none can be, as another one was seen at its place"
+        other = "another object"
     since = state.swapped.setdefault(one.name, one.stamp)
     if not other or one.stamp - since > settings.believed:
         return None
-    where = other if " " in other else f"{other} is"
-    return Finding(
-        kind="camera_swap", subject=one.name, value=away, limit=settings.own, unit="m",
-        text=f"the camera reports {one.name} where {where}: left out",
-    )  # fmt: skip
+    why = Reason(kind=Kind.CAMERA_SWAP, subject=one.name, other=other, value=away, limit=settings.own, unit="m")
+    return Finding(reason=why)
 
 
 def _apart(a: Array, b: Array) -> float:

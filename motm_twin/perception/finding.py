@@ -2,18 +2,35 @@
 
 import msgspec
 
+from motm_twin.model.reason import Kind, Reason
+
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that is not as it should be now, and how much of its speed the robot keeps for it."""
 
-    kind: str  # one of `KINDS`
-    subject: str  # sensor or part that it is about: lidar, camera, localisation, odometry, wheels, joint 4, fingers
-    value: float  # measured ...
-    limit: float  # ... and what is expected at most, or at least
-    unit: str
-    text: str  # one sentence
+    reason: Reason  # its kind is one of `KINDS`, its subject a sensor or part: lidar, camera, wheels, joint 4, fingers
     base: float = 1.0  # share of its speed that the base keeps: 0 stands
     arm: float = 1.0  # share of its rates that the arm keeps
+
+    @property
+    def kind(self) -> Kind:
+        """One of `KINDS`."""
+        return self.reason.kind
+
+    @property
+    def subject(self) -> str:
+        """Sensor or part that it is about."""
+        return self.reason.subject
+
+    @property
+    def told(self) -> Reason:
+        """The reason, with what comes of it: stopped, slowed, or neither."""
+        if self.base == 1.0:
+            return self.reason
+        return Reason(
+            kind=Kind.STOPPED if self.base == 0.0 else Kind.SLOWED, subject=self.subject, value=self.base,
+            cause=self.reason,
+        )  # fmt: skip
 
 
 KINDS = {
@@ -24,6 +41,7 @@ KINDS = {
     "scan_blind": "nothing returns where the map says that something must, or all returns went at once",
     "scan_noisy": "ranges that scatter more than a map of them can bear",
     "pose_off": "a localised pose that neither odometry nor scan agrees with",
+    "pose_lost": "the same, after so long a way by odometry alone that the robot may be anywhere",
     "pushed": "a jump of the localised pose that the scan agrees with: the robot was pushed",
     "slip": "wheels that turn more than the robot moves",
     "odometry_off": "odometry that moved as no wheel can",
@@ -31,7 +49,9 @@ KINDS = {
     "base_stuck": "a base that does not follow its commands",
     "joint_stuck": "a joint that does not follow its commands",
     "fingers_stuck": "fingers that do not follow their command",
-    "camera_ghost": "an object reported where the camera cannot see it, or twice",
+    "camera_ghost": "an object reported where the camera cannot see it",
+    "camera_twice": "an object reported at two places",
+    "camera_unknown": "something reported where no object is known",
     "camera_swap": "an object reported where another one stands",
     "camera_lost": "an object that is in view, and no longer reported",
     "camera_late": "detections that are old",

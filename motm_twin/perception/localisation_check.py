@@ -15,6 +15,7 @@ from motm_twin.model.geometry import Array, compose, inverse, wrap_angle
 from motm_twin.model.motion import drive
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import BaseLimits
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.finding import Finding
 from motm_twin.perception.sweeps import map_fit
 
@@ -119,17 +120,12 @@ def finding(state: LocalisationState, settings: LocalisationSettings, limit: flo
     if state.mode == "off":
         away = _apart(state.localised, state.pose)[0]
         lost = state.way > settings.blind_way
-        did = f"stopped: after {state.way:.0f} m by odometry alone it may be anywhere, and" if lost else "by odometry:"
-        return Finding(
-            kind="pose_off", subject="localisation", value=away, limit=limit, unit="m", base=0.0 if lost else 1.0,
-            text=f"{did} localisation is {away:.2f} m off, neither the wheels nor the scan agree with it",
-        )  # fmt: skip
+        kind, limit = (Kind.POSE_LOST, state.way) if lost else (Kind.POSE_OFF, limit)
+        why = Reason(kind=kind, subject="localisation", value=away, limit=limit, unit="m")
+        return Finding(reason=why, base=0.0 if lost else 1.0)
     if state.mode == "slip":
         away = max(state.slipped, _apart(state.localised, state.pose)[0])
-        return Finding(
-            kind="slip", subject="wheels", value=away, limit=limit, unit="m", base=0.5,
-            text=f"slowed to half speed: the wheels slip, the robot is {away:.2f} m from where they say",
-        )  # fmt: skip
+        return Finding(reason=Reason(kind=Kind.SLIP, subject="wheels", value=away, limit=limit, unit="m"), base=0.5)
     return state.notice
 
 
@@ -155,9 +151,8 @@ def _odometry(
         way = drive(np.zeros(3), v, w, max(dt, 0.0))
         same = False
         state.notice = Finding(
-            kind="odometry_off", subject="odometry", value=leap, limit=most, unit="m",
-            text=f"odometry leapt by {leap:.2f} m in {dt:.2f} s, as no wheel can: left out",
-        )  # fmt: skip
+            reason=Reason(kind=Kind.ODOMETRY_OFF, subject="odometry", value=leap, limit=most, unit="m")
+        )
         state.until = now.time + settings.told
     state.odometry = now.odometry.copy() if same else compose(state.odometry, way)
     return way
@@ -202,7 +197,7 @@ def _reckon(
 
 def _decide(state: LocalisationState, now: Observation, settings: LocalisationSettings, *, away: bool) -> None:
     """Localisation has left: is it wrong, was the robot pushed, or do its wheels slip?"""
-    left, turned = _apart(now.pose, state.pose)
+    left, _ = _apart(now.pose, state.pose)
     votes, waited = state.votes, now.time - state.since
     verdict = _verdict(state, settings)
     over = waited > (settings.undecided if votes else settings.patience)
@@ -215,10 +210,8 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
         state.before = compose(state.odometry, inverse(state.pose))
         state.pose, state.slipped = now.pose.copy(), left
         if state.leapt:
-            state.notice = Finding(
-                kind="pushed", subject="localisation", value=left, limit=settings.floor, unit="m",
-                text=f"pushed by {left:.2f} m and {math.degrees(turned):.0f} deg: the wheels have noticed nothing",
-            )  # fmt: skip
+            why = Reason(kind=Kind.PUSHED, subject="localisation", value=left, limit=settings.floor, unit="m")
+            state.notice = Finding(reason=why)
             state.until = now.time + settings.told
         _change(state, "" if state.leapt else "slip", now.time)
 

@@ -10,6 +10,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Reason
 from motm_twin.model.state import Stateful
 from motm_twin.perception.base_map import BaseMap, base_map, read_only
 from motm_twin.perception.clusters import calm, growth_of, seen_outlines
@@ -57,7 +58,7 @@ class MapperState:
     static: np.ndarray  # shape (m,)
     outlines: tuple[Array, ...]  # of the seen cells
     scan_stamp: float | None
-    refusal: str  # why the newest scan was refused; "" when it was not
+    refusal: Reason | None  # why the newest scan was refused; None when it was not
 
 
 class Mapper(Stateful[MapperState]):
@@ -79,11 +80,11 @@ class Mapper(Stateful[MapperState]):
         self._marks: np.ndarray | None = None  # room for `_blank`
         self._fields_of: np.ndarray | None = None  # the seen cells that the fields below belong to
         self._fields: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self._state = MapperState(no_evidence(grid.shape), NO_CELLS, np.zeros(0, bool), (), None, "")
+        self._state = MapperState(no_evidence(grid.shape), NO_CELLS, np.zeros(0, bool), (), None, None)
 
     @property
-    def refusal(self) -> str:
-        """Why the newest scan was refused, in one sentence; "" when it was used."""
+    def refusal(self) -> Reason | None:
+        """Why the newest scan was refused; None when it was used."""
         return self._state.refusal
 
     @property
@@ -158,7 +159,7 @@ class Mapper(Stateful[MapperState]):
         if isinstance(checked, RefusedScan):
             state.refusal = checked.reason
             return
-        state.refusal, state.scan_stamp = "", checked.stamp
+        state.refusal, state.scan_stamp = None, checked.stamp
         cells, static = self._integrate(checked)
         if not np.array_equal(cells, state.cells):
             outlines = seen_outlines(cells, self.base.grid.resolution, self._origin, self._g)

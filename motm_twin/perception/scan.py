@@ -8,6 +8,7 @@ import numpy as np
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import Scan
 from motm_twin.model.profile import Lidar
+from motm_twin.model.reason import Kind, Reason
 
 BAD_SHARE = 0.05  # of the beams may be nan or negative, and one of any number: more is a lidar that fails
 BLIND_ANGLE = math.radians(5.0)  # [rad] of neighbouring ones, in which somebody's leg 1 m away would be missed
@@ -20,7 +21,7 @@ _CHECKED = object()
 class RefusedScan:
     """A scan that must not be used, and why."""
 
-    reason: str
+    reason: Reason
 
 
 class CheckedScan:
@@ -50,17 +51,19 @@ def check_scan(scan: Scan, lidar: Lidar, now: float) -> CheckedScan | RefusedSca
     there". A few beams that are nan or negative are left out, too; of many the scan is refused as a whole.
     """
     reason = _numbers_wrong(scan) or _shape_wrong(scan, lidar) or _time_wrong(scan, now)
-    return RefusedScan(reason) if reason else CheckedScan(_CHECKED, scan)
+    if reason:
+        return RefusedScan(Reason(kind=Kind.SCAN_BAD, subject=reason))
+    return CheckedScan(_CHECKED, scan)
 
 
 def _numbers_wrong(scan: Scan) -> str:
     header = (scan.stamp, scan.angle_min, scan.angle_step, scan.range_min, scan.range_max)
     if not all(math.isfinite(value) for value in header):
-        return "scan refused: its stamp, angles or range limits are not finite"
+        return "its stamp, angles or range limits are not finite"
     if scan.pose.shape != (POSE_SIZE,) or not _finite(scan.pose):
-        return f"scan refused: its pose {scan.pose} is not three finite numbers"
+        return f"its pose {scan.pose} is not three finite numbers"
     if scan.origin.shape != (2,) or not _finite(scan.origin):
-        return f"scan refused: its sensor position {scan.origin} is not two finite numbers"
+        return f"its sensor position {scan.origin} is not two finite numbers"
     return _beams_wrong(scan.ranges, scan.angle_step)
 
 
@@ -72,12 +75,12 @@ def _beams_wrong(ranges: Array, step: float) -> str:
         return ""
     most = max(1, int(BAD_SHARE * bad.size))
     if count > most:
-        return f"scan refused: {count} of {bad.size} ranges are nan or negative, at most {most} may be"
+        return f"{count} of {bad.size} ranges are nan or negative, at most {most} may be"
     edges = np.flatnonzero(np.diff(np.concatenate(([False], bad, [False])).astype(np.int8)))
     longest = int((edges[1::2] - edges[::2]).max())
     if longest > 1 and longest * abs(step) > BLIND_ANGLE:
         wide = math.degrees(longest * step)
-        return f"scan refused: {longest} neighbouring ranges are nan or negative, over {wide:.0f} deg"
+        return f"{longest} neighbouring ranges are nan or negative, over {wide:.0f} deg"
     return ""
 
 
@@ -88,17 +91,17 @@ def _finite(numbers: Array) -> bool:
 
 def _shape_wrong(scan: Scan, lidar: Lidar) -> str:
     if scan.ranges.shape != (lidar.beams,):
-        return f"scan refused: {scan.ranges.shape} ranges, the profile's lidar has {lidar.beams} beams"
+        return f"{scan.ranges.shape} ranges, the profile's lidar has {lidar.beams} beams"
     if not 0.0 <= scan.range_min < scan.range_max:
-        return f"scan refused: range limits {scan.range_min} to {scan.range_max} m"
+        return f"range limits {scan.range_min} to {scan.range_max} m"
     if not 0.0 < scan.angle_step * (lidar.beams - 1) <= 2.0 * math.pi + 1e-6:
-        return f"scan refused: an angle step of {scan.angle_step} rad does not fit {lidar.beams} beams"
+        return f"an angle step of {scan.angle_step} rad does not fit {lidar.beams} beams"
     return ""
 
 
 def _time_wrong(scan: Scan, now: float) -> str:
     if scan.stamp > now + 1e-6:
-        return f"scan refused: its stamp {scan.stamp:.3f} s is later than now, {now:.3f} s"
+        return f"its stamp {scan.stamp:.3f} s is later than now, {now:.3f} s"
     if now - scan.stamp > MAX_AGE:
-        return f"scan refused: it is {now - scan.stamp:.2f} s old, more than {MAX_AGE} s"
+        return f"it is {now - scan.stamp:.2f} s old, more than {MAX_AGE} s"
     return ""

@@ -11,6 +11,7 @@ from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Scan
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.base_map import OVERHEAD
 from motm_twin.perception.finding import Finding
 from motm_twin.perception.footprints import outline
@@ -91,11 +92,8 @@ def _frozen(state: SweepState, scan: Scan, odometry: Array, settings: SweepSetti
         moved and unmoved(scan, state.odometry, odometry) > settings.told_apart
     ):
         return None
-    since = "its noise stands still, too" if state.noisy else f"while the robot moved {way:.2f} m"
-    return Finding(
-        kind="scan_frozen", subject="lidar", value=state.same + 1, limit=1, unit="identical sweeps", base=0.0,
-        text=f"stopped: the lidar says the same again and again, {since}",
-    )  # fmt: skip
+    why = Reason(kind=Kind.SCAN_FROZEN, subject="lidar", value=state.same + 1, limit=1, unit="identical sweeps")
+    return Finding(reason=why, base=0.0)
 
 
 def unmoved(scan: Scan, before: Array, now: Array) -> float:
@@ -113,10 +111,8 @@ def _blind(state: SweepState, scan: Scan, pose: Array, segments: Array, settings
         sensed = expected_ranges(pose, scan.origin, scan.angle_min, scan.angle_step, len(ranges), segments, reach)
         expected = int(np.isfinite(sensed).sum())
     if expected >= settings.expected and returning <= settings.returned * expected:
-        return Finding(
-            kind="scan_blind", subject="lidar", value=returning, limit=expected, unit="beams", base=0.0,
-            text=f"stopped: {returning} beams of the lidar return, where the map has furniture for {expected}",
-        )  # fmt: skip
+        why = Reason(kind=Kind.SCAN_BLIND, subject="lidar", value=returning, limit=expected, unit="beams")
+        return Finding(reason=why, base=0.0)
     return _vanished(state, scan, returning, expected, settings)
 
 
@@ -133,10 +129,8 @@ def _vanished(state: SweepState, scan: Scan, returning: int, expected: int, sett
     if returning > settings.returned * before or scan.stamp - state.vanished > patience:
         state.vanished, state.returning, state.things = None, returning, _runs(scan.ranges)
         return None
-    return Finding(
-        kind="scan_blind", subject="lidar", value=returning, limit=before, unit="beams", base=0.0,
-        text=f"stopped: {returning} beams of the lidar return, and {before} did a moment ago",
-    )  # fmt: skip
+    why = Reason(kind=Kind.SCAN_BLIND, subject="lidar", value=returning, limit=before, unit="beams")
+    return Finding(reason=why, base=0.0)
 
 
 def _noisy(state: SweepState, settings: SweepSettings) -> Finding | None:
@@ -144,11 +138,8 @@ def _noisy(state: SweepState, settings: SweepSettings) -> Finding | None:
         return None
     stop = state.scatter > settings.stop_scatter
     limit = settings.stop_scatter if stop else settings.slow_scatter
-    did = "stopped" if stop else "slowed to half speed"
-    return Finding(
-        kind="scan_noisy", subject="lidar", value=state.scatter, limit=limit, unit="m", base=0.0 if stop else 0.5,
-        text=f"{did}: the lidar's ranges scatter by {state.scatter:.2f} m, more than {limit:.2f} m",
-    )  # fmt: skip
+    why = Reason(kind=Kind.SCAN_NOISY, subject="lidar", value=state.scatter, limit=limit, unit="m")
+    return Finding(reason=why, base=0.0 if stop else 0.5)
 
 
 @njit(cache=True)

@@ -21,10 +21,9 @@ from motm_twin.planning.cost_to_go import Rates, Table
 from motm_twin.planning.global_path import costs_on, costs_to, poses_at, rates_of
 from motm_twin.planning.parameters import PlanningParameters, Room
 from motm_twin.planning.reach import ReachModel
-from motm_twin.planning.rejections import HIDDEN, NO_PATH, Here, in_sight, leaves_room, may_move, rejections
+from motm_twin.planning.rejections import Here, Rejection, in_sight, leaves_room, may_move, rejections
 from motm_twin.planning.types import Target
 
-NO_REACH = "arm cannot reach"
 CLEARLY_CLOSER = 0.5  # [m] by which a free place must be closer to the target to take the place of the one chosen
 CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position: what stands about is as large,
 CLOSEST_ROUND = 3.5  # [m] and a base that is larger than Frankie needs this much round itself
@@ -145,7 +144,7 @@ def costs_of(candidates: Candidates, survey: Survey) -> Judged:
     onward[viable] = costs_on(graph, survey.to_next, poses) if survey.to_next is not None else 0.0
     blocked = viable & ~np.isfinite(current)
     for i in np.flatnonzero(blocked):
-        candidates.rejected[i] = NO_PATH
+        candidates.rejected[i] = Rejection.NO_PATH
     onward[~np.isfinite(onward) & viable & ~blocked] = _no_way_on(onward)
     onward[blocked] = np.inf
     return Judged(candidates, current, onward)
@@ -191,7 +190,7 @@ def _tangential(target: Target, survey: Survey) -> Iterator[Candidates]:
         pose, place, place_of = ring(target.position, radius, p.positions)
         reached = survey.model.reach.reached_from(pose, target)
         rejected = rejections(pose, survey.room.clearance, survey.here)
-        rejected = [why or ("" if ok else NO_REACH) for why, ok in zip(rejected, reached, strict=True)]
+        rejected = [why or ("" if ok else Rejection.NO_REACH) for why, ok in zip(rejected, reached, strict=True)]
         candidates = Candidates("ring", float(radius), pose, place, place_of, rejected)
         if candidates.viable().any() or radius == p.radius_max:
             yield candidates
@@ -297,7 +296,7 @@ def _drive(target: Target, survey: Survey) -> Candidates:
     if survey.last.closest and survey.last.of(target):
         # It was not free: what hides it now may have been seen there before, and forgotten.
         seen = in_sight(pose, survey.here)
-        rejected = [why or ("" if ok else HIDDEN) for why, ok in zip(rejected, seen, strict=True)]
+        rejected = [why or ("" if ok else Rejection.HIDDEN) for why, ok in zip(rejected, seen, strict=True)]
     return Candidates("drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejected)
 
 

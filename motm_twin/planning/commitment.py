@@ -84,7 +84,6 @@ class Rest(NamedTuple):
             found,
             acceleration=frozen((states[1, 3:] - states[0, 3:]) / times[1]),
             status="goal" if arrives else "aborted",
-            reason="",
             local_poses=frozen(states),
             local_times=frozen(times),
             local_to_go=frozen(self.to_go),

@@ -8,6 +8,7 @@ import numpy as np
 
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.floor import FRESH
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning import search_memory, staa
@@ -78,7 +79,7 @@ class StaaController:
         field = self._graphs.field(problem.world)
         self._asked = None
         if target is None or placement.mode == "none":
-            return self._idle(problem, field, "there is nothing to do"), False
+            return self._idle(problem, field, Reason(kind=Kind.NOTHING_TO_DO)), False
         self._asked = (problem, placement)
         if self._overlap_depth(problem, field) > problem.world.resolution:
             return self._escape(problem, field), False
@@ -86,9 +87,9 @@ class StaaController:
         graph = self._graphs.graph(problem.world, room.growth)
         goal = self._local_goal(problem, placement, graph)
         if placement.chosen < 0:
-            return self._brake(problem, field, placement.reason, goal, 0), False
+            return self._brake(problem, field, placement.why, goal, 0), False
         if placement.mode == "closest" and self.at_goal(problem.pose, placement):
-            return self._idle(problem, field, placement.reason.replace("driving to", "waiting at")), False
+            return self._idle(problem, field, _arrived(placement.why)), False
         next_table = self._next_table(graph, placement)
         asked = Question(problem, placement, target, field, room, graph, goal, next_table)
         return self._search(asked, budget, bound)
@@ -114,7 +115,8 @@ class StaaController:
         status, cut = self._run(budget, settings, world, cells, memory)
         expansions = int(memory.count[search_memory.EXPANSIONS])
         if not goal.path_found:
-            why = f"no way to {asked.target.name}: every gap on it is narrower than {2.0 * asked.room.growth:.2f} m"
+            widest = 2.0 * asked.room.growth
+            why = Reason(kind=Kind.NO_WAY, subject=asked.target.name, limit=widest, unit="m")
             return self._brake(problem, field, why, goal, expansions, cut=cut), informed
         if int(memory.count[search_memory.SOLUTION]) < 0 and settings.bound == math.inf:
             if self._overlap_depth(problem, field) > 0.0:
@@ -135,7 +137,6 @@ class StaaController:
         return BasePlan(
             acceleration=frozen(search_memory.first_action(memory, branch, dt)),
             status="goal" if arrives else "aborted",
-            reason="",
             global_path=frozen(goal.global_path),
             next_path=frozen(self._next_path(asked.placement, asked.graph, asked.next_table)),
             intermediate_goal=frozen(goal.pose),
@@ -286,13 +287,11 @@ class StaaController:
         near = math.hypot(pose[0] - goal[0], pose[1] - goal[1]) <= p.pass_distance
         return near and (not placement.goal_has_heading or turn(pose[2], goal[2]) <= p.pass_heading)
 
-    def _no_motion(self, problem: BaseProblem, target: Target, field: Field, expansions: int) -> str:
+    def _no_motion(self, problem: BaseProblem, target: Target, field: Field, expansions: int) -> Reason:
         if problem.engaged:
-            return f"no motion of the base keeps {target.name} in reach of the arm: braking"
+            return Reason(kind=Kind.LEAVES_REACH, subject=target.name)
         room = float(clearances(np.array(problem.pose, dtype=np.float64)[None], 1.0, field, self.body)[0])
-        return (
-            f"no collision-free motion towards {target.name} ({expansions} tried, {room:.2f} m of clearance): braking"
-        )
+        return Reason(kind=Kind.NO_MOTION, subject=target.name, value=room, limit=expansions, unit="m")
 
     def _overlap_depth(self, problem: BaseProblem, field: Field) -> float:
         """Depth [m] of the deepest occupied cell inside the footprint; negative or 0 when none is."""
@@ -304,20 +303,22 @@ class StaaController:
 
     def _escape(self, problem: BaseProblem, field: Field) -> BasePlan:
         """Leave what the footprint overlaps, or stand."""
-        deep = f"the base overlaps what the map or the lidar shows by {self._overlap_depth(problem, field):.2f} m"
+        depth = self._overlap_depth(problem, field)
         found = find_escape(problem.world, np.array(problem.pose, dtype=np.float64), self.body, self.limits)
         if found is None:
-            return self._stop(problem, field, "braking", f"{deep}, and no motion makes that less: standing", None, 0)
-        return self._along(problem, found, self._stop(problem, field, ESCAPING, "", None, 0), f"{deep}: backing out")
+            why = Reason(kind=Kind.OVERLAP_STANDS, subject="base", value=depth, unit="m")
+            return self._stop(problem, field, "braking", why, None, 0)
+        why = Reason(kind=Kind.OVERLAP_LEAVES, subject="base", value=depth, unit="m")
+        return self._along(problem, found, self._stop(problem, field, ESCAPING, why, None, 0), why)
 
-    def _along(self, problem: BaseProblem, found: Escape, plan: BasePlan, reason: str) -> BasePlan:
+    def _along(self, problem: BaseProblem, found: Escape, plan: BasePlan, why: Reason) -> BasePlan:
         """A plan that holds the twist of an escape."""
         most = np.array([self.limits.linear_acceleration, self.limits.yaw_acceleration])
         twists = np.broadcast_to(found.twist, (len(found.poses), 2))
         return msgspec.structs.replace(
             plan,
             status=ESCAPING,
-            reason=reason,
+            why=why,
             acceleration=frozen(np.clip((found.twist - problem.twist) / problem.period, -most, most)),
             local_poses=frozen(np.column_stack((found.poses, twists))),
             local_times=frozen(found.times),
@@ -362,18 +363,18 @@ class StaaController:
             time += length / speed
         return time
 
-    def _idle(self, problem: BaseProblem, field: Field, reason: str) -> BasePlan:
-        return self._stop(problem, field, "idle", reason, None, 0)
+    def _idle(self, problem: BaseProblem, field: Field, why: Reason) -> BasePlan:
+        return self._stop(problem, field, "idle", why, None, 0)
 
     def _brake(
-        self, problem: BaseProblem, field: Field, reason: str, goal: LocalGoal, expansions: int, *, cut: bool = False
+        self, problem: BaseProblem, field: Field, why: Reason, goal: LocalGoal, expansions: int, *, cut: bool = False
     ) -> BasePlan:
-        plan = self._stop(problem, field, "braking", reason, goal, expansions, cut=cut)
+        plan = self._stop(problem, field, "braking", why, goal, expansions, cut=cut)
         found = self._recovered(problem, field)
         if found is None:
             return plan
-        what = "backing off to where there is more room" if found.twist[0] != 0.0 else "turning to see more"
-        return self._along(problem, found, plan, f"{reason}; {what}")
+        kind = Kind.BACKS_OFF if found.twist[0] != 0.0 else Kind.TURNS_TO_SEE
+        return self._along(problem, found, plan, Reason(kind=kind, subject=why.subject, cause=why))
 
     def _recovered(self, problem: BaseProblem, field: Field) -> Escape | None:
         """A motion of a robot that has made no progress for some time, and stands."""
@@ -385,7 +386,7 @@ class StaaController:
         return None
 
     def _stop(
-        self, problem: BaseProblem, field: Field, status: str, reason: str, goal: LocalGoal | None, expansions: int,
+        self, problem: BaseProblem, field: Field, status: str, why: Reason, goal: LocalGoal | None, expansions: int,
         *, cut: bool = False,
     ) -> BasePlan:  # fmt: skip
         """Brake to rest; when the straight way to rest comes too near to something, steer to where it does not."""
@@ -402,7 +403,7 @@ class StaaController:
         return BasePlan(
             acceleration=frozen(acceleration),
             status=status,
-            reason=reason,
+            why=why,
             global_path=frozen(empty_path() if goal is None else goal.global_path),
             next_path=empty_path(),
             intermediate_goal=frozen(pose if goal is None else goal.pose),
@@ -415,6 +416,14 @@ class StaaController:
             k=self.penalty_scale(0.0 if status == "idle" else math.inf),
             time_to_range=math.inf,
         )
+
+
+_ARRIVED = {Kind.CLOSEST: Kind.WAITS_AT_CLOSEST, Kind.BESIDE_TAKEN: Kind.WAITS_BESIDE_TAKEN}
+
+
+def _arrived(why: Reason) -> Reason:
+    """The reason of a place, once the base stands there."""
+    return msgspec.structs.replace(why, kind=_ARRIVED.get(why.kind, why.kind))
 
 
 def proximity_scale(t_h: float, k_min: float = 0.1, k_time: float = 3.0) -> float:

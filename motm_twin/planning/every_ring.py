@@ -15,7 +15,6 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.perception.still_map import StillMap
 from motm_twin.planning.candidates import (
-    NO_REACH,
     Candidates,
     Judged,
     Survey,
@@ -29,7 +28,7 @@ from motm_twin.planning.candidates import (
 from motm_twin.planning.collision import clearances
 from motm_twin.planning.global_path import GraphCache, costs_on, poses_at
 from motm_twin.planning.placement import SAME_HEADING, SAME_PLACE
-from motm_twin.planning.rejections import Here, rejections
+from motm_twin.planning.rejections import Here, Rejection, rejections
 from motm_twin.planning.types import Target
 
 BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more,
@@ -90,7 +89,7 @@ def every_ring(target: Target, survey: Survey) -> Candidates:
     pose, place, place_of = rings(target.position, model.radii, model.placement.positions)
     rejected = _unless_chosen(rejections(pose, model.placement.clearance, survey.here), target, pose, survey)
     for i in np.flatnonzero(~model.reach.reached_from(pose, target)).tolist():
-        rejected[i] = rejected[i] or NO_REACH
+        rejected[i] = rejected[i] or Rejection.NO_REACH
     return Candidates("ring", float(model.radii[0]), pose, place, place_of, rejected)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from motm_twin.model.exact import turn_between
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.candidates import (
     AVOIDED_COST,
@@ -25,7 +26,7 @@ from motm_twin.planning.collision import Field
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, Poses, costs_to, grouped, path_to_goal, poses_at, robot_table
 from motm_twin.planning.parameters import PlanningParameters, room_for
-from motm_twin.planning.rejections import NO_PATH, OUTSIDE, REASONS, Here
+from motm_twin.planning.rejections import Here, Rejection
 from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path, no_placement
 from motm_twin.planning.visibility import Graph
 
@@ -121,7 +122,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
             goal=frozen(goal),
             goal_has_heading=candidates.mode in ("ring", "reach")
             or (candidates.mode == "drive" and target.heading is not None),
-            reason=_why(judged, chosen, target, survey),
+            why=_why(judged, chosen, target, survey),
             next_goal=None if next_goals is None else next_goals[0],
             next_goals=next_goals,
         )
@@ -174,50 +175,44 @@ def _chosen_before(last: PlacementState, target: Target, pose: Array) -> Array:
     return same
 
 
-def _why(judged: Judged, chosen: int, target: Target, survey: Survey) -> str:
-    """One sentence on why the goal was chosen."""
+def _why(judged: Judged, chosen: int, target: Target, survey: Survey) -> Reason:
+    """Reason of the choice."""
     candidates, current, onward, waits = judged
+    name, largest = target.name, survey.model.placement.radius_max
     if waits:
-        return (
-            f"what moves leaves no free candidate of {target.name}: driving to a free place beside it, "
-            f"{onward[chosen]:.1f} s from one"
-        )
+        return Reason(kind=Kind.BESIDE_TAKEN, subject=name, value=float(onward[chosen]), unit="s")
     outside = _outside(target, survey.here)
     if chosen < 0:
-        if outside:
-            return f"{outside}: no pose from which it is served can be reached"
-        return f"no pose from which {target.name} is served can be reached: obstacles close every way"
-    cost = f"{current[chosen]:.1f} s to it and {onward[chosen]:.1f} s from it to the next target"
+        return outside or Reason(kind=Kind.CLOSED_IN, subject=name)
+    costs = {"value": float(current[chosen]), "limit": float(onward[chosen]), "unit": "s"}
     if candidates.mode == "ring":
-        return f"cheapest candidate at {candidates.radius:.2f} m: {cost}"
+        return Reason(kind=Kind.RING, subject=name, other=f"{candidates.radius:.2f} m", **costs)
     if candidates.mode == "drive":
-        return f"drive target: {cost}"
-    largest = survey.model.placement.radius_max
+        return Reason(kind=Kind.DRIVE, subject=name, **costs)
+    no_candidate = Reason(kind=Kind.NO_CANDIDATE, subject=name, limit=largest, unit="m")
     if candidates.mode == "reach":
-        return f"no free candidate within {largest:.2f} m of {target.name}: closest pose in reach, {cost}"
+        return Reason(kind=Kind.IN_REACH, subject=name, cause=no_candidate, **costs)
     away = math.hypot(*(candidates.pose[chosen, :2] - target.position[:2]))
-    if target.kind == "drive":
-        what = outside or f"{target.name} is {_not_free(candidates)}"
-    else:
-        what = outside or f"no free candidate within {largest:.2f} m of {target.name}"
-    return f"{what}: driving to the closest free place, {away:.2f} m from it"
+    not_free = Reason(kind=Kind.NOT_FREE, subject=name, other=_not_free(candidates))
+    cause = outside or (not_free if target.kind == "drive" else no_candidate)
+    return Reason(kind=Kind.CLOSEST, subject=name, value=away, unit="m", cause=cause)
 
 
-def _outside(target: Target, here: Here) -> str:
-    """That the target is outside the map, with coordinates; "" when it is inside."""
+def _outside(target: Target, here: Here) -> Reason | None:
+    """That the target is outside the map; None when it is inside."""
     x_min, y_min = here.field.x, here.field.y
     rows, columns = here.world.distance.shape
     x_max, y_max = x_min + columns * here.world.resolution, y_min + rows * here.world.resolution
     x, y = (float(value) for value in target.position[:2])
     if x_min <= x <= x_max and y_min <= y <= y_max:
-        return ""
-    where = "" if target.kind == "drive" else f" at ({x:.2f}, {y:.2f})"  # the name of a drive is its point
-    return f"{target.name}{where} is outside the map, x {x_min:.2f} to {x_max:.2f} m, y {y_min:.2f} to {y_max:.2f} m"
+        return None
+    edges = f"x {x_min:.2f} to {x_max:.2f} m, y {y_min:.2f} to {y_max:.2f} m"
+    return Reason(kind=Kind.OUTSIDE_MAP, subject=target.name, other=edges)
 
 
 def _not_free(candidates: Candidates) -> str:
-    """Why the base cannot stand at a point of the map with any heading."""
-    reasons = {why for why in candidates.rejected if why}
-    if NO_PATH in reasons:
+    """Detail of why the base cannot stand at a point of the map with any heading."""
+    rejections = {why for why in candidates.rejected if why}
+    if Rejection.NO_PATH in rejections:
         return "free, but there is no way to it that is wide enough"
-    return "too close to the edge of the map" if reasons == {REASONS[OUTSIDE]} else "not free"
+    return "too close to the edge of the map" if rejections == {Rejection.OUTSIDE} else "not free"

@@ -1,6 +1,7 @@
 """Why the footprint does not fit at a candidate pose."""
 
 import math
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +13,23 @@ from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.visibility import Graph
 
-REASONS = ("", "outside the map", "collision with a seen obstacle", "collision with mapped furniture")
-OUTSIDE, SEEN, MAPPED = 1, 2, 3
-NO_PATH = "no path"
-HIDDEN = "was not free, and is not in sight"
+
+class Rejection(StrEnum):
+    """Why a candidate pose is not taken; its value is what people read."""
+
+    NONE = ""
+    OUTSIDE = "outside the map"
+    SEEN = "collision with a seen obstacle"
+    MAPPED = "collision with mapped furniture"
+    NO_PATH = "no path"
+    HIDDEN = "was not free, and is not in sight"
+    NO_REACH = "arm cannot reach"
+    NOT_FREE = "not free"
+    REFUSED = "the base did not get there"
+
+
+_OF_FOOTPRINT = (Rejection.NONE, Rejection.OUTSIDE, Rejection.SEEN, Rejection.MAPPED)
+OUTSIDE, SEEN, MAPPED = 1, 2, 3  # indices into those
 BESIDE = 0.1  # [m] a seen point this near to the footprint is what it collides with
 
 
@@ -29,12 +43,12 @@ class Here(NamedTuple):
     pose: Array  # of the robot, (3,)
 
 
-def rejections(pose: Array, wanted: float, here: Here) -> list[str]:
+def rejections(pose: Array, wanted: float, here: Here) -> list[Rejection]:
     """Why the footprint with a clearance `wanted` [m] does not fit at each pose (m, 3); "" where it does."""
     reason = np.zeros(len(pose), np.uint8)
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     _judge(pose, c, s, wanted, here.world.seen_points, here.world.resolution, here.field, here.body, reason)
-    return [REASONS[i] for i in reason.tolist()]
+    return [_OF_FOOTPRINT[i] for i in reason.tolist()]
 
 
 def leaves_room(pose: Array, room: float, here: Here) -> Array:
@@ -100,7 +114,7 @@ def _judge(
     body: Body,
     reason: NDArray[np.uint8],
 ) -> None:
-    """Which of `REASONS` there is against each pose (n, 3); c, s of the headings, ``seen`` points (m, 2) [m]."""
+    """Index of the `Rejection` of each pose (n, 3); c, s of the headings, ``seen`` points (m, 2) [m]."""
     rows, columns = field.value.shape
     for i in range(pose.shape[0]):
         if clearance(pose[i, 0], pose[i, 1], pose[i, 2], wanted, field, body) >= wanted:

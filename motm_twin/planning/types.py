@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array, frozen
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import WorldMap
 
 
@@ -69,9 +70,14 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     chosen: int  # index into poses; -1: `goal` is not one of them
     goal: Array  # pose to drive to, shape (3,)
     goal_has_heading: bool
-    reason: str  # one sentence: why this goal
+    why: Reason  # this goal
     next_goal: Array | None  # pose or point of the next target used for C_iN, shape (3,) or (2,)
     next_goals: Array | None = None  # best poses of the next target, cheapest first; nan: free, (k, 3)
+
+    @property
+    def reason(self) -> str:
+        """Why this goal, in one sentence."""
+        return str(self.why)
 
 
 ESCAPING = "escaping"  # status of a plan that leaves an overlap
@@ -83,7 +89,7 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
     status: str  # "goal" (a node ends the search) | "aborted" (best node) | "braking" (queue dry) | "escaping" | "idle"
-    reason: str  # one sentence whenever the robot brakes, waits or idles; else ""
+    why: Reason | None = None  # whenever the robot brakes, waits or idles
     global_path: Array  # robot to goal, shape (m, 2)
     next_path: Array  # goal to next target, shape (k, 2)
     intermediate_goal: Array  # shape (3,)
@@ -96,6 +102,11 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     t_h: float  # [s] estimated time until the goal is achieved
     k: float  # proximity penalty scale max(0.1, min(t_h/3, 1))
     time_to_range: float  # [s] estimated until the target is in reach of the arm; 0 when it is, inf when unknown
+
+    @property
+    def reason(self) -> str:
+        """The same in one sentence; "" for none."""
+        return "" if self.why is None else str(self.why)
 
 
 class PlacementStrategy(Protocol):
@@ -124,7 +135,8 @@ def no_placement(pose: Array) -> Placement:
     none = frozen(np.zeros(0))
     return Placement(
         mode="none", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none, cost=none,
-        rejected=(), chosen=-1, goal=frozen(pose), goal_has_heading=False, reason="there is no target", next_goal=None,
+        rejected=(), chosen=-1, goal=frozen(pose), goal_has_heading=False, next_goal=None,
+        why=Reason(kind=Kind.NO_TARGET),
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
@@ -36,7 +37,8 @@ def warm_up_search() -> None:
     one = np.ones(1)
     placement = Placement(
         mode="ring", radius=0.6, poses=goal[None], cost_current=one, cost_next=one, cost=one, rejected=("",), chosen=0,
-        goal=goal, goal_has_heading=True, reason="", next_goal=goal + 1.0, next_goals=goal[None] + 1.0,
+        goal=goal, goal_has_heading=True, next_goal=goal + 1.0, next_goals=goal[None] + 1.0,
+        why=Reason(kind=Kind.DRIVE),
     )  # fmt: skip
     controller = StaaController(RobotProfile(), PlanningParameters())
     controller.plan(problem, placement, SearchBudget(expansions=8))

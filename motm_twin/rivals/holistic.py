@@ -29,6 +29,7 @@ from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.kinematics import manipulability_gradient
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.planning.candidates import Rule
 from motm_twin.planning.commitment import Commitment
 from motm_twin.planning.parameters import PlanningParameters
@@ -178,7 +179,7 @@ class HolisticPlacement:
         return Placement(
             mode="whole body", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none,
             cost=none, rejected=(), chosen=-1, goal=frozen([*target.position[:2], problem.pose[2]]),
-            goal_has_heading=False, reason="base and arm move as one: there is no place to stand", next_goal=None,
+            goal_has_heading=False, why=Reason(kind=Kind.WHOLE_BODY), next_goal=None,
         )  # fmt: skip
 
 
@@ -199,7 +200,7 @@ class HolisticBase:
         return BasePlan(
             acceleration=frozen(np.zeros(2)),
             status="goal",
-            reason="" if time == 0.0 else f"on its way to {target.name} the hand is held up, or about to leave",
+            why=None if time == 0.0 else Reason(kind=Kind.HAND_HELD_UP, subject=target.name),
             global_path=frozen([problem.pose[:2], target.position[:2]]),
             next_path=empty_path(),
             intermediate_goal=placement.goal,

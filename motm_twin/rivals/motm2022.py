@@ -20,6 +20,7 @@ from motm_twin.control.method import BaseChoices, Materials, Method
 from motm_twin.model.geometry import Array, frozen, wrap_angle
 from motm_twin.model.motion import drive
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.candidates import Rule
 from motm_twin.planning.commitment import Commitment
@@ -137,7 +138,9 @@ class TangentPlacement(Stateful[TangentState]):
             chosen=chosen,
             goal=frozen(poses[chosen]),
             goal_has_heading=target.kind != "drive" or target.heading is not None,
-            reason=f"tangent point {lines[chosen].rho:.2f} m away, {math.degrees(swing[chosen]):.0f} deg off heading",
+            why=Reason(
+                kind=Kind.TANGENT, value=float(lines[chosen].rho), limit=math.degrees(swing[chosen]), unit="m"
+            ),
             next_goal=None if problem.next_target is None else frozen(problem.next_target.position[:2]),
         )  # fmt: skip
 
@@ -196,7 +199,6 @@ class TangentController:
         return BasePlan(
             acceleration=frozen(acceleration),
             status="goal",
-            reason="",
             global_path=frozen(np.vstack([problem.pose[:2], circle])),
             next_path=empty_path() if onward is None else frozen(np.vstack([circle[-1], onward[:2]])),
             intermediate_goal=frozen([*line.point, line.heading]),
@@ -263,7 +265,7 @@ class TangentController:
         return BasePlan(
             acceleration=frozen(np.clip(-problem.twist / problem.period, -most, most)),
             status="idle",
-            reason="there is nothing to do",
+            why=Reason(kind=Kind.NOTHING_TO_DO),
             global_path=empty_path(),
             next_path=empty_path(),
             intermediate_goal=frozen(problem.pose),

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from motm_twin.control.arm.controller import Decision, Manipulator
-from motm_twin.control.arm.types import ArmInputs, ArmStep
+from motm_twin.control.arm.types import ArmInputs, ArmStep, ProgramStatus
 from motm_twin.control.arm.view import ManipulatorState
 from motm_twin.control.method import ARM_STEPS, ArmParts, Method, PlannerParts, Rehearse, Rehearsed, Timed
 from motm_twin.model.edits import TaskEdit
@@ -24,6 +24,7 @@ from motm_twin.model.geometry import Array, frozen, to_frame, wrap_angle
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.names import MethodError
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
@@ -32,7 +33,6 @@ K_X, K_Y, K_H = 1.0, 4.0, 2.0  # [1/s], [1/m^2], [1/s]: critically damped at 0.5
 K_Q = 5.0  # [1/s] of the joints to their planned positions
 DOCKED = 0.04  # [m] from the end of a plan that is over
 SHOWN, STRIDE = 60, 3  # periods of the plan ahead that a Tick shows, every so many
-_OVER = "the rehearsed plan is over"
 
 
 @dataclass
@@ -42,7 +42,7 @@ class ScriptState:
     at: int = 0  # period, or arm step, that is next
     plan: Rehearsed | None = None
     edits: Timed = ()  # of the task list so far
-    refused: str = ""  # why a plan was kept although the tasks have changed
+    refused: Reason | None = None  # why a plan was kept although the tasks have changed
 
 
 class Script:
@@ -64,7 +64,7 @@ class Script:
         try:
             state.plan, state.edits = self._rehearse(edits), edits
         except ValueError as error:
-            state.refused = f"the task list has changed, and the plan has not: {error}"
+            state.refused = Reason(kind=Kind.REHEARSAL_REFUSED, other=str(error))
 
 
 class TrackingController(Stateful[ScriptState]):
@@ -92,7 +92,7 @@ class TrackingController(Stateful[ScriptState]):
             chosen=0,
             goal=goal,
             goal_has_heading=True,
-            reason=_over(plan) if over else "as rehearsed",
+            why=_over(plan) if over else Reason(kind=Kind.REHEARSED),
             next_goal=None,
         )
 
@@ -113,7 +113,7 @@ class TrackingController(Stateful[ScriptState]):
         return BasePlan(
             acceleration=frozen(np.clip((wanted - problem.twist) / problem.period, -most, most)),
             status="idle" if idle else "goal",
-            reason=state.refused or (_over(plan) if over else ""),
+            why=state.refused or (_over(plan) if over else None),
             global_path=plan.poses[n:, :2],
             next_path=empty_path(),
             intermediate_goal=placement.goal,
@@ -171,9 +171,9 @@ class OpenLoopArm(Manipulator):
         decided = Decision(
             twist=frozen(inputs.base_twist),
             rates=frozen(rates),
-            status="open loop",
+            program=ProgramStatus.OPEN_LOOP,
             outcome=outcome,
-            reason=state.script.refused or (_over(plan) if over else ""),
+            why=state.script.refused or (_over(plan) if over else None),
         )
         return self.report(view, inputs, decided)
 
@@ -224,8 +224,9 @@ def _end(plan: Rehearsed, target: Target | None) -> Array:
     return end
 
 
-def _over(plan: Rehearsed) -> str:
-    return _OVER + (f"; in rehearsal {'; '.join(plan.failures)}" if plan.failures else "")
+def _over(plan: Rehearsed) -> Reason:
+    failures = f"; in rehearsal {'; '.join(plan.failures)}" if plan.failures else ""
+    return Reason(kind=Kind.REHEARSAL_OVER, other=failures)
 
 
 def _rehearsed_by(parts: PlannerParts | ArmParts) -> Rehearse:

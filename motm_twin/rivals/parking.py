@@ -202,7 +202,6 @@ class ParkingController(Stateful[ParkingState]):
         return BasePlan(
             acceleration=frozen(np.clip(-problem.twist / problem.period, -most, most)),
             status="goal",
-            reason="",
             global_path=empty_path(),
             next_path=empty_path(),
             intermediate_goal=frozen(placement.goal),

@@ -21,12 +21,12 @@ from shapely.ops import unary_union
 from motm_twin.control.method import PlannerParts
 from motm_twin.model.geometry import Array, from_frame, frozen
 from motm_twin.model.known import known_solids
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Bin, Solid
 from motm_twin.model.scene_shapes import base_outline, outline
 from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.candidates import (
-    NO_REACH,
     Candidates,
     PlacementState,
     Survey,
@@ -38,13 +38,12 @@ from motm_twin.planning.collision import clearances, field_of
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, goal_table
 from motm_twin.planning.placement import NextTargetPlacement, Searched
-from motm_twin.planning.rejections import rejections
+from motm_twin.planning.rejections import Rejection, rejections
 from motm_twin.planning.types import BaseProblem, Placement, Target
 from motm_twin.rivals.parking import StationaryParameters
 from motm_twin.rivals.reachability import TargetReach
 
 IntArray = NDArray[np.integer[Any]]
-NOT_FREE, REFUSED = "not free", "the base did not get there"
 
 
 class Terms(NamedTuple):
@@ -200,10 +199,13 @@ class StationaryPlacement(Stateful[StationaryState]):
         share = self.arm_reach.share(pose, target)
         place, place_of = np.unique(pose[:, :2], axis=0, return_inverse=True)
         reached = self.arm_reach.good_share(pose, target) > 0.0
-        rejected = [("" if ok else NO_REACH) if fits else NOT_FREE for fits, ok in zip(free, reached, strict=True)]
+        rejected = [
+            ("" if ok else Rejection.NO_REACH) if fits else Rejection.NOT_FREE
+            for fits, ok in zip(free, reached, strict=True)
+        ]
         for place_refused in refused:
             for i in np.flatnonzero(np.hypot(*(pose[:, :2] - place_refused).T) <= self.stationary.refused_distance):
-                rejected[i] = rejected[i] or REFUSED
+                rejected[i] = rejected[i] or Rejection.REFUSED
         of_place: Any = place_of.reshape(-1).astype(np.int32)
         candidates, current, onward, _ = costs_of(Candidates("reach", 0.0, pose, place, of_place, rejected), survey)
         cost = self._cost(target, share, self.arm_reach.azimuth(pose, target), current, onward)
@@ -254,7 +256,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         chosen = int(np.argmin(cost))
         why = [rated.candidates.rejected[i] for i in keep]
         reasons = rejections(pose, self.model.placement.clearance, survey.here)
-        why = [reason if text == NOT_FREE else text for text, reason in zip(why, reasons, strict=True)]
+        why = [reason if text == Rejection.NOT_FREE else text for text, reason in zip(why, reasons, strict=True)]
         self._last = Searched(survey.here.graph, survey.from_robot, survey.to_next, pose, np.isfinite(cost))
         return Placement(
             mode="reach",
@@ -267,7 +269,7 @@ class StationaryPlacement(Stateful[StationaryState]):
             chosen=chosen,
             goal=frozen(pose[chosen]),
             goal_has_heading=True,
-            reason=self._reason(rated, keep[chosen], mode),
+            why=Reason(kind=Kind.STATIONARY, other=self._reason(rated, keep[chosen], mode)),
             next_goal=None,
         )
 

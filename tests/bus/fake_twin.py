@@ -12,11 +12,12 @@ from motm_twin.bus.commands import Load
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.messages import SceneChoice
 from motm_twin.bus.server import TwinServer
-from motm_twin.control.arm.types import ArmStep
+from motm_twin.control.arm.types import ArmStep, ProgramStatus
 from motm_twin.control.tick import Event, ObjectBelief, TaskState, Tick
 from motm_twin.model.edits import AddObstacle, MoveBody, RemoveBody
 from motm_twin.model.plant import Actuation, BodyTruth, Observation, Truth
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Agent, Bin, Box, Cylinder, Noise, Pick, Place, Scene, SceneObject, Solid
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
@@ -257,7 +258,7 @@ def fake_placement(cube, time):
         chosen=chosen,
         goal=goal,
         goal_has_heading=True,
-        reason="cheapest free candidate",
+        why=Reason(kind=Kind.RING, other="0.60 m", value=4.0, limit=2.0),
         next_goal=np.array([4.25, -0.6, 0.0]),
     )
 
@@ -288,7 +289,6 @@ def fake_tick(twin, edits):
     plan = BasePlan(
         acceleration=np.zeros(2),
         status="goal",
-        reason="",
         global_path=np.array([pose[:2], (pose[:2] + placement.goal[:2]) / 2 + 0.3, placement.goal[:2]]),
         next_path=np.array([placement.goal[:2], [4.25, -0.6]]),
         intermediate_goal=placement.goal,
@@ -314,12 +314,11 @@ def fake_tick(twin, edits):
         limiter="",
         obstacle_distance=math.inf,
         allowed_approach=math.inf,
-        qp_status="solved",
+        program=ProgramStatus.SOLVED,
         holding=False,
         engaged=False,
         dwell=1.0,
         outcome="",
-        reason="",
     )
     agents = tuple(
         BodyTruth(name=name, kind="temi", position=(x, y, 0.0), yaw=heading, state=state, size=(0.5, 0.5, 1.0))
@@ -372,7 +371,7 @@ def fake_tick(twin, edits):
         placement=placement,
         plan=plan,
         arm=(step,) * 5,
-        stop_reason="",
+        why=None,
         events=(Event(time=time, kind="picked", text="picked cube1"),) if index == 0 else (),
         edits=edits,
         stage_ms={"plan": 3.0},

@@ -99,7 +99,7 @@ def test_the_joint_that_stands_is_named(joint):
     state, found = joints(np.full(7, 0.3), follow)
     assert found[10] == []
     assert found[30] == [("joint_stuck", f"joint {joint + 1}")]
-    shares = joint_shares(state, SETTINGS, stands=True)
+    shares = joint_shares(state, stands=True)
     assert shares[joint] > 0.0 and np.delete(shares, joint).max() == 0.0
 
 

@@ -10,6 +10,7 @@ from motm_twin.control.sequence import NO_PROGRESS, OTHER_ORDER, TaskSequence
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.known import known_world
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene
 from motm_twin.planning.types import BasePlan, Placement
 from motm_twin.twin import Twin
@@ -22,11 +23,11 @@ def standing(cost, goal=(2.0, 0.0, 0.0)):
     goal, costs = np.array(goal), np.array([cost])
     placement = Placement(
         mode="drive", radius=0.0, poses=goal[None], cost_current=costs, cost_next=costs, cost=costs, rejected=("",),
-        chosen=0, goal=goal, goal_has_heading=False, reason="", next_goal=None,
+        chosen=0, goal=goal, goal_has_heading=False, why=Reason(kind=Kind.DRIVE), next_goal=None,
     )  # fmt: skip
     nowhere = np.zeros((0, 2))
     plan = BasePlan(
-        acceleration=np.zeros(2), status="braking", reason="", global_path=nowhere, next_path=nowhere,
+        acceleration=np.zeros(2), status="braking", global_path=nowhere, next_path=nowhere,
         intermediate_goal=goal, local_poses=np.zeros((1, 5)), local_times=np.zeros(1), bezier=nowhere, expansions=1,
         cut_by_clock=False, t_h=math.inf, k=1.0, time_to_range=math.inf,
     )  # fmt: skip
@@ -94,17 +95,17 @@ def test_a_task_without_progress_is_put_off_once_then_given_up():
     sequence = TaskSequence(known_world(load_scene("exp1", "trial1", 0)))
     first = sequence.report()[0].target
     pose = np.zeros(3)
-    assert not sequence.hold_up(1.0, OTHER_ORDER - 1.0, "", pose)
-    (event,) = sequence.hold_up(2.0, OTHER_ORDER + 0.1, "obstacles close every way", pose)
+    assert not sequence.hold_up(1.0, OTHER_ORDER - 1.0, None, pose)
+    (event,) = sequence.hold_up(2.0, OTHER_ORDER + 0.1, Reason(kind=Kind.CLOSED_IN, subject=first), pose)
     assert event.kind == "postponed"
     assert "obstacles close every way" in event.text
     assert sequence.report()[0].target != first
     assert [task.target for task in sequence.report()].count(first) == 1
     assert sequence.report()[-2].target == first
     while sequence.report()[sequence.index].target != first:
-        sequence.hold_up(3.0, OTHER_ORDER + 0.1, "", pose)
-    assert not sequence.hold_up(4.0, NO_PROGRESS - 1.0, "", pose)
-    (event,) = sequence.hold_up(5.0, NO_PROGRESS + 0.1, "", pose)
+        sequence.hold_up(3.0, OTHER_ORDER + 0.1, None, pose)
+    assert not sequence.hold_up(4.0, NO_PROGRESS - 1.0, None, pose)
+    (event,) = sequence.hold_up(5.0, NO_PROGRESS + 0.1, None, pose)
     assert event.kind == "failed"
     assert "no progress" in event.text
 

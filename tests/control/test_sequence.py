@@ -1,7 +1,5 @@
 """The task sequence."""
 
-import re
-
 import msgspec
 import numpy as np
 
@@ -16,6 +14,7 @@ from motm_twin.control.sequence import (
 from motm_twin.model.edits import InsertTask
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Bin, DriveTo, Pick, Place
 
 TASKS = (
@@ -92,9 +91,11 @@ def test_a_task_in_reach_without_progress_is_given_up_with_a_reason():
 def test_the_reason_is_what_the_arm_waited_for_most_of_the_time_and_not_at_the_end():
     tasks = sequence()
     for k in range(int(STALL_LIMIT) + 2):
-        why = f"the hand is held {0.1 + 0.01 * k:.2f} m away" if k % 3 else "starting over"
-        tasks.watch(float(k), True, ELSEWHERE, why="on its way" if k == STALL_LIMIT + 1 else why)
-    assert re.search(r"not done: the hand is held 0\.39 m away", tasks.failures[0])
+        held = Reason(kind=Kind.HELD_OFF, subject="hand", other="static obstacle", value=0.1 + 0.01 * k)
+        why = held if k % 3 else Reason(kind=Kind.STARTS_OVER)
+        last = Reason(kind=Kind.WAITS_FOR_SIGHT, subject="cube1")
+        tasks.watch(float(k), True, ELSEWHERE, why=last if k == STALL_LIMIT + 1 else why)
+    assert "not done: the hand is held 0.39 m from a seen static obstacle" in tasks.failures[0]
 
 
 def test_being_out_of_reach_for_long_starts_the_stall_clock_again():

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from motm_twin.control.arm.parameters import AvoidanceParameters
-from motm_twin.control.arm.types import ArmStep
+from motm_twin.control.arm.types import ArmStep, ProgramStatus
 from motm_twin.control.tick import TaskState, Tick
 from motm_twin.measures import Measures
 from motm_twin.model.kinematics import Frankie
@@ -56,7 +56,7 @@ def _tick(index, pose, agents, phase, in_reach, task):
     return Tick(
         index=index, time=t, observation=_observation(t, pose(t)), map=None, tasks=TASKS, task_index=task(t),
         beliefs=(), placement=None, plan=_plan(0.0 if in_reach(t) else math.inf), arm=(_arm(t, phase(t)),) * 5,
-        stop_reason="", events=(), edits=(), stage_ms={}, truth=_truth(t + PERIOD, pose, agents), done=False,
+        why=None, events=(), edits=(), stage_ms={}, truth=_truth(t + PERIOD, pose, agents), done=False,
         success=False,
     )  # fmt: skip
 
@@ -72,7 +72,7 @@ def _observation(t, pose):
 def _plan(time_to_range):
     zeros, none = np.zeros(3), empty_path()
     return BasePlan(
-        acceleration=zeros[:2], status="goal", reason="", global_path=none, next_path=none, intermediate_goal=zeros,
+        acceleration=zeros[:2], status="goal", global_path=none, next_path=none, intermediate_goal=zeros,
         local_poses=np.zeros((0, 5)), local_times=np.zeros(0), bezier=none, expansions=1, cut_by_clock=False, t_h=1.0,
         k=1.0, time_to_range=time_to_range,
     )  # fmt: skip
@@ -82,8 +82,9 @@ def _arm(t, phase):
     return ArmStep(
         time=t, phase=phase, actuation=Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open"),
         reference=np.zeros(3), error=0.0, tilt=0.0, slack=np.zeros(6), manipulability=0.1, active=(), limiter="",
-        obstacle_distance=math.inf, allowed_approach=math.inf, qp_status="solved", holding=False, engaged=False,
-        dwell=0.0, outcome="", reason="",
+        obstacle_distance=math.inf, allowed_approach=math.inf, program=ProgramStatus.SOLVED, holding=False,
+        engaged=False,
+        dwell=0.0, outcome="",
     )  # fmt: skip
 
 

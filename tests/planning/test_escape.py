@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import body_of
 from motm_twin.planning.controller import ESCAPING, StaaController
@@ -68,7 +69,7 @@ def test_a_plan_of_a_base_that_overlaps_something_leaves_it_whatever_the_target_
     one = np.ones(1)
     placement = Placement(
         mode="drive", radius=0.0, poses=goal[None], cost_current=one, cost_next=one, cost=one, rejected=("",), chosen=0,
-        goal=goal, goal_has_heading=False, reason="", next_goal=None,
+        goal=goal, goal_has_heading=False, why=Reason(kind=Kind.DRIVE), next_goal=None,
     )  # fmt: skip
     target = Target(kind="drive", name="goal", position=goal[:2])
     problem = BaseProblem(

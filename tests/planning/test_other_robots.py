@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from idealised import rectangle, world_of
 
 from motm_twin.model.profile import BaseLimits, Footprint, RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import DENT, LARGEST, body_of, clearance, field_of
 from motm_twin.planning.controller import StaaController
@@ -133,7 +134,7 @@ def test_a_base_that_cannot_reverse_plans_no_motion_backwards():
     placement = Placement(
         mode="drive", radius=0.0, poses=np.array([[-2.0, 0.0, math.pi]]), cost_current=np.ones(1),
         cost_next=np.zeros(1), cost=np.ones(1), rejected=("",), chosen=0, goal=np.array([-2.0, 0.0, math.pi]),
-        goal_has_heading=False, reason="", next_goal=None,
+        goal_has_heading=False, why=Reason(kind=Kind.DRIVE), next_goal=None,
     )  # fmt: skip
     plan = StaaController(profile, PlanningParameters()).plan(problem, placement, SearchBudget(expansions=100))
     assert plan.status in ("goal", "aborted")

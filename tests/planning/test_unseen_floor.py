@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.model.profile import Lidar, RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.floor import FRESH, UNSEEN, Floor
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.controller import StaaController
@@ -27,7 +28,7 @@ def plan_to(goal, profile, rear):
     one = np.ones(1)
     placement = Placement(
         mode="drive", radius=0.0, poses=goal[None], cost_current=one, cost_next=one, cost=one, rejected=("",), chosen=0,
-        goal=goal, goal_has_heading=False, reason="", next_goal=None,
+        goal=goal, goal_has_heading=False, why=Reason(kind=Kind.DRIVE), next_goal=None,
     )  # fmt: skip
     target = Target(kind="drive", name="goal", position=goal[:2])
     problem = BaseProblem(

@@ -13,6 +13,7 @@ from motm_twin.control.arm.bodies import BODIES
 from motm_twin.control.arm.controller import _BOUND_NAMES
 from motm_twin.model.furniture import pieces
 from motm_twin.model.joint_limits import DQ_MAX, READY
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.ui.panel import explain
 from motm_twin.ui.panel.explain import avoided, gripper, limited_by, unmapped
 from motm_twin.ui.panel.why_tab import (
@@ -38,7 +39,7 @@ def test_the_sentence_tells_whether_the_base_moves(driving):
     assert explain.doing(reaching) == "Closing in on cube1, on the move"
     still = replace(reaching, robot=replace(driving.robot, twist=[0.0, 0.0]))
     assert explain.doing(still) == "Closing in on cube1"
-    assert explain.doing(with_arm(still, reason="waiting for a sight of cube1")) == "Looking for cube1"
+    assert explain.doing(with_arm(still, why=Reason(kind=Kind.WAITS_FOR_SIGHT, subject="cube1"))) == "Looking for cube1"
     carrying = with_arm(in_hand(driving, "place"), phase="carry")
     assert explain.doing(carrying) == "Carrying cube1 to drop1"
 
@@ -125,14 +126,13 @@ def test_the_kind_is_told_where_the_name_does_not(straight):
 
 
 def test_who_it_brakes_for_is_named_or_else_what_the_lidar_sees(straight):
-    why = "braking from 0.50 m/s and 0.0 rad/s: something that the lidar sees, the nearest 0.61 m from it, is in"
-    braking = replace(straight, stop_reason=why)
+    braking = replace(straight, why=Reason(kind=Kind.IN_STOPPING_WAY, subject="lidar", value=0.61, limit=0.7))
     assert avoided(braking, SCENE) == "braking for something the lidar sees 0.6 m away"
     braking = replace(braking, obstacles=[body("box 1", 1.1, 0.0, "box")])
     assert avoided(braking, SCENE) == "braking for box 1, 0.6 m ahead"
     still = replace(braking, robot=replace(braking.robot, twist=[0.0, 0.0]))
     assert avoided(still, SCENE) == "held up by box 1, 0.6 m ahead"
-    waits = replace(still, stop_reason="waiting for the arm at cube1: the fingers close")
+    waits = replace(still, why=Reason(kind=Kind.PHASE, subject="cube1", other="the fingers close"))
     assert avoided(waits, SCENE) == ""
 
 

@@ -18,19 +18,19 @@ from motm_twin.control.arm.parameters import ArmParameters, Numbers, numbers
 from motm_twin.control.arm.phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
 from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ArmProgram, Rows, lag_factor
 from motm_twin.control.arm.qp import Program, load, solve
-from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, TransitRule
+from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, ProgramStatus, TransitRule
 from motm_twin.control.arm.view import ManipulatorState, View, look
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 
 _STOWED = 0.25  # [rad] joints this near to the stow pose are there
 _TURNED = 0.8  # [rad] and joint 1, which may turn a little towards the target
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
 _GIVES_WAY = 0.02  # [m/s] by which rows of furniture give way before that is a fault
-NO_ARM = "no arm"  # status of the program of a robot without one
 _REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
 _GRASPING = ("transit", "final", "closing", "lift", "retry")
 
@@ -40,9 +40,9 @@ class Decision(NamedTuple):
 
     twist: Array  # of the base, shape (2,)
     rates: Array  # of the joints, shape (7,)
-    status: str  # of the program
+    program: ProgramStatus
     outcome: str = ""
-    reason: str = ""
+    why: Reason | None = None
     motion: Motion | None = None  # None: the hand was led nowhere
     slack: Array = _NO_SLACK
     active: tuple[str, ...] = ()
@@ -129,7 +129,7 @@ class Manipulator(Stateful[ManipulatorState]):
         if overlap is not None:
             return self._stand_clear(view, inputs, overlap)
         self._state.inside_since = None
-        outcome, reason = advance(self._state, view, inputs, self._rules)
+        outcome, why = advance(self._state, view, inputs, self._rules)
         motion = self._ways.motion(self._state, view, inputs, self.parameters, self._numbers)
         program, rows = self._program(view, inputs, motion)
         answer = solve(program, solver=self.parameters.qp.solver, residual=self.parameters.qp.residual)
@@ -152,9 +152,9 @@ class Manipulator(Stateful[ManipulatorState]):
                 active=active,
                 limiter=rows.limiter,
                 allowed=rows.allowed,
-                status=gave or "solved",
+                program=ProgramStatus.SOLVED if gave is None else ProgramStatus.GAVE_WAY,
                 outcome=outcome,
-                reason=reason or gave,
+                why=gave or why,
             ),
         )
 
@@ -215,12 +215,14 @@ class Manipulator(Stateful[ManipulatorState]):
         outcome = start_over(state, view, self.parameters) if withdraws else ""
         state.twist, state.rates = self._overlap.way_out(view.arm, inputs, state.twist, withdraws=withdraws)
         state.stop_rates = None
-        why = f"something that the lidar sees is {overlap.depth:.2f} m inside the {overlap.body}"
+        kind = Kind.ARM_WITHDRAWS if withdraws else Kind.ARM_STANDS
         decided = Decision(
-            twist=frozen(state.twist), rates=frozen(state.rates), outcome=outcome,
-            status=f"{'withdrawing' if withdraws else 'standing'}: {why}",
-            reason=f"{why}: {'the arm goes back slowly' if withdraws else 'the arm stands'}",
-        )  # fmt: skip
+            twist=frozen(state.twist),
+            rates=frozen(state.rates),
+            outcome=outcome,
+            program=ProgramStatus.WITHDRAWING if withdraws else ProgramStatus.STANDING,
+            why=Reason(kind=kind, subject=overlap.body, value=overlap.depth, unit="m"),
+        )
         return self.report(view, inputs, decided)
 
     def damped_stop(self, inputs: ArmInputs, view: View | None, why: str, *, outcome: str = "") -> ArmStep:
@@ -236,9 +238,9 @@ class Manipulator(Stateful[ManipulatorState]):
         decided = Decision(
             twist=frozen(state.twist),
             rates=frozen(state.rates),
-            status=f"damped stop: {why}",
+            program=ProgramStatus.DAMPED_STOP,
             outcome=outcome,
-            reason=f"the arm was stopped: {why}",
+            why=Reason(kind=Kind.ARM_STOPPED, subject="arm", other=why),
         )
         return self.report(view, inputs, decided)
 
@@ -263,21 +265,21 @@ class Manipulator(Stateful[ManipulatorState]):
             limiter=decided.limiter,
             obstacle_distance=math.inf if view is None else view.nearest,
             allowed_approach=decided.allowed,
-            qp_status=decided.status,
+            program=decided.program,
             holding=state.holding,
             engaged=engaged(state),
             dwell=0.0 if view is None else dwell(state, view, self._rules),
             outcome=decided.outcome,
-            reason=decided.reason,
+            why=decided.why,
         )
 
 
-def _gave_way(speed: float, active: tuple[str, ...]) -> str:
-    """The fault of a program whose rows of furniture gave way by a speed [m/s]; "" as long as they hold."""
+def _gave_way(speed: float, active: tuple[str, ...]) -> Reason | None:
+    """The fault of a program whose rows of furniture gave way by a speed [m/s]; None as long as they hold."""
     if speed < _GIVES_WAY:
-        return ""
+        return None
     rows = [name for name in active if " - " in name and not name.endswith("lidar")]
-    return f"gave way by {speed:.2f} m/s: {rows[0] if rows else 'furniture'} is nearer than the joints can brake"
+    return Reason(kind=Kind.GAVE_WAY, subject=rows[0] if rows else "furniture", value=speed, unit="m/s")
 
 
 def _not_finite(inputs: ArmInputs) -> str:
@@ -316,4 +318,6 @@ class NoArm(Manipulator):
         if not np.isfinite(inputs.base_twist).all():
             return self.damped_stop(inputs, None, "wanted base twist is not finite")
         self._state.twist = inputs.base_twist.copy()
-        return self.report(None, inputs, Decision(twist=frozen(inputs.base_twist), rates=_REST, status=NO_ARM))
+        return self.report(
+            None, inputs, Decision(twist=frozen(inputs.base_twist), rates=_REST, program=ProgramStatus.NONE)
+        )

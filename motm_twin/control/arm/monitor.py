@@ -35,6 +35,7 @@ from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.plant import Actuation, Observation
+from motm_twin.model.reason import Kind, Reason
 
 KEPT = 0.003  # [m] that every body of the arm keeps from mapped furniture
 BRAKING = 5.0  # [m/s^2] with which a body can brake before a solid: half of what the joints can with a stretched arm
@@ -51,10 +52,15 @@ NOWHERE = frozen(np.zeros(7))
 
 
 class Answer(NamedTuple):
-    """The command that passes, and why it differs from what was asked; "" when it does not."""
+    """The command that passes, and why it differs from what was asked; None when it does not."""
 
     actuation: Actuation
-    reason: str
+    why: Reason | None
+
+    @property
+    def reason(self) -> str:
+        """The same in one sentence; "" for none."""
+        return "" if self.why is None else str(self.why)
 
 
 class _Arm(NamedTuple):
@@ -92,7 +98,7 @@ class ArmMonitor:
         """
         rates = actuation.joint_velocity
         if not self._has_arm or not (np.isfinite(rates).all() and np.isfinite(observation.odometry).all()):
-            return Answer(actuation, "")
+            return Answer(actuation, None)
         there = np.append(to_frame(T_odom_world, observation.odometry[:2]), observation.odometry[2] - T_odom_world[2])
         balls = placed(self._balls, observation.gripper_width, held_side)
         kept = rates.copy()
@@ -104,14 +110,14 @@ class ArmMonitor:
             arm, there, observation.twist, settles, self._furniture, self._own, self._base.linear_acceleration
         )
         if body < 0:
-            why = "braking: the hand would fold onto the forearm" if folds else ""
+            why = Reason(kind=Kind.ARM_FOLDS, subject="hand", other="forearm") if folds else None
             return Answer(msgspec.structs.replace(actuation, joint_velocity=kept) if folds else actuation, why)
         limits = np.array([self._base.linear_acceleration, self._base.yaw_acceleration]) * dt
         slower = twist - np.clip(twist, -limits, limits) if solid < len(self._furniture.z) else actuation.twist
-        why = (
-            f"braking: the {BODIES[body]} would come to {self._names[solid]} at {speed:.2f} m/s, "
-            f"{max(distance, 0.0):.3f} m before it"
-        )
+        why = Reason(
+            kind=Kind.ARM_NEAR_SOLID, subject=BODIES[body], other=self._names[solid], value=speed,
+            limit=max(distance, 0.0), unit="m/s",
+        )  # fmt: skip
         return Answer(Actuation(twist=slower, joint_velocity=kept, gripper=actuation.gripper), why)
 
 

@@ -18,6 +18,7 @@ from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, to_frame, wrap_angle
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 
 GRAVITY = 9.81  # [m/s^2]
 _LONGEST = 30.0  # [s] beyond the closing time after which a closing counts as failed, should the fingers still move
@@ -26,13 +27,17 @@ _STILL = 1.0  # [s] that late fingers are expected to need still, and at least a
 _MOVED = 0.03  # [m] by which an object seen away from the fingers ends a closing
 _LEFT = 0.02  # [m] by which the hand may leave the object while it closes
 _OPEN_ROOM = 0.015  # [m] wider than the object: the fingers are open enough for another try
-_UNSURE = "waiting for the robot to say where the hand is"
+_UNSURE = Reason(kind=Kind.WAITS_FOR_STATE, subject="robot")
 _YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
 _MID_DWELL = 0.6  # [s] after arrival the base is about nearest
 _HOVER = 0.75  # [m] from the mount, about where a hand waits for its target
 _LOOK_AGAIN = 1.0  # [s] for which there must be no room before an object is left alone
 _BENT = 0.8  # [rad] of joints 1 to 5 from those of the stow pose, beyond which an arm is folded another way
 _LEVEL = 0.05  # [m] of height error at which a transit has arrived
+
+
+Outcome = tuple[str, Reason | None]  # what a step ended in, and why
+NOTHING: Outcome = ("", None)
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ def wanted(state: ManipulatorState, view: View) -> bool:
     return view.goal.kind == ("place" if state.holding else "pick")
 
 
-def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> tuple[str, str]:
+def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> Outcome:
     """Move to the phase of this step; returns outcome and reason."""
     goal = f"{view.goal.kind} {view.goal.name}"
     if goal != state.goal:
@@ -69,14 +74,14 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if state.holding and state.released is None and view.width < state.side - rules.parameters.held_tolerance:
         return _lost(state, view)
     if _impatient(state, view, rules):
-        tight = state.tight if view.goal.kind == "pick" else ""
-        state.tight_tries += bool(tight)
+        tight = state.tight if view.goal.kind == "pick" else None
+        state.tight_tries += tight is not None
         _rest(state, view.time)
         state.start_over = True
         if state.tight_tries > 1:
             state.tight_tries = 0
             return "no room", tight
-        return "stuck", "nothing achieved for a while: starting over from the stow pose"
+        return "stuck", Reason(kind=Kind.NOTHING_ACHIEVED, subject=view.goal.name)
     if state.phase in ("stow", "carry"):
         return _leave(state, view, inputs, rules)
     if state.phase == "transit":
@@ -103,7 +108,7 @@ def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
 
 
 def _rest(state: ManipulatorState, time: float) -> None:
-    state.yaw, state.tight, state.no_room_since = None, "", None
+    state.yaw, state.tight, state.no_room_since = None, None, None
     enter(state, "carry" if state.holding else "stow", time)
 
 
@@ -135,32 +140,32 @@ def _new_goal(state: ManipulatorState, view: View) -> None:
         _rest(state, view.time)
 
 
-def _lost(state: ManipulatorState, view: View) -> tuple[str, str]:
+def _lost(state: ManipulatorState, view: View) -> Outcome:
     told = state.reported
     state.holding, state.reported, state.released, state.gripper = False, False, None, "open"
     if told:
         enter(state, "stow", view.time)
-        return "lost", "the object slipped out of the gripper"
+        return "lost", Reason(kind=Kind.SLIPPED)
     enter(state, "retry", view.time)
-    return "missed", "the object slipped when it was lifted: trying again"
+    return "missed", Reason(kind=Kind.SLIPPED_IN_LIFT)
 
 
-def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> tuple[str, str]:
+def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> Outcome:
     if not wanted(state, view):
         if view.goal.kind == "place":
-            return "", "nothing is held: there is nothing to place"
-        return "", "an object is held already" if view.goal.kind == "pick" else ""
+            return "", Reason(kind=Kind.NOTHING_HELD)
+        return ("", Reason(kind=Kind.HELD_ALREADY)) if view.goal.kind == "pick" else NOTHING
     if state.start_over:
         state.start_over = not _stowed(view, rules.parameters) and view.time - state.since < rules.parameters.patience
-        return "", "starting over from the stow pose"
+        return "", Reason(kind=Kind.STARTS_OVER)
     speed = float(inputs.observation.twist[0])
     duration = rules.timing.transit_duration(_way(view, inputs, rules), speed, view.time_to_range)
     if duration is None or view.time_to_range > rules.parameters.abandon_time:
-        return "", ""
+        return NOTHING
     if not state.holding and view.width < view.goal.side + _OPEN_ROOM:
-        return "", "the gripper is not open yet"
+        return "", Reason(kind=Kind.GRIPPER_NOT_OPEN, subject="gripper")
     enter(state, "transit", view.time)
-    return "", ""
+    return NOTHING
 
 
 def _stowed(view: View, p: ArmParameters) -> bool:
@@ -198,34 +203,34 @@ def _in_base(pose: Array, point: Array) -> Array:
     return np.array([c * dx + s * dy, -s * dx + c * dy, point[2]])
 
 
-def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> tuple[str, str]:
+def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseRules) -> Outcome:
     p = rules.parameters
     out = view.radius - rules.reach(view.goal.kind)
     if not wanted(state, view) or (out > 0.0 and view.time_to_range > p.abandon_time):
         _rest(state, view.time)
-        return "", ""
+        return NOTHING
     if view.goal.kind == "pick":
         choose_yaw(state, view, inputs, rules)
     if state.no_room_since is not None:
         return _crowded(state, view, p)
     if out > 0.0 or view.distance > p.approach_distance:
-        return "", ""
+        return NOTHING
     if view.goal.kind == "place":
         state.anchor = view.target.copy()
         enter(state, "release", view.time)
     elif view.p[2] < view.target[2] + p.hover_height + _LEVEL:
         enter(state, "final", view.time)
-    return "", ""
+    return NOTHING
 
 
-def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> tuple[str, str]:
+def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
     """No faces of the object can be taken: the hand stays over it until it has seen that well enough to say so.
 
     Where furniture is it only believes, and waits as long as its patience lasts.
     """
     if not view.seen(p) or view.goal.position_sd > p.descend_sd or view.time_to_range > 0.0:
         state.no_room_since = math.inf
-        return "", ""
+        return NOTHING
     since = view.time if state.no_room_since is None else min(state.no_room_since, view.time)
     state.no_room_since = since
     if view.time - since < _LOOK_AGAIN:
@@ -247,7 +252,7 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
     near = natural if state.yaw is None or view.time_to_range > _YAW_TIME else state.yaw
     width = max(view.width, goal.side + _OPEN_ROOM)
     state.yaw, room = rules.room.yaw(goal, near, natural, width, inputs.T_odom_world)
-    state.tight = f"no room for the fingers beside {goal.name}: {room.what} is in their way" if room.what else ""
+    state.tight = Reason(kind=Kind.NO_ROOM, subject=goal.name, other=room.what) if room.what else None
     if not room.blocked:
         state.no_room_since = None
     elif state.no_room_since is None or room.wanders:
@@ -264,17 +269,18 @@ def _azimuth_later(
     return math.atan2(local[1] - mount[1], local[0] - mount[0]) + later[2]
 
 
-def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
+def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p = rules.parameters
     if view.radius > rules.reach("pick") + p.reach_slack or view.distance > 2.0 * p.approach_distance:
         enter(state, "transit", view.time)
-        return "", "the object went out of reach"
+        return "", Reason(kind=Kind.OBJECT_OUT_OF_REACH, subject=view.goal.name)
     if not view.seen(p):
-        return "", f"waiting for a sight of {view.goal.name}"
+        return "", Reason(kind=Kind.WAITS_FOR_SIGHT, subject=view.goal.name)
     if not view.sure(p):
         return "", _UNSURE
     if view.goal.position_sd > p.close_sd:
-        return "", f"{view.goal.name} is known to {1e3 * view.goal.position_sd:.0f} mm only"
+        sd = 1e3 * view.goal.position_sd
+        return "", Reason(kind=Kind.IMPRECISE, subject=view.goal.name, value=sd, limit=1e3 * p.close_sd, unit="mm")
     point = grasp_point(view, p)
     error = norm(view.p - point)
     yaw_error = abs(wrap_angle(hand_yaw(view.R) - (state.yaw or 0.0)))
@@ -284,7 +290,7 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[s
         state.gripper = "close"
         state.side = view.goal.side
         enter(state, "closing", view.time)
-    return "", ""
+    return NOTHING
 
 
 def grasp_point(view: View, p: ArmParameters) -> Array:
@@ -295,16 +301,16 @@ def grasp_point(view: View, p: ArmParameters) -> Array:
     return view.target + np.array([0.0, 0.0, min(max(rise, 0.0), p.highest_grasp)])
 
 
-def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
+def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p = rules.parameters
     elapsed = view.time - state.since
     closing_time = rules.profile.gripper.closing_time
     if view.width < state.side - p.held_tolerance or elapsed > closing_time + _LONGEST:
-        return _miss(state, view, rules, "the fingers closed on nothing: trying again")
+        return _miss(state, view, rules, Kind.CLOSED_ON_NOTHING)
     if norm(view.p - state.anchor) > _LEFT:
-        return _miss(state, view, rules, "the hand could not stay on the object: trying again")
+        return _miss(state, view, rules, Kind.LEFT_OBJECT)
     if math.hypot(*(state.anchor[:2] - view.target[:2])) > _MOVED:
-        return _miss(state, view, rules, "the object was pushed away: trying again")
+        return _miss(state, view, rules, Kind.PUSHED_AWAY)
     closed = view.width < state.side + 0.5 * (
         rules.profile.gripper.max_width - state.side
     )  # fingers that stand may not be
@@ -313,14 +319,14 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str,
         state.holding, state.reported = True, False
         state.anchor = view.p.copy()
         enter(state, "lift", view.time)
-    return "", ""
+    return NOTHING
 
 
-def _miss(state: ManipulatorState, view: View, rules: PhaseRules, reason: str) -> tuple[str, str]:
+def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) -> Outcome:
     state.late = max(state.late, _lateness(state, view, rules))
     state.gripper = "open"
     enter(state, "retry", view.time)
-    return "missed", reason
+    return "missed", Reason(kind=kind)
 
 
 def _lateness(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
@@ -335,7 +341,7 @@ def _left_to_close(state: ManipulatorState, elapsed: float, closing_time: float)
     return max(0.0, left) if left >= -_LATE else max(_STILL, -left)
 
 
-def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
+def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p = rules.parameters
     risen = view.p[2] - state.anchor[2]
     outcome = ""
@@ -346,12 +352,12 @@ def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, 
     return outcome, ""
 
 
-def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[str, str]:
+def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p, gripper = rules.parameters, rules.profile.gripper
     if state.released is None:
         if view.radius > rules.reach("place") + p.reach_slack:
             enter(state, "transit", view.time)
-            return "", "the bin went out of reach"
+            return "", Reason(kind=Kind.BIN_OUT_OF_REACH, subject=view.goal.name)
         strayed = math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance
         if strayed or not _in_square(state, view, rules, state.anchor):  # the robot was pushed, or the bin moved
             state.anchor = view.target.copy()
@@ -359,7 +365,7 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[st
             return "", _UNSURE
         if lands_inside(state, view, rules):
             state.gripper, state.released = "open", view.time
-        return "", ""
+        return NOTHING
     if not view.sure(p) and view.width < state.side + p.held_tolerance:  # it may hear of it when it is elsewhere
         state.gripper, state.released = "close", None
         return "", _UNSURE
@@ -369,7 +375,7 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> tuple[st
         state.clear_z = float(view.goal.position[2]) + p.transit_clearance
         enter(state, "stow", view.time)
         return "placed", ""
-    return "", ""
+    return NOTHING
 
 
 def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
@@ -391,7 +397,7 @@ def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Ar
     return bool(np.abs(to_frame(frame, point[:2])).max() <= half)
 
 
-def _retry(state: ManipulatorState, view: View) -> tuple[str, str]:
+def _retry(state: ManipulatorState, view: View) -> Outcome:
     if view.goal.kind != "pick":
         _rest(state, view.time)
     elif not view.gripper_moving and view.width > view.goal.side + _OPEN_ROOM:

@@ -1,5 +1,6 @@
 """What goes into and comes out of one step of the arm (100 Hz or faster)."""
 
+from enum import StrEnum
 from typing import Protocol
 
 import msgspec
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array, from_frame, frozen
 from motm_twin.model.plant import Actuation, Observation
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import WorldMap
 
 NO_NEIGHBOURS = frozen(np.zeros((0, 6)))
@@ -58,6 +60,22 @@ class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     stuck_joint: int | None = None  # counted from 0: it does not follow its commands
 
 
+class ProgramStatus(StrEnum):
+    """What came of the arm's quadratic program."""
+
+    SOLVED = "solved"
+    GAVE_WAY = "gave way"  # rows of furniture did
+    DAMPED_STOP = "damped stop"  # there is no answer
+    STANDING = "standing"  # something stands where the arm is
+    WITHDRAWING = "withdrawing"
+    NONE = "no arm"
+    OPEN_LOOP = "open loop"
+    COMMANDED = "commanded from outside"  # by an agent
+
+
+_FAULTS = (ProgramStatus.GAVE_WAY, ProgramStatus.DAMPED_STOP, ProgramStatus.STANDING, ProgramStatus.WITHDRAWING)
+
+
 class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What one arm step decided, and why."""
 
@@ -73,14 +91,26 @@ class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     limiter: str  # obstacle that limits the gripper now, "" when none
     obstacle_distance: float  # [m] gripper centre to the nearest seen obstacle, inf when none
     allowed_approach: float  # [m/s] damper line value, inf when not limited
-    qp_status: str  # "solved" | "<gave way .., standing, withdrawing or damped stop>: <why>"
+    program: ProgramStatus
     holding: bool  # the gripper believes that it holds the object
     engaged: bool  # final approach to lift: the base must keep the object in reach
     dwell: float  # [s] that the job still needs in reach
     # "" | "picked" | "placed" | "missed" (failed, is retried) | "lost" (held object gone) | "stuck" (starts over)
     # | "no room" (beside the object, for the fingers)
     outcome: str
-    reason: str  # one sentence when waiting, retrying or stopping; else ""
+    why: Reason | None = None  # it waits, tries again or stops
+
+    @property
+    def reason(self) -> str:
+        """The same in one sentence; "" for none."""
+        return "" if self.why is None else str(self.why)
+
+    @property
+    def qp_status(self) -> str:
+        """Status of the program, and why it is not "solved"."""
+        if self.why is None or self.program not in _FAULTS:
+            return str(self.program)
+        return f"{self.program}: {self.why.other if self.why.kind == Kind.ARM_STOPPED else self.why}"
 
 
 class ArmTiming(Protocol):

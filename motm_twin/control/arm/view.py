@@ -14,6 +14,7 @@ from motm_twin.control.arm.types import ArmGoal, ArmInputs
 from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
 from motm_twin.model.exact import hypot, times
 from motm_twin.model.geometry import Array
+from motm_twin.model.reason import Reason
 from motm_twin.model.state import LATER
 
 _NOTHING, _PICK, _PLACE = 0, 1, 2
@@ -42,7 +43,9 @@ class ManipulatorState:
     twist: Array = field(default_factory=lambda: np.zeros(2))  # commanded last
     rates: Array = field(default_factory=lambda: np.zeros(7))  # commanded last [rad/s]
     stop_rates: Array | None = None  # [rad/s] at the beginning of a damped stop
-    tight: str = field(default="", metadata=LATER)  # what is nearer to the chosen faces than the arm keeps from it
+    tight: Reason | None = field(
+        default=None, metadata=LATER
+    )  # what is nearer to the chosen faces than the arm keeps from it
     tight_tries: int = field(default=0, metadata=LATER)  # times that came to nothing with such faces
     no_room_since: float | None = field(default=None, metadata=LATER)  # [s] no faces can be taken; inf: not seen yet
     inside_since: float | None = field(default=None, metadata=LATER)  # [s] since when something stands where the arm is

@@ -18,6 +18,7 @@ from motm_twin.model.furniture import Piece, moved_scene, pieces
 from motm_twin.model.joint_limits import DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline, rectangle
 from motm_twin.ui.scene.picking import body_outline, furniture_poses
@@ -54,8 +55,15 @@ HELD = 1.0  # [m] from the base to what it stands for
 SAME = 0.2  # [m] by which the distance of a named thing may differ from what the lidar says
 ROUNDED = 1e-3  # [m], [rad] places of a tick are rounded to less
 AHEAD, BEHIND = math.radians(40.0), math.radians(120.0)
-_HOLDS = ("braking", "no motion", "no way", "obstacles close", "every gap")
-_SEEN = re.compile(r"lidar sees, the nearest (\d+\.\d+) m")
+_HOLDS = (
+    Kind.IN_STOPPING_WAY,
+    Kind.FLOOR_UNSEEN,
+    Kind.NO_MOTION,
+    Kind.LEAVES_REACH,
+    Kind.NO_WAY,
+    Kind.CLOSED_IN,
+    Kind.NO_BETTER_MOTION,
+)
 
 
 def method_title(status: StatusMessage, name: str) -> str:
@@ -80,7 +88,9 @@ def doing(tick: TickMessage) -> str:
     name = task.target
     carried = next((belief.name for belief in tick.beliefs if belief.held), "")
     cargo = carried or "the object"
-    unseen = step is not None and step.reason.startswith("waiting for a sight of")  # where it was seen before
+    unseen = (
+        step is not None and step.why is not None and step.why.kind == Kind.WAITS_FOR_SIGHT
+    )  # where it was seen before
     on = "" if stands(tick) else ", on the move"
     carries = f"Carrying {cargo} to {name}" if task.kind == "place" else f"Holding {cargo}, with {name} to be picked"
     phases = {
@@ -118,12 +128,17 @@ def waiting(tick: TickMessage, limiter: str = "") -> list[tuple[str, bool]]:
     near = slowed_by(tick.arm, limiter)
     if near:
         found.append((near, False))
-    if step is not None and step.reason and step.reason not in tick.stop_reason:
+    if step is not None and step.why is not None and not _told(tick.why, step.why):
         found.append((_capital(step.reason), False))
     if task is not None and task.attempts > 1:
         found.append((f"This is the {_ORDINAL.get(task.attempts, f'{task.attempts}th')} try at {task.target}", False))
     found += [(_capital(fault), True) for fault in tick.faults]
     return found
+
+
+def _told(whole: Reason | None, part: Reason) -> bool:
+    """One of two reasons, or a cause of it, is the other."""
+    return whole is not None and (whole.kind == part.kind or _told(whole.cause, part))
 
 
 def slowed(steps: Sequence[ArmMessage]) -> list[ArmMessage]:
@@ -283,15 +298,16 @@ def gripper(tick: TickMessage, scene: Scene) -> shapely.Point:
 
 
 def _held_up(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:
-    why = tick.stop_reason
-    if tick.plan.status != "braking" and not any(word in why for word in _HOLDS):
+    why = None if tick.why is None else tick.why.about(*_HOLDS)
+    if tick.plan.status != "braking" and why is None:
         return ""
     found = _nearest(tick, scene, things, HELD)
     verb = "held up by" if stands(tick) else "braking for"
     if found is not None:
         return f"{verb} {_spelled(*found)}"
-    seen = _SEEN.search(why)
-    return "" if seen is None else f"{verb} something the lidar sees {float(seen[1]):.1f} m away"
+    if why is None or why.kind != Kind.IN_STOPPING_WAY:
+        return ""
+    return f"{verb} something the lidar sees {why.value:.1f} m away"
 
 
 def _gripper(tick: TickMessage, scene: Scene, things: list[Unmapped]) -> str:
