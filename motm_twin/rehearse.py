@@ -20,7 +20,7 @@ from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Actuation, Observation, Plant
 from motm_twin.model.scene import Noise, Scene
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.types import BoolArray
+from motm_twin.planning.types import BoolArray, Mode, PlanStatus
 
 LONGEST = round(900.0 / PERIOD)  # periods
 _NOISELESS = Noise(
@@ -98,7 +98,7 @@ def _kept(known: KnownWorld, ticks: list[Tick], log: _Log, failures: tuple[str, 
         poses=frozen(poses),
         twists=frozen(twists),
         in_range=_flags(tick.plan.time_to_range == 0.0 for tick in ticks),
-        blocked=_flags(tick.placement.mode == "closest" and tick.plan.status == "idle" for tick in ticks),
+        blocked=_flags(tick.placement.mode == Mode.CLOSEST and tick.plan.status == PlanStatus.IDLE for tick in ticks),
         q=frozen(np.array([sample.q for sample in samples])),
         rates=frozen(np.array([actuation.joint_velocity for actuation in told])),
         closed=_flags(actuation.gripper == "close" for actuation in told),

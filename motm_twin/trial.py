@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from motm_twin.control.arm.types import Phase
 from motm_twin.control.method import Method
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
@@ -48,7 +49,7 @@ class Tally:
         if self.last_pose is not None:
             self.path_length += float(np.hypot(*(pose[:2] - self.last_pose[:2])))
         self.last_pose = pose.copy()
-        closing = sum(step.phase == "closing" for step in tick.arm)
+        closing = sum(step.phase == Phase.CLOSING for step in tick.arm)
         self.closing_speed += [abs(float(tick.observation.twist[0]))] * closing
         self.period_ms.append(tick.stage_ms["period"])
 

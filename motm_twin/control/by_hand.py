@@ -17,12 +17,11 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import body_of, clearance, field_of
-from motm_twin.planning.types import BasePlan, BaseProblem, empty_path
+from motm_twin.planning.types import BasePlan, BaseProblem, PlanStatus, empty_path
 
 MARGIN = 0.05  # [m] kept from everything, as plans do
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)  # of the twist, tried in this order
 HOLD = 0.3  # [s] that one twist lasts; then the robot goes on with its tasks
-STATUS = "by hand"  # of the plan in the Tick
 
 
 @dataclass
@@ -60,7 +59,7 @@ class ByHand(Stateful[ByHandState]):
         slowed = "" if share == 1.0 else "slowed"
         return BasePlan(
             acceleration=self._towards(problem, share * wanted),
-            status=STATUS,
+            status=PlanStatus.BY_HAND,
             why=Reason(kind=Kind.BY_HAND, other=slowed, value=max(room, 0.0), unit="m"),
             global_path=empty_path(),
             next_path=empty_path(),

@@ -34,10 +34,9 @@ from motm_twin.perception.mapper import Mapper
 from motm_twin.perception.movers import MoverTracker
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.planning.controller import ESCAPING
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.rejections import Rejection
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target
+from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, SearchBudget, Target
 
 ARM_STEPS = 5  # arm steps in a period: 100 Hz
 BIN_SD = 0.05  # [m] how far from the middle of its bin an object may lie
@@ -137,7 +136,7 @@ class ControlLoop(Stateful[LoopState]):
             placement = self.planner.place(problem)
         with stages.measure("plan"):
             plan = self.by_hand.plan(problem) or self.planner.drive(problem, placement, budget or self.settings.budget)
-        waits = placement.mode == "closest" and plan.status == "idle"
+        waits = placement.mode == Mode.CLOSEST and plan.status == PlanStatus.IDLE
         blocked = "" if not waits else "no way to it" if Rejection.NO_PATH in placement.rejected else "not free"
         in_reach = plan.time_to_range == 0.0
         outside = (waits or placement.chosen < 0) and self._outside(problem.target)
@@ -216,7 +215,7 @@ class ControlLoop(Stateful[LoopState]):
         self, observation: Observation, placement: Placement, plan: BasePlan, *, busy: bool
     ) -> tuple[Event, ...]:
         """Keep the progress clock; what comes of a task on which the base has got nowhere for long."""
-        counts = base_has_to_move(self.sequence, plan, busy=busy, by_hand=plan.status == by_hand.STATUS)
+        counts = base_has_to_move(self.sequence, plan, busy=busy, by_hand=plan.status == PlanStatus.BY_HAND)
         time, index = observation.time, self.sequence.index
         stalled = Progress(self._state.progress, PERIOD).watch(time, index, placement, plan, counts=counts)
         events = self.sequence.hold_up(time, stalled, plan.why or placement.why, observation.pose)
@@ -238,7 +237,9 @@ class ControlLoop(Stateful[LoopState]):
     def _why(self, plan: BasePlan, step: ArmStep, observation: Observation) -> Reason | None:
         """Why the base stands, or is not driven by its plan; None when it is."""
         return (
-            plan.why if plan.status in (by_hand.STATUS, ESCAPING) else standing(self.sequence, plan, step, observation)
+            plan.why
+            if plan.status in (PlanStatus.BY_HAND, PlanStatus.ESCAPING)
+            else standing(self.sequence, plan, step, observation)
         )
 
     def _outside(self, target: Target | None) -> bool:
@@ -320,7 +321,7 @@ class ControlLoop(Stateful[LoopState]):
     ) -> ArmInputs:  # fmt: skip
         """What an arm step reads that begins ``passed`` [s] after the plan was made."""
         time_to_range, plan_times = followed(plan, self.known.robot.base.velocity_lag, passed)
-        elsewhere = plan.status == by_hand.STATUS and not self._state.engaged
+        elsewhere = plan.status == PlanStatus.BY_HAND and not self._state.engaged
         task = None if elsewhere else self.sequence.active  # a base driven by hand: the arm folds away
         goal = self.targets.arm_goal(task, self.sequence.held, observation, T_odom_world)
         return ArmInputs(

@@ -1,23 +1,23 @@
 """Why the robot stands."""
 
-from motm_twin.control.arm.types import ArmStep, ProgramStatus
+from motm_twin.control.arm.types import ArmStep, Phase, ProgramStatus
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.control.task_list import name_of
 from motm_twin.model.plant import Observation
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import DriveTo
-from motm_twin.planning.types import BasePlan
+from motm_twin.planning.types import BasePlan, PlanStatus
 
 MOVING = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 WAITING = (0.10, 0.30)  # [m/s], [rad/s] below which it waits for the arm
 STARTING = 0.05  # [m/s^2], [rad/s^2] of a base that is about to move
 _DOING = {
-    "transit": "the hand is on its way",
-    "final": "the fingers go down",
-    "closing": "the fingers close",
-    "lift": "the hand lifts it",
-    "retry": "the fingers open for another try",
-    "release": "the hand waits until what it drops lands inside",
+    Phase.TRANSIT: "the hand is on its way",
+    Phase.FINAL: "the fingers go down",
+    Phase.CLOSING: "the fingers close",
+    Phase.LIFT: "the hand lifts it",
+    Phase.RETRY: "the fingers open for another try",
+    Phase.RELEASE: "the hand waits until what it drops lands inside",
 }
 
 
@@ -27,9 +27,9 @@ def standing(sequence: TaskSequence, plan: BasePlan, step: ArmStep, observation:
         return step.why
     task = sequence.active
     arm_s_turn = task is not None and not isinstance(task, DriveTo) and (plan.time_to_range == 0.0 or step.engaged)
-    limit = WAITING if arm_s_turn and plan.status in ("goal", "aborted") else MOVING
+    limit = WAITING if arm_s_turn and plan.status in (PlanStatus.GOAL, PlanStatus.ABORTED) else MOVING
     if abs(observation.twist[0]) > limit[0] or abs(observation.twist[1]) > limit[1]:
-        return plan.why if plan.status == "braking" else None
+        return plan.why if plan.status == PlanStatus.BRAKING else None
     if sequence.done:
         return _ended(sequence)
     if task is None:
@@ -68,6 +68,6 @@ def _waiting(sequence: TaskSequence, name: str, step: ArmStep) -> Reason:
     if cause is not None:
         return Reason(kind=Kind.AT_TARGET, subject=name, cause=cause, **tries)
     doing = _DOING.get(step.phase, "it leaves its stow pose")
-    if step.phase == "release" and step.actuation.gripper == "open":
+    if step.phase == Phase.RELEASE and step.actuation.gripper == "open":
         doing = "the fingers let go"
     return Reason(kind=Kind.PHASE, subject=name, other=doing, **tries)

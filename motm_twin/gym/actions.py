@@ -10,7 +10,7 @@ from motm_twin.control.arm.controller import Decision, Manipulator
 from motm_twin.control.arm.parameters import ArmParameters, numbers
 from motm_twin.control.arm.phases import enter
 from motm_twin.control.arm.program import anchor, base_bounds, joint_bounds
-from motm_twin.control.arm.types import ArmInputs, ArmStep, ProgramStatus
+from motm_twin.control.arm.types import ArmInputs, ArmStep, Phase, ProgramStatus
 from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.control.by_hand import ByHand
 from motm_twin.control.method import ArmParts, Method, PlannerParts
@@ -25,9 +25,8 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, empty_path
+from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, SearchBudget, empty_path
 
-STATUS = "agent"  # of the plan in the Tick
 AT_OBJECT = 0.03  # [m] of the tool centre point from where the object is believed, for a grasp of it
 MODES = ("base", "whole_body")
 
@@ -66,7 +65,7 @@ class BaseAction(Stateful[BaseActionState]):
         times, poses = self.forecast.motion(problem.pose, problem.twist, wanted)
         return BasePlan(
             acceleration=frozen(acceleration),
-            status=STATUS,
+            status=PlanStatus.AGENT,
             why=why,
             global_path=empty_path(),
             next_path=empty_path(),
@@ -102,7 +101,7 @@ class NoPlacement:
         """No candidates; the goal is where the base is."""
         none = frozen(np.zeros(0))
         return Placement(
-            mode="none",
+            mode=Mode.NONE,
             radius=0.0,
             poses=frozen(np.zeros((0, 3))),
             cost_current=none,
@@ -121,7 +120,7 @@ class NoPlacement:
 class ArmActionState(ManipulatorState):
     """What the agent asks for, beside what an arm side remembers."""
 
-    phase: str = "transit"
+    phase: Phase = Phase.TRANSIT
     asked_rates: Array = field(default_factory=lambda: np.zeros(7))  # [rad/s]
     asked_gripper: str = "open"
     over_bin: bool = False  # when it was let go
@@ -162,16 +161,16 @@ class ArmAction(Manipulator):
     def _fingers(self, view: View) -> str:
         """The phase of this step, from what the gripper was told and what its width says; returns the outcome."""
         state = self._state
-        if state.phase == "release":
+        if state.phase == Phase.RELEASE:
             return self._let_go(view)
         if state.holding:
             return self._hold(view)
         state.gripper = state.asked_gripper
         if state.gripper == "open":
-            state.phase = "transit"
-        elif state.phase == "transit":
-            enter(state, "closing", view.time)
-        elif state.phase == "closing" and self._over(self.profile.gripper.closing_time, view):
+            state.phase = Phase.TRANSIT
+        elif state.phase == Phase.TRANSIT:
+            enter(state, Phase.CLOSING, view.time)
+        elif state.phase == Phase.CLOSING and self._over(self.profile.gripper.closing_time, view):
             self._closed(view)
         return ""
 
@@ -185,9 +184,9 @@ class ArmAction(Manipulator):
         fits = abs(view.width - goal.side) <= self.parameters.held_tolerance
         if goal.kind == "pick" and fits and norm(view.p - view.target) <= AT_OBJECT:
             state.holding, state.reported, state.side, state.anchor = True, False, goal.side, view.p.copy()
-            enter(state, "lift", view.time)
+            enter(state, Phase.LIFT, view.time)
         else:
-            enter(state, "retry", view.time)
+            enter(state, Phase.RETRY, view.time)
 
     def _hold(self, view: View) -> str:
         state, p = self._state, self.parameters
@@ -195,10 +194,10 @@ class ArmAction(Manipulator):
             return self._drop(view, "lost")
         if state.asked_gripper == "open":
             state.gripper, state.released, state.over_bin = "open", view.time, _over_bin(view)
-            enter(state, "release", view.time)
-        elif state.phase == "lift" and view.p[2] - state.anchor[2] >= p.picked_height:
+            enter(state, Phase.RELEASE, view.time)
+        elif state.phase == Phase.LIFT and view.p[2] - state.anchor[2] >= p.picked_height:
             state.reported = True
-            enter(state, "carry", view.time)
+            enter(state, Phase.CARRY, view.time)
             return "picked"
         return ""
 
@@ -213,7 +212,7 @@ class ArmAction(Manipulator):
         told = state.reported
         state.holding, state.reported, state.released = False, False, None
         state.gripper = state.asked_gripper
-        enter(state, "transit", view.time)
+        enter(state, Phase.TRANSIT, view.time)
         return outcome if told else ""
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.control.arm.types import ArmGoal
+from motm_twin.control.arm.types import ArmGoal, Phase
 from motm_twin.gym.view import AgentView
 from motm_twin.model.arm_kernels import TCP, fk_arm
 from motm_twin.model.geometry import Array, to_frame
@@ -25,7 +25,7 @@ except ImportError as error:
 
 spaces = gymnasium.spaces
 TASKS = ("none", "pick", "place", "drive")
-PHASES = ("stow", "transit", "final", "closing", "lift", "carry", "release", "retry")
+PHASES = tuple(Phase)
 FAR = 50.0  # [m] positions are clipped to
 LATE = 60.0  # [s] times are clipped to
 SPEED_ROOM = 1.5  # measured speeds may exceed the limits of the robot by this, noise and lags included
@@ -52,7 +52,7 @@ class ObservationReader:
         """The observation; ``limit`` [s] of the episode, ``tasks``: length of the task list."""
         now, tick = view.observation, view.tick
         done = 0 if tick is None else sum(task.status in ("done", "failed") for task in tick.tasks)
-        phase = "stow" if tick is None else tick.arm[-1].phase
+        phase = Phase.STOW if tick is None else tick.arm[-1].phase
         holding = tick is not None and tick.arm[-1].holding
         x, y, heading = now.pose
         values: dict[str, Any] = {

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from motm_twin.control.arm.parameters import AvoidanceParameters
+from motm_twin.control.arm.types import Phase
 from motm_twin.control.tick import Tick
 from motm_twin.measures.agents import Encounters
 from motm_twin.measures.gripper import GripperObstacles
@@ -15,7 +16,7 @@ from motm_twin.model.scene import Scene
 
 AT_LIMIT = 0.95  # share of the speed limit from which the base drives at it
 TURNING = math.radians(10.0)  # [rad/s] from which a base that is slower than that is turning
-AT_REST = ("stow", "carry")  # phases in which the arm has nothing to do
+AT_REST = (Phase.STOW, Phase.CARRY)  # phases in which the arm has nothing to do
 PHASES = ("driving", "waiting_for_arm", "stationary", "closing")
 PARTS = ("at_limit", "below_limit", "turning", "reversing", "waiting_for_arm", "evading", "standing")
 
@@ -29,7 +30,7 @@ def waits_for_arm(interval: Interval) -> bool:
 def closing_share(interval: Interval) -> float:
     """Part of the interval in which the fingers were closing on an object."""
     steps = interval.tick.arm
-    return sum(step.phase == "closing" for step in steps) / len(steps)
+    return sum(step.phase == Phase.CLOSING for step in steps) / len(steps)
 
 
 def part_of(interval: Interval, v_f: float, *, evading: bool) -> str:

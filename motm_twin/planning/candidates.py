@@ -22,7 +22,7 @@ from motm_twin.planning.global_path import costs_on, costs_to, poses_at, rates_o
 from motm_twin.planning.parameters import PlanningParameters, Room
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.rejections import Here, Rejection, in_sight, leaves_room, may_move, rejections
-from motm_twin.planning.types import Target
+from motm_twin.planning.types import Mode, Target
 
 CLEARLY_CLOSER = 0.5  # [m] by which a free place must be closer to the target to take the place of the one chosen
 CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position: what stands about is as large,
@@ -78,7 +78,7 @@ class Survey(NamedTuple):
 class Candidates(NamedTuple):
     """Poses (m, 3) at places (p, 2) and why each is rejected ("" when it is not)."""
 
-    mode: str
+    mode: Mode
     radius: float
     pose: Array
     place: Array
@@ -191,7 +191,7 @@ def _tangential(target: Target, survey: Survey) -> Iterator[Candidates]:
         reached = survey.model.reach.reached_from(pose, target)
         rejected = rejections(pose, survey.room.clearance, survey.here)
         rejected = [why or ("" if ok else Rejection.NO_REACH) for why, ok in zip(rejected, reached, strict=True)]
-        candidates = Candidates("ring", float(radius), pose, place, place_of, rejected)
+        candidates = Candidates(Mode.RING, float(radius), pose, place, place_of, rejected)
         if candidates.viable().any() or radius == p.radius_max:
             yield candidates
 
@@ -208,7 +208,7 @@ def _any_heading(target: Target, survey: Survey) -> Iterator[Candidates]:
         keep[reached] = clearances(pose[reached], wanted, survey.here.field, survey.here.body) >= wanted
         if not keep.any():
             continue
-        found = Candidates("reach", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
+        found = Candidates(Mode.REACH, float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
         if previous is not None:
             yield joined(previous, found)
         previous = found
@@ -246,7 +246,7 @@ def _kept_closest(target: Target, survey: Survey) -> Candidates | None:
     if clearances(pose, 1.0, survey.here.field, survey.here.body)[0] < 0.0:
         return None
     away = math.dist(last.goal[:2], target.position[:2])
-    return Candidates("closest", away, pose, pose[:, :2], np.zeros(1, np.int32), [""])
+    return Candidates(Mode.CLOSEST, away, pose, pose[:, :2], np.zeros(1, np.int32), [""])
 
 
 def waiting_rooms(survey: Survey) -> tuple[float, ...]:
@@ -269,7 +269,7 @@ def closest_places(
         if sight and keep.any():
             keep[keep] = in_sight(pose[keep], here)
         if keep.any():
-            yield Candidates("closest", float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
+            yield Candidates(Mode.CLOSEST, float(radius), pose[keep], place, place_of[keep], [""] * int(keep.sum()))
 
 
 def times_avoided(pose: Array, avoid: Array) -> NDArray[np.int64]:
@@ -297,7 +297,7 @@ def _drive(target: Target, survey: Survey) -> Candidates:
         # It was not free: what hides it now may have been seen there before, and forgotten.
         seen = in_sight(pose, survey.here)
         rejected = [why or ("" if ok else Rejection.HIDDEN) for why, ok in zip(rejected, seen, strict=True)]
-    return Candidates("drive", 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejected)
+    return Candidates(Mode.DRIVE, 0.0, pose, pose[:1, :2], np.zeros(count, np.int32), rejected)
 
 
 def ring(centre: Array, radius: float, positions: int) -> tuple[Array, Array, Array]:

@@ -26,7 +26,7 @@ from motm_twin.planning.pocket import NO_POCKET, half_width, in_pocket, settle_p
 from motm_twin.planning.prediction import at_half_steps, gap_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.search_memory import CellSights, Memory, Pocket, Settings, World
-from motm_twin.planning.types import ESCAPING, BasePlan, BaseProblem, Placement, Target
+from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, Target
 
 TINY = 1e-6  # [s]
 LATE = 0.1  # [s] that a job may end after its plan, the target in reach: poses are known to 1 cm
@@ -83,7 +83,7 @@ class Rest(NamedTuple):
         return msgspec.structs.replace(
             found,
             acceleration=frozen((states[1, 3:] - states[0, 3:]) / times[1]),
-            status="goal" if arrives else "aborted",
+            status=PlanStatus.GOAL if arrives else PlanStatus.ABORTED,
             local_poses=frozen(states),
             local_times=frozen(times),
             local_to_go=frozen(self.to_go),
@@ -153,7 +153,12 @@ class KeepPlans(Stateful[CommitmentState]):
     def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
         """What is left of the kept plan, when it is still possible."""
         kept, target = self._state.kept, problem.target
-        if kept is None or target is None or kept.targets != _targets(problem) or placement.mode in ("closest", "none"):
+        if (
+            kept is None
+            or target is None
+            or kept.targets != _targets(problem)
+            or placement.mode in (Mode.CLOSEST, Mode.NONE)
+        ):
             return None
         if math.dist(kept.place, target.position[:2]) > MOVED:
             return None
@@ -196,7 +201,7 @@ class KeepPlans(Stateful[CommitmentState]):
 
     def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
         """The plan of this period, or what is left of the one before when that is not dearer."""
-        if found.status in ("idle", ESCAPING) or problem.target is None:
+        if found.status in (PlanStatus.IDLE, PlanStatus.ESCAPING) or problem.target is None:
             self._state = CommitmentState()
             return found
         if rest is not None and not _better(found, rest, informed):
@@ -234,9 +239,9 @@ def _targets(problem: BaseProblem) -> tuple[str, str]:
 def _better(found: BasePlan, rest: Rest, informed: bool) -> bool:
     """Whether a new plan takes the place of what is left of the kept one."""
     kept = rest.kept
-    if found.status not in ("goal", "aborted"):
+    if found.status not in (PlanStatus.GOAL, PlanStatus.ABORTED):
         return False
-    arrives = found.status == "goal"
+    arrives = found.status == PlanStatus.GOAL
     if arrives != kept.arrives:
         return arrives
     if not arrives and informed != kept.informed:
@@ -248,7 +253,7 @@ def _kept(problem: BaseProblem, target: Target, plan: BasePlan, informed: bool) 
     return Kept(
         targets=_targets(problem),
         place=(float(target.position[0]), float(target.position[1])),
-        arrives=plan.status == "goal",
+        arrives=plan.status == PlanStatus.GOAL,
         informed=informed,
         begins=problem.time,
         times=plan.local_times,

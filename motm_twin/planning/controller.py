@@ -25,7 +25,16 @@ from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.planning.search_settings import LocalGoal, Question, search_settings
-from motm_twin.planning.types import ESCAPING, BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+from motm_twin.planning.types import (
+    BasePlan,
+    BaseProblem,
+    Mode,
+    Placement,
+    PlanStatus,
+    SearchBudget,
+    Target,
+    empty_path,
+)
 from motm_twin.planning.visibility import Graph
 
 CLOCK_CHUNK = 32  # expansions between two looks at the clock
@@ -78,7 +87,7 @@ class StaaController:
         target = problem.target
         field = self._graphs.field(problem.world)
         self._asked = None
-        if target is None or placement.mode == "none":
+        if target is None or placement.mode == Mode.NONE:
             return self._idle(problem, field, Reason(kind=Kind.NOTHING_TO_DO)), False
         self._asked = (problem, placement)
         if self._overlap_depth(problem, field) > problem.world.resolution:
@@ -88,7 +97,7 @@ class StaaController:
         goal = self._local_goal(problem, placement, graph)
         if placement.chosen < 0:
             return self._brake(problem, field, placement.why, goal, 0), False
-        if placement.mode == "closest" and self.at_goal(problem.pose, placement):
+        if placement.mode == Mode.CLOSEST and self.at_goal(problem.pose, placement):
             return self._idle(problem, field, _arrived(placement.why)), False
         next_table = self._next_table(graph, placement)
         asked = Question(problem, placement, target, field, room, graph, goal, next_table)
@@ -136,7 +145,7 @@ class StaaController:
         t_h = self._time_to_goal(asked.problem, job, settings, goal)
         return BasePlan(
             acceleration=frozen(search_memory.first_action(memory, branch, dt)),
-            status="goal" if arrives else "aborted",
+            status=PlanStatus.GOAL if arrives else PlanStatus.ABORTED,
             global_path=frozen(goal.global_path),
             next_path=frozen(self._next_path(asked.placement, asked.graph, asked.next_table)),
             intermediate_goal=frozen(goal.pose),
@@ -307,9 +316,9 @@ class StaaController:
         found = find_escape(problem.world, np.array(problem.pose, dtype=np.float64), self.body, self.limits)
         if found is None:
             why = Reason(kind=Kind.OVERLAP_STANDS, subject="base", value=depth, unit="m")
-            return self._stop(problem, field, "braking", why, None, 0)
+            return self._stop(problem, field, PlanStatus.BRAKING, why, None, 0)
         why = Reason(kind=Kind.OVERLAP_LEAVES, subject="base", value=depth, unit="m")
-        return self._along(problem, found, self._stop(problem, field, ESCAPING, why, None, 0), why)
+        return self._along(problem, found, self._stop(problem, field, PlanStatus.ESCAPING, why, None, 0), why)
 
     def _along(self, problem: BaseProblem, found: Escape, plan: BasePlan, why: Reason) -> BasePlan:
         """A plan that holds the twist of an escape."""
@@ -317,7 +326,7 @@ class StaaController:
         twists = np.broadcast_to(found.twist, (len(found.poses), 2))
         return msgspec.structs.replace(
             plan,
-            status=ESCAPING,
+            status=PlanStatus.ESCAPING,
             why=why,
             acceleration=frozen(np.clip((found.twist - problem.twist) / problem.period, -most, most)),
             local_poses=frozen(np.column_stack((found.poses, twists))),
@@ -364,12 +373,12 @@ class StaaController:
         return time
 
     def _idle(self, problem: BaseProblem, field: Field, why: Reason) -> BasePlan:
-        return self._stop(problem, field, "idle", why, None, 0)
+        return self._stop(problem, field, PlanStatus.IDLE, why, None, 0)
 
     def _brake(
         self, problem: BaseProblem, field: Field, why: Reason, goal: LocalGoal, expansions: int, *, cut: bool = False
     ) -> BasePlan:
-        plan = self._stop(problem, field, "braking", why, goal, expansions, cut=cut)
+        plan = self._stop(problem, field, PlanStatus.BRAKING, why, goal, expansions, cut=cut)
         found = self._recovered(problem, field)
         if found is None:
             return plan
@@ -386,14 +395,14 @@ class StaaController:
         return None
 
     def _stop(
-        self, problem: BaseProblem, field: Field, status: str, why: Reason, goal: LocalGoal | None, expansions: int,
+        self, problem: BaseProblem, field: Field, status: PlanStatus, why: Reason, goal: LocalGoal | None, expansions: int,
         *, cut: bool = False,
     ) -> BasePlan:  # fmt: skip
         """Brake to rest; when the straight way to rest comes too near to something, steer to where it does not."""
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
         most = np.array([self.limits.linear_acceleration, self.limits.yaw_acceleration])
         acceleration = np.clip(-twist / problem.period, -most, most)
-        if status == "braking" and abs(twist[0]) > STILL_V:
+        if status == PlanStatus.BRAKING and abs(twist[0]) > STILL_V:
             acceleration[1], _ = best_braking(
                 pose, twist, self.limits.yaw_rate, most[0], most[1], self.parameters.notches, field, self.body
             )
@@ -412,8 +421,8 @@ class StaaController:
             bezier=empty_path(),
             expansions=expansions,
             cut_by_clock=cut,
-            t_h=0.0 if status == "idle" else math.inf,
-            k=self.penalty_scale(0.0 if status == "idle" else math.inf),
+            t_h=0.0 if status == PlanStatus.IDLE else math.inf,
+            k=self.penalty_scale(0.0 if status == PlanStatus.IDLE else math.inf),
             time_to_range=math.inf,
         )
 

@@ -29,7 +29,7 @@ from motm_twin.planning.collision import clearances
 from motm_twin.planning.global_path import GraphCache, costs_on, poses_at
 from motm_twin.planning.placement import SAME_HEADING, SAME_PLACE
 from motm_twin.planning.rejections import Here, Rejection, rejections
-from motm_twin.planning.types import Target
+from motm_twin.planning.types import Mode, Target
 
 BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more,
 BESIDE_ROUND = 2.0  # [m] and beyond the circle about a base that is larger than Frankie
@@ -79,7 +79,7 @@ class EveryRing:
             return None
         used, place_of = np.unique(free.place_of[best], return_inverse=True)
         radius = float(np.hypot(*(free.place[used] - target.position[:2]).T).min())
-        kept = Candidates("closest", radius, free.pose[best], free.place[used], place_of, [""] * len(best))
+        kept = Candidates(Mode.CLOSEST, radius, free.pose[best], free.place[used], place_of, [""] * len(best))
         return Judged(kept, current[best], onward[best], waits=True)
 
 
@@ -90,7 +90,7 @@ def every_ring(target: Target, survey: Survey) -> Candidates:
     rejected = _unless_chosen(rejections(pose, model.placement.clearance, survey.here), target, pose, survey)
     for i in np.flatnonzero(~model.reach.reached_from(pose, target)).tolist():
         rejected[i] = rejected[i] or Rejection.NO_REACH
-    return Candidates("ring", float(model.radii[0]), pose, place, place_of, rejected)
+    return Candidates(Mode.RING, float(model.radii[0]), pose, place, place_of, rejected)
 
 
 def passing_more_slowly(candidates: Candidates, target: Target, survey: Survey) -> Array:

@@ -27,7 +27,7 @@ from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, Poses, costs_to, grouped, path_to_goal, poses_at, robot_table
 from motm_twin.planning.parameters import PlanningParameters, room_for
 from motm_twin.planning.rejections import Here, Rejection
-from motm_twin.planning.types import BaseProblem, Placement, Target, empty_path, no_placement
+from motm_twin.planning.types import BaseProblem, Mode, Placement, Target, empty_path, no_placement
 from motm_twin.planning.visibility import Graph
 
 SAME_PLACE, SAME_HEADING = 0.06, 0.15  # [m], [rad] a candidate this near to the last choice is the same choice
@@ -120,13 +120,13 @@ class NextTargetPlacement(Stateful[PlacementState]):
             rejected=tuple(candidates.rejected),
             chosen=chosen,
             goal=frozen(goal),
-            goal_has_heading=candidates.mode in ("ring", "reach")
-            or (candidates.mode == "drive" and target.heading is not None),
+            goal_has_heading=candidates.mode in (Mode.RING, Mode.REACH)
+            or (candidates.mode == Mode.DRIVE and target.heading is not None),
             why=_why(judged, chosen, target, survey),
             next_goal=None if next_goals is None else next_goals[0],
             next_goals=next_goals,
         )
-        closest = candidates.mode == "closest" and chosen >= 0
+        closest = candidates.mode == Mode.CLOSEST and chosen >= 0
         return placement, PlacementState(target=(target.kind, target.name), goal=np.array(goal), closest=closest)
 
     def _next_poses(self, target: Target | None, survey: Survey) -> Array | None:
@@ -185,12 +185,12 @@ def _why(judged: Judged, chosen: int, target: Target, survey: Survey) -> Reason:
     if chosen < 0:
         return outside or Reason(kind=Kind.CLOSED_IN, subject=name)
     costs = {"value": float(current[chosen]), "limit": float(onward[chosen]), "unit": "s"}
-    if candidates.mode == "ring":
+    if candidates.mode == Mode.RING:
         return Reason(kind=Kind.RING, subject=name, other=f"{candidates.radius:.2f} m", **costs)
-    if candidates.mode == "drive":
+    if candidates.mode == Mode.DRIVE:
         return Reason(kind=Kind.DRIVE, subject=name, **costs)
     no_candidate = Reason(kind=Kind.NO_CANDIDATE, subject=name, limit=largest, unit="m")
-    if candidates.mode == "reach":
+    if candidates.mode == Mode.REACH:
         return Reason(kind=Kind.IN_REACH, subject=name, cause=no_candidate, **costs)
     away = math.hypot(*(candidates.pose[chosen, :2] - target.position[:2]))
     not_free = Reason(kind=Kind.NOT_FREE, subject=name, other=_not_free(candidates))

@@ -11,7 +11,7 @@ from motm_twin.planning.collision import Body, Field
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.parameters import Room, StaaParameters
 from motm_twin.planning.search_memory import Settings
-from motm_twin.planning.types import BaseProblem, Placement, Target
+from motm_twin.planning.types import BaseProblem, Mode, Placement, Target
 from motm_twin.planning.visibility import Graph
 
 # [m] of clearance at the end of a node, from which on it is free half way: no point of Frankie moves so far
@@ -53,7 +53,7 @@ def search_settings(
     problem, goal = asked.problem, asked.goal
     by_job = p.termination == "task" and not is_avoided(problem.pose, problem.stuck_at)
     goal_test = staa.END_TEST if p.termination == "reach_goal" else staa.PASS_TEST
-    if asked.placement.mode == "closest" and goal.is_goal:
+    if asked.placement.mode == Mode.CLOSEST and goal.is_goal:
         goal_test = staa.END_TEST
     elif by_job and goal.is_goal:
         goal_test = staa.NO_GOAL_TEST

@@ -1,5 +1,6 @@
 """What goes into and comes out of base placement and base control."""
 
+from enum import StrEnum
 from typing import Protocol
 
 import msgspec
@@ -57,10 +58,34 @@ class SearchBudget(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float | None = None  # [s]; None: only expansions count (deterministic)
 
 
+class Mode(StrEnum):
+    """Kinds of places that a placement offers."""
+
+    RING = "ring"  # round the target
+    REACH = "reach"  # any free pose, with any heading, that the arm reaches from
+    CLOSEST = "closest"  # free place
+    DRIVE = "drive"
+    WHOLE_BODY = "whole body"
+    TANGENT = "tangent"
+    NONE = "none"
+
+
+class PlanStatus(StrEnum):
+    """What the base does in a period."""
+
+    GOAL = "goal"  # a node ends the search
+    ABORTED = "aborted"  # the best node so far
+    BRAKING = "braking"  # the queue is dry
+    ESCAPING = "escaping"  # it leaves what it overlaps
+    IDLE = "idle"
+    BY_HAND = "by hand"
+    AGENT = "agent"
+
+
 class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """All candidates of a period with their costs, and the choice."""
 
-    mode: str  # ring | reach (free pose, any heading, arm reaches) | closest (free place) | drive | whole body | none
+    mode: Mode
     radius: float  # [m] of the ring; 0 when there is none
     poses: Array  # candidate base poses, shape (n, 3)
     cost_current: Array  # C_iC [s], inf when rejected, shape (n,)
@@ -80,7 +105,6 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return str(self.why)
 
 
-ESCAPING = "escaping"  # status of a plan that leaves an overlap
 NO_COSTS = frozen(np.zeros(0))
 
 
@@ -88,7 +112,7 @@ class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What the base does in this period, and the plan behind it."""
 
     acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
-    status: str  # "goal" (a node ends the search) | "aborted" (best node) | "braking" (queue dry) | "escaping" | "idle"
+    status: PlanStatus
     why: Reason | None = None  # whenever the robot brakes, waits or idles
     global_path: Array  # robot to goal, shape (m, 2)
     next_path: Array  # goal to next target, shape (k, 2)
@@ -134,7 +158,7 @@ def no_placement(pose: Array) -> Placement:
     """The placement of a robot at a pose (3,) that has no target."""
     none = frozen(np.zeros(0))
     return Placement(
-        mode="none", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none, cost=none,
+        mode=Mode.NONE, radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none, cost=none,
         rejected=(), chosen=-1, goal=frozen(pose), goal_has_heading=False, next_goal=None,
         why=Reason(kind=Kind.NO_TARGET),
     )  # fmt: skip

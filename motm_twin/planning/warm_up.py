@@ -13,7 +13,7 @@ from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
-from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Target
+from motm_twin.planning.types import BaseProblem, Mode, Placement, PlanStatus, SearchBudget, Target
 
 
 def warm_up_placement() -> Placement:
@@ -36,14 +36,15 @@ def warm_up_search() -> None:
     goal = np.array([2.0, -0.6, 0.0])
     one = np.ones(1)
     placement = Placement(
-        mode="ring", radius=0.6, poses=goal[None], cost_current=one, cost_next=one, cost=one, rejected=("",), chosen=0,
+        mode=Mode.RING, radius=0.6, poses=goal[None], cost_current=one, cost_next=one, cost=one, chosen=0,
+        rejected=("",),
         goal=goal, goal_has_heading=True, next_goal=goal + 1.0, next_goals=goal[None] + 1.0,
         why=Reason(kind=Kind.DRIVE),
     )  # fmt: skip
     controller = StaaController(RobotProfile(), PlanningParameters())
     controller.plan(problem, placement, SearchBudget(expansions=8))
     too_fast = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]), twist=np.array([0.5, 0.0]))
-    assert controller.plan(too_fast, placement, SearchBudget(expansions=8)).status == "braking"
+    assert controller.plan(too_fast, placement, SearchBudget(expansions=8)).status == PlanStatus.BRAKING
     away = msgspec.structs.replace(placement, goal=np.array([-1.0, 0.0, 0.0]))
     before_the_box = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]))
     committed = StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans())

@@ -22,7 +22,7 @@ from motm_twin.control.arm.motion import OVER, OVER_RIM, Motion, hand_motion
 from motm_twin.control.arm.parameters import ArmParameters, Numbers
 from motm_twin.control.arm.program import ARM, BASE, SLACK
 from motm_twin.control.arm.qp import Program
-from motm_twin.control.arm.types import ArmInputs
+from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.control.method import ArmParts, BaseChoices, Materials, Method
 from motm_twin.model.exact import norm
@@ -38,15 +38,17 @@ from motm_twin.planning.types import (
     BaseController,
     BasePlan,
     BaseProblem,
+    Mode,
     Placement,
     PlacementStrategy,
+    PlanStatus,
     SearchBudget,
     Target,
     empty_path,
 )
 from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement, TangentState
 
-_RESTING = ("stow", "carry")  # the arm is not on its way to anything: neither is the base
+_RESTING = (Phase.STOW, Phase.CARRY)  # the arm is not on its way to anything: neither is the base
 _STEPS = 6.0  # arm steps of acceleration by which the base may be ahead of what the monitor let through last
 
 
@@ -99,7 +101,7 @@ class WholeBody:
         self, state: ManipulatorState, view: View, inputs: ArmInputs, parameters: ArmParameters, numbers: Numbers
     ) -> Motion:
         """On the way: straight for the point above the target, however far it is."""
-        if state.phase != "transit":
+        if state.phase != Phase.TRANSIT:
             return hand_motion(state, view, inputs, parameters, numbers)
         h, point = self._h, self._hover(view)
         error = point - view.p
@@ -137,7 +139,7 @@ class WholeBody:
         scale = h.scale(error)
         P[BASE] = h.base_weight / error
         c[BASE] = 0.0, -self._turning(scale * h.k_eps, float(P[BASE][1]), _direction(view))
-        if state.phase == "transit":
+        if state.phase == Phase.TRANSIT:
             P[ARM], P[SLACK] = h.rate_weight, h.slack_weight / error
             c[ARM] = -scale * manipulability_gradient(view.q)
         return msgspec.structs.replace(program, P=P, c=c)
@@ -177,7 +179,7 @@ class HolisticPlacement:
             return self._drives.place(problem)
         none = frozen(np.zeros(0))
         return Placement(
-            mode="whole body", radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none,
+            mode=Mode.WHOLE_BODY, radius=0.0, poses=frozen(np.zeros((0, 3))), cost_current=none, cost_next=none,
             cost=none, rejected=(), chosen=-1, goal=frozen([*target.position[:2], problem.pose[2]]),
             goal_has_heading=False, why=Reason(kind=Kind.WHOLE_BODY), next_goal=None,
         )  # fmt: skip
@@ -199,7 +201,7 @@ class HolisticBase:
         time = self._time_to_range(problem, target)
         return BasePlan(
             acceleration=frozen(np.zeros(2)),
-            status="goal",
+            status=PlanStatus.GOAL,
             why=None if time == 0.0 else Reason(kind=Kind.HAND_HELD_UP, subject=target.name),
             global_path=frozen([problem.pose[:2], target.position[:2]]),
             next_path=empty_path(),

@@ -30,8 +30,10 @@ from motm_twin.planning.types import (
     BaseController,
     BasePlan,
     BaseProblem,
+    Mode,
     Placement,
     PlacementStrategy,
+    PlanStatus,
     SearchBudget,
     Target,
     empty_path,
@@ -128,7 +130,7 @@ class TangentPlacement(Stateful[TangentState]):
         onward = [self._onward(line, target, radius, side, problem.next_target)
                   for line, side in zip(lines, sides, strict=True)]  # fmt: skip
         return Placement(
-            mode="drive" if target.kind == "drive" else "ring",
+            mode=Mode.DRIVE if target.kind == "drive" else Mode.RING,
             radius=radius,
             poses=frozen(poses),
             cost_current=frozen(current),
@@ -198,7 +200,7 @@ class TangentController:
         circle = path_round(line, target.position, radius, side, onward)
         return BasePlan(
             acceleration=frozen(acceleration),
-            status="goal",
+            status=PlanStatus.GOAL,
             global_path=frozen(np.vstack([problem.pose[:2], circle])),
             next_path=empty_path() if onward is None else frozen(np.vstack([circle[-1], onward[:2]])),
             intermediate_goal=frozen([*line.point, line.heading]),
@@ -264,7 +266,7 @@ class TangentController:
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
         return BasePlan(
             acceleration=frozen(np.clip(-problem.twist / problem.period, -most, most)),
-            status="idle",
+            status=PlanStatus.IDLE,
             why=Reason(kind=Kind.NOTHING_TO_DO),
             global_path=empty_path(),
             next_path=empty_path(),

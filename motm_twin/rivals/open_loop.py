@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from motm_twin.control.arm.controller import Decision, Manipulator
-from motm_twin.control.arm.types import ArmInputs, ArmStep, ProgramStatus
+from motm_twin.control.arm.types import ArmInputs, ArmStep, Phase, ProgramStatus
 from motm_twin.control.arm.view import ManipulatorState
 from motm_twin.control.method import ARM_STEPS, ArmParts, Method, PlannerParts, Rehearse, Rehearsed, Timed
 from motm_twin.model.edits import TaskEdit
@@ -27,7 +27,16 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+from motm_twin.planning.types import (
+    BasePlan,
+    BaseProblem,
+    Mode,
+    Placement,
+    PlanStatus,
+    SearchBudget,
+    Target,
+    empty_path,
+)
 
 K_X, K_Y, K_H = 1.0, 4.0, 2.0  # [1/s], [1/m^2], [1/s]: critically damped at 0.5 m/s
 K_Q = 5.0  # [1/s] of the joints to their planned positions
@@ -82,7 +91,7 @@ class TrackingController(Stateful[ScriptState]):
         goal, over = plan.poses[n], state.at >= plan.periods
         zero = np.zeros(1)
         return Placement(
-            mode="closest" if over or plan.blocked[state.at] else "drive",
+            mode=Mode.CLOSEST if over or plan.blocked[state.at] else Mode.DRIVE,
             radius=0.0,
             poses=goal[None],
             cost_current=frozen(zero),
@@ -112,7 +121,7 @@ class TrackingController(Stateful[ScriptState]):
         state.at += 1
         return BasePlan(
             acceleration=frozen(np.clip((wanted - problem.twist) / problem.period, -most, most)),
-            status="idle" if idle else "goal",
+            status=PlanStatus.IDLE if idle else PlanStatus.GOAL,
             why=state.refused or (_over(plan) if over else None),
             global_path=plan.poses[n:, :2],
             next_path=empty_path(),
@@ -153,7 +162,7 @@ class OpenLoopArm(Manipulator):
     @property
     def busy(self) -> bool:
         """Are the fingers closing now, by the plan?"""
-        return self._state.phase == "closing"
+        return self._state.phase == Phase.CLOSING
 
     def step(self, inputs: ArmInputs) -> ArmStep:
         """The planned joint rates, and what brings the joints back to the plan; outcomes by the clock."""
@@ -164,7 +173,7 @@ class OpenLoopArm(Manipulator):
         planned = np.zeros(7) if over else plan.rates[n]
         rates = np.clip(planned + K_Q * (plan.q[n] - seen.q), -DQ_MAX, DQ_MAX)
         if plan.phases[n] != state.phase:
-            state.phase, state.since = plan.phases[n], seen.time
+            state.phase, state.since = Phase(plan.phases[n]), seen.time
         state.gripper = "close" if plan.closed[n] else "open"
         outcome = self._outcome(plan, inputs.goal.kind, n, over=over)
         state.script.at += 1

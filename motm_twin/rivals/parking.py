@@ -19,7 +19,7 @@ from motm_twin.planning.collision import field_of
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.types import BasePlan, BaseProblem, Placement, SearchBudget, Target, empty_path
+from motm_twin.planning.types import BasePlan, BaseProblem, Placement, PlanStatus, SearchBudget, Target, empty_path
 from motm_twin.rivals.reachability import TargetReach
 
 DEG = math.pi / 180.0
@@ -201,7 +201,7 @@ class ParkingController(Stateful[ParkingState]):
         left = float(times[-1]) if self._state.phase == STOPPING else 0.0
         return BasePlan(
             acceleration=frozen(np.clip(-problem.twist / problem.period, -most, most)),
-            status="goal",
+            status=PlanStatus.GOAL,
             global_path=empty_path(),
             next_path=empty_path(),
             intermediate_goal=frozen(placement.goal),
@@ -220,7 +220,7 @@ class ParkingController(Stateful[ParkingState]):
         if not self._overlap or not math.isfinite(plan.t_h):
             return self._without_arm(plan)
         brake = self._limits.forward_speed / (2.0 * self._limits.linear_acceleration)
-        on_the_way = float(plan.local_times[-1]) if plan.status == "goal" else plan.t_h
+        on_the_way = float(plan.local_times[-1]) if plan.status == PlanStatus.GOAL else plan.t_h
         return msgspec.structs.replace(plan, time_to_range=max(on_the_way + brake, 0.05))
 
     def _without_arm(self, plan: BasePlan) -> BasePlan:

@@ -39,7 +39,7 @@ from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, goal_table
 from motm_twin.planning.placement import NextTargetPlacement, Searched
 from motm_twin.planning.rejections import Rejection, rejections
-from motm_twin.planning.types import BaseProblem, Placement, Target
+from motm_twin.planning.types import BaseProblem, Mode, Placement, Target
 from motm_twin.rivals.parking import StationaryParameters
 from motm_twin.rivals.reachability import TargetReach
 
@@ -207,7 +207,7 @@ class StationaryPlacement(Stateful[StationaryState]):
             for i in np.flatnonzero(np.hypot(*(pose[:, :2] - place_refused).T) <= self.stationary.refused_distance):
                 rejected[i] = rejected[i] or Rejection.REFUSED
         of_place: Any = place_of.reshape(-1).astype(np.int32)
-        candidates, current, onward, _ = costs_of(Candidates("reach", 0.0, pose, place, of_place, rejected), survey)
+        candidates, current, onward, _ = costs_of(Candidates(Mode.REACH, 0.0, pose, place, of_place, rejected), survey)
         cost = self._cost(target, share, self.arm_reach.azimuth(pose, target), current, onward)
         cost = cost + self.stationary.over_cost * self._over_seen(pose, target, here.world)
         return Rated(candidates, direction, share, current, onward, cost)
@@ -259,7 +259,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         why = [reason if text == Rejection.NOT_FREE else text for text, reason in zip(why, reasons, strict=True)]
         self._last = Searched(survey.here.graph, survey.from_robot, survey.to_next, pose, np.isfinite(cost))
         return Placement(
-            mode="reach",
+            mode=Mode.REACH,
             radius=float(np.hypot(*(pose[chosen, :2] - target.position[:2]))),
             poses=frozen(pose),
             cost_current=frozen(current),

@@ -9,6 +9,7 @@ import shapely
 from motm_twin.bus.messages import BodyMessage, PlacementMessage, TickMessage
 from motm_twin.model.furniture import moved_scene, pieces
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene, Solid
+from motm_twin.planning.types import Mode
 from motm_twin.ros2.cdr import Message
 from motm_twin.ros2.convert import MAP, header, planar_pose, quaternion, vector
 from motm_twin.ros2.robot_model import IDENTITY
@@ -116,7 +117,7 @@ def _prism_faces(prism: Prism, solid: Solid) -> list[Message]:
 def _placement(placement: PlacementMessage) -> list[Message]:
     """Candidates coloured by cost (rejected ones grey), their headings, and the chosen goal."""
     if not placement.poses:
-        return [] if placement.mode == "none" else _goal(placement)
+        return [] if placement.mode == Mode.NONE else _goal(placement)
     poses = np.array(placement.poses, dtype=float)
     shades = _cost_colours(placement.cost)
     dots = [vector(x, y, _LIFT) for x, y in poses[:, :2].tolist()]

@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from motm_twin.control.arm.types import Phase
 from motm_twin.control.tick import Tick
 from motm_twin.finish import Finish
 from motm_twin.methods.fast import FAST
@@ -64,7 +65,7 @@ def _drives(tick: Tick) -> bool:
 
 def _looks(tick: Tick) -> bool:
     """The camera sees what the hand comes for."""
-    if tick.task_index >= len(tick.tasks) or tick.arm[-1].phase not in ("transit", "final"):
+    if tick.task_index >= len(tick.tasks) or tick.arm[-1].phase not in (Phase.TRANSIT, Phase.FINAL):
         return False
     task = tick.tasks[tick.task_index]
     return task.kind == "pick" and any(one.name == task.target for one in tick.observation.detections)
@@ -79,7 +80,7 @@ def _reaches(tick: Tick) -> bool:
 
 
 def _grasps(tick: Tick) -> bool:
-    return tick.arm[-1].phase == "final"
+    return tick.arm[-1].phase == Phase.FINAL
 
 
 def noticeable(kind: str) -> Callable[[Tick], bool]:

@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from motm_twin.control.arm.types import Phase
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
 from motm_twin.methods.registry import find_method
@@ -41,7 +42,7 @@ GOALS = (  # name, shape, size [m]
     ("person", "person", 0.0),
     ("temi", "temi", 0.0),
 )
-PHASES = ("transit", "final", "lift", "carry", "release")
+PHASES = (Phase.TRANSIT, Phase.FINAL, Phase.LIFT, Phase.CARRY, Phase.RELEASE)
 STAYS = 14.0  # [s] that a box stays on the hand
 _PUT_AT = 40  # period in which the base has its speed, but for quick ones
 _LAG = 0.05  # [s] a period: what is put is seen in the next

@@ -18,7 +18,7 @@ from motm_twin.control.arm.parameters import ArmParameters, Numbers, numbers
 from motm_twin.control.arm.phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
 from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ArmProgram, Rows, lag_factor
 from motm_twin.control.arm.qp import Program, load, solve
-from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, ProgramStatus, TransitRule
+from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, Phase, ProgramStatus, TransitRule
 from motm_twin.control.arm.view import ManipulatorState, View, look
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen
@@ -32,7 +32,7 @@ _TURNED = 0.8  # [rad] and joint 1, which may turn a little towards the target
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
 _GIVES_WAY = 0.02  # [m/s] by which rows of furniture give way before that is a fault
 _REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
-_GRASPING = ("transit", "final", "closing", "lift", "retry")
+_GRASPING = (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.LIFT, Phase.RETRY)
 
 
 class Decision(NamedTuple):
@@ -178,11 +178,11 @@ class Manipulator(Stateful[ManipulatorState]):
         state = self._state
         if len(state.relaxed):
             away = nearest_static(view.p, inputs.obstacles.points, inputs.obstacles.static)
-            if away >= self.parameters.avoidance.d_s and state.phase != "lift":
+            if away >= self.parameters.avoidance.d_s and state.phase != Phase.LIFT:
                 state.relaxed = np.zeros((0, 2))
         if view.goal.kind == "pick" and not state.holding and state.phase in _GRASPING:
             state.relaxed = view.target[None, :2].copy()
-        elif view.goal.kind == "place" and state.phase in ("transit", "release"):
+        elif view.goal.kind == "place" and state.phase in (Phase.TRANSIT, Phase.RELEASE):
             return np.vstack([state.relaxed, view.target[None, :2]])
         return state.relaxed
 
@@ -190,7 +190,7 @@ class Manipulator(Stateful[ManipulatorState]):
         """The program of this step."""
         state = self._state
         program, rows = self._programs.fill(view, state, inputs, self._relaxing(view, inputs), motion.velocity)
-        if state.phase in ("stow", "carry") and view.time - state.since > self.parameters.stuck_time:
+        if state.phase in (Phase.STOW, Phase.CARRY) and view.time - state.since > self.parameters.stuck_time:
             program = self._free_return(view, program)
         return self._ways.program(state, view, motion, program), rows
 

@@ -19,7 +19,7 @@ from motm_twin.control.arm.geometry import (
 )
 from motm_twin.control.arm.parameters import ArmParameters, Numbers
 from motm_twin.control.arm.phases import grasp_point
-from motm_twin.control.arm.types import ArmInputs
+from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import Arm, ManipulatorState, View
 from motm_twin.model.exact import hypot, norm, wrap_angle
 from motm_twin.model.geometry import Array
@@ -28,8 +28,12 @@ from motm_twin.model.kinematics import HAND, TCP
 _HOME, _OUT, _FIXED = 0, 1, 2
 _GOALS = ("none", "pick", "place")
 _NONE, _PICK, _PLACE = 0, 1, 2
-_SWINGS = {"stow": _HOME, "carry": _HOME, "transit": _OUT}  # phases in which the hand swings about the mount
-_ANCHORED = ("closing", "lift", "release")  # phases in which it keeps to a point chosen before
+_SWINGS = {
+    Phase.STOW: _HOME,
+    Phase.CARRY: _HOME,
+    Phase.TRANSIT: _OUT,
+}  # phases in which the hand swings about the mount
+_ANCHORED = (Phase.CLOSING, Phase.LIFT, Phase.RELEASE)  # phases in which it keeps to a point chosen before
 _EASE = 1.5  # a transit of T seconds goes at gain EASE / T: it begins briskly and arrives softly
 _RADIAL, _VERTICAL, _ANGULAR = 0.9, 0.5, 3.0  # [m/s], [m/s], [rad/s] largest
 _FOOT_RADIUS = 0.26  # [m] from the mount within which the hand is over the base
@@ -93,8 +97,8 @@ def hand_motion(
     way = _Way(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
-        state.anchor, math.nan if state.yaw is None or phase == "release" else state.yaw,
-        parameters.hold_speed if phase == "closing" else _RADIAL,
+        state.anchor, math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw,
+        parameters.hold_speed if phase == Phase.CLOSING else _RADIAL,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
     return Motion(reference, error, velocity)
@@ -124,12 +128,12 @@ def _motion(arm: Arm, way: _Way, parameters: Numbers, reference: Array) -> tuple
 
 def _point(state: ManipulatorState, view: View, p: ArmParameters) -> Array:
     """The point in the odometry frame that the hand keeps to, shape (3,)."""
-    if state.phase == "final":
+    if state.phase == Phase.FINAL:
         return _final_point(state, view, p)
-    if state.phase == "retry":
+    if state.phase == Phase.RETRY:
         return view.target + np.array([0.0, 0.0, p.hover_height])
     point = state.anchor.copy()
-    if state.phase == "lift":
+    if state.phase == Phase.LIFT:
         point[2] += p.lift_height
     return point
 

@@ -13,7 +13,7 @@ from numba import njit
 from motm_twin.control.arm.geometry import hand_yaw, planar_joints, pose_at, tilt_of
 from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.arm.types import ArmInputs, ArmTiming
+from motm_twin.control.arm.types import ArmInputs, ArmTiming, Phase
 from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, to_frame, wrap_angle
@@ -82,24 +82,24 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
             state.tight_tries = 0
             return "no room", tight
         return "stuck", Reason(kind=Kind.NOTHING_ACHIEVED, subject=view.goal.name)
-    if state.phase in ("stow", "carry"):
+    if state.phase in (Phase.STOW, Phase.CARRY):
         return _leave(state, view, inputs, rules)
-    if state.phase == "transit":
+    if state.phase == Phase.TRANSIT:
         return _arrive(state, view, inputs, rules)
-    if state.phase == "final":
+    if state.phase == Phase.FINAL:
         return _approach(state, view, rules)
-    if state.phase == "closing":
+    if state.phase == Phase.CLOSING:
         return _close(state, view, rules)
-    if state.phase == "lift":
+    if state.phase == Phase.LIFT:
         return _lift(state, view, rules)
-    if state.phase == "release":
+    if state.phase == Phase.RELEASE:
         return _release(state, view, rules)
     return _retry(state, view)
 
 
 def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
     """Has the target been in range for long while the hand was on the way to it or over it?"""
-    trying = state.phase in ("transit", "final", "release") and state.released is None
+    trying = state.phase in (Phase.TRANSIT, Phase.FINAL, Phase.RELEASE) and state.released is None
     if not trying or view.time_to_range > 0.0:
         state.in_range_since = None
     elif state.in_range_since is None:
@@ -109,14 +109,14 @@ def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
 
 def _rest(state: ManipulatorState, time: float) -> None:
     state.yaw, state.tight, state.no_room_since = None, None, None
-    enter(state, "carry" if state.holding else "stow", time)
+    enter(state, Phase.CARRY if state.holding else Phase.STOW, time)
 
 
 def start_over(state: ManipulatorState, view: View, parameters: ArmParameters) -> str:
     """Leave what is under way, and begin again from the stow pose; "picked" when that ends a lift."""
-    if state.phase in ("stow", "carry"):
+    if state.phase in (Phase.STOW, Phase.CARRY):
         return ""
-    outcome = "" if state.phase != "lift" or state.reported else _picked(state, parameters)
+    outcome = "" if state.phase != Phase.LIFT or state.reported else _picked(state, parameters)
     if not state.holding:
         state.gripper = "open"
     state.released, state.start_over = None, True
@@ -133,7 +133,7 @@ def _picked(state: ManipulatorState, p: ArmParameters) -> str:
 
 def _new_goal(state: ManipulatorState, view: View) -> None:
     state.tight_tries = 0
-    if state.phase in ("transit", "final", "closing", "retry", "release"):
+    if state.phase in (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.RETRY, Phase.RELEASE):
         if not state.holding:
             state.gripper = "open"
         state.released = None
@@ -144,9 +144,9 @@ def _lost(state: ManipulatorState, view: View) -> Outcome:
     told = state.reported
     state.holding, state.reported, state.released, state.gripper = False, False, None, "open"
     if told:
-        enter(state, "stow", view.time)
+        enter(state, Phase.STOW, view.time)
         return "lost", Reason(kind=Kind.SLIPPED)
-    enter(state, "retry", view.time)
+    enter(state, Phase.RETRY, view.time)
     return "missed", Reason(kind=Kind.SLIPPED_IN_LIFT)
 
 
@@ -164,7 +164,7 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
         return NOTHING
     if not state.holding and view.width < view.goal.side + _OPEN_ROOM:
         return "", Reason(kind=Kind.GRIPPER_NOT_OPEN, subject="gripper")
-    enter(state, "transit", view.time)
+    enter(state, Phase.TRANSIT, view.time)
     return NOTHING
 
 
@@ -217,9 +217,9 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
         return NOTHING
     if view.goal.kind == "place":
         state.anchor = view.target.copy()
-        enter(state, "release", view.time)
+        enter(state, Phase.RELEASE, view.time)
     elif view.p[2] < view.target[2] + p.hover_height + _LEVEL:
-        enter(state, "final", view.time)
+        enter(state, Phase.FINAL, view.time)
     return NOTHING
 
 
@@ -272,7 +272,7 @@ def _azimuth_later(
 def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p = rules.parameters
     if view.radius > rules.reach("pick") + p.reach_slack or view.distance > 2.0 * p.approach_distance:
-        enter(state, "transit", view.time)
+        enter(state, Phase.TRANSIT, view.time)
         return "", Reason(kind=Kind.OBJECT_OUT_OF_REACH, subject=view.goal.name)
     if not view.seen(p):
         return "", Reason(kind=Kind.WAITS_FOR_SIGHT, subject=view.goal.name)
@@ -289,7 +289,7 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
         state.anchor = point
         state.gripper = "close"
         state.side = view.goal.side
-        enter(state, "closing", view.time)
+        enter(state, Phase.CLOSING, view.time)
     return NOTHING
 
 
@@ -318,14 +318,14 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
         state.late = _lateness(state, view, rules)
         state.holding, state.reported = True, False
         state.anchor = view.p.copy()
-        enter(state, "lift", view.time)
+        enter(state, Phase.LIFT, view.time)
     return NOTHING
 
 
 def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) -> Outcome:
     state.late = max(state.late, _lateness(state, view, rules))
     state.gripper = "open"
-    enter(state, "retry", view.time)
+    enter(state, Phase.RETRY, view.time)
     return "missed", Reason(kind=kind)
 
 
@@ -356,7 +356,7 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p, gripper = rules.parameters, rules.profile.gripper
     if state.released is None:
         if view.radius > rules.reach("place") + p.reach_slack:
-            enter(state, "transit", view.time)
+            enter(state, Phase.TRANSIT, view.time)
             return "", Reason(kind=Kind.BIN_OUT_OF_REACH, subject=view.goal.name)
         strayed = math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance
         if strayed or not _in_square(state, view, rules, state.anchor):  # the robot was pushed, or the bin moved
@@ -373,7 +373,7 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     if opened and view.time - state.released >= gripper.opening_time - 0.5 * view.dt and not view.gripper_moving:
         state.holding, state.reported, state.released = False, False, None
         state.clear_z = float(view.goal.position[2]) + p.transit_clearance
-        enter(state, "stow", view.time)
+        enter(state, Phase.STOW, view.time)
         return "placed", ""
     return NOTHING
 
@@ -401,19 +401,21 @@ def _retry(state: ManipulatorState, view: View) -> Outcome:
     if view.goal.kind != "pick":
         _rest(state, view.time)
     elif not view.gripper_moving and view.width > view.goal.side + _OPEN_ROOM:
-        enter(state, "transit", view.time)
+        enter(state, Phase.TRANSIT, view.time)
     return "", "opening the fingers for another try"
 
 
 def engaged(state: ManipulatorState) -> bool:
     """Must the base keep the target in reach?"""
-    return state.phase in ("final", "closing", "retry", "release") or (state.phase == "lift" and not state.reported)
+    return state.phase in (Phase.FINAL, Phase.CLOSING, Phase.RETRY, Phase.RELEASE) or (
+        state.phase == Phase.LIFT and not state.reported
+    )
 
 
 def fingers_at_work(state: ManipulatorState) -> bool:
     """Closing, lifting until that is reported, or letting go: what the hand holds is about to be another thing."""
-    lifting = state.phase == "lift" and not state.reported
-    return state.phase == "closing" or lifting or state.released is not None
+    lifting = state.phase == Phase.LIFT and not state.reported
+    return state.phase == Phase.CLOSING or lifting or state.released is not None
 
 
 def dwell(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
@@ -424,13 +426,13 @@ def dwell(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
     if view.goal.kind == "place":
         if state.released is not None:
             return max(0.0, gripper.opening_time - (view.time - state.released))
-        settle = max(0.05, p.place_settle_time - elapsed) if state.phase == "release" else p.place_settle_time
+        settle = max(0.05, p.place_settle_time - elapsed) if state.phase == Phase.RELEASE else p.place_settle_time
         return settle + gripper.opening_time
     if view.goal.kind != "pick":
         return 0.0
-    if state.phase == "lift":
+    if state.phase == Phase.LIFT:
         return 0.0 if state.reported else lift
-    if state.phase == "closing":
+    if state.phase == Phase.CLOSING:
         return _left_to_close(state, elapsed, gripper.closing_time) + lift
-    settle = max(0.05, p.settle_time - elapsed) if state.phase == "final" else p.settle_time
+    settle = max(0.05, p.settle_time - elapsed) if state.phase == Phase.FINAL else p.settle_time
     return settle + gripper.closing_time + lift + state.late

@@ -33,7 +33,7 @@ from motm_twin.control.arm.limits import (
 from motm_twin.control.arm.limits import Rows as LimitRows
 from motm_twin.control.arm.parameters import ArmParameters, Numbers, QpParameters, numbers
 from motm_twin.control.arm.qp import Program
-from motm_twin.control.arm.types import ArmInputs
+from motm_twin.control.arm.types import ArmInputs, Phase
 from motm_twin.control.arm.view import Arm, ManipulatorState, View
 from motm_twin.model.arm_kernels import factored_gradient
 from motm_twin.model.geometry import Array
@@ -46,9 +46,14 @@ BASE = slice(0, 2)
 ARM = slice(2, 9)
 SLACK = slice(9, 15)
 LIDAR_ELASTIC, FURNITURE_ELASTIC = 15, 16
-AT_SUPPORT = ("final", "closing", "lift", "retry")  # phases in which the fingers are at the supporting surface
+AT_SUPPORT = (
+    Phase.FINAL,
+    Phase.CLOSING,
+    Phase.LIFT,
+    Phase.RETRY,
+)  # phases in which the fingers are at the supporting surface
 TWISTING = (2, 4)  # joints 3 and 5 turn the arm out of its plane
-_SWINGING = ("stow", "carry", "transit")
+_SWINGING = (Phase.STOW, Phase.CARRY, Phase.TRANSIT)
 _SLACKS = SLACK.start, SLACK.stop - SLACK.start
 _SLACK_BOUND = 20.0  # [m/s, rad/s]
 STUCK_RATE = 0.05  # [rad/s] with which a stuck joint is tried: enough to tell from the noise of its rate

@@ -60,6 +60,19 @@ class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     stuck_joint: int | None = None  # counted from 0: it does not follow its commands
 
 
+class Phase(StrEnum):
+    """Phases of the hand's work on one target."""
+
+    STOW = "stow"
+    TRANSIT = "transit"  # on its way over the target
+    FINAL = "final"  # down to the object
+    CLOSING = "closing"
+    LIFT = "lift"
+    CARRY = "carry"
+    RELEASE = "release"
+    RETRY = "retry"  # the fingers open again
+
+
 class ProgramStatus(StrEnum):
     """What came of the arm's quadratic program."""
 
@@ -80,7 +93,7 @@ class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What one arm step decided, and why."""
 
     time: float  # [s]
-    phase: str  # "stow" | "transit" | "final" | "closing" | "lift" | "carry" | "release" | "retry" | ...
+    phase: Phase
     actuation: Actuation  # QP answer: base twist, joint velocities, gripper
     reference: Array  # desired tool centre point, odometry frame [m], shape (3,)
     error: float  # [m] distance from tool centre point to reference

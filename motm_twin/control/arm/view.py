@@ -10,7 +10,7 @@ from numba import njit
 
 from motm_twin.control.arm.geometry import mount_point, nearest_distance, polar, release_point, tilt_of
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.arm.types import ArmGoal, ArmInputs
+from motm_twin.control.arm.types import ArmGoal, ArmInputs, Phase
 from motm_twin.model.arm_kernels import TCP, factor, fk_arm, point_jacobian
 from motm_twin.model.exact import hypot, times
 from motm_twin.model.geometry import Array
@@ -26,7 +26,7 @@ PREFERRED_RADIUS = 0.60  # [m] from the mount at which the arm is most at ease
 class ManipulatorState:
     """Everything the arm side remembers from step to step."""
 
-    phase: str = "stow"
+    phase: Phase = Phase.STOW
     since: float = 0.0  # [s] when the phase began
     goal: str = ""  # kind and name of the goal of the last step
     holding: bool = False
