@@ -395,8 +395,8 @@ class StaaController:
         return None
 
     def _stop(
-        self, problem: BaseProblem, field: Field, status: PlanStatus, why: Reason, goal: LocalGoal | None, expansions: int,
-        *, cut: bool = False,
+        self, problem: BaseProblem, field: Field, status: PlanStatus, why: Reason, goal: LocalGoal | None,
+        expansions: int, *, cut: bool = False,
     ) -> BasePlan:  # fmt: skip
         """Brake to rest; when the straight way to rest comes too near to something, steer to where it does not."""
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
