@@ -13,7 +13,7 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.explain import method_title
-from motm_twin.ui.panel.widgets import AMBER, MUTED, RED, Block, follow, note, set_marks, text
+from motm_twin.ui.panel.widgets import AMBER, MUTED, RED, Block, card, follow, note, set_marks, text
 from motm_twin.ui.what_if import RUNS, Outcome, State
 
 INTERVAL = 0.2  # [s] between two sendings; the last value wins
@@ -120,7 +120,7 @@ def summary(values: "TuningValues", method: str = "", *, live: bool = True) -> s
     said = f"<b>{count}</b> of {len(PARAMETERS)} changed" if count else f"All as shipped{of}"
     where = "acts at once" if live else "looking back: acts on the running twin, not on what is shown"
     where = "for the comparison only" if values.apart else where
-    return note(f'{said} <span style="color:{MUTED}">&middot; {where}</span>', "inherit")
+    return card(said, f' <span class="mu">&middot; {where}</span>', style="line-height:1.4;padding:2px 12px 6px 12px")
 
 
 class TuningValues:
