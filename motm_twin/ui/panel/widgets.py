@@ -62,6 +62,12 @@ class Block:
         set_disabled(widget, not self.usable)
         return widget
 
+    def choice(
+        self, label: str, options: Sequence[str], act: Callable[[str], object] | None = None, **more: Any
+    ) -> viser.GuiDropdownHandle[str]:
+        """A list of the driver to choose from; ``act`` gets the chosen one."""
+        return self.driven(self.gui.add_dropdown(label, tuple(options), **more), act)
+
     def button(self, label: str, act: Callable[[], object], *, anybody: bool = False, **options: Any) -> Any:
         """A button over the whole width, for the driver or for anybody."""
         button = self.gui.add_button(label, **options)
