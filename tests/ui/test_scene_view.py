@@ -178,6 +178,12 @@ def test_furniture_is_drawn_as_large_as_the_referee_knows_it(shape, low, high, s
     np.testing.assert_allclose(bounds[1], (*high, 0.6), atol=0.003)
 
 
+def test_a_shelf_of_one_board_is_drawn():
+    shape = Box(centre=(1.0, 2.0), size=(0.8, 0.4))
+    board = Solid(name="s", shape=shape, z_min=0.6, z_max=0.63, mapped=True, style="shelf")
+    assert solids_mesh([board]).bounds[:, 2] == pytest.approx([0.6, 0.63])
+
+
 def test_a_bin_is_open_and_stands_where_it_belongs():
     box = fake_scene().bins[0]
     scene = bin_mesh(box)

@@ -47,9 +47,7 @@ class DisturbTab(Block):
         gui.add_html(card(heading("Add before the robot")))
         self.row(tuple(NEW), lambda name: self.add(NEW[name]), hint="keys T, P, B, C")
         gui.add_html(card(heading("With the selected thing")))
-        self._choice: viser.GuiDropdownHandle[str] = self.driven(
-            gui.add_dropdown("Selected", (NOTHING,), hint="or click it in the scene"), self._select
-        )
+        self._choice = self.choice("Selected", (NOTHING,), self._select, hint="or click it in the scene")
         self._about = gui.add_html(about(None, ""))
         self._agent = self.row((FREEZE, SEND), self._with_agent)
         self._piece = self.row(("Tell the robot",), lambda _: self._announce(), hint="its map follows")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import viser
 from msgspec.structs import replace
@@ -40,29 +41,24 @@ class DriveTab(Block):
         self._play = self.button("Play", self._press, icon=viser.Icon.PLAYER_PLAY, hint="space")
         hint = "N: one period of 50 ms; R: from the start"
         self.row(("Step", "Reset"), lambda name: self.send(Step() if name == "Step" else Reset()), hint=hint)
-        self._speed: viser.GuiDropdownHandle[str] = self.driven(
-            gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x", hint="wanted real-time factor"),
-            lambda name: self.send(Speed(factor=SPEEDS[name])),
-        )
-        choose = lambda preset: scene.cameras.choose(visitor.client, preset)  # noqa: E731
-        self.row(PRESETS, choose, anybody=True, hint="the camera; keys 1 to 5")
+        hint, speed = "wanted real-time factor", lambda name: self.send(Speed(factor=SPEEDS[name]))
+        self._speed = self.choice("Speed", SPEEDS, speed, initial_value="1x", hint=hint)
+        hint = "the camera; keys 1 to 5"
+        self.row(PRESETS, lambda preset: scene.cameras.choose(visitor.client, preset), anybody=True, hint=hint)
         self._progress = gui.add_html("")
         self.parts = [TaskBlock(gui, hub, visitor)]
         with gui.add_folder("Scene", expand_by_default=False):
-            offer = lambda _: self._offer_variants()  # noqa: E731
-            self._scene: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Scene", ("",)), offer)
-            self._variant: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Variant", ("",)))
+            self._scene = self.choice("Scene", ("",), lambda _: self._offer_variants())
+            self._variant = self.choice("Variant", ("",))
             self._seed = self.driven(gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1))
             hint = "who decides how the base drives and the arm reaches"
-            self._method: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Method", ("",), hint=hint))
+            self._method = self.choice("Method", ("",), hint=hint)
             self._about = gui.add_html("")
             self.button("Load", self._load_scene, icon=viser.Icon.REFRESH)
         with gui.add_folder("Layers", expand_by_default=False):
+            layers = hub.view.layers
             self._layers = {
-                name: self.driven(
-                    gui.add_checkbox(name, hub.view.layers[name]),
-                    lambda on, name=name: hub.view.layers.update({name: on}),
-                )
+                name: self.driven(gui.add_checkbox(name, layers[name]), partial(layers.__setitem__, name))
                 for name in LAYERS
             }
 
@@ -276,8 +272,7 @@ class TaskBlock(Block):
             self._rows: list[viser.GuiButtonGroupHandle] = []
             gui.add_html(f'<div class="motm-wide">{note(_HOW)}</div>')
             with gui.add_folder("Add by name", expand_by_default=False):
-                self._cube: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Cube", ("",)))
-                self._bin: viser.GuiDropdownHandle[str] = self.driven(gui.add_dropdown("Into bin", ("",)))
+                self._cube, self._bin = self.choice("Cube", ("",)), self.choice("Into bin", ("",))
                 self.button("Add to the tasks", self._insert, icon=viser.Icon.PLUS)
 
     def _refresh(self, shown: Shown) -> None:
@@ -297,9 +292,8 @@ class TaskBlock(Block):
         self._open = [job for job in listed if not job.ended]
         for number in range(len(self._rows), len(self._open)):
             with self._rows_at:
-                act = lambda name, number=number: self._act(number, name)  # noqa: E731
                 hint = "do it earlier, later, or not at all"
-                self._rows.append(self.row((UP, DOWN, DELETE), act, label="-", hint=hint))
+                self._rows.append(self.row((UP, DOWN, DELETE), partial(self._act, number), label="-", hint=hint))
         for number, row in enumerate(self._rows):
             row.visible = number < len(self._open)
             if row.visible:

@@ -4,6 +4,7 @@ Viser's palette lists the commands (the icon on top). A small card is for somebo
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import viser
 
@@ -57,8 +58,7 @@ def add_commands(
         ("Ask for the wheel", None, lambda: hub.ask(visitor), False),
     ]
     for number, preset in enumerate(PRESETS, 1):
-        act = lambda preset=preset: scene.cameras.choose(visitor.client, preset)  # noqa: E731
-        table.append((f"Camera: {preset}", str(number), act, False))
+        table.append((f"Camera: {preset}", str(number), partial(scene.cameras.choose, visitor.client, preset), False))
     table.append(("How to drive", "H", help_card.show_keys, False))
     help_card.keys = [(label, _SHOWN.get(key, key)) for label, key, *_ in table if key is not None]
     help_card.keys[-1:-1] = [_FLY, (PLOTS, PLOTS_KEY)]  # the page's own, and a panel that has its command

@@ -177,7 +177,7 @@ def status_card(state: str, status: StatusMessage | None, note: str, *, looked_a
     head = (
         f'<div style="display:flex;justify-content:space-between;align-items:center">{chip(name, colour)}{clock}</div>'
     )
-    return card(head, *rows)
+    return card(head, *rows, style="padding:8px 12px")
 
 
 def _speed(state: str, status: StatusMessage) -> str:
@@ -253,7 +253,7 @@ def _line(colour: str, content: str) -> str:
         f'<span style="display:inline-block;width:9px;height:9px;border-radius:5px;background:{colour};'
         f'margin-right:7px"></span>'
     )
-    return f'<div class="mm" style="padding:0 12px 10px 12px">{dot}{content}</div>'
+    return card(dot, content, style="line-height:1.4;padding:0 12px 10px 12px")
 
 
 def back_line(shown: Shown) -> str:
@@ -264,5 +264,6 @@ def back_line(shown: Shown) -> str:
     runs_on = ", runs on" if shown.state == "playing" else ""
     return card(
         f'<div style="border-left:3px solid {VIOLET};background:{VIOLET}14;padding:4px 8px">'
-        f"looking back &middot; <b>{shown.tick.time:.2f} s</b> ({live}{runs_on})</div>"
+        f"looking back &middot; <b>{shown.tick.time:.2f} s</b> ({live}{runs_on})</div>",
+        style="line-height:1.4;padding:4px 12px 10px 12px",
     )

@@ -68,7 +68,7 @@ def count_line(tick: TickMessage) -> str:
     contacts = f'<span style="color:{RED if ours else GREEN}">contacts {ours}</span>'
     contacts += f" (+{others} by others)" if others else ""
     done = f"picked {score.picks}/{picks} &middot; placed {score.places}/{places}"
-    return card(f'<div class="mu">{done} &middot; {contacts}</div>')
+    return card(f'<div class="mu">{done} &middot; {contacts}</div>', style="padding:0 12px 6px 12px")
 
 
 def _counts(tick: TickMessage, score: ScoreMessage) -> tuple[int, int, int, int]:

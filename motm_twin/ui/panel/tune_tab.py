@@ -3,6 +3,7 @@
 import contextlib
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import viser
 
@@ -13,7 +14,7 @@ from motm_twin.model.edits import ParameterValue
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.explain import method_title
-from motm_twin.ui.panel.widgets import AMBER, MUTED, RED, Block, follow, note, set_marks, text
+from motm_twin.ui.panel.widgets import AMBER, MUTED, RED, Block, card, follow, note, set_marks, text
 from motm_twin.ui.what_if import RUNS, Outcome, State
 
 INTERVAL = 0.2  # [s] between two sendings; the last value wins
@@ -39,9 +40,7 @@ class TuneTab(Block):
         self._values = TuningValues()
         self._widgets: dict[str, viser.GuiInputHandle] = {}
         self._summary = gui.add_html("")
-        self._preset: viser.GuiDropdownHandle[str] = self.driven(
-            gui.add_dropdown("Preset", (*PRESETS, OWN), hint="sets everything at once"), self._use
-        )
+        self._preset = self.choice("Preset", (*PRESETS, OWN), self._use, hint="sets everything at once")
         self.row(("Reset everything",), lambda _: self._reset(NAMES), hint=_BACK)
         self.parts = [WhatIfBlock(gui, hub, visitor, self._values, self._show)]
         for number, group in enumerate(GROUPS):
@@ -64,8 +63,7 @@ class TuneTab(Block):
         with self.gui.add_folder(group, expand_by_default=opened):
             self.gui.add_html('<div class="motm-stacked"></div>')
             for entry in entries:
-                move = lambda value, entry=entry: self._move(entry, value)  # noqa: E731
-                self._widgets[entry.name] = self.driven(self._widget(entry), move)
+                self._widgets[entry.name] = self.driven(self._widget(entry), partial(self._move, entry))
             self.row(("Reset these",), lambda _: self._reset([entry.name for entry in entries]), hint=_BACK)
 
     def _widget(self, entry: Parameter) -> viser.GuiInputHandle:
@@ -120,7 +118,7 @@ def summary(values: "TuningValues", method: str = "", *, live: bool = True) -> s
     said = f"<b>{count}</b> of {len(PARAMETERS)} changed" if count else f"All as shipped{of}"
     where = "acts at once" if live else "looking back: acts on the running twin, not on what is shown"
     where = "for the comparison only" if values.apart else where
-    return note(f'{said} <span style="color:{MUTED}">&middot; {where}</span>', "inherit")
+    return card(said, f' <span class="mu">&middot; {where}</span>', style="line-height:1.4;padding:2px 12px 6px 12px")
 
 
 class TuningValues:
@@ -266,9 +264,7 @@ class WhatIfBlock(Block):
         with gui.add_folder("What if…"):
             hint = "sliders then leave the running twin as it is"
             self.driven(gui.add_checkbox(APART, False, hint=hint), self._part)
-            self._from: viser.GuiDropdownHandle[str] = self.driven(
-                gui.add_dropdown("Changed", (START, NOW, SHOWN), initial_value=START)
-            )
+            self._from = self.choice("Changed", (START, NOW, SHOWN), initial_value=START)
             self._go = self.button("Compare", self._press, icon=viser.Icon.ARROWS_SPLIT)
             self._result = gui.add_html("")
             hint = "in the scene, from where they part"

@@ -62,6 +62,12 @@ class Block:
         set_disabled(widget, not self.usable)
         return widget
 
+    def choice(
+        self, label: str, options: Sequence[str], act: Callable[[str], object] | None = None, **more: Any
+    ) -> viser.GuiDropdownHandle[str]:
+        """A list of the driver to choose from; ``act`` gets the chosen one."""
+        return self.driven(self.gui.add_dropdown(label, tuple(options), **more), act)
+
     def button(self, label: str, act: Callable[[], object], *, anybody: bool = False, **options: Any) -> Any:
         """A button over the whole width, for the driver or for anybody."""
         button = self.gui.add_button(label, **options)
@@ -113,9 +119,9 @@ def text(value: object) -> str:
     return html.escape(str(value))
 
 
-def card(*parts: str) -> str:
+def card(*parts: str, style: str = "padding:6px 12px") -> str:
     """A card of the panel; parts are HTML."""
-    return f'<div class="mm">{"".join(parts)}</div>'
+    return f'<div class="mm" style="{style}">{"".join(parts)}</div>'
 
 
 def heading(title: str) -> str:
@@ -194,7 +200,7 @@ def signed(value: float, decimals: int) -> str:
 # row that says what a click does, and five tabs have room side by side, left of the bar that scrolls the panel.
 # The state of the twin stays in sight however far the panel is scrolled. All widgets work without these rules too.
 STYLE = """<style>
-.mm{font-size:13px;line-height:1.45;padding:6px 12px;font-variant-numeric:tabular-nums}
+.mm{font-size:13px;line-height:1.45;font-variant-numeric:tabular-nums}
 .mm h4{font-size:11px;letter-spacing:.06em;text-transform:uppercase;color:#6b7280;font-weight:600;margin:0 0 3px}
 .mm .big{font-size:16px;line-height:1.35;font-weight:600}
 .mm .mu{color:#6b7280}
@@ -202,13 +208,14 @@ STYLE = """<style>
 .mm .kv>:nth-child(odd){color:#6b7280;white-space:nowrap}
 .mm .kv>:nth-child(even){text-align:right}
 .mm .chip{border-radius:9px;padding:0 8px;color:#fff;font-weight:600;font-size:12px;white-space:nowrap}
+.motm-top + .mm .chip{font-size:13px;padding:1px 9px}
 .mm .bar{position:relative;height:10px;border-radius:5px;background:#e5e7eb;overflow:hidden}
 .mm .bar>i{position:absolute;top:0;bottom:0}
 .mm table{width:100%;border-collapse:collapse}
 .mm td{padding:1px 0;vertical-align:top}.mm td+td{text-align:right;padding-left:8px;white-space:nowrap}
 .mm .ex{border-bottom:1px dotted #9ca3af;cursor:help}
 .mm .two{min-height:43px}
-.mn{font-size:12px;line-height:1.45;color:#6b7280;padding:1px 12px 6px 12px;font-variant-numeric:tabular-nums}
+.mn{font-size:12px;line-height:1.45;color:#6b7280;padding:0 12px 6px 12px;font-variant-numeric:tabular-nums}
 .mm hr{border:0;border-top:1px solid #e5e7eb;margin:5px 0}
 div:has(> .motm-top) {position: sticky; top: 0; z-index: 5; background: var(--mantine-color-body, white)}
 div:has(> div > div > div > .motm-top) {overflow: visible !important}

@@ -39,6 +39,7 @@ FIXED, MOVABLE = "/scene", "/furniture"
 LABEL_GAP = 0.10  # [m] above the rim of a bin
 SLACK = 0.04  # [m] the hand must move before a piece does: one that is only touched stays where it is
 TOP = 0.03  # [m] thickness of a wooden top
+THINNEST = 1e-4  # [m] of a part
 BOARD_GAP = 0.3  # [m] between the boards of a shelf
 PICTURE = 1.2  # [m] side of a surface picture
 Part = tuple[trimesh.Trimesh, str]
@@ -223,7 +224,8 @@ def _extrude(outline: shapely.Polygon, z_min: float, z_max: float) -> trimesh.Tr
     triangles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(outline)))
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     unique, faces = np.unique(corners, axis=0, return_inverse=True)
-    prism = trimesh.creation.extrude_triangulation(unique, faces.reshape(-1, 3), z_max - z_min)
+    height = max(z_max - z_min, THINNEST)  # a shelf of one board has no sides
+    prism = trimesh.creation.extrude_triangulation(unique, faces.reshape(-1, 3), height)
     prism.apply_translation((0.0, 0.0, z_min))
     return prism
 
