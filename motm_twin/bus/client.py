@@ -107,12 +107,12 @@ class TwinClient:
 
     @property
     def closed(self) -> bool:
-        """Whether `close` was called."""
+        """True when `close` was called."""
         return self._closed
 
     @property
     def alive(self) -> bool:
-        """Whether the server showed a sign of life lately."""
+        """True when the server showed a sign of life lately."""
         return time.monotonic() - self._slots[self.keys.status].at < LOST_AFTER
 
     def tick(self) -> TickMessage | None:

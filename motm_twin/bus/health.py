@@ -44,7 +44,7 @@ def _answers(host: str, port: int) -> bool:
 
 
 def check(endpoint: str, twin: str, page_port: int | None) -> str:
-    """What is wrong, '' when nothing is."""
+    """The problem in one sentence; '' when there is none."""
     state = server_state(endpoint, twin)
     if state is None:
         return f"no twin server answers at {endpoint}"

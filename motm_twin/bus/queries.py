@@ -29,7 +29,7 @@ TOGETHER = 32  # queries that share this patience
 
 
 class Quiet:
-    """Whether the interpreter is free for answers: no period is computed now."""
+    """True when the interpreter is free for answers: no period is computed now."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
@@ -37,7 +37,7 @@ class Quiet:
 
     @property
     def now(self) -> bool:
-        """Whether it is quiet."""
+        """True when it is quiet."""
         return self._event.is_set()
 
     def wait(self, timeout: float) -> None:

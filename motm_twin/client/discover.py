@@ -99,7 +99,7 @@ def require_answer(session: zenoh.Session, twin: str, endpoint: str, *, within: 
 
 
 def silent(twin: str, endpoint: str) -> NoTwin:
-    """What is said of a twin that does not answer."""
+    """Error of a twin that does not answer."""
     return NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there, and does it let you in? ({BEHIND})")
 
 

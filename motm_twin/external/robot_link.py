@@ -107,7 +107,7 @@ class RobotLink:
             self._grants.put(self._encode(ClockGrant(version=VERSION, life=self._life, until=until)))
 
     def info(self) -> Info | None:
-        """What the robot says that it is; None without an answer."""
+        """The robot's answer about itself; None without one."""
         for payload in self._ask(self.keys.info, b"", ANSWER):
             with suppress(msgspec.DecodeError, UnicodeDecodeError):
                 info = msgspec.json.decode(payload, type=Info)
@@ -197,7 +197,7 @@ class RobotLink:
         self.changed.notify_all()
 
     def _clock_was_set(self, message: RobotState, before: RobotState | None, received: float) -> bool:
-        """Whether the robot's clock is another one now. One wrong stamp is not believed: two, after a silence, are."""
+        """True when the robot's clock was set. One wrong stamp is not believed: two, after a silence, are."""
         if before is None:
             return False
         silent = received - self.last_sign

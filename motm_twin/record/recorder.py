@@ -59,7 +59,7 @@ class Recorder:
 
     @property
     def summary(self) -> dict[str, object]:
-        """What was written so far."""
+        """File, bytes and lost periods so far."""
         return {"file": str(self._file.path), "bytes": self._file.size, "lost_periods": self._stream.lost}
 
     def listens(self, timeout: float) -> bool:
@@ -87,7 +87,7 @@ class Recorder:
             self._file.close()
 
     def _finish(self) -> None:
-        """What still waits, and the session as it ends."""
+        """Write what still waits, and the session as it ends."""
         self._file.save()
         deadline = time.monotonic() + LAST_SESSION
         while not self._waiting.empty() and time.monotonic() < deadline:

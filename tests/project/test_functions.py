@@ -12,10 +12,6 @@ COMPILED = ("njit", "kernel", "inlined")  # decorators of numeric kernels
 # Numeric kernels with more arguments: numba compiles them for arrays and numbers, and takes no struct. With the reason.
 KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "control/arm/limits.py": ("rows of the program", ("approach_row",)),
-    "control/arm/monitor.py": (
-        "forces of the hold on all joints: state, limits and result arrays",
-        ("_hold_back", "_worst"),
-    ),
     "control/arm/program.py": ("bounds of all joint rates", ("_joint_bounds",)),
     "control/arm/qp.py": ("arrays of the solver DAQP, and its answer", ("_complete", "_fill_daqp")),
     "control/monitor.py": ("outline of the footprint against all points of the scan", ("_examine", "points_in_stop")),
@@ -88,7 +84,10 @@ def test_functions_are_short_and_take_few_arguments_but_for_those_listed():
     assert not [name for name in kernels if not compiled(found[name])], "not compiled: no reason for many arguments"
 
 
-PLAIN_ROOMS = ("generate", "measures", "methods", "perf", "rivals", "studies")  # the others are still to be done
+PLAIN_ROOMS = (
+    *("client", "external", "generate", "gym", "measures", "methods", "perf"),
+    *("record", "rivals", "ros2", "security", "sessions", "studies"),
+)  # the others are still to be done
 NO_BEGINNING = ("What", "Whether", "Where", "Who", "How")  # a docstring says what a thing is or does
 
 
