@@ -70,7 +70,7 @@ class ZenohPlant(RemoteWorld):
         return self._take_up()
 
     def _replaced(self) -> bool:
-        """True when somebody else is there instead of the robot; what came in its silence is not."""
+        """True when somebody else is there instead of the robot. One that still answers was only silent."""
         if not self.link.successor:
             return False
         info = self.link.info()
