@@ -16,7 +16,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from motm_twin.bus.commands import Answer, Command, Envelope, command_name
-from motm_twin.bus.connection import open_client
+from motm_twin.bus.connection import answers, direct, open_client
 from motm_twin.bus.keys import Keys, spoken_on
 from motm_twin.bus.messages import (
     EVENTS_VERSION,
@@ -100,19 +100,19 @@ class TwinClient:
         self._decoded: dict[str, tuple[int, Any]] = {}
         self.malformed = 0  # samples that were no messages of a twin, and were not served
         self._clock_offset: float | None = None
-        self._declared = [self._session.declare_subscriber(key, _direct(self._on_sample)) for key in self._slots]
+        self._declared = [self._session.declare_subscriber(key, direct(self._on_sample)) for key in self._slots]
         self._liveliness = self._session.liveliness().declare_subscriber(
-            self.keys.alive, _direct(self._on_alive), history=True
+            self.keys.alive, direct(self._on_alive), history=True
         )
 
     @property
     def closed(self) -> bool:
-        """Whether `close` was called."""
+        """True when `close` was called."""
         return self._closed
 
     @property
     def alive(self) -> bool:
-        """Whether the server showed a sign of life lately."""
+        """True when the server showed a sign of life lately."""
         return time.monotonic() - self._slots[self.keys.status].at < LOST_AFTER
 
     def tick(self) -> TickMessage | None:
@@ -145,11 +145,11 @@ class TwinClient:
 
     def events(self, since: int, timeout: float = SESSION_TIMEOUT) -> EventsMessage | None:
         """Those from number ``since`` on, as far as the server keeps them; None when it does not answer."""
-        for reply in self._session.get(f"{self.keys.event}?from={since}", timeout=timeout):
-            if reply.ok is not None and spoken_on(reply.ok, self.keys.event):
-                events = msgspec.json.decode(reply.ok.payload.to_bytes(), type=EventsMessage)
-                _require(events.version, EVENTS_VERSION)
-                return events
+        replies = self._session.get(f"{self.keys.event}?from={since}", timeout=timeout)
+        for answer in answers(replies, self.keys.event):
+            events = msgspec.json.decode(answer.payload.to_bytes(), type=EventsMessage)
+            _require(events.version, EVENTS_VERSION)
+            return events
         return None
 
     def wait_tick(self, after: int, timeout: float) -> int:
@@ -169,7 +169,7 @@ class TwinClient:
             if key in self._slots or self._closed:
                 return
             slot = self._slots[key] = _Slot()
-        self._declared.append(self._session.declare_subscriber(key, _direct(self._on_sample)))
+        self._declared.append(self._session.declare_subscriber(key, direct(self._on_sample)))
         self._fetch(key, slot.count)
 
     def raw(self, key: str) -> tuple[bytes, bytes | None]:
@@ -221,13 +221,14 @@ class TwinClient:
                 command=command,
             )
             replies = self._get(command_name(command), self._encode(envelope), timeout)
-        for payload in _payloads(replies, self.keys.command(command_name(command))):
-            return msgspec.json.decode(payload, type=Answer)
+        for answer in answers(replies, self.keys.command(command_name(command))):
+            return msgspec.json.decode(answer.payload.to_bytes(), type=Answer)
         return Answer(ok=False, reason="the twin server does not answer, or you have no right to command it")
 
     def query(self, name: str, payload: bytes, timeout: float = 2.0) -> list[bytes]:
         """Send raw bytes to the command key of this name; the payloads of all answers."""
-        return _payloads(self._get(name, payload, timeout), self.keys.command(name))
+        replies = self._get(name, payload, timeout)
+        return [answer.payload.to_bytes() for answer in answers(replies, self.keys.command(name))]
 
     def close(self) -> None:
         """Leave; closing twice is fine."""
@@ -356,16 +357,6 @@ def _tell(listeners: list, *payloads: bytes) -> None:
             listener(*payloads)
         except Exception:
             traceback.print_exc()  # the fault of one: the others and this client go on
-
-
-def _payloads(replies: Iterable[zenoh.Reply], key: str) -> list[bytes]:
-    good = [reply.ok for reply in replies if reply.ok is not None]
-    return [sample.payload.to_bytes() for sample in good if spoken_on(sample, key)]
-
-
-def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
-    """Called in Zenoh's own thread: with a thread in Python, a program that forgets to close would never end."""
-    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 def _decode_scene(payload: bytes, _attachment: bytes | None, _at: float) -> Scene:

@@ -130,7 +130,7 @@ class UndoBranch(msgspec.Struct, frozen=True, kw_only=True, tag="undo_branch", f
 
 
 class Inspect(msgspec.Struct, frozen=True, kw_only=True, tag="inspect", forbid_unknown_fields=True):
-    """What the ticks explain in addition, for everybody: the two paths of a candidate, the path of unmodified STAA*."""
+    """Ask the ticks to explain more, for everybody: the two paths of a candidate, the path of unmodified STAA*."""
 
     candidate: Annotated[int, Between(-1, 10_000)] = -1  # index into the candidates; -1: none
     staa_path: bool = False
@@ -170,7 +170,7 @@ COMMAND_NAMES = tuple(str(kind.__struct_config__.tag) for kind in (*SERVER_COMMA
 
 
 class Envelope(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Who sends which command, the how-manieth, and until when it is meant."""
+    """A command with its sender, its number, and the time until which it is meant."""
 
     sender: str
     seq: int
@@ -180,7 +180,7 @@ class Envelope(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a command. A refused one had no effect."""
+    """The outcome of a command. A refused one had no effect."""
 
     version: str = ANSWER_VERSION
     ok: bool  # whether it was done

@@ -11,11 +11,13 @@ import random
 import socket
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
 
 import zenoh
 
 from motm_twin.bus.credentials import announce, forget
+from motm_twin.bus.keys import spoken_on
 from motm_twin.bus.zenoh_config import session_config
 
 LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
@@ -73,6 +75,16 @@ def free_port(host: str = LOOPBACK) -> int:
             forget(port)
             return port
     raise PortTaken(host, port, f"so were {TRIES - 1} others")
+
+
+def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
+    """A callback in Zenoh's own thread: with a thread in Python, a program that forgets to close would never end."""
+    return zenoh.handlers.Callback(callback, indirect=False)
+
+
+def answers(replies: Iterable[zenoh.Reply], key: str) -> Iterator[zenoh.Sample]:
+    """The answers among replies, of those who answer on just this key (`keys.spoken_on`); errors are left out."""
+    return (reply.ok for reply in replies if reply.ok is not None and spoken_on(reply.ok, key))
 
 
 def open_server(

@@ -1,4 +1,4 @@
-"""What the server writes into its data folder: sessions and recordings, by plain names, never over another file."""
+"""The data folder of the server: sessions and recordings, by plain names, never over another file."""
 
 import datetime
 import os

@@ -22,7 +22,7 @@ class Wheel:
         self._names: dict[str, str] = {}  # shown name of each sender that was heard, the latest last
 
     def shown(self, now: float) -> dict[str, Any]:
-        """What a status says of the driver."""
+        """The driver, as a status shows it."""
         lease = self._lease
         return {"driver": lease.driver, "driver_name": lease.name, "driver_left": round(lease.left(now), 2)}
 
@@ -64,7 +64,7 @@ class Wheel:
         self._holds.clear()
 
     def look_after(self, now: float) -> None:
-        """What silence brings about."""
+        """Release what is held, and the wheel, after silence."""
         for release in self._holds.expired(now):
             self._release(release)
         self._expire(now)

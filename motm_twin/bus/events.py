@@ -1,4 +1,4 @@
-"""What is worth telling, as numbered events: found by comparing each period and status with the one before."""
+"""Numbered events, found by comparing each period and status with the one before."""
 
 import re
 import threading

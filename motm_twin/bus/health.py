@@ -9,8 +9,8 @@ import sys
 
 import msgspec
 
-from motm_twin.bus.connection import LOOPBACK, LOOPBACK_6, open_client
-from motm_twin.bus.keys import DEFAULT_TWIN, Keys, spoken_on
+from motm_twin.bus.connection import LOOPBACK, LOOPBACK_6, answers, open_client
+from motm_twin.bus.keys import DEFAULT_TWIN, Keys
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.private_folder import all_running
 
@@ -22,9 +22,8 @@ def server_state(endpoint: str, twin: str) -> str | None:
     """The state that a twin server reports; None when it does not answer."""
     keys = Keys(twin)
     with open_client(endpoint) as session:
-        for reply in session.get(keys.status, timeout=TIMEOUT):
-            if reply.ok is not None and spoken_on(reply.ok, keys.status):
-                return msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage).state
+        for answer in answers(session.get(keys.status, timeout=TIMEOUT), keys.status):
+            return msgspec.json.decode(answer.payload.to_bytes(), type=StatusMessage).state
     return None
 
 
@@ -45,7 +44,7 @@ def _answers(host: str, port: int) -> bool:
 
 
 def check(endpoint: str, twin: str, page_port: int | None) -> str:
-    """What is wrong, '' when nothing is."""
+    """The problem in one sentence; '' when there is none."""
     state = server_state(endpoint, twin)
     if state is None:
         return f"no twin server answers at {endpoint}"

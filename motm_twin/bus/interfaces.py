@@ -1,4 +1,4 @@
-"""What the loop of the server needs from others: a twin, scenes, and somewhere to send what it computes."""
+"""Interfaces of the server's loop: a twin, scenes, and somewhere to send what it computes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class TwinLike(Protocol):
-    """What the loop needs of a twin."""
+    """A twin, as the loop uses it."""
 
     edits: list[LoggedEdit]  # everything that was done to this run
     refused: list[str]  # what an external robot would not do in the last period after all, a sentence each
@@ -47,11 +47,11 @@ class TwinLike(Protocol):
 
     @property
     def announced(self) -> dict[str, PlanarPose]:
-        """Where the robot was told that pieces of furniture stand: reference point x, y [m], turn [rad]."""
+        """Places of furniture that the robot was told: reference point x, y [m], turn [rad]."""
         ...
 
     def session(self, title: str = "") -> Session:
-        """What repeats the run so far."""
+        """The session that repeats the run so far."""
         ...
 
     def candidate_paths(self, index: int) -> tuple[Array, Array] | None:
@@ -75,7 +75,7 @@ class SceneLibrary(Protocol):
     """Scenes that may be loaded."""
 
     def choices(self) -> list[SceneChoice]:
-        """What there is."""
+        """All of them."""
         ...
 
     def load(self, scene: str, variant: str | None, seed: int | None) -> Scene:
@@ -83,12 +83,12 @@ class SceneLibrary(Protocol):
         ...
 
     def changed(self) -> bool:
-        """Whether the files of the scene that was loaded last have changed since the last question, or since then."""
+        """True when the files of the scene that was loaded last have changed since the last question, or since then."""
         ...
 
 
 class Sink(Protocol):
-    """Where the loop's results go; called from the loop's thread."""
+    """Receiver of the loop's results; called from the loop's thread."""
 
     def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
         """A new period; ``last`` when no other follows for now."""
@@ -111,7 +111,7 @@ class Methods(Protocol):
     """Methods that may be loaded."""
 
     def choices(self) -> list[MethodChoice]:
-        """What there is."""
+        """All of them."""
         ...
 
     def find(self, name: str) -> "Method":
@@ -129,7 +129,7 @@ class MakeTwin(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class TwinSetup:
-    """What a server runs: scenes and methods that it offers, the first of them, and how the twin of a scene is made."""
+    """Setup of a server: scenes and methods that it offers, the first of them, and how the twin of a scene is made."""
 
     library: SceneLibrary
     make_twin: MakeTwin

@@ -40,7 +40,7 @@ class FileLibrary:
         self._told: Marks = {}
 
     def choices(self) -> list[SceneChoice]:
-        """What can be loaded."""
+        """All that can be loaded."""
         return list(self._choices.values())
 
     def load(self, scene: str, variant: str | None, seed: int | None) -> Scene:
@@ -56,7 +56,7 @@ class FileLibrary:
         return resolved
 
     def changed(self) -> bool:
-        """Whether the watched files changed since the last load or the last True, and came to rest.
+        """True when the watched files changed since the last load or the last True, and came to rest.
 
         Asked twice a second. A file that is other than at the last question may be half written: it is told next time.
         """
@@ -96,7 +96,7 @@ class MethodLibrary:
             self._add_file(own)
 
     def choices(self) -> list[MethodChoice]:
-        """What can be loaded."""
+        """All that can be loaded."""
         return [
             MethodChoice(
                 name=method.name, title=method.title, summary=method.summary, parameters=dict(method.parameters)

@@ -66,7 +66,7 @@ class LiveTwin:
 
     @property
     def simulated(self) -> bool:
-        """Whether the robot is computed here."""
+        """True when the robot is computed here."""
         return self._robot is None
 
     @property
@@ -85,7 +85,7 @@ class LiveTwin:
         return "" if self._here or self._robot is None else self._robot.text()
 
     def ready(self) -> bool:
-        """Whether there is a robot; call it in the loop's thread."""
+        """True when there is a robot; call it in the loop's thread."""
         self._here = self._robot is None or self._robot.ready()
         return self._here
 
@@ -232,7 +232,7 @@ class LiveTwin:
         self._inspect = command
 
     def shown(self) -> tuple[TickMessage, Tick] | None:
-        """What a standing twin shows: its last period, with bodies where waiting edits will put them."""
+        """Picture of a standing twin: its last period, with bodies where waiting edits will put them."""
         if self.message is None or self.tick is None:
             return None
         if self._asked:

@@ -273,7 +273,7 @@ class TwinLoop:
             self._outdated = True
 
     def _look_after(self, now: float) -> None:
-        """What happens because time passes."""
+        """Do what is due because time passes."""
         self._wheel.look_after(now)
         self._sessions.serve(now, self._state == "playing")
         if self._reload.is_set():

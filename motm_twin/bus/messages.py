@@ -1,4 +1,4 @@
-"""What travels on Zenoh, version 1: JSON made from these structs (UTF-8; lengths [m], angles [rad], times [s]).
+"""Messages on Zenoh, version 1: JSON made from these structs (UTF-8; lengths [m], angles [rad], times [s]).
 
 Numbers that are infinite or undefined (the cost of a rejected candidate) are ``null``. Fields may be added within a
 version; a change of meaning or a removal makes a new one.
@@ -58,7 +58,7 @@ class TaskMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BeliefMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """Where the robot believes an object is."""
+    """An object as the robot believes it to be."""
 
     name: str
     position: Vector  # centre x, y, z, world
@@ -95,7 +95,7 @@ class InspectedMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlanMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """What the base does and the plan behind it."""
+    """Motion of the base and the plan behind it."""
 
     status: str  # goal (reached by the search) | aborted (best so far) | braking | idle
     reason: str  # one sentence when there is no plan
@@ -360,7 +360,7 @@ class EventsMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MetricsMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """How it goes, once a second."""
+    """Health of the run, once a second."""
 
     version: str  # motm.metrics/1
     run: int  # as in the ticks

@@ -1,4 +1,4 @@
-"""How it goes, once a second: times of the periods, and the referee's count."""
+"""Health of the run, once a second: times of the periods, and the referee's count."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""What a robot reported, period by period, as messages: with these the run of an external robot is computed again."""
+"""Reports of an external robot, period by period, as messages: with these its run is computed again."""
 
 from typing import Any
 
@@ -37,7 +37,7 @@ class DetectionSample(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """What one arm step saw; scan and detections only where they are others than in the sample before."""
+    """Input of one arm step; scan and detections only where they are others than in the sample before."""
 
     time: float  # [s] simulated
     pose: Vector  # localised base pose x, y, heading, world
@@ -54,7 +54,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ObservationsMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """What the arm steps of one period saw, oldest first. The first period of a run has scan and detections."""
+    """Inputs of the arm steps of one period, oldest first. The first period of a run has scan and detections."""
 
     version: str  # motm.observations/1
     run: int  # as in the ticks

@@ -52,13 +52,13 @@ class Pacer:
         return (len(self._done) - 1) * PERIOD / elapsed
 
     def capped(self, now: float) -> bool:
-        """Whether the machine can not keep up, judged after a full window."""
+        """True when the machine can not keep up, judged after a full window."""
         if self._since is None or now - self._since < WINDOW:
             return False
         return self.actual_speed(now) < CAPPED_BELOW * self.speed
 
     def at_ease(self, now: float) -> bool:
-        """Whether periods leave time between them: real time or slower, and the machine keeps up."""
+        """True when periods leave time between them: real time or slower, and the machine keeps up."""
         return self.speed <= 1.0 and not self.capped(now)
 
 
@@ -70,7 +70,7 @@ class RealTime:
 
     @property
     def on(self) -> bool:
-        """Whether it is real-time."""
+        """True when it is real-time."""
         return self._on
 
     def want(self, on: bool) -> None:

@@ -1,4 +1,4 @@
-"""What twin and robot say to each other, version 1: JSON (UTF-8; lengths [m], angles [rad], times [s]).
+"""Messages between twin and external robot, version 1: JSON (UTF-8; lengths [m], angles [rad], times [s]).
 
 Times are on the robot's clock, which may begin anywhere; ``life`` names one start of the robot: stamps and numbers of
 two lives have nothing to do with each other. Infinite numbers are ``null``. Fields may be added within a version.
@@ -85,7 +85,7 @@ class DetectionList(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RobotCommand(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the robot has to do from ``act_at`` on, until a later command acts, or for ``lifetime``."""
+    """The order for the robot from ``act_at`` on, until a later command acts, or for ``lifetime``."""
 
     version: str
     life: str  # of the robot that is meant
@@ -166,7 +166,7 @@ class TaskNotice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class PlantAnswer(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a request."""
+    """The outcome of a request."""
 
     version: str
     ok: bool

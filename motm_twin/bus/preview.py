@@ -1,4 +1,4 @@
-"""Where bodies will be once the waiting edits are applied: what a standing twin shows while somebody drags.
+"""Places of bodies once the waiting edits are applied: what a standing twin shows while somebody drags.
 
 A second plant of the same scene takes the state of the running one and the edits, so that what is shown is what will
 be: cubes ride on their table, fall into a bin or are taken out of the fingers. The running plant is not touched.

@@ -14,7 +14,7 @@ _BYTES, _TRIES = 24, 3
 
 
 class Running(msgspec.Struct, frozen=True, kw_only=True):
-    """Where one `serve` is reached."""
+    """Addresses of one `serve`."""
 
     pid: int
     twin: str

@@ -118,7 +118,7 @@ class Child:
         return None if self.process is None else self.process.poll()
 
     def may_restart(self) -> bool:
-        """Whether it died seldom enough to be worth another start."""
+        """True when it died seldom enough to be worth another start."""
         recent = [at for at in self._starts if time.monotonic() - at < RESTART_WINDOW]
         return len(recent) <= RESTARTS
 

@@ -71,7 +71,7 @@ class Publisher:
 
     @property
     def event_log(self) -> EventLog:
-        """What was told so far."""
+        """The events so far."""
         return self._log
 
     def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:

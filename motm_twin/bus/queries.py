@@ -17,6 +17,7 @@ import msgspec
 import zenoh
 
 from motm_twin.bus.commands import COMMAND_NAMES, Answer, Envelope, Refused
+from motm_twin.bus.connection import direct
 from motm_twin.bus.gate import CommandGate
 from motm_twin.bus.interfaces import Reply
 from motm_twin.bus.keys import Keys
@@ -28,7 +29,7 @@ TOGETHER = 32  # queries that share this patience
 
 
 class Quiet:
-    """Whether the interpreter is free for answers: no period is computed now."""
+    """True when the interpreter is free for answers: no period is computed now."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
@@ -36,7 +37,7 @@ class Quiet:
 
     @property
     def now(self) -> bool:
-        """Whether it is quiet."""
+        """True when it is quiet."""
         return self._event.is_set()
 
     def wait(self, timeout: float) -> None:
@@ -84,7 +85,7 @@ class _WaitingTogether:
 
     def __init__(self, session: zenoh.Session, keys: Sequence[str]) -> None:
         self._queries: queue.Queue[zenoh.Query | None] = queue.Queue(WAITING)
-        take = zenoh.handlers.Callback(self._queries.put, indirect=False)
+        take = direct(self._queries.put)
         self._queryables = [session.declare_queryable(key, take) for key in keys]
 
     def first(self) -> zenoh.Query | None:

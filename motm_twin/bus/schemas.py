@@ -161,7 +161,7 @@ def _structs(kind: Any, found: dict[str, type]) -> dict[str, type]:
 
 
 def breaking_changes(old: Schema, new: Schema, place: str = "") -> list[str]:
-    """What of ``new`` does not fit ``old`` under the same version, one sentence each; [] when all does."""
+    """Changes from ``old`` to ``new`` that need another version, one sentence each; [] when there are none."""
     problems = _by_name(old, new, "$defs", place) + _by_name(old, new, "properties", place) + _required(old, new, place)
     problems += _options(old, new, place) + _enum(old, new, place) + _items(old, new, place)
     for word in sorted((old.keys() | new.keys()) - _WORDS - _COMPARED):

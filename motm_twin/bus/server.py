@@ -110,7 +110,7 @@ class TwinServer:
 
     @property
     def endpoint(self) -> str:
-        """Where clients on this machine connect to."""
+        """Address for clients on this machine."""
         return f"tcp/{LOOPBACK}:{self.port}"
 
     def start(self) -> None:

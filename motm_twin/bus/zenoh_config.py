@@ -130,7 +130,7 @@ def _passwords(config: zenoh.Config) -> list[str]:
 
 
 def configured_endpoint() -> str | None:
-    """Where the configuration file says that the server is; None when it does not."""
+    """Address of the server in the configuration file; None when it has none."""
     found = _endpoints(_read(config_file()), "connect")
     return found[0] if found else None
 

@@ -9,8 +9,8 @@ from typing import TypeVar
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import open_client
-from motm_twin.bus.keys import PREFIX, Keys, is_name, spoken_on
+from motm_twin.bus.connection import answers, open_client
+from motm_twin.bus.keys import PREFIX, Keys, is_name
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.private_folder import all_running
 from motm_twin.bus.zenoh_config import configured_endpoint
@@ -99,7 +99,7 @@ def require_answer(session: zenoh.Session, twin: str, endpoint: str, *, within: 
 
 
 def silent(twin: str, endpoint: str) -> NoTwin:
-    """What is said of a twin that does not answer."""
+    """Error of a twin that does not answer."""
     return NoTwin(f"no twin {twin!r} answers at {endpoint}: is it running there, and does it let you in? ({BEHIND})")
 
 
@@ -117,9 +117,8 @@ def _alive(session: zenoh.Session) -> list[str]:
 def _asked(session: zenoh.Session, found: Found, within: float = TIMEOUT) -> Found:
     def ask() -> StatusMessage | None:
         key = Keys(found.twin).status
-        for reply in session.get(key, timeout=TIMEOUT):
-            if reply.ok is not None and spoken_on(reply.ok, key):
-                return msgspec.json.decode(reply.ok.payload.to_bytes(), type=StatusMessage)
+        for answer in answers(session.get(key, timeout=TIMEOUT), key):
+            return msgspec.json.decode(answer.payload.to_bytes(), type=StatusMessage)
         return None
 
     status = _until_connected(ask, within)

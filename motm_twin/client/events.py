@@ -41,7 +41,7 @@ class EventReader:
         )
 
     def take(self) -> list[NumberedEvent]:
-        """What can be had now, oldest first. Asks the server when something is missing. Raises EventsLost."""
+        """All events of now, oldest first. Asks the server when something is missing. Raises EventsLost."""
         taken: list[NumberedEvent] = []
         while True:
             while self._ready:

@@ -226,7 +226,7 @@ class Twin(Commanding[Answer]):
 
 
 def begins_run(command: Command, status: StatusMessage | None) -> bool:
-    """Whether a command, once accepted, begins a new run."""
+    """True when a command, once accepted, begins a new run."""
     if isinstance(command, Play):
         return status is not None and status.state == "done"
     return isinstance(command, Load | Seed | Reset | Branch | UndoBranch)

@@ -1,4 +1,4 @@
-"""What a robot says is checked before it counts: a robot that errs is not heard, and the twin says why."""
+"""Checks of all that a robot says, before it counts: a robot that errs is not heard, and the twin says why."""
 
 import math
 from collections.abc import Iterable, Sequence

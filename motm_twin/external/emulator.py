@@ -15,7 +15,7 @@ EARLY = 1e-9  # [s] rounding of times
 
 
 class LinkSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """How bad a link is, in each direction."""
+    """Defects of a link, in each direction."""
 
     latency: float = 0.0  # [s]
     jitter: float = 0.0  # [s] a message takes latency +- jitter, uniform
@@ -58,7 +58,7 @@ class Link(Generic[T]):
             heapq.heappush(self._under_way, (due, next(self._number), item))
 
     def _out(self, now: float) -> bool:
-        """Whether there is an outage now [s]; it is one of both directions."""
+        """True when there is an outage now [s]; it is one of both directions."""
         spec = self.spec
         if not spec.outage:
             return False

@@ -49,7 +49,7 @@ class CommandGuard:
             self.refused, self.refusal = self.refused + 1, str(refusal)
 
     def actuation(self, now: float) -> Actuation:
-        """What to do now [s]: base and arm come to rest when no command is fresh; the gripper stays as it was told."""
+        """Command of now [s]: base and arm come to rest when no command is fresh; the gripper stays as it was told."""
         while self._waiting and self._waiting[0].act_at <= now + SLACK:
             self._acting = self._waiting.pop(0)
             self._acted = self._acting.seq

@@ -64,13 +64,13 @@ class ZenohPlant(RemoteWorld):
         return self._info is not None and self._info.clock == "shared"
 
     def ready(self) -> bool:
-        """Whether there is a robot to observe now; takes up one that has come. Call it between periods."""
+        """True when there is a robot to observe now; takes up one that has come. Call it between periods."""
         if self._same() and self._origin is not None and not self._replaced():
             return self._fresh()
         return self._take_up()
 
     def _replaced(self) -> bool:
-        """Whether somebody else is there instead of the robot; what came in the silence of one that answers is not."""
+        """True when somebody else is there instead of the robot. One that still answers was only silent."""
         if not self.link.successor:
             return False
         info = self.link.info()
@@ -80,7 +80,7 @@ class ZenohPlant(RemoteWorld):
         return False
 
     def _same(self) -> bool:
-        """Whether the robot that is listened to is the one that was taken up, by the same clock."""
+        """True when the robot that is listened to is the one that was taken up, by the same clock."""
         return self._info is not None and self._is_taken_up(self.link.life)
 
     def _is_taken_up(self, life: str) -> bool:
@@ -104,7 +104,7 @@ class ZenohPlant(RemoteWorld):
         )
 
     def _lacking(self) -> str:
-        """What a robot that is heard has not said yet; "" for one that is not heard."""
+        """Messages that a robot that is heard has not sent yet; "" for one that is not heard."""
         if time.monotonic() - self.link.last_sign > GONE:
             return self._refused()
         if self._info is None:
@@ -199,7 +199,7 @@ class ZenohPlant(RemoteWorld):
                 time.sleep(-behind)
 
     def interrupted(self) -> bool:
-        """Whether control was away since the last call: the robot may have been stopped by itself meanwhile."""
+        """True when control was away since the last call: the robot may have been stopped by itself meanwhile."""
         interrupted, self._interrupted = self._interrupted, False
         if not self.mirror and not self.shared and self._robot_now() - self._at > BEHIND:
             self._at, interrupted = self._robot_now(), True
@@ -315,7 +315,7 @@ class ZenohPlant(RemoteWorld):
         return -np.inf if state is None else state.stamp
 
     def _fresh(self) -> bool:
-        """Whether the robot has shown itself lately."""
+        """True when the robot has shown itself lately."""
         now = time.monotonic()
         if self.shared and not self.mirror:
             return not self._silent_since or now - self._silent_since < GONE or self._answers()
@@ -341,7 +341,7 @@ class ZenohPlant(RemoteWorld):
         self._forget()
 
     def _forget(self) -> None:
-        """What was known about a robot that is gone."""
+        """Forget a robot that is gone."""
         assert self._info is not None
         self._predictor.clear()
         self._obedience = Obedience()
@@ -365,7 +365,7 @@ class ZenohPlant(RemoteWorld):
         return True
 
     def _settle(self) -> bool:
-        """Whether state and scan of the robot are there; then the run begins, or goes on, at its clock."""
+        """True when state and scan of the robot are there; then the run begins, or goes on, at its clock."""
         if self.shared and not self.mirror:
             clock = self.link.newest("clock")
             self._at = 0.0 if clock is None else clock.stamp

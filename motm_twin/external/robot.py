@@ -54,7 +54,7 @@ class ReferenceRobot:
         return self._plant.time
 
     def info(self) -> Info:
-        """What this robot is and can do."""
+        """Name and abilities of this robot."""
         name = f"{self.scene.robot.name}, simulated in {self.scene.name}"
         can = ["edit", "truth", "reset"]
         return Info(version=VERSION, life=self.life, name=name, clock=self._clock, step=SUBSTEP, can=can)
@@ -105,7 +105,7 @@ class ReferenceRobot:
         return PlantAnswer(version=VERSION, ok=True)
 
     def report(self) -> dict[str, object]:
-        """What the referee has counted."""
+        """Counts of the referee."""
         truth = self._plant.truth()
         clearance = truth.min_base_clearance
         return {

@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 import zenoh
 
+from motm_twin.bus.connection import answers, direct
 from motm_twin.bus.keys import PlantKeys, spoken_on
 from motm_twin.bus.plant_messages import (
     VERSION,
@@ -56,7 +57,7 @@ class RobotLink:
         self.on_state: Callable[[RobotState, float], None] = lambda state, received: None
         self._encode = msgspec.json.Encoder().encode
         self._declared: list[Any] = [
-            session.declare_subscriber(getattr(self.keys, name), _direct(self._reader(name))) for name in NAMES
+            session.declare_subscriber(getattr(self.keys, name), direct(self._reader(name))) for name in NAMES
         ]
         if not listen_only:
             block = zenoh.CongestionControl.BLOCK
@@ -106,7 +107,7 @@ class RobotLink:
             self._grants.put(self._encode(ClockGrant(version=VERSION, life=self._life, until=until)))
 
     def info(self) -> Info | None:
-        """What the robot says that it is; None without an answer."""
+        """The robot's answer about itself; None without one."""
         for payload in self._ask(self.keys.info, b"", ANSWER):
             with suppress(msgspec.DecodeError, UnicodeDecodeError):
                 info = msgspec.json.decode(payload, type=Info)
@@ -137,8 +138,7 @@ class RobotLink:
     def _ask(self, key: str, payload: bytes, timeout: float) -> list[bytes]:
         try:
             replies = self.session.get(key, payload=payload, timeout=timeout)
-            good = [reply.ok for reply in replies if reply.ok is not None]
-            return [sample.payload.to_bytes() for sample in good if spoken_on(sample, key)]
+            return [answer.payload.to_bytes() for answer in answers(replies, key)]
         except zenoh.ZError:
             return []
 
@@ -197,7 +197,7 @@ class RobotLink:
         self.changed.notify_all()
 
     def _clock_was_set(self, message: RobotState, before: RobotState | None, received: float) -> bool:
-        """Whether the robot's clock is another one now. One wrong stamp is not believed: two, after a silence, are."""
+        """True when the robot's clock was set. One wrong stamp is not believed: two, after a silence, are."""
         if before is None:
             return False
         silent = received - self.last_sign
@@ -224,10 +224,6 @@ class RobotLink:
             raise RefusedMessage(
                 f"its stamp is {ahead:.1f} s later than it can be by the newest state: one clock for all"
             )
-
-
-def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
-    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 class Obedience:

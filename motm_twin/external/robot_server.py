@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import open_member
+from motm_twin.bus.connection import direct, open_member
 from motm_twin.bus.keys import PlantKeys, spoken_on
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, EditRequest, PlantAnswer, ResetRequest, TaskNotice
 from motm_twin.external.emulator import LinkSpec
@@ -91,14 +91,14 @@ class RobotServer:
             for name in SENT
         }
         self._declared = [
-            session.declare_subscriber(self.keys.command, _direct(self._on_command)),
-            session.declare_subscriber(self.keys.grant, _direct(self._on_grant)),
+            session.declare_subscriber(self.keys.command, direct(self._on_command)),
+            session.declare_subscriber(self.keys.grant, direct(self._on_grant)),
             self._asked(session, self.keys.info, None, lambda _: encode(self.robot.info())),
             self._asked(session, self.keys.reset, ResetRequest, self._reset),
             self._asked(session, self.keys.edit, EditRequest, lambda request: encode(self.robot.edit(request))),
             self._asked(session, self.keys.tasks, TaskNotice, lambda notice: encode(self.robot.tasks(notice))),
             session.liveliness().declare_token(self.keys.alive),
-            self._publishers["state"].declare_matching_listener(_direct(self._on_matching)),
+            self._publishers["state"].declare_matching_listener(direct(self._on_matching)),
         ]
 
     def _on_matching(self, status: zenoh.MatchingStatus) -> None:
@@ -188,7 +188,3 @@ def _reply(query: zenoh.Query, key: str, payload: bytes, kind: Any, answer: Call
         text = encode(PlantAnswer(version=VERSION, ok=False, reason=str(error)))
     with suppress(zenoh.ZError), query:
         query.reply(key, text, encoding=zenoh.Encoding.APPLICATION_JSON)
-
-
-def _direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
-    return zenoh.handlers.Callback(callback, indirect=False)

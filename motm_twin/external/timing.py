@@ -31,7 +31,7 @@ class _Bound:
 
 
 class ClockOffset:
-    """How far the robot's clock is ahead of the twin's.
+    """Time by which the robot's clock is ahead of the twin's.
 
     A message that was stamped s by the robot and arrives at t of the twin proves that the offset is at least s - t; a
     command that left at t and arrived at r of the robot proves that it is at most r - t. The middle is taken; before
@@ -73,7 +73,7 @@ class ClockOffset:
 
 
 class Lead:
-    """How long before it acts a command must be computed, so that it is there in time."""
+    """Time before it acts at which a command must be computed to be there in time."""
 
     def __init__(self, step: float) -> None:
         """``step`` [s] of the robot: the lead is a multiple of it."""

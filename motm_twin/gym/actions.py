@@ -1,4 +1,4 @@
-"""What an agent commands: the base, the arm, and the method of each action mode that runs with them."""
+"""Commands of an agent: the base, the arm, and the method of each action mode that runs with them."""
 
 import math
 from dataclasses import dataclass, field
@@ -33,7 +33,7 @@ MODES = ("base", "whole_body")
 
 @dataclass
 class BaseActionState:
-    """What the agent asks for."""
+    """Twist that the agent asks for."""
 
     twist: Array = field(default_factory=lambda: np.zeros(2))  # [m/s, rad/s]
 
@@ -118,7 +118,7 @@ class NoPlacement:
 
 @dataclass
 class ArmActionState(ManipulatorState):
-    """What the agent asks for, beside what an arm side remembers."""
+    """Rates that the agent asks for, beside what an arm side remembers."""
 
     phase: Phase = Phase.TRANSIT
     asked_rates: Array = field(default_factory=lambda: np.zeros(7))  # [rad/s]
@@ -217,7 +217,7 @@ class ArmAction(Manipulator):
 
 
 def _over_bin(view: View) -> bool:
-    """Whether the hand is over the release square of the bin that is to be served."""
+    """True when the hand is over the release square of the bin that is to be served."""
     goal = view.goal
     if goal.kind != "place" or view.p[2] < goal.position[2]:
         return False

@@ -85,7 +85,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
 
     @property
     def view(self) -> AgentView:
-        """What the robot knows now, in the loop's own types."""
+        """Knowledge of the robot now, in the loop's own types."""
         self.twin  # noqa: B018 - raises before a reset
         return self._view
 
@@ -182,7 +182,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return self._reader.read(self._view, limit=self._limit, tasks=len(self.twin.loop.sequence.tasks))
 
     def _info(self) -> dict[str, Any]:
-        """What the referee has seen so far, and why the robot stands or is slowed."""
+        """Counts of the referee so far, and why the robot stands or is slowed."""
         score, tick, scene = self._score, self._view.tick, self.twin.scene
         return {
             "variant": scene.variant,

@@ -64,7 +64,7 @@ def _of_arm(step: ArmStep) -> Array:
 
 
 def _inputs(view: AgentView, plan: BasePlan, twist: Array, lag: float) -> ArmInputs:
-    """What an arm step reads, for a step that is as long as a period."""
+    """Inputs of an arm step, for a step that is as long as a period."""
     assert view.tick is not None
     T_odom_world, world = odometry_to_world(view.observation), view.tick.map
     poses = np.array(plan.local_poses, dtype=float)

@@ -1,4 +1,4 @@
-"""Where the base will be under the twist that an agent asks for, and when the target comes into reach of the arm.
+"""Forecast of the base under the twist that an agent asks for, and when the target comes into reach of the arm.
 
 The arm of MotM leaves for its target a moment before that is in reach. A planner tells it when; an agent does not, so
 the forecast is that it goes on as it does.

@@ -1,4 +1,4 @@
-"""What an agent observes: a `Dict` space of float32 boxes and small discrete numbers. docs/gym.md has it as a table."""
+"""Observations of an agent: a `Dict` space of float32 boxes and small discrete numbers; a table is in docs/gym.md."""
 
 import math
 import sys
@@ -147,7 +147,7 @@ def _task(target: Target | None) -> int:
 
 
 def _place(target: Target | None, goal: ArmGoal, view: AgentView) -> Array:
-    """Where a target is in the base frame, z above the floor [m], shape (3,); zeros without one."""
+    """Position of a target in the base frame, z above the floor [m], shape (3,); zeros without one."""
     now = view.observation
     if goal.kind != "none":
         return to_frame(now.odometry, goal.position)

@@ -119,7 +119,7 @@ class TopView:
         pen.line(self._pixels([centre, nose]), fill=INK, width=2 * FINER)
 
     def _scan(self, pen: ImageDraw.ImageDraw, truth: Truth, view: AgentView) -> None:
-        """What the lidar sees, where it really is."""
+        """Points of the lidar, as they truly are."""
         scan = view.observation.scan
         if scan is None:
             return

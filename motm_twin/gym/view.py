@@ -1,4 +1,4 @@
-"""What the robot knows between two periods, from which an agent chooses its action. No ground truth is in it."""
+"""Knowledge of the robot between two periods, from which an agent chooses its action. No ground truth is in it."""
 
 from dataclasses import dataclass
 
@@ -51,7 +51,7 @@ class AgentView:
 
 
 def view_of(twin: Twin, tick: Tick | None) -> AgentView:
-    """What the robot knows now, after the period of this Tick."""
+    """Knowledge of the robot now, after the period of this Tick."""
     loop, observation = twin.loop, twin.plant.observe()
     sequence, targets, twist = loop.sequence, loop.targets, loop.monitor.twist
     T_odom_world = odometry_to_world(observation)

@@ -85,7 +85,8 @@ class Length(Bound):
     def refusal(self, name: str, value: Any) -> str:
         """For a vector that is longer, or not finite."""
         length = math.hypot(*value)
-        return "" if length <= self.most else f"{self.called or name} {length:.4g} {self.unit}: {self.allowed()}"
+        shown = f"{self.called or name} {length:.4g} {self.unit}"
+        return "" if length <= self.most else f"{shown}: at most {self.most:g} {self.unit}"
 
 
 @dataclass(frozen=True)

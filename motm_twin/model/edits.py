@@ -18,6 +18,7 @@ ParameterValue = float | bool | str
 Name = Annotated[str, Text(1, 64)]
 Coordinate = Annotated[float, FARTHEST]
 Size = Annotated[tuple[float, float, float], Between(0.02, 5.0, unit="m")]
+Throw = Annotated[tuple[float, float], Length(10.0, unit="m/s", called="velocity of a thrown body")]
 Heading = Annotated[float, Between(-1000.0, 1000.0, unit="rad")]
 
 
@@ -55,7 +56,7 @@ class ReleaseBody(msgspec.Struct, frozen=True, kw_only=True, tag="release_body",
     """Let go of a dragged body; with a velocity it is thrown: it slides on until it stops or meets something."""
 
     name: Name
-    velocity: Annotated[tuple[float, float], Length(10.0, unit="m/s")] = (0.0, 0.0)  # world
+    velocity: Throw = (0.0, 0.0)  # world
 
 
 class FreezeBody(msgspec.Struct, frozen=True, kw_only=True, tag="freeze_body", forbid_unknown_fields=True):
@@ -90,7 +91,7 @@ class MoveObject(msgspec.Struct, frozen=True, kw_only=True, tag="move_object", f
 class PushRobot(msgspec.Struct, frozen=True, kw_only=True, tag="push_robot", forbid_unknown_fields=True):
     """Shove the base: its true pose jumps, its wheels and so its odometry notice nothing."""
 
-    dx: Annotated[float, Length(0.5, unit="m", other="dy", called="push")]  # world
+    dx: Annotated[float, Length(0.5, unit="m", other="dy", called="length of a push")]  # world
     dy: float
     turn: Annotated[float, Between(-1.0, 1.0, unit="rad")] = 0.0
 

@@ -1,1 +1,1 @@
-"""Runs that can be repeated: sessions, replay, branches, what-if."""
+"""Recordings: written, read, replayed, computed again and compared; and what-if runs of a session."""

@@ -100,7 +100,7 @@ def _print(was: Outcome, changed: Outcome, title: str) -> None:
 
 
 def _forecast(end: Outcome, why: str) -> str:
-    """What to think of a time that nobody has measured; "" when it is as recorded."""
+    """Remark on a time that nobody has measured; "" when it is as recorded."""
     if end.forecast_from_s is None:
         return ""
     return (

@@ -51,7 +51,7 @@ class Drawer:
             self._put(ch.DRAWN_LOCAL, now, fox.path([row[:3] for row in tick.plan.local_poses], now, fox.LOCAL_HEIGHT))
 
     def wants_tick(self, server_time: float) -> bool:
-        """Whether `tick` would add anything now."""
+        """True when `tick` would add anything now."""
         return any(server_time >= self._next.get(channel.topic, 0.0) - _TOLERANCE for channel in _FROM_TICK)
 
     def robot(self, robot: RobotStateMessage) -> None:

@@ -32,7 +32,7 @@ class _SceneText(msgspec.Struct):
 
 
 class _Driven(msgspec.Struct):
-    """What a status or a session tells of the method."""
+    """The method in a status or a session."""
 
     method: str = UNNAMED_METHOD
 
@@ -57,7 +57,7 @@ class Frame:
     packed: bytes
 
     def sent(self) -> list[Sent]:
-        """What was sent: the tick first."""
+        """Everything that was sent, the tick first."""
         return msgspec.msgpack.decode(zlib.decompress(self.packed), type=list[Sent])
 
 

@@ -1,4 +1,4 @@
-"""What is in a recording, as numbers and as text."""
+"""Contents of a recording, as numbers and as text."""
 
 from pathlib import Path
 from typing import Any

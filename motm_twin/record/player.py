@@ -49,7 +49,7 @@ class _Timed(msgspec.Struct):
 
 @dataclass(frozen=True, kw_only=True)
 class Playback:
-    """How a recording is played at first."""
+    """Speed and state in which a recording is played at first."""
 
     speed: float = 1.0
     loop: bool = False  # begin again at the end
@@ -163,7 +163,7 @@ class Player:
         self._changed()
 
     def _apply(self, command: Command) -> Work:
-        """What is to be done after the answer. Raises Refused."""
+        """The work that follows the answer. Raises Refused."""
         match command:
             case Play():
                 return self._play

@@ -84,7 +84,7 @@ class PlayerServer:
 
     @property
     def endpoint(self) -> str:
-        """Where clients on this machine connect to."""
+        """Address for clients on this machine."""
         return f"tcp/{LOOPBACK}:{self.port}"
 
     def start(self) -> None:

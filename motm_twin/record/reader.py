@@ -41,7 +41,7 @@ class Entry:
 
 @dataclass
 class Health:
-    """What was found while the file was read; complete only when it was read to its end."""
+    """Findings of a reader about its file; complete only when it was read to its end."""
 
     complete: bool = False  # the file ends as a whole one does
     chunks: int = 0

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from motm_twin.bus.connection import LOOPBACK, open_member
+from motm_twin.bus.connection import LOOPBACK, direct, open_member
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.client.discover import NoTwin, require_answer
@@ -46,7 +46,7 @@ class Recorder:
         self._file = McapFile(path)
         self._stream = Stream(self._keys, self._file.add)
         self._waiting: queue.Queue[tuple[str, bytes, bytes | None, bool]] = queue.Queue()
-        self._declared = [session.declare_subscriber(key, _direct(self._on_sample)) for key in self._stream.keys]
+        self._declared = [session.declare_subscriber(key, direct(self._on_sample)) for key in self._stream.keys]
         self._live: set[str] = set()  # keys of which something came by itself
         keys, self._listened = self._keys, threading.Event()
         # Late joiners get the last of each; the status comes first, which tells whether the others are of its run.
@@ -59,7 +59,7 @@ class Recorder:
 
     @property
     def summary(self) -> dict[str, object]:
-        """What was written so far."""
+        """File, bytes and lost periods so far."""
         return {"file": str(self._file.path), "bytes": self._file.size, "lost_periods": self._stream.lost}
 
     def listens(self, timeout: float) -> bool:
@@ -87,7 +87,7 @@ class Recorder:
             self._file.close()
 
     def _finish(self) -> None:
-        """What still waits, and the session as it ends."""
+        """Write what still waits, and the session as it ends."""
         self._file.save()
         deadline = time.monotonic() + LAST_SESSION
         while not self._waiting.empty() and time.monotonic() < deadline:
@@ -153,10 +153,6 @@ class Recorder:
             attachment = sample.attachment
             attached = None if attachment is None else attachment.to_bytes()
             self._waiting.put((str(sample.key_expr), sample.payload.to_bytes(), attached, asked))
-
-
-def _direct(callback: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback:
-    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""What a recording knows of each run: enough to repeat it, whatever part of the run was recorded."""
+"""The runs in a recording: enough to repeat it, whatever part of the run was recorded."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -32,7 +32,7 @@ class _PlanPart(msgspec.Struct, frozen=True):
 
 
 class TickPart(msgspec.Struct, frozen=True):
-    """What is needed of a tick to repeat its period."""
+    """The part of a tick that repeats its period."""
 
     run: _Number
     index: _Period
@@ -81,7 +81,7 @@ class Recording:
     runs: list[Run]
 
     def session_of(self, run: Run) -> Session:
-        """What repeats a run up to the last period that follows from what was recorded. Raises SessionError."""
+        """The session that repeats a run up to the last period that is known. Raises SessionError."""
         base = run.session or self._start_of(run)
         edits = [*base.edits, *(entry for entry in run.edits if entry.index >= base.periods)]
         cuts = [*base.cuts, *(cut for cut in run.cuts if cut.index >= base.periods)]
@@ -149,7 +149,7 @@ def ticks_of(path: str | Path, key: RunKey) -> Iterator[tuple[int, bytes]]:
 
 
 def observations_of(path: str | Path, run: Run) -> Iterator[ObservationsMessage]:
-    """What the robot of a run reported, each period once, rising.
+    """Reports of the robot of a run, each period once, rising.
 
     They name their run by its number only, which a server that was started again gives once more: they are of the run
     of the tick before them. The first may come before any: a recorder that begins just then is sent it, and asks for

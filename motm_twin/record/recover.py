@@ -14,7 +14,7 @@ from motm_twin.sessions.session import SessionError
 
 @dataclass(frozen=True)
 class Recovered:
-    """What was saved."""
+    """The result of a recovery."""
 
     file: str
     messages: int

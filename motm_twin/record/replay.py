@@ -24,7 +24,7 @@ Track = tuple[tuple[float, float, float], ...]
 
 
 class Rerun(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of running a session again."""
+    """The result of running a session again."""
 
     ok: bool  # the state is the recorded one, bit for bit
     state_hash: str  # now

@@ -101,11 +101,11 @@ class RecordedPlant:
         return self._at < len(self._samples)
 
     def text(self) -> str:
-        """What it is."""
+        """A few words about it."""
         return f"a recorded robot: {len(self._samples)} samples"
 
     def interrupted(self) -> bool:
-        """Whether control was away before the period that begins now."""
+        """True when control was away before the period that begins now."""
         return self._at in self._restarts
 
 
@@ -153,7 +153,7 @@ def _observation(sample: Sample, scan: Scan | None, detections: tuple[Detection,
 
 
 class RunReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of running one recorded run again."""
+    """The result of running one recorded run again."""
 
     run: int
     scene: str
@@ -315,7 +315,7 @@ def _compare(then: Any, now: Any, place: str, found: list[str]) -> None:
 
 
 def _same_time(place: str, then: Any, now: Any) -> bool:
-    """Whether these are one time: ticks that were recorded before times were rounded have all digits."""
+    """True for one time: ticks that were recorded before times were rounded have all digits."""
     both = isinstance(then, float) and isinstance(now, float)
     return both and place.rpartition(".")[2] == "time" and seconds(then) == now
 

@@ -1,4 +1,4 @@
-"""What arrives from one twin, sorted into a recording: our messages as they came, and what is drawn of them.
+"""Sorts what arrives from one twin into a recording: our messages as they came, and what is drawn of them.
 
 Knows no transport and no clock; `recorder` feeds it.
 """
@@ -30,7 +30,7 @@ Add = Callable[[Channel, float, bytes], None]
 
 
 class _TickPart(msgspec.Struct, frozen=True):
-    """What is needed of every tick."""
+    """The part that is needed of every tick."""
 
     run: int
     server_time: float
@@ -95,7 +95,7 @@ class Stream:
         self._take[key](payload, attachment)
 
     def is_past(self, key: str, payload: bytes, attachment: bytes | None) -> bool:
-        """Whether a last value is of a run before the one that the status tells. Raises msgspec.MsgspecError.
+        """True when a last value is of a run before the one that the status tells. Raises msgspec.MsgspecError.
 
         Until a robot in another program has begun its run, its twin still has the last period of the run before. That
         is hours old at times, and may be of another scene: no part of what is recorded.

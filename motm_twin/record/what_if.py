@@ -1,4 +1,4 @@
-"""What if the parameters had been others? Both runs of a session, in two processes at once.
+"""A what-if, with other parameters than recorded: both runs of a session, in two processes at once.
 
 As a program, ``python -m motm_twin.record.what_if FILE --set next_weight=0 --from 12.5`` writes JSON lines: samples
 ``{"run", "time", "pose", "q", "gripper"}`` of the runs "as it was" and "changed", and for each a last line
@@ -159,7 +159,7 @@ def _print(line: Line | dict[str, str]) -> None:
 
 
 def _end_with_input() -> None:
-    """Where standard input is a pipe or socket of the parent: end when it closes."""
+    """End when standard input closes, if it is a pipe or socket of the parent."""
     try:
         mode = os.fstat(0).st_mode
     except OSError:

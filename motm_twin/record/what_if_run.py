@@ -70,7 +70,7 @@ def _value(name: str, text: str) -> ParameterValue:
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """Where the robot is."""
+    """Pose of the robot at one time."""
 
     run: str  # "as it was" | "changed"
     time: float  # [s] simulated
@@ -81,7 +81,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
-    """How a run ended."""
+    """The end of a run."""
 
     run: str
     done: bool = True  # the last line of this run
@@ -166,7 +166,7 @@ class _Side:
         self._finish.add(tick)
 
     def ended(self, tick: Tick) -> tuple[bool, str]:
-        """Whether this was the last period, and why if not because all is done."""
+        """True when this was the last period, and why if not because all is done."""
         if self._finish.over and tick.index >= self._last_insert:
             return True, ""
         limit = self._session.scene.time_limit
@@ -205,7 +205,7 @@ class _Side:
         )
 
     def _forecast_from(self, time: float) -> float | None:
-        """Where the repetition of the recording ended [s], if that was before the period at ``time`` [s]."""
+        """Time at which the repetition of the recording ended [s], if that was before the period at ``time`` [s]."""
         known = min(self._start, self._session.periods) if self._changes else self._session.periods
         return round(known / PERIODS_PER_SECOND, 3) if round(time * PERIODS_PER_SECOND) >= known else None
 

@@ -9,7 +9,8 @@ import msgspec
 import zenoh
 
 from motm_twin.bus.client import TwinClient
-from motm_twin.bus.keys import Keys, spoken_on
+from motm_twin.bus.connection import answers, direct
+from motm_twin.bus.keys import Keys
 from motm_twin.bus.messages import (
     GRID_VERSION,
     ROBOT_VERSION,
@@ -86,7 +87,7 @@ class Bridge:
             if "*" not in key:  # else it is not the twin who speaks
                 self._tell(handle, key, sample.payload.to_bytes())
 
-        return zenoh.handlers.Callback(take, indirect=False)
+        return direct(take)
 
     def _tell(self, handle: Callable[..., None], key: str, *payloads: bytes) -> None:
         """The twin says something by itself: what it was asked for before is old from now on."""
@@ -134,10 +135,10 @@ class Bridge:
         keys = self._keys
         handlers = {keys.robot: self._robot, keys.scan: self._scan, keys.tick: self._tick, keys.grid: self._grid}
         for key, handle in handlers.items():
-            for reply in self._twin.get(key, timeout=ANSWER):
-                if reply.ok is not None and spoken_on(reply.ok, key) and key not in self._told:
-                    attached = reply.ok.attachment
-                    self._put(handle, key, reply.ok.payload.to_bytes(), *([attached.to_bytes()] if attached else []))
+            for answer in answers(self._twin.get(key, timeout=ANSWER), key):
+                if key not in self._told:
+                    attached = answer.attachment
+                    self._put(handle, key, answer.payload.to_bytes(), *([attached.to_bytes()] if attached else []))
 
     def _robot(self, payload: bytes) -> None:
         robot = _ROBOT.decode(payload)

@@ -55,7 +55,7 @@ def decode(message: str, data: bytes) -> Message:
 
 @cache
 def _writer(base: str) -> Write:
-    """What appends one value of a type."""
+    """Function that appends one value of a type."""
     if base == "string":
         return _write_string
     if base not in DEFINITIONS:
@@ -187,7 +187,7 @@ class _Reader:
 
 @cache
 def _reader(base: str) -> Read:
-    """What reads one value of a type."""
+    """Function that reads one value of a type."""
     if base == "string":
         return _read_string
     if base not in DEFINITIONS:

@@ -137,7 +137,7 @@ class Form(Protocol):
         ...
 
     def attachment(self, token: str, sequence: int, nanoseconds: int) -> bytes | None:
-        """What goes with the ``sequence``-th message of the publisher with this token, sent at a Unix time [ns]."""
+        """Attachment of the ``sequence``-th message of the publisher with this token, sent at a Unix time [ns]."""
         ...
 
 
@@ -151,7 +151,7 @@ def check_prefix(prefix: str) -> str:
 
 
 class BridgeForm:
-    """What a program sends that wants to be heard through zenoh-bridge-ros2dds: the topic is the key."""
+    """Form of a program that wants to be heard through zenoh-bridge-ros2dds: the topic is the key."""
 
     def __init__(self, zid: str, *, prefix: str = "/", distro: str = "jazzy") -> None:
         """``zid``: of the Zenoh session."""
@@ -177,7 +177,7 @@ class BridgeForm:
 
 
 class RmwForm:
-    """What a ROS 2 node with RMW_IMPLEMENTATION=rmw_zenoh_cpp sends."""
+    """Form of a ROS 2 node with RMW_IMPLEMENTATION=rmw_zenoh_cpp."""
 
     def __init__(self, zid: str, *, node: str, domain: int = 0, prefix: str = "/", distro: str = "jazzy") -> None:
         """``zid``: of the Zenoh session; ``node``: name in the ROS graph."""

@@ -1,4 +1,4 @@
-"""What the twin knows of its world as visualization_msgs/MarkerArray, in the colours of the page."""
+"""The twin's knowledge of its world as visualization_msgs/MarkerArray, in the colours of the page."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any

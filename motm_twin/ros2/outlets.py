@@ -6,6 +6,7 @@ from collections.abc import Callable
 import zenoh
 import zenoh.ext
 
+from motm_twin.bus.connection import direct
 from motm_twin.ros2.cdr import Message, encode
 from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, PUBLISHER, SUBSCRIBER, Form, Topic
 
@@ -71,4 +72,4 @@ def _latched(session: zenoh.Session, form: Form, topic: Topic) -> zenoh.ext.Adva
 
 
 def _handler(topic: Topic, accept: Callable[[Topic, bytes], None]) -> zenoh.handlers.Callback:
-    return zenoh.handlers.Callback(lambda sample: accept(topic, sample.payload.to_bytes()), indirect=False)
+    return direct(lambda sample: accept(topic, sample.payload.to_bytes()))

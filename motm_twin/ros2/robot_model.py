@@ -21,7 +21,7 @@ IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Transform:
-    """Where a child frame is in its parent [m]."""
+    """Pose of a child frame in its parent [m]."""
 
     parent: str
     child: str

@@ -1,4 +1,4 @@
-"""What ROS 2 programs want of the robot, as commands of the twin: drive by hand, go there, be there."""
+"""Wishes of ROS 2 programs, as commands of the twin: drive by hand, go there, be there."""
 
 import math
 import threading
@@ -82,7 +82,7 @@ class Wishes:
             self._refuse(topic, answer.reason, unreadable=False)
 
     def _command(self, topic: Topic, message: Message) -> Command:
-        """What the twin is asked for; raises ValueError when it can not be asked now."""
+        """The command for a wish; raises ValueError when it can not be asked now."""
         if topic is CMD_VEL:
             return self._drive(message)
         if topic is GOAL_POSE:

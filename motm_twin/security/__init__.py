@@ -1,1 +1,1 @@
-"""Who may connect from other machines: certificates, passwords and rights."""
+"""Access from other machines: certificates, passwords and rights."""

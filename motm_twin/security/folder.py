@@ -26,11 +26,11 @@ _SECRET, _PUBLIC = 0o600, 0o644
 
 
 class SecurityError(ValueError):
-    """What was asked for can not be; the message says why."""
+    """A request that can not be met; the message says why."""
 
 
 class People(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
-    """Who is known, and where the twin is found: `people.json` of the folder."""
+    """Known people, and the address of the twin: `people.json` of the folder."""
 
     version: str = PEOPLE_VERSION
     hosts: list[str]  # names and addresses of the server; the first one is written into the files of clients
@@ -82,7 +82,7 @@ class Folder:
         return self.path / f"{identity(role, name)}.json5"
 
     def people(self) -> People | None:
-        """Who is known; None in a new folder. Raises SecurityError."""
+        """Known people; None in a new folder. Raises SecurityError."""
         file = self.path / "people.json"
         if not file.exists():
             return None

@@ -1,4 +1,4 @@
-"""Who may do what over Zenoh, as its access control: everything that is not allowed here is denied.
+"""Rights over Zenoh, as its access control: everything that is not allowed here is denied.
 
 Rules name messages as they pass the server: ``ingress`` comes from the client, ``egress`` goes to it.
 """

@@ -25,11 +25,11 @@ class Log:
         self._cuts = {cut.index: cut.expansions for cut in cuts}
 
     def edits(self, index: int) -> list[Edit]:
-        """What was applied at the start of a period, in order."""
+        """Edits applied at the start of a period, in order."""
         return self._edits.get(index, [])
 
     def budget(self, index: int) -> SearchBudget:
-        """How far the search of a period went; the clock has no say."""
+        """Expansions of the search in a period; the clock has no say."""
         return SearchBudget(expansions=self._cuts[index]) if index in self._cuts else SearchBudget()
 
     def advance(self, twin: Twin, index: int) -> Tick:

@@ -1,4 +1,4 @@
-"""What a run depends on besides the session: this package's source, the numeric libraries, and the machine."""
+"""Origin of a run, besides the session: this package's source, the numeric libraries, and the machine."""
 
 import functools
 import hashlib

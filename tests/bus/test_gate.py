@@ -79,7 +79,11 @@ CRATE = {"type": "add_obstacle", "name": "a", "x": 0, "y": 0}
         ("seed", envelope({"type": "seed", "seed": 2**31}), "seed 2147483648: allowed is 0 to 2147483647"),
         ("remove_body", envelope({"type": "remove_body", "name": "a\u0007b"}), "printable"),
         ("freeze_body", envelope({"type": "freeze_body", "name": "a" * 65}), "64"),
-        ("release_body", envelope({"type": "release_body", "name": "t", "velocity": [8, 8]}), "length at most 10 m/s"),
+        (
+            "release_body",
+            envelope({"type": "release_body", "name": "t", "velocity": [8, 8]}),
+            "thrown body 11.31 m/s: at most 10 m/s",
+        ),
         ("send_agent", envelope({"type": "send_agent", "name": "t", "x": 0, "y": -1e4}), "allowed is -100 to 100 m"),
         ("move_object", envelope({"type": "move_object", "name": "t", "x": 1e4, "y": 0}), "allowed is -100 to 100 m"),
         ("push_robot", envelope({"type": "push_robot", "dx": 4, "dy": 4}), "push"),
