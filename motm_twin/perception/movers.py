@@ -11,10 +11,9 @@ from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
-from motm_twin.perception.belonging import touching
 from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of
-from motm_twin.perception.clusters import cells_of
-from motm_twin.perception.fronts import Disc, apart, at_ends, behind, front_of, share_gone
+from motm_twin.perception.clusters import cells_of, touching
+from motm_twin.perception.discs import Disc, apart, at_ends, behind, front_of, share_gone
 from motm_twin.perception.world_map import NO_AGES, NO_MOVERS, NO_POINTS, WorldMap
 
 
