@@ -28,7 +28,7 @@ FARTHEST = 0.6  # [s] that is predicted at most
 
 
 class Motion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What moves."""
+    """Moving parts of the robot."""
 
     stamp: float  # [s]
     pose: Array
@@ -120,7 +120,7 @@ def _arm(
 
 
 def expired(twist: Array, joint_velocity: Array, gripper: str, since: float) -> Actuation:
-    """What to do ``since`` [s] a command of this twist (2,) and these joint rates (7,) has expired.
+    """Command ``since`` [s] after one of this twist (2,) and these joint rates (7,) has expired.
 
     The base ramps to a stop within its limits, the joints come to rest together, the gripper stays as it is.
     """

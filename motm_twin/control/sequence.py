@@ -31,7 +31,7 @@ _NUMBER = re.compile(r"-?\d+(\.\d+)?")  # a wait that says how far or how long i
 
 @dataclass
 class SequenceState:
-    """What changes while the list is worked through."""
+    """State of the list while it is worked through."""
 
     index: int = 0
     tasks: list[Task] = field(default_factory=list)

@@ -23,7 +23,7 @@ class TaskState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ObjectBelief(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Where the robot believes an object is, world frame."""
+    """Belief about an object, world frame."""
 
     name: str
     position: Array  # [m], shape (3,)

@@ -266,7 +266,7 @@ def calm(outlines: list[Array], before: tuple[Array, ...]) -> tuple[Array, ...]:
 
 @njit(cache=True)
 def outlines_agree(one, two, tolerance):
-    """Whether every corner of each convex outline is within the tolerance [m] of the other outline's border."""
+    """Test that every corner of each convex outline is within the tolerance [m] of the other's border."""
     for turn in range(2):
         corners, border = (one, two) if turn == 0 else (two, one)
         n = border.shape[0]

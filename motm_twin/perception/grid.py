@@ -38,7 +38,7 @@ class Grid(msgspec.Struct, frozen=True, kw_only=True):
         return np.array(self.origin) + self.resolution * (np.asarray(cells, dtype=float)[..., ::-1] + 0.5)
 
     def contains(self, cells: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Whether each cell (row, col) is in the grid, shape (..., 2) to (...)."""
+        """Test that each cell (row, col) is in the grid, shape (..., 2) to (...)."""
         return np.asarray(((cells >= 0) & (cells < np.array(self.shape))).all(axis=-1))
 
     def centres(self) -> Array:

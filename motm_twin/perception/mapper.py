@@ -50,7 +50,7 @@ def reach_of(robot: RobotProfile) -> float:
 
 @dataclass
 class MapperState:
-    """What the mapper remembers."""
+    """State of the mapper."""
 
     evidence: Evidence
     cells: np.ndarray  # seen cells (row, col) of the newest map, shape (m, 2)

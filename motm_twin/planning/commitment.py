@@ -58,13 +58,13 @@ class Kept:
 
 @dataclass
 class CommitmentState:
-    """What is remembered between periods."""
+    """State between periods."""
 
     kept: Kept | None = None
 
 
 class Rest(NamedTuple):
-    """What is left of a plan that is followed."""
+    """The rest of a plan that is followed."""
 
     kept: Kept
     states: Array  # x, y, heading, v, w of its nodes from now on, shape (n, 5)
@@ -116,7 +116,7 @@ class Commitment(Protocol):
     """A policy of what is kept of the plan of the last period."""
 
     def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
-        """What is left of the plan that is kept; None: nothing."""
+        """The rest of the plan that is kept; None: there is none."""
         ...
 
     def lattice(
@@ -156,7 +156,7 @@ class KeepPlans(Stateful[CommitmentState]):
         self._loaded = False  # the kernels of the lattice
 
     def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
-        """What is left of the kept plan, when it is still possible."""
+        """The rest of the kept plan, when it is still possible."""
         kept, target = self._state.kept, problem.target
         if kept is None or target is None or kept.targets != _targets(problem) or placement.mode in ("closest", "none"):
             return None
@@ -239,7 +239,7 @@ def _targets(problem: BaseProblem) -> tuple[str, str]:
 
 
 def _better(found: BasePlan, rest: Rest, informed: bool) -> bool:
-    """Whether a new plan takes the place of what is left of the kept one."""
+    """Does a new plan take the place of the rest of the kept one?"""
     kept = rest.kept
     if found.status not in ("goal", "aborted"):
         return False
@@ -273,7 +273,7 @@ def _time_to_range(states: Array, times: Array, job: Job) -> float:
 
 
 class Bounds(NamedTuple):
-    """What a plan that is followed must keep."""
+    """Limits and margins of a plan that is followed."""
 
     v_f: float
     v_r: float

@@ -192,7 +192,7 @@ def shortest_path(graph: Graph, start: Array, goal: Array, limits: BaseLimits) -
 
 
 def leaves_disc(path: Array, radius: float) -> tuple[int, Array] | None:
-    """Where a path (m, 2) first leaves the disc of `radius` [m] about its start: segment and point."""
+    """Segment and point at which a path (m, 2) first leaves the disc of `radius` [m] about its start."""
     start = path[0]
     for i in range(len(path) - 1):
         if math.hypot(*(path[i + 1] - start)) <= radius:

@@ -52,7 +52,7 @@ def half_width(body: Body) -> float:
 
 
 def cannot_turn(pose: Array, s: Settings, world: World) -> bool:
-    """Whether the robot cannot turn on the spot at a pose (3,), and the goal is not in such a place beside it."""
+    """The robot cannot turn on the spot at a pose (3,), and the goal is not in such a place beside it."""
     wide = swept_radius(world.body) + s.margin
     here = distance_at(float(pose[0]), float(pose[1]), world.field)
     goal = distance_at(s.goal_x, s.goal_y, world.field)
@@ -144,7 +144,7 @@ def _fill(
 
 @kernel
 def _beside_narrow(i: int, j: int, kind: IntArray) -> bool:
-    """Whether a step from a cell may lead to a narrow one."""
+    """A step from the cell may lead to a narrow one."""
     n = kind.shape[0]
     for b in range(max(0, j - 2), min(n, j + 3)):
         for a in range(max(0, i - 2), min(n, i + 3)):

@@ -95,7 +95,7 @@ class LatticeCosts(NamedTuple):
 
 
 class World(NamedTuple):
-    """What one search reads."""
+    """The data that one search reads."""
 
     field: Field
     proximity: Field

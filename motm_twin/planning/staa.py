@@ -125,7 +125,7 @@ def _cell_of(x: float, y: float, v_bin: int, row: Array, s: Settings) -> int:
 
 @kernel
 def _close(key: int, closed: NDArray[np.int64], add: int) -> bool:
-    """Whether a cell is closed already; with `add`, it is from now on."""
+    """Test that a cell is closed already; with `add`, close it."""
     slots = closed.shape[0]
     at = (key * 2_654_435_761) & (slots - 1)
     while closed[at] != -1:
@@ -239,7 +239,7 @@ def _turned(row: Array, heading: float, w_0: float, w_end: float, f: float, dt: 
 
 @kernel
 def _reached_at(x: float, y: float, v_0: float, v_end: float, f: float, dt: float, row: Array, job: Job) -> bool:
-    """Whether the target is in reach a fraction f into a node of duration dt [s]; row of `_turned`."""
+    """Test that the target is in reach a fraction f into a node of duration dt [s]; row of `_turned`."""
     v = v_0 + f * (v_end - v_0)
     v_m = 0.5 * (v_0 + v)
     t = f * dt

@@ -93,7 +93,7 @@ def _checked(program: Program, solver: str, residual: float, first: int, count: 
 
 @njit(cache=True)
 def _flaw(P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array) -> int:
-    """What keeps a program from being given to a solver; 0: nothing."""
+    """Flaw that keeps a program from being given to a solver; 0: none."""
     for values in (P, c, b, h, lower, upper):
         for value in values:
             if not math.isfinite(value):
