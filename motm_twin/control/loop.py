@@ -277,6 +277,7 @@ class ControlLoop(Stateful[LoopState]):
                 trust, floor = self.self_check.trust(), world.floor
                 kept = self.arm_monitor.check(
                     step.actuation, observation, self.monitor.twist, dt, T_odom_world=T_odom_world,
+                    astray=self.self_check.astray,
                     held_side=inputs.goal.side if step.holding and step.phase not in AT_SUPPORT else 0.0,
                 )  # fmt: skip
                 verdict = self.monitor.check(
@@ -332,6 +333,7 @@ class ControlLoop(Stateful[LoopState]):
             plan_poses=plan_poses,
             obstacles=obstacles,
             T_odom_world=T_odom_world,
+            stuck_joint=self.self_check.stuck_joint,
         )
 
 

@@ -36,9 +36,9 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     forgotten: float = 2.0  # [s] without a demand after which it is given another chance
     joint_asked: float = 0.08  # [rad/s] from which a joint that stands does not follow: above the noise of its rates
     joint_after: float = 0.2  # [s]
+    recent: float = 0.06  # [s] within which the rates that joints are told explain those that they have
     joint_room: float = 0.1  # [rad] from a limit of position within which a joint may stand
     joint_forgotten: float = 2.0  # [s] without a demand after which a stuck joint is given another chance
-    probe: float = 0.15  # share of its rate with which a stuck joint is tried
     creep: float = 0.3  # share of its speed with which a stuck or late base goes on
     fingers_after: float = 0.3  # [s] after their command within which fingers move
     fingers_moved: float = 0.001  # [m]
@@ -51,6 +51,8 @@ class MotionState:
     expected: Array = field(default_factory=lambda: np.zeros(2))  # twist that the base should have now
     told: Array = field(default_factory=lambda: np.zeros(2))  # twist
     rates: Array = field(default_factory=lambda: np.zeros(JOINTS))  # joint rates told last [rad/s]
+    recent: list[tuple[float, Array]] = field(default_factory=list)  # joint rates told lately, with their times [s]
+    astray: Array = field(default_factory=lambda: np.zeros(JOINTS))  # [rad/s] of the joints outside of those
     time: float | None = None
     standing: float = 0.0  # [s] that the base has stood although it should move
     moving: float = 0.0  # [s] that it has moved as it should
@@ -75,12 +77,14 @@ def skip(state: MotionState) -> None:
     state.smooth = np.array([state.told, state.told])
     state.standing = state.moving = 0.0
     state.sums = np.zeros((5, 2))
-    state.still = np.zeros(JOINTS)
+    state.still, state.astray = np.zeros(JOINTS), np.zeros(JOINTS)
+    state.recent.clear()
 
 
 def told(state: MotionState, actuation: Actuation, now: Observation) -> None:
     """Remember what the robot is told from now on."""
     state.told, state.rates = actuation.twist.copy(), actuation.joint_velocity.copy()
+    state.recent.append((now.time, state.rates))
     if actuation.gripper != state.gripper:
         state.gripper, state.since, state.width, state.fingers = actuation.gripper, now.time, now.gripper_width, ""
         state.fingers = "waited"
@@ -148,6 +152,7 @@ def _lag(
 def check_joints(state: MotionState, now: Observation, dt: float, settings: MotionSettings) -> None:
     """Find the joint that stands although it is told to move."""
     rates = state.rates
+    state.astray = _astray(state, now, settings)
     at_end = np.where(rates > 0.0, Q_MAX - now.q, now.q - Q_MIN) < settings.joint_room
     asked = (np.abs(rates) > settings.joint_asked) & ~at_end
     stands = np.abs(now.dq) < settings.stands * np.abs(rates)
@@ -162,6 +167,15 @@ def check_joints(state: MotionState, now: Observation, dt: float, settings: Moti
         return
     if float(state.still.max()) > settings.joint_after:
         state.joint, state.idle = int(np.argmax(state.still)), 0.0
+
+
+def _astray(state: MotionState, now: Observation, settings: MotionSettings) -> Array:
+    """Joint rates beyond all that they were told lately [rad/s], shape (7,): no lag explains these."""
+    state.recent = [one for one in state.recent if now.time - one[0] <= settings.recent]
+    if not state.recent:
+        return np.zeros(JOINTS)
+    told = np.array([rates for _, rates in state.recent])
+    return now.dq - np.clip(now.dq, told.min(axis=0), told.max(axis=0))
 
 
 def check_fingers(state: MotionState, now: Observation, profile: RobotProfile, settings: MotionSettings) -> None:
@@ -206,12 +220,12 @@ def findings(state: MotionState, now: Observation, base: BaseLimits, settings: M
 def joint_shares(state: MotionState, settings: MotionSettings, *, stands: bool) -> Array | None:
     """Shares of their rates that the joints keep, shape (7,), while one of them is stuck; None: all of it.
 
-    The stuck one is tried gently, to find out when it is free. The others go on until the base ``stands``.
+    The others go on until the base ``stands``; the stuck one is tried, to find out when it is free.
     """
     if state.joint < 0:
         return None
     shares = np.zeros(JOINTS) if stands else np.ones(JOINTS)
-    shares[state.joint] = settings.probe
+    shares[state.joint] = 1.0
     return shares
 
 

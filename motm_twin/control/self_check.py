@@ -132,6 +132,17 @@ class SelfCheck(Stateful[SelfCheckState]):
             scan="" if bad is None or bad.kind != "scan_bad" else bad.text,
         )  # fmt: skip
 
+    @property
+    def stuck_joint(self) -> int | None:
+        """The joint that does not follow its commands, counted from 0."""
+        joint = self._state.motion.joint
+        return None if joint < 0 else joint
+
+    @property
+    def astray(self) -> Array:
+        """Joint rates that no recent command explains: how far they are from those told [rad/s], shape (7,)."""
+        return self._state.motion.astray
+
     def told(self, actuation: Actuation, now: Observation) -> None:
         """Remember what the robot is told, to compare what it does with it."""
         motion_check.told(self._state.motion, actuation, now)

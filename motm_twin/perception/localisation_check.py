@@ -30,7 +30,9 @@ class LocalisationSettings(msgspec.Struct, frozen=True, kw_only=True):
     better: float = 0.1  # of the fit, by which one pose must be better than the other
     fit_sd: float = 0.1  # [m] error of a beam at which it fits badly
     reach: float = 8.0  # [m] of beams that count
-    looks: int = 2  # sweeps that are looked at
+    looks: int = 2  # sweeps that are looked at ...
+    suspect: float = 0.6  # ... from this share of what noise may explain on, so that the scan is heard in time ...
+    enough: float = 0.8  # ... and from this share on it may say alone that localisation is wrong
     patience: float = 0.3  # [s] after which localisation is believed when nothing that is mapped is in sight ...
     undecided: float = 1.0  # [s] ... and when the scan fits both
     jump: float = 0.15  # [s] within which a leap of localisation is a push, and not wheels that slip
@@ -48,7 +50,7 @@ class LocalisationState:
     odometry: Array = field(default_factory=lambda: np.zeros(3))  # and without what was no motion
     pose: Array = field(default_factory=lambda: np.zeros(3))  # dead-reckoned
     localised: Array = field(default_factory=lambda: np.zeros(3))  # as it was reported last
-    mode: str = ""  # "" | doubt | off | slip
+    mode: str = ""  # "" | suspect | doubt | off | slip
     since: float = 0.0  # [s] of the mode
     within: float | None = None  # [s] since when localisation is near the dead-reckoned pose again
     leaps: list[tuple[float, float, float]] = field(default_factory=list)  # [s], [m], [rad] by which it left lately
@@ -98,7 +100,7 @@ def vote(
     state: LocalisationState, scan: Scan, now: Observation, segments: Array, settings: LocalisationSettings
 ) -> None:
     """Let a new sweep say which pose is right; ``now`` and ``scan`` as reported."""
-    if state.mode not in ("doubt", "off") or not len(segments) or scan.stamp <= state.since:
+    if state.mode not in ("suspect", "doubt", "off") or not len(segments) or scan.stamp <= state.since:
         return
     believed = compose(compose(state.pose, inverse(now.pose)), scan.pose)
     reach = min(settings.reach, scan.range_max)
@@ -176,10 +178,19 @@ def _reckon(
     elif state.mode == "off":
         state.way += math.hypot(way[0], way[1])
         _return(state, now, left < 0.8 * limit and turned < 0.8 * settings.heading, settings)
-    elif state.mode == "" and away:
+    elif state.mode in ("", "suspect") and away:
+        votes = state.votes
         _change(state, "doubt", now.time)
+        state.votes = votes
         state.leapt = any(step > 0.5 * limit or turn > 0.5 * settings.heading for _, step, turn in state.leaps)
-    if state.mode in ("", "slip"):
+    elif state.mode == "" and left > settings.suspect * limit:
+        _change(state, "suspect", now.time)
+    elif state.mode == "suspect" and left > settings.enough * limit and _verdict(state, settings) < 0:
+        _change(state, "off", now.time)
+        state.way = 0.0
+    elif state.mode == "suspect" and left < 0.8 * settings.suspect * limit:
+        _change(state, "", now.time)
+    if state.mode in ("", "suspect", "slip"):
         _follow(state, now, 1.0 - math.exp(-max(dt, 0.0) / settings.follow))
     if state.mode == "slip":
         near = left < 0.5 * limit and turned < 0.5 * settings.heading
@@ -193,14 +204,14 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
     """Localisation has left: is it wrong, was the robot pushed, or do its wheels slip?"""
     left, turned = _apart(now.pose, state.pose)
     votes, waited = state.votes, now.time - state.since
-    sure = len(votes) >= settings.looks and abs(sum(votes)) > settings.better * len(votes)
+    verdict = _verdict(state, settings)
     over = waited > (settings.undecided if votes else settings.patience)
     if not away and waited > settings.patience:
         _change(state, "", now.time)
-    elif sure and sum(votes) < 0.0:
+    elif verdict < 0:
         _change(state, "off", now.time)
         state.way = 0.0
-    elif sure or over:
+    elif verdict > 0 or over:
         state.before = compose(state.odometry, inverse(state.pose))
         state.pose, state.slipped = now.pose.copy(), left
         if state.leapt:
@@ -210,6 +221,13 @@ def _decide(state: LocalisationState, now: Observation, settings: LocalisationSe
             )  # fmt: skip
             state.until = now.time + settings.told
         _change(state, "" if state.leapt else "slip", now.time)
+
+
+def _verdict(state: LocalisationState, settings: LocalisationSettings) -> int:
+    """1: the scan is for localisation, -1: for dead reckoning, 0: it has not decided."""
+    votes, total = state.votes, sum(state.votes)
+    sure = len(votes) >= settings.looks and abs(total) > settings.better * len(votes)
+    return int(math.copysign(1.0, total)) if sure else 0
 
 
 def _return(state: LocalisationState, now: Observation, near: bool, settings: LocalisationSettings) -> None:

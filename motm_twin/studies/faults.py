@@ -97,9 +97,10 @@ def noticeable(kind: str) -> Callable[[Tick], bool]:
 class Injection:
     """Findings after one injection."""
 
-    at: float  # [s]
-    named: float | None = None  # [s] after it
+    at: float  # [s] of it; of stuck fingers the next command to them: before it nothing can show
+    named: float | None = None  # [s] after that
     shown: str = ""  # sentence of that period
+    fingers: str = ""  # their command then, until another one comes
 
 
 @dataclass
@@ -116,7 +117,8 @@ class Watch:
         if self.kind == NONE or not self.due or tick.time < self.due[0] or not noticeable(self.kind)(tick):
             return None
         self.due.pop(0)
-        self.seen.append(Injection(at=tick.time))
+        fingers = tick.arm[-1].actuation.gripper if self.kind == "gripper_stuck" else ""
+        self.seen.append(Injection(at=tick.time, fingers=fingers))
         return InjectFault(fault=self.kind, seconds=LASTS)
 
     def look(self, tick: Tick, kinds: Iterable[str]) -> None:
@@ -124,6 +126,8 @@ class Watch:
         now = set(kinds)
         last = self.seen[-1] if self.seen else None
         lasts = last is not None and tick.time <= last.at + LASTS + 3.0
+        if last is not None and last.fingers not in ("", tick.arm[-1].actuation.gripper):
+            last.at, last.fingers = tick.time, ""
         if last is not None and lasts and last.named is None and now & set(CAUSES[self.kind]):
             last.named, last.shown = tick.time - last.at, tick.stop_reason
         for kind in now if not lasts else ():

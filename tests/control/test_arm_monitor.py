@@ -6,12 +6,14 @@ import pytest
 
 from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.targets import odometry_to_world
+from motm_twin.model.edits import InjectFault
 from motm_twin.model.joint_limits import DDQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import known_world
 from motm_twin.model.plant import Actuation
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sim.plant import SimulatedPlant
 from motm_twin.sim.referee_geometry import RobotShapes
+from motm_twin.twin import Twin
 
 SCENE = """
 format: motm-scene/1
@@ -96,3 +98,16 @@ def test_a_wrist_at_its_limit_is_clear_of_the_forearm_however_the_hand_is_turned
         for i in ends:
             pair = shapes.shapes[i], at[i], shapes.shapes[forearm], at[forearm]
             assert coal.distance(*pair, coal.DistanceRequest(), coal.DistanceResult()) > 0.003
+
+
+@pytest.mark.parametrize("joint", [2, 4])
+def test_a_joint_that_sticks_above_the_table_does_not_bring_the_hand_down_on_it(joint):
+    """At the grasp the arm stretches at 2 rad/s: what one joint no longer holds up, the others brake in time."""
+    twin, stuck = Twin(load_scene("exp1", "random", 3)), False
+    for _ in range(170):
+        tick = twin.advance()
+        if not stuck and tick.arm[-1].phase == "final":
+            twin.post(InjectFault(fault="joint_stuck", seconds=2.0, joint=joint))
+            stuck = True
+    assert stuck and not [one for one in tick.truth.contacts if one.caused_by_robot]
+    assert "does not follow" in tick.stop_reason

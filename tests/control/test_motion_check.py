@@ -103,6 +103,19 @@ def test_the_joint_that_stands_is_named(joint):
     assert shares[joint] > 0.0 and np.delete(shares, joint).max() == 0.0
 
 
+def test_a_joint_that_brakes_is_astray_at_once_and_none_for_a_lag():
+    state = MotionState()
+    for k in range(20):
+        rates = np.full(7, 0.1 * min(k, 10))
+        late = np.full(7, 0.1 * min(max(k - 5, 0), 10))  # 50 ms behind
+        late[3] = late[3] if k < 19 else 0.8
+        check_joints(state, observation(k * DT, dq=late), DT, SETTINGS)
+        if k < 19:
+            assert np.abs(state.astray).max() == 0.0
+        told(state, asked(rates=rates), observation(k * DT))
+    assert state.astray[3] == pytest.approx(-0.2) and np.abs(np.delete(state.astray, 3)).max() == 0.0
+
+
 def test_joints_that_follow_or_are_not_asked_are_not_named():
     assert joints(np.full(7, 0.3), np.full(7, 0.7))[1][-1] == []
     assert joints(np.full(7, 0.05), np.zeros(7))[1][-1] == []

@@ -79,7 +79,7 @@ def test_a_jump_of_localisation_is_named_within_a_moment_survived_and_forgiven(j
 
 
 def test_localisation_that_drifts_off_is_named():
-    robot = Robot().step(100).step(120, drift=(0.0, 0.1, 0.0))
+    robot = Robot().step(100).step(95, drift=(0.0, 0.1, 0.0))
     assert robot.found[-1] == "pose_off"
     assert abs(robot.believed.pose[1]) < 0.06
 

@@ -7,7 +7,7 @@ No body of the arm may come to a solid faster than it can brake before it:
 whatever moves it, base or joints. Below d_0 it may only move away. What the base brings that joints near their limits
 cannot take up may be no faster than the base can brake. A command that breaks this loses as much of its approach as
 the joints can brake, and the base brakes. So staying clear does not rest on the rows of the arm's program alone, which
-give way rather than leave no answer.
+give way rather than leave no answer. What a joint that does not follow makes of the motion counts, too.
 """
 
 import math
@@ -44,7 +44,10 @@ _LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that anything fur
 _ROUNDS = 4  # of holding back the body that is most above its speed: a wedged arm has several
 _ENOUGH = 1e-3  # [m/s] over the line that is left alone
 _TAKING = 0.5  # [s] in which joints get to their limits while the arm takes up the way of a base that brakes
+_REACTION = 0.02  # [s] before a motion that nobody told is seen, and braked
+_LOST = 0.1  # [rad/s] astray from which a joint does not follow: it may stand at once, or go on
 _ORIGIN = frozen(np.zeros(3))
+NOWHERE = frozen(np.zeros(7))
 
 
 class Answer(NamedTuple):
@@ -52,6 +55,17 @@ class Answer(NamedTuple):
 
     actuation: Actuation
     reason: str
+
+
+class _Arm(NamedTuple):
+    """The arm of one step as kernels read it."""
+
+    q: Array  # [rad], shape (7,)
+    dq: Array  # [rad/s], shape (7,)
+    rates: Array  # that are to be commanded [rad/s], shape (7,); lowered in place
+    astray: Array  # [rad/s] of joints beyond what the commands explain, shape (7,)
+    mount: Array  # [m] in the base frame, shape (3,)
+    balls: Balls
 
 
 class ArmMonitor:
@@ -65,16 +79,16 @@ class ArmMonitor:
         self._balls = arm_balls()
         arm, self._base = known.robot.arm, known.robot.base
         self._mount = np.array([arm.mount_x, arm.mount_y, arm.mount_z])
-        self._has_arm = known.robot.has_arm
+        self._has_arm, self._lag = known.robot.has_arm, arm.velocity_lag
 
     def check(
         self, actuation: Actuation, observation: Observation, twist: Array, dt: float, *,
-        T_odom_world: Array, held_side: float,
+        T_odom_world: Array, held_side: float, astray: Array = NOWHERE,
     ) -> Answer:  # fmt: skip
         """The actuation for the next dt [s], slowed where the arm would come too near to a solid.
 
         ``twist`` (2,) is that commanded last: the base brakes from there. ``held_side`` [m] of a cube in the hand that
-        is clear of what it lay on, 0: none.
+        is clear of what it lay on, 0: none. ``astray`` (7,): joint rates [rad/s] beyond what the commands explain.
         """
         rates = actuation.joint_velocity
         if not self._has_arm or not (np.isfinite(rates).all() and np.isfinite(observation.odometry).all()):
@@ -83,10 +97,12 @@ class ArmMonitor:
         balls = placed(self._balls, observation.gripper_width, held_side)
         kept = rates.copy()
         folds = _unfold(kept, observation, dt)
+        arm = _Arm(observation.q, observation.dq, kept, astray, self._mount, balls)
+        lost = bool((np.abs(astray) > _LOST).any())
+        settles = dt + self._lag if lost else dt  # all that the joints can, where one of them does not help
         body, solid, distance, speed = _hold_back(
-            observation.q, observation.dq, there, observation.twist, kept, dt, self._mount, balls,
-            self._furniture, self._own, self._base.linear_acceleration,
-        )  # fmt: skip
+            arm, there, observation.twist, settles, self._furniture, self._own, self._base.linear_acceleration
+        )
         if body < 0:
             why = "braking: the hand would fold onto the forearm" if folds else ""
             return Answer(msgspec.structs.replace(actuation, joint_velocity=kept) if folds else actuation, why)
@@ -114,24 +130,23 @@ def _unfold(rates: Array, now: Observation, dt: float) -> bool:
 
 @njit(cache=True)
 def _hold_back(
-    q: Array, dq: Array, pose: Array, twist: Array, rates: Array, dt: float, mount: Array, balls: Balls,
-    furniture: Solids, own: Solids, braking: float,
-) -> tuple[int, int, float, float]:  # fmt: skip
-    """Lower arm rates (7,) for dt [s], in place, until no body is above its speed, or the joints brake all they can.
+    arm: _Arm, pose: Array, twist: Array, settles: float, furniture: Solids, own: Solids, braking: float
+) -> tuple[int, int, float, float]:
+    """Lower the arm's rates, in place, until no body is above its speed, or the joints brake all they can.
 
     ``pose`` (3,) of the base in the frame of the furniture, ``twist`` (2,) its own now, ``braking`` [m/s^2] what it
-    can. Returns body and solid, furniture first and then its ``own``, that were most above it, their distance [m] and
-    speed [m/s]; body -1: none was.
+    can; joints come to a rate in the time ``settles`` [s]. Returns body and solid, furniture first and then its
+    ``own``, that were most above it, their distance [m] and speed [m/s]; body -1: none was.
     """
-    T = fk_arm(q)
-    seen, own_seen = _near(T, pose, mount, balls, furniture, -1), _near(T, _ORIGIN, mount, balls, own, COLUMN)
+    T = fk_arm(arm.q)
+    seen, own_seen = _near(T, arm, pose, furniture, -1), _near(T, arm, _ORIGIN, own, COLUMN)
     solids = furniture.z.shape[0]
     found, solid, near, speed = -1, 0, np.inf, 0.0
     row, own_row = np.empty(9), np.empty(9)
     for _ in range(_ROUNDS):
-        excess, b, k, fast = _worst(T, q, pose, twist, rates, mount, balls, seen, (KEPT, BRAKING, braking), row)
+        excess, b, k, fast = _worst(T, arm, pose, twist, seen, (KEPT, BRAKING, braking), row)
         own_excess, own_b, own_k, own_fast = _worst(
-            T, q, _ORIGIN, _ORIGIN, rates, mount, balls, own_seen, (OWN_KEPT, OWN_BRAKING, braking), own_row
+            T, arm, _ORIGIN, _ORIGIN, own_seen, (OWN_KEPT, OWN_BRAKING, braking), own_row
         )
         if max(excess, own_excess) < _ENOUGH:
             break
@@ -141,26 +156,24 @@ def _hold_back(
         if found < 0:
             found, solid, speed = b, k, fast
             near = seen[0][b, k] if k < solids else own_seen[0][b, k - solids]
-        _slow(rates, dq, row, excess, dt)
+        _slow(arm, row, excess, settles)
     return found, solid, near, speed
 
 
 @njit(cache=True)
-def _near(
-    T: Array, pose: Array, mount: Array, balls: Balls, solids: Solids, column: int
-) -> tuple[Array, Array, IntArray]:
+def _near(T: Array, arm: _Arm, pose: Array, solids: Solids, column: int) -> tuple[Array, Array, IntArray]:
     """`body_distances` of solids in whose frame the base is at a pose (3,)."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    c, s, mount = math.cos(pose[2]), math.sin(pose[2]), arm.mount
     there = np.array([
         pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1], mount[2], pose[2]
     ])  # fmt: skip
-    return body_distances(T, balls, np.full(len(BODIES), _LOOK), there, solids, column)
+    return body_distances(T, arm.balls, np.full(len(BODIES), _LOOK), there, solids, column)
 
 
 @njit(cache=True)
 def _worst(
-    T: Array, q: Array, pose: Array, twist: Array, rates: Array, mount: Array, balls: Balls,
-    seen: tuple[Array, Array, IntArray], line: tuple[float, float, float], worst: Array,
+    T: Array, arm: _Arm, pose: Array, twist: Array, seen: tuple[Array, Array, IntArray],
+    line: tuple[float, float, float], worst: Array,
 ) -> tuple[float, int, int, float]:  # fmt: skip
     """Excess [m/s] of the body that is most above its speed, body and solid, its speed; fills in its row (9,).
 
@@ -175,15 +188,22 @@ def _worst(
             if not d < _LOOK:
                 continue
             to, normal = ball[i, n], away[i, n]
-            approach_row(T, balls.frame[to], balls.centre[to], pose, mount, normal[0], normal[1], normal[2], row)
+            frame, centre = arm.balls.frame[to], arm.balls.centre[to]
+            approach_row(T, frame, centre, pose, arm.mount, normal[0], normal[1], normal[2], row)
             carried = row[0] * twist[0] + row[1] * twist[1]
-            approach = carried
+            approach, feared = carried, 0.0
             for joint in range(7):
-                approach += row[2 + joint] * rates[joint]
+                part = row[2 + joint] * arm.rates[joint]
+                approach += part
+                if abs(arm.astray[joint]) > _LOST:
+                    feared += max(row[2 + joint] * arm.dq[joint], 0.0) - part
             room = max(d - line[0], 0.0)
             over = approach - math.sqrt(2.0 * line[1] * room)
+            if feared > 0.0:
+                left = max(room - _REACTION * (approach + feared), 0.0)
+                over = max(over, approach + feared - math.sqrt(2.0 * line[1] * left))
             if carried > 0.0:
-                over = max(over, carried - _taken_up(q, row) - math.sqrt(2.0 * line[2] * room))
+                over = max(over, carried - _taken_up(arm.q, row) - math.sqrt(2.0 * line[2] * room))
             if over > excess:
                 excess, b, k, fast = over, i, n, approach
                 worst[:] = row
@@ -201,14 +221,17 @@ def _taken_up(q: Array, row: Array) -> float:
 
 
 @njit(cache=True)
-def _slow(rates: Array, dq: Array, row: Array, excess: float, dt: float) -> None:
-    """Take a speed [m/s] along a row off the rates (7,), by each joint as it can brake in dt [s] from its own (7,)."""
+def _slow(arm: _Arm, row: Array, excess: float, settles: float) -> None:
+    """Take a speed [m/s] along a row off the arm's rates, by each joint that follows as it can brake.
+
+    Joints come to a rate in the time ``settles`` [s].
+    """
     able = 0.0
     for k in range(7):
-        able += abs(row[2 + k]) * DDQ_MAX[k] * dt
+        able += abs(row[2 + k]) * DDQ_MAX[k] * settles if abs(arm.astray[k]) < _LOST else 0.0
     share = min(1.0, excess / max(able, 1e-9))
     for k in range(7):
-        most = DDQ_MAX[k] * dt
-        rate = rates[k] - share * math.copysign(most, row[2 + k])
-        rate = min(max(rate, dq[k] - most), dq[k] + most)
-        rates[k] = min(max(rate, -DQ_MAX[k]), DQ_MAX[k])
+        most = DDQ_MAX[k] * settles
+        rate = arm.rates[k] - share * math.copysign(most, row[2 + k])
+        rate = min(max(rate, arm.dq[k] - most), arm.dq[k] + most)
+        arm.rates[k] = min(max(rate, -DQ_MAX[k]), DQ_MAX[k])

@@ -51,6 +51,8 @@ TWISTING = (2, 4)  # joints 3 and 5 turn the arm out of its plane
 _SWINGING = ("stow", "carry", "transit")
 _SLACKS = SLACK.start, SLACK.stop - SLACK.start
 _SLACK_BOUND = 20.0  # [m/s, rad/s]
+STUCK_RATE = 0.05  # [rad/s] with which a stuck joint is tried: enough to tell from the noise of its rate
+_SPEED = 2  # row of `joint_limits`
 _FREE = 1.0e3  # bound of elastic variables [m/s]
 
 
@@ -112,11 +114,19 @@ class ArmProgram:
         G, h, which = stacked(found, view.beta, arm.measured)
         cost = self._weights[swinging]
         c, A, b, lower, upper = _program(
-            arm, velocity, state.twist, state.rates, cost, self._constants,
+            arm, velocity, state.twist, *self._joints(state.rates, inputs.stuck_joint), cost,
             (view.manipulability, view.beta, inputs.dt, swinging),
         )  # fmt: skip
         program = Program(P=cost, c=c, A=A, b=b, G=G, h=h, lower=lower, upper=upper, slack=_SLACKS)
         return program, Rows(self._names, which, *_limiter(around.gripper))
+
+    def _joints(self, rates: Array, stuck: int | None) -> tuple[Array, _Constants]:
+        """Arm rates commanded last and constants; a ``stuck`` joint is only tried, and the others do its work."""
+        if stuck is None:
+            return rates, self._constants
+        rates, joints = rates.copy(), self._constants.joints.copy()
+        rates[stuck], joints[_SPEED, stuck] = 0.0, STUCK_RATE
+        return rates, self._constants._replace(joints=joints)
 
     def _around(self, view: View, state: ManipulatorState, inputs: ArmInputs, relaxing: Array) -> Around:
         obstacles = inputs.obstacles
@@ -256,7 +266,7 @@ def weights(parameters: QpParameters, *, swinging: bool) -> Array:
 
 @njit(cache=True)
 def _program(
-    arm: Arm, velocity: Array, twist: Array, rates: Array, cost: Array, constants: _Constants,
+    arm: Arm, velocity: Array, twist: Array, rates: Array, constants: _Constants, cost: Array,
     now: tuple[float, float, float, bool],
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
     """Linear cost, rows A x = b and bounds; ``twist``, ``rates``: commanded last, ``cost`` from `weights`.

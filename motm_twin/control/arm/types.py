@@ -55,6 +55,7 @@ class ArmInputs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     plan_poses: Array  # odometry frame: x, y, heading, v, w, shape (j, 5)
     obstacles: ArmObstacles
     T_odom_world: Array  # planar pose of the world frame in the odometry frame, for mapped furniture, shape (3,)
+    stuck_joint: int | None = None  # counted from 0: it does not follow its commands
 
 
 class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
