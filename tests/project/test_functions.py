@@ -12,10 +12,6 @@ COMPILED = ("njit", "kernel", "inlined")  # decorators of numeric kernels
 # Numeric kernels with more arguments: numba compiles them for arrays and numbers, and takes no struct. With the reason.
 KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "control/arm/limits.py": ("rows of the program", ("approach_row",)),
-    "control/arm/monitor.py": (
-        "forces of the hold on all joints: state, limits and result arrays",
-        ("_hold_back", "_worst"),
-    ),
     "control/arm/program.py": ("bounds of all joint rates", ("_joint_bounds",)),
     "control/arm/qp.py": ("arrays of the solver DAQP, and its answer", ("_complete", "_fill_daqp")),
     "control/monitor.py": ("outline of the footprint against all points of the scan", ("_examine", "points_in_stop")),
