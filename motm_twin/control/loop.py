@@ -11,16 +11,15 @@ from motm_twin.control.arm.controller import Manipulator
 from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.arm.program import AT_SUPPORT
 from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
-from motm_twin.control.lag import dwell_to_plan, followed
 from motm_twin.control.monitor import Monitor
+from motm_twin.control.predictor import dwell_to_plan, followed
 from motm_twin.control.progress import Progress, ProgressState, base_has_to_move
 from motm_twin.control.reasons import standing
 from motm_twin.control.response import Response
 from motm_twin.control.self_check import SelfCheck
 from motm_twin.control.sequence import TaskSequence
-from motm_twin.control.stages import Stages
 from motm_twin.control.targets import Targets, odometry_to_world
-from motm_twin.control.tick import Event, Tick
+from motm_twin.control.tick import Event, Stages, Tick
 from motm_twin.model.edits import Edit, TaskEdit
 from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld

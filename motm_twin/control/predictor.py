@@ -1,5 +1,7 @@
-"""Where the robot will be when the next command acts: its newest state, moved on by the commands already sent.
+"""The robot when the next command acts: its newest state, moved on by the commands already sent.
 
+Plans of the base are made from `command_pose`, where the commands given so far will take it, and it follows them by its
+lag. A command that has expired brings base and arm to rest; robot and twin reckon with the same.
 The model is the one that the robot's profile gives: first-order lag, limits of speed and acceleration, exact arcs.
 """
 
@@ -11,12 +13,12 @@ import msgspec
 import numpy as np
 from numba import njit
 
-from motm_twin.control.expiry import expired
 from motm_twin.model.geometry import Array
-from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
+from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, braking_time
 from motm_twin.model.motion import drive
 from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import RobotProfile
+from motm_twin.planning.types import BasePlan
 
 STEP = 0.01  # [s]
 ROUNDING = 1e-6  # [s]
@@ -26,7 +28,7 @@ FARTHEST = 0.6  # [s] that is predicted at most
 
 
 class Motion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What moves."""
+    """Moving parts of the robot."""
 
     stamp: float  # [s]
     pose: Array
@@ -115,3 +117,28 @@ def _arm(
         if new_q[i] > q_max[i] or new_q[i] < q_min[i]:
             new_q[i], new_dq[i] = min(q_max[i], max(q_min[i], new_q[i])), 0.0
     return new_q, new_dq
+
+
+def expired(twist: Array, joint_velocity: Array, gripper: str, since: float) -> Actuation:
+    """Command ``since`` [s] after one of this twist (2,) and these joint rates (7,) has expired.
+
+    The base ramps to a stop within its limits, the joints come to rest together, the gripper stays as it is.
+    """
+    longest = braking_time(joint_velocity)
+    share = 1.0 - since / longest if since < longest else 0.0
+    return Actuation(twist=np.zeros_like(twist), joint_velocity=share * joint_velocity, gripper=gripper)
+
+
+def dwell_to_plan(dwell: float | None, engaged: bool, lag: float) -> float | None:
+    """Time [s] for which a plan keeps the target in reach; None: as long as the whole job takes.
+
+    While the arm is at work, the base stays there for its lag by itself.
+    """
+    return max(0.0, dwell - lag) if engaged and dwell is not None else dwell
+
+
+def followed(plan: BasePlan, lag: float, passed: float = 0.0) -> tuple[float, Array]:
+    """When [s] the target comes into range, and when the base is at each pose of a plan made ``passed`` [s] ago."""
+    later = lag - passed
+    to_range = max(0.0, plan.time_to_range + later) if plan.time_to_range > 0.0 else 0.0
+    return to_range, np.maximum(0.0, plan.local_times + later)

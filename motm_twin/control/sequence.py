@@ -30,7 +30,7 @@ HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose
 
 @dataclass
 class SequenceState:
-    """What changes while the list is worked through."""
+    """State of the list while it is worked through."""
 
     index: int = 0
     tasks: list[Task] = field(default_factory=list)

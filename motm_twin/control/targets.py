@@ -41,7 +41,7 @@ class Targets:
         self._tops = np.repeat([solid.z_max for solid in high], [len(c) for c in outlines]).astype(float)
 
     def base_target(self, task: Task | None, observation: Observation, dwell: float | None) -> Target | None:
-        """What the base sees of a task, in the world frame; dwell [s] as the arm reports it, or the usual one."""
+        """A task as the base sees it, in the world frame; dwell [s] as the arm reports it, or the usual one."""
         if task is None:
             return None
         if isinstance(task, DriveTo):
@@ -79,7 +79,7 @@ class Targets:
         return edges[tall & near]
 
     def arm_goal(self, task: Task | None, held: str, observation: Observation, T_odom_world: Array) -> ArmGoal:
-        """What the hand has to do for a task, in the odometry frame."""
+        """Goal of the hand for a task, in the odometry frame."""
         side = self.objects[held].side if held else 0.0
         if isinstance(task, Pick):
             position, yaw, sd, last_seen = self.tracker.belief(task.object, observation)

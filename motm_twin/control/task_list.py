@@ -47,7 +47,7 @@ def kind_of(task: Task) -> str:
 
 
 def name_of(task: Task) -> str:
-    """What the task is about: object, bin or point."""
+    """Subject of a task: object, bin or point."""
     if isinstance(task, Pick):
         return task.object
     if isinstance(task, Place):
@@ -61,7 +61,7 @@ def titled(task: Task) -> str:
 
 
 def homeless(tasks: tuple[Task, ...], index: int, held: str) -> bool:
-    """Whether the gripper holds something, and what comes next is another pick or nothing that places it."""
+    """The gripper holds something, and what comes next is another pick or nothing that places it."""
     if not held:
         return False
     following = next((task for task in tasks[index:] if not isinstance(task, DriveTo)), None)

@@ -1,4 +1,7 @@
-"""The Tick: the one immutable record of what a control period saw, decided and why."""
+"""The Tick: the one immutable record of what a control period saw, decided and why, and how long its stages took."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import msgspec
 
@@ -21,7 +24,7 @@ class TaskState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ObjectBelief(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Where the robot believes an object is, world frame."""
+    """Belief about an object, world frame."""
 
     name: str
     position: Array  # [m], shape (3,)
@@ -67,3 +70,26 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def stop_reason(self) -> str:
         """Why the robot stands, is slowed, or does without something, in one sentence; "" for none of it."""
         return "" if self.why is None else str(self.why)
+
+
+OURS = ("map", "place", "plan", "arm", "monitor")  # the plant's own time is not counted in the period
+
+
+class Stages:
+    """Adds up the time that is spent in each stage; the clock [s] may be one that stands still."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._seconds: dict[str, float] = dict.fromkeys(("observe", *OURS), 0.0)
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Count the time of the block for a stage."""
+        began = self._clock()
+        yield
+        self._seconds[stage] += self._clock() - began
+
+    def milliseconds(self) -> dict[str, float]:
+        """Each stage [ms], and their sum without the plant's as "period"."""
+        times = {stage: 1e3 * seconds for stage, seconds in self._seconds.items()}
+        return {**times, "period": sum(times[stage] for stage in OURS)}

@@ -1,4 +1,4 @@
-"""What a person has told the robot during a run: parameters, and where pieces of furniture stand now."""
+"""Announcements to the robot during a run: parameters, and where pieces of furniture stand."""
 
 import math
 from collections.abc import Callable
@@ -24,7 +24,7 @@ ABOVE = 0.40  # [m] above: in a bin, or on another cube
 
 @dataclass
 class ToldState:
-    """What changes."""
+    """Announcements so far."""
 
     parameters: dict[str, ParameterValue] = field(default_factory=dict)  # that differ from the shipped ones
     furniture: dict[str, PlanarPose] = field(default_factory=dict)  # announced pieces
@@ -33,7 +33,7 @@ class ToldState:
 
 
 class Told(Stateful[ToldState]):
-    """What the robot has been told in one run of a scene."""
+    """Announcements in one run of a scene, and the knowledge of the robot with them."""
 
     def __init__(self, scene: Scene, parameters: dict[str, ParameterValue]) -> None:
         self.scene = scene
@@ -46,7 +46,7 @@ class Told(Stateful[ToldState]):
 
     @property
     def map(self) -> tuple[dict[str, PlanarPose], tuple[str, ...]]:
-        """Where announced pieces stand, and which are gone."""
+        """Poses of announced pieces, and those that are gone."""
         return dict(self._state.furniture), self._state.gone
 
     def known(self) -> KnownWorld:

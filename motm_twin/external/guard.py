@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from motm_twin.bus.plant_messages import LIFETIME, VERSION, RobotCommand
-from motm_twin.control.expiry import expired
+from motm_twin.control.predictor import expired
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import BaseLimits

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
-from motm_twin.control.lag import followed
 from motm_twin.control.method import ArmParts, PlannerParts
+from motm_twin.control.predictor import followed
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tuning import tuned
 from motm_twin.gym.actions import check_fits

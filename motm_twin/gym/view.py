@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from motm_twin.control.arm.types import ArmGoal
-from motm_twin.control.lag import dwell_to_plan
+from motm_twin.control.predictor import dwell_to_plan
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
 from motm_twin.gym.actions import BaseAction

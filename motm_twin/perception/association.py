@@ -40,7 +40,7 @@ class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Places(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Where the objects are believed at one observation, odometry frame."""
+    """Believed places of the objects at one observation, odometry frame."""
 
     names: tuple[str, ...]
     positions: Array  # [m], shape (n, 3)
@@ -49,10 +49,10 @@ class Places(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Sight(Protocol):
-    """What the association asks of the world and the camera."""
+    """World and camera as the association asks them."""
 
     def places(self) -> Places:
-        """Where the objects are believed."""
+        """Believed places of the objects."""
         ...
 
     def in_view(self, point: Array) -> bool:
@@ -185,7 +185,7 @@ def _assigned(cost: Array, possible: NDArray[np.bool_]) -> dict[int, int]:
 
 
 def _candidate(state: AssociationState, picture: _Picture, k: int) -> Candidate:
-    """What is detected here, seen once more or for the first time."""
+    """The detection here, seen once more or for the first time."""
     settings, at, stamp = picture.settings, picture.at[k], picture.found[k].stamp
     reach = settings.gate_floor + settings.gate * math.sqrt(2.0) * float(picture.sd[k])
     near = [one for one in state.candidates if one.stamp < stamp and float(np.abs(one.position - at).max()) <= reach]

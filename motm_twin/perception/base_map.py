@@ -11,8 +11,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.scene import Cylinder, Solid
 from motm_twin.perception.footprints import distance_to_shape, distance_to_solids, merged_outlines, outline, uncovered
-from motm_twin.perception.grid import Grid, grid_over
-from motm_twin.perception.window import WHOLE
+from motm_twin.perception.grid import WHOLE, Grid, grid_over
 
 FAR = 3.0  # [m] further than this nothing asks how far it is: a base may be planned 1 m from anything
 OVERHEAD = 1.6  # [m] furniture that begins above this is no obstacle: neither base nor raised arm reaches it

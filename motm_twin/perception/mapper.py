@@ -16,6 +16,7 @@ from motm_twin.perception.base_map import BaseMap, base_map, read_only
 from motm_twin.perception.clusters import calm, growth_of, seen_outlines
 from motm_twin.perception.distance import proximity_cost, seen_distance, squared_cells
 from motm_twin.perception.floor import floor_round, mark_seen, sight_radius
+from motm_twin.perception.grid import AROUND, WHOLE, Window, occupied_cells, whole, window_of
 from motm_twin.perception.occupancy import (
     Evidence,
     clear_footprint,
@@ -25,7 +26,6 @@ from motm_twin.perception.occupancy import (
     settle,
 )
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
-from motm_twin.perception.window import AROUND, WHOLE, Window, occupied_cells, whole, window_of
 from motm_twin.perception.world_map import WorldMap
 
 NO_CELLS = np.zeros((0, 2), np.int32)
@@ -51,7 +51,7 @@ def reach_of(robot: RobotProfile) -> float:
 
 @dataclass
 class MapperState:
-    """What the mapper remembers."""
+    """State of the mapper."""
 
     evidence: Evidence
     cells: np.ndarray  # seen cells (row, col) of the newest map, shape (m, 2)

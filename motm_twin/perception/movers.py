@@ -1,4 +1,4 @@
-"""What moves: clusters of seen cells followed from map to map, as discs with a velocity."""
+"""Dynamic obstacles: clusters of seen cells followed from map to map, as discs with a velocity."""
 
 import math
 from dataclasses import dataclass, field
@@ -11,15 +11,14 @@ from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
-from motm_twin.perception.belonging import touching
 from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of
-from motm_twin.perception.clusters import cells_of
-from motm_twin.perception.fronts import Disc, apart, at_ends, behind, front_of, share_gone
+from motm_twin.perception.clusters import cells_of, touching
+from motm_twin.perception.discs import Disc, apart, at_ends, behind, front_of, share_gone
 from motm_twin.perception.world_map import NO_AGES, NO_MOVERS, NO_POINTS, WorldMap
 
 
 class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
-    """How moving obstacles are told from standing ones. Choices of this project.
+    """Parameters that tell moving obstacles from standing ones. Choices of this project.
 
     Sizes, speeds and times are those of persons and Temis, of the lidar and the map, whatever the robot is; only how
     near is near depends on it.
@@ -59,7 +58,7 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Place(msgspec.Struct, frozen=True, eq=False):
-    """Where a thing was when it was last seen to move or to grow."""
+    """Place of a thing when it was last seen to move or to grow."""
 
     time: float  # [s]
     middle: Array  # [m], shape (2,)
@@ -85,7 +84,7 @@ class Track:
 
 @dataclass
 class MoverState:
-    """What is remembered between maps."""
+    """State between maps."""
 
     time: float | None = None
     tracks: list[Track] = field(default_factory=list)
@@ -178,7 +177,7 @@ class MoverTracker(Stateful[MoverState]):
         return discs
 
     def _furniture(self, world: WorldMap, cells: Numbers, grid: Cells, since: Array, held: Mask) -> Mask:
-        """What is static for long, or hangs together with that and has never moved: it is not followed; shape (m,).
+        """Cells that are static for long, or hang together with such and never moved: not followed; shape (m,).
 
         Its sides come into sight and go, which looks like something small that slides along them. But what has come
         nearer hides all of where it was.
@@ -189,7 +188,7 @@ class MoverTracker(Stateful[MoverState]):
         return long | touching(grid, anchors, ~held, p.join_cells)
 
     def _static(self, world: WorldMap, cells: Numbers, furniture: Mask, since: Array) -> Mask:
-        """What is static, or was so lately, shape (m,); but nothing that has moved and not rested since."""
+        """Cells that are static, or were lately, shape (m,); but none that has moved and not rested since."""
         state, now = self._state, world.stamp
         held = state.held.has(cells)
         static = (world.seen_static | furniture | (since < math.inf)) & ~held
@@ -204,7 +203,7 @@ class MoverTracker(Stateful[MoverState]):
         return static
 
     def _judge(self, track: Track, seen: Seen, world: WorldMap, viewpoint: Array, dt: float) -> None:
-        """Whether a thing has left its place: its middle is elsewhere, and where it was seen, most of it is no more.
+        """Decide if a thing has left its place: its middle is elsewhere, and most of it is no longer seen where it was.
 
         What comes into sight bit by bit, or goes out of it, shifts its middle too: to the side by half of what appears,
         and in depth by as much, since a thing is taken to be as deep as it is wide. But nothing of it is gone.
@@ -234,7 +233,7 @@ class MoverTracker(Stateful[MoverState]):
             track.rest = Place(track.rest.time, middle, radius, NO_POINTS)
 
     def _has_settled(self, track: Track, now: float) -> bool:
-        """What has moved has been resting just long enough, so that where it is now is its place.
+        """A thing that moved has been resting just long enough: where it is now is its place.
 
         Where it was when it was seen to move last is not: it still braked, and some of what was seen was behind it.
         """
@@ -255,7 +254,7 @@ class MoverTracker(Stateful[MoverState]):
         return now - track.rest.time < self.parameters.waits
 
     def _release(self, pairs: list[Pair], cells: Numbers, grid: Cells, since: Array, world: WorldMap) -> None:
-        """What was seen to move, and stands all along the side of something static, is that side: its pose was off."""
+        """Release a thing seen to move that stands along something static: it is the side of that, the pose was off."""
         state, p, now = self._state, self.parameters, world.stamp
         anchors = grid[(since <= now - p.rests) & (world.seen_age <= p.fresh)]
         for track, one in pairs:
@@ -355,7 +354,7 @@ def _share(mask: Mask, which: NDArray[np.int64]) -> float:
 
 
 def _away(track: Track, seen: Seen, place: Place, limit: float) -> bool:
-    """Whether it is farther than this [m] from its place, and not just seen in another way."""
+    """It is farther than this [m] from its place, and not just seen in another way."""
     sight = math.sqrt(2.0) * abs(place.radius - seen.radius)
     return math.dist(track.position, place.middle) > limit + sight
 

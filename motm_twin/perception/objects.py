@@ -1,4 +1,4 @@
-"""Where the objects are: a rough idea at first, then what the gripper camera says.
+"""Beliefs about the objects: a rough idea at first, then what the gripper camera says.
 
 Estimates live in the odometry frame: it is smooth, so the arm does not jump when localisation does. Each object has a
 Kalman filter with one variance for its three axes. What an object far from its belief needs to be believed is three
@@ -49,7 +49,7 @@ class Track:
 
 @dataclass
 class TrackerState:
-    """What the tracker remembers."""
+    """State of the tracker."""
 
     tracks: dict[str, Track]  # only objects that have been seen
     stamps: dict[str, float]  # of the newest detection used per object
@@ -90,7 +90,7 @@ class ObjectTracker(Stateful[TrackerState]):
         return position, yaw, self._prior_sd, None
 
     def places(self, observation: Observation) -> Places:
-        """Where all objects are believed, odometry frame, and how far a detection may be from there."""
+        """Believed places of all objects, odometry frame, and how far a detection may be from there."""
         settings, tracks = self._settings, self._state.tracks
         positions, variances = [], []
         for name in self._priors:
@@ -256,7 +256,7 @@ class ObjectTracker(Stateful[TrackerState]):
 
 
 def _usable(detection: Detection) -> bool:
-    """Whether the numbers of a detection are finite; one that is not says nothing."""
+    """The numbers of a detection are finite; one that is not says nothing."""
     numbers = (detection.stamp, detection.yaw_base, detection.position_sd)
     arrays_finite = np.isfinite(detection.p_base).all() and np.isfinite(detection.odometry).all()
     return bool(arrays_finite) and all(math.isfinite(value) for value in numbers) and detection.position_sd >= 0.0
@@ -269,7 +269,7 @@ def _towards(yaw: float, seen: float, gain: float) -> float:
 
 @njit(cache=True)
 def _jump(pose: Array, odometry: Array, pose_now: Array, odometry_now: Array) -> float:
-    """How far localisation is from where odometry says that the robot drove [m], or turned [rad]; nan: not finite."""
+    """Distance of localisation from where odometry says that the robot drove [m], or turned [rad]; nan: not finite."""
     x, y = odometry_now[0] - odometry[0], odometry_now[1] - odometry[1]
     c, s = math.cos(pose[2] - odometry[2]), math.sin(pose[2] - odometry[2])
     off_x, off_y = pose_now[0] - pose[0] - (c * x - s * y), pose_now[1] - pose[1] - (s * x + c * y)

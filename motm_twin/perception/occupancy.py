@@ -23,7 +23,7 @@ SECTORS = 256  # of the view round the sensor, in which beams are asked how far 
 
 @dataclass
 class Evidence:
-    """What the lidar has told about every cell; time stamps in integer milliseconds, shape (rows, columns) each."""
+    """Evidence of the lidar about every cell; time stamps in integer milliseconds, shape (rows, columns) each."""
 
     level: NDArray[np.int8]  # 0 free or unknown, > 0 occupied
     last_hit: NDArray[np.int32]  # of this cell
@@ -67,7 +67,7 @@ def mark_hits(level, last_hit, outside, hit_now, visible_distance, inside, ends,
 
 @njit(cache=True)
 def _evidence_in_sectors(occupied, columns, x0, y0):
-    """How far [cells] there is evidence in each sector round (x0, y0) [cells], 0 where there is none; (SECTORS,)."""
+    """Reach [cells] of evidence in each sector round (x0, y0) [cells], 0 where there is none; (SECTORS,)."""
     far = np.zeros(SECTORS)
     per_radian = SECTORS / (2.0 * math.pi)
     for i in range(occupied.shape[0]):

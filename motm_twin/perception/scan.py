@@ -85,7 +85,7 @@ def _beams_wrong(ranges: Array, step: float) -> str:
 
 
 def _finite(numbers: Array) -> bool:
-    """Whether each of a few numbers (n,) is finite."""
+    """Test that each of a few numbers (n,) is finite."""
     return all(math.isfinite(value) for value in numbers.tolist())
 
 

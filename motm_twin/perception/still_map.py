@@ -18,7 +18,7 @@ from motm_twin.perception.world_map import WorldMap
 
 @dataclass
 class StandingState:
-    """What is remembered between maps."""
+    """State between maps."""
 
     outlines: tuple[Array, ...] = ()  # of what was seen to stand
 

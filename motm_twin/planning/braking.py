@@ -49,7 +49,7 @@ def can_stop(
     x: float, y: float, c: float, s: float, heading: float, free: float, v: float, w: float, a_max: float,
     b_max: float, wanted: float, field: Field, body: Body,
 ) -> bool:  # fmt: skip
-    """Whether `stopping_clearance` is not below `wanted`, with the clearance looked at only where it can be.
+    """Test that `stopping_clearance` is not below `wanted`; the clearance is looked up only where it can be.
 
     ``free``: clearance of the pose when it is known, else not less than it; c, s: cosine and sine of the heading.
     """

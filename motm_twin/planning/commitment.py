@@ -21,17 +21,17 @@ from motm_twin.model.state import Stateful
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
+from motm_twin.planning.lattice import NO_LATTICE, cannot_turn, half_width, settle_lattice
 from motm_twin.planning.parameters import Room, StaaParameters
-from motm_twin.planning.pocket import NO_POCKET, half_width, in_pocket, settle_pocket
 from motm_twin.planning.prediction import at_half_steps, gap_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
-from motm_twin.planning.search_memory import CellSights, Memory, Pocket, Settings, World
+from motm_twin.planning.search_memory import CellVisibility, LatticeCosts, Memory, Settings, World
 from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, Target
 
 TINY = 1e-6  # [s]
 LATE = 0.1  # [s] that a job may end after its plan, the target in reach: poses are known to 1 cm
-MOVES_RADIUS = 0.25  # [m] beyond the lattice of a pocket within which nothing may move: of a person, or a Temi
-CREEPS = 0.3  # of the top speed, below which a robot whose plans do not arrive may be in a pocket; one under way is not
+MOVES_RADIUS = 0.25  # [m] beyond the lattice within which nothing may move: of a person, or a Temi
+CREEPS = 0.3  # of the top speed, below which a robot whose plans do not arrive may be in a tight place
 MOVED = 0.1  # [m] from which on the target is no longer where the plan goes
 # From where a plan says that the robot is now: m, m, rad. Who follows it is 0.06 m and 0.04 rad off at most
 # (localisation) and drives as told to 2 % of its top speeds; a robot that was stopped, slowed or pushed is not on the
@@ -48,7 +48,7 @@ class Kept:
     targets: tuple[str, str]  # this one and the next
     place: tuple[float, float]  # of the target [m]
     arrives: bool  # it gets the job done
-    informed: bool  # its costs are those of a pocket, where the robot is in one
+    informed: bool  # its costs are those of the lattice, where the robot is in a tight place
     begins: float  # [s]
     times: Array  # [s] of its nodes from the beginning on, shape (n,)
     states: Array  # x, y, heading, v, w at them, shape (n, 5)
@@ -58,13 +58,13 @@ class Kept:
 
 @dataclass
 class CommitmentState:
-    """What is remembered between periods."""
+    """State between periods."""
 
     kept: Kept | None = None
 
 
 class Rest(NamedTuple):
-    """What is left of a plan that is followed."""
+    """The rest of a plan that is followed."""
 
     kept: Kept
     states: Array  # x, y, heading, v, w of its nodes from now on, shape (n, 5)
@@ -115,15 +115,17 @@ class Commitment(Protocol):
     """A policy of what is kept of the plan of the last period."""
 
     def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
-        """What is left of the plan that is kept; None: nothing."""
+        """The rest of the plan that is kept; None: there is none."""
         ...
 
-    def pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
+    def lattice(
+        self, problem: BaseProblem, s: Settings, world: World, cells: CellVisibility, memory: Memory
+    ) -> LatticeCosts:
         """The costs of leaving the place where the robot is, where PathRTR does not know them."""
         ...
 
     def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
-        """The plan of this period. ``informed``: that which was found knows the costs of a pocket."""
+        """The plan of this period. ``informed``: that which was found knows the costs of the lattice."""
         ...
 
 
@@ -134,9 +136,11 @@ class Anew:
         """Keep nothing."""
         return None
 
-    def pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
-        """The paper knows of no pockets."""
-        return NO_POCKET
+    def lattice(
+        self, problem: BaseProblem, s: Settings, world: World, cells: CellVisibility, memory: Memory
+    ) -> LatticeCosts:
+        """The paper turns on the spot everywhere."""
+        return NO_LATTICE
 
     def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
         """The plan that was found."""
@@ -148,10 +152,10 @@ class KeepPlans(Stateful[CommitmentState]):
 
     def __init__(self) -> None:
         self._state = CommitmentState()
-        self._loaded = False  # the kernels of a pocket
+        self._loaded = False  # the kernels of the lattice
 
     def rest(self, problem: BaseProblem, placement: Placement, base: BaseSearch) -> Rest | None:
-        """What is left of the kept plan, when it is still possible."""
+        """The rest of the kept plan, when it is still possible."""
         kept, target = self._state.kept, problem.target
         if (
             kept is None
@@ -183,21 +187,23 @@ class KeepPlans(Stateful[CommitmentState]):
             return None
         return Rest(kept, states, times, np.concatenate(([to_go], kept.to_go[node + 1 :])), job)
 
-    def pocket(self, problem: BaseProblem, s: Settings, world: World, cells: CellSights, memory: Memory) -> Pocket:
-        """The costs round a robot that creeps in a pocket, its plans held up."""
+    def lattice(
+        self, problem: BaseProblem, s: Settings, world: World, cells: CellVisibility, memory: Memory
+    ) -> LatticeCosts:
+        """The costs round a robot that creeps where it cannot turn, its plans held up."""
         pose, kept = np.array(problem.pose, dtype=np.float64), self._state.kept
         held_up = kept is not None and not kept.arrives and kept.targets == _targets(problem)
         inside = (
             held_up
             and abs(problem.twist[0]) < CREEPS * s.v_f
-            and in_pocket(pose, s, world)
+            and cannot_turn(pose, s, world)
             and _for_good(problem.world, pose, half_width(world.body) + MOVES_RADIUS)
         )
         if self._loaded and not inside:
-            return NO_POCKET
-        self._loaded = True  # its kernels, in the first period: not when it is in a pocket
-        found = settle_pocket(pose, s, world, cells, memory.scratch)
-        return found if inside else NO_POCKET
+            return NO_LATTICE
+        self._loaded = True  # its kernels, in the first period: not when it is in a tight place
+        found = settle_lattice(pose, s, world, cells, memory.scratch)
+        return found if inside else NO_LATTICE
 
     def choose(self, problem: BaseProblem, found: BasePlan, rest: Rest | None, *, informed: bool) -> BasePlan:
         """The plan of this period, or what is left of the one before when that is not dearer."""
@@ -228,7 +234,7 @@ def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits
 
 
 def _for_good(world: WorldMap, pose: Array, around: float) -> bool:
-    """Nothing moves within ``around`` [m], or has lately: its pocket is gone before the robot is out."""
+    """Nothing moves within ``around`` [m], or has lately: its tight place is gone before the robot is out."""
     return not len(world.movers) or bool(np.hypot(*(world.movers[:, :2] - pose[:2]).T).min() > around)
 
 
@@ -237,7 +243,7 @@ def _targets(problem: BaseProblem) -> tuple[str, str]:
 
 
 def _better(found: BasePlan, rest: Rest, informed: bool) -> bool:
-    """Whether a new plan takes the place of what is left of the kept one."""
+    """Does a new plan take the place of the rest of the kept one?"""
     kept = rest.kept
     if found.status not in (PlanStatus.GOAL, PlanStatus.ABORTED):
         return False
@@ -271,7 +277,7 @@ def _time_to_range(states: Array, times: Array, job: Job) -> float:
 
 
 class Bounds(NamedTuple):
-    """What a plan that is followed must keep."""
+    """Limits and margins of a plan that is followed."""
 
     v_f: float
     v_r: float

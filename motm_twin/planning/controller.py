@@ -19,8 +19,8 @@ from motm_twin.planning.commitment import Anew, Commitment, time_left
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.escape import Escape, depth_of, find_escape, find_room, find_turn, overlapping_cells
 from motm_twin.planning.global_path import GraphCache, leaves_disc, path_to_goal, rates_of, shortest_path
+from motm_twin.planning.lattice import NO_LATTICE
 from motm_twin.planning.parameters import PlanningParameters, Room, fitted, room_for
-from motm_twin.planning.pocket import NO_POCKET
 from motm_twin.planning.prediction import NOBODY, expected
 from motm_twin.planning.reach import Job, ReachModel, first_in_reach, first_node_in_reach, in_reach
 from motm_twin.planning.rtr import path_rtr, turn
@@ -72,7 +72,7 @@ class StaaController:
         self._global_rates = rates_of(profile.base, rotation_cost=parameters.staa.rotation_cost)
         self._asked: tuple[BaseProblem, Placement] | None = None  # only to explain the last period
         self._memory: search_memory.Memory | None = None
-        self._cells: tuple[Graph, tuple[float, ...], search_memory.CellSights] | None = None
+        self._cells: tuple[Graph, tuple[float, ...], search_memory.CellVisibility] | None = None
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
         """Choose how to accelerate in this period."""
@@ -83,7 +83,7 @@ class StaaController:
     def _find(
         self, problem: BaseProblem, placement: Placement, budget: SearchBudget, bound: float
     ) -> tuple[BasePlan, bool]:
-        """A plan of this period that costs less than ``bound`` [s], and whether it knows the way out of a pocket."""
+        """A plan of this period that costs less than ``bound`` [s], and does it know the way out of a tight place?"""
         target = problem.target
         field = self._graphs.field(problem.world)
         self._asked = None
@@ -112,13 +112,13 @@ class StaaController:
         still, proximity, moving = self.ahead(problem)
         job = self.job(problem, asked.target)
         world = search_memory.World(
-            still, proximity, self.body, asked.graph, goal.table, asked.next_table or goal.table, job, NO_POCKET,
-            self._sight(problem), moving,
+            still, proximity, self.body, asked.graph, goal.table, asked.next_table or goal.table, job, NO_LATTICE,
+            self._seen_floor(problem), moving,
         )  # fmt: skip
-        cells = self._cell_sights(asked.graph, field)
+        cells = self._cell_visibility(asked.graph, field)
         memory = self._memory_for(budget.expansions, asked.graph)
-        pocket = self.commitment.pocket(problem, settings, world, cells, memory)
-        informed, world = pocket is not NO_POCKET, world._replace(pocket=pocket)
+        lattice = self.commitment.lattice(problem, settings, world, cells, memory)
+        informed, world = lattice is not NO_LATTICE, world._replace(lattice=lattice)
         pose, twist = np.array(problem.pose, dtype=np.float64), np.array(problem.twist, dtype=np.float64)
         staa.start_search(pose, twist, time_left(asked.target), memory)
         status, cut = self._run(budget, settings, world, cells, memory)
@@ -175,12 +175,12 @@ class StaaController:
         """The room that plans of this period keep."""
         return room_for(self._all_parameters, self.profile.footprint, problem.recovery.tightness)
 
-    def _sight(self, problem: BaseProblem) -> search_memory.Sight:
+    def _seen_floor(self, problem: BaseProblem) -> search_memory.SeenFloor:
         """The floor that has been seen, for a lidar that does not see all round."""
         floor, lidar = problem.world.floor, self.profile.lidar
         if floor is None:
             return search_memory.SEES_ALL
-        return search_memory.Sight(
+        return search_memory.SeenFloor(
             floor.seen, *floor.corner, 1.0 / floor.resolution, FRESH, 0.5 * lidar.field_of_view, lidar.x, lidar.y
         )
 
@@ -198,7 +198,7 @@ class StaaController:
         budget: SearchBudget,
         s: search_memory.Settings,
         world: search_memory.World,
-        cells: search_memory.CellSights,
+        cells: search_memory.CellVisibility,
         memory: search_memory.Memory,
     ) -> tuple[int, bool]:
         """Run to the expansion limit, or until the clock says stop: status and whether the clock did."""
@@ -250,14 +250,14 @@ class StaaController:
         order = np.lexsort((poses[:, 1], poses[:, 0]))
         return self._graphs.table(graph, poses[order], self._rates)
 
-    def _cell_sights(self, graph: Graph, field: Field) -> search_memory.CellSights:
+    def _cell_visibility(self, graph: Graph, field: Field) -> search_memory.CellVisibility:
         grid = (field.x, field.y, field.inverse_cell, *field.value.shape)
         graph_of, grid_of, cells = self._cells or (None, None, None)
         if cells is None or len(cells.age) < field.value.size:
-            cells = search_memory.make_cell_sights(field.value.size)
+            cells = search_memory.make_cell_visibility(field.value.size)
         elif graph_of is graph and grid_of == grid:
             return cells
-        search_memory.empty_sights(cells, field)
+        search_memory.forget_visibility(cells, field)
         self._cells = (graph, grid, cells)
         return cells
 

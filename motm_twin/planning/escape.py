@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array, to_frame
-from motm_twin.model.motion import drive, kernel
+from motm_twin.model.motion import drive, kernel, step
 from motm_twin.model.profile import BaseLimits
 from motm_twin.perception.clusters import label_cells
 from motm_twin.perception.world_map import WorldMap
@@ -145,8 +145,8 @@ def follow_escape(
     x, y, heading = pose[0], pose[1], pose[2]
     left = math.inf
     least[:, 4] = math.inf
-    for step in range(path.shape[0]):
-        if step > 0:
+    for node in range(path.shape[0]):
+        if node > 0:
             x, y, heading = step(x, y, heading, twist[0], twist[1], twist[0], twist[1], dt)
         c, s = math.cos(heading), math.sin(heading)
         least[:, :4] = 0.0
@@ -156,7 +156,7 @@ def follow_escape(
             room = max(abs(along) - sizes[0], abs(across) - sizes[1])
             if body[i] < 0:
                 if room < pad - TOLERANCE:
-                    return step - 1, left
+                    return node - 1, left
             elif room < pad:
                 side = least[body[i]]
                 side[0], side[1] = max(side[0], sizes[0] + pad - along), max(side[1], sizes[0] + pad + along)
@@ -165,11 +165,11 @@ def follow_escape(
         for k in range(least.shape[0]):
             deep = min(least[k, 0], least[k, 1], least[k, 2], least[k, 3])
             if deep > least[k, 4] + TOLERANCE:
-                return step - 1, left
+                return node - 1, left
             least[k, 4] = min(least[k, 4], deep)
             depth += deep
-        path[step, 0], path[step, 1], path[step, 2] = x, y, heading
+        path[node, 0], path[node, 1], path[node, 2] = x, y, heading
         left = depth
         if depth == 0.0:
-            return step, 0.0
+            return node, 0.0
     return path.shape[0] - 1, left

@@ -71,8 +71,8 @@ def rates_of(limits: BaseLimits, *, rotation_cost: bool = True) -> Rates:
     return Rates(1.0 / limits.forward_speed, min(1.0 / max(limits.reverse_speed, 1e-9), NEVER), turn_rate)
 
 
-class Sights(NamedTuple):
-    """Sight from a list of places: point outside (m, 3 with how far), vertices in compressed rows."""
+class Visibility(NamedTuple):
+    """SeenFloor from a list of places: point outside (m, 3 with how far), vertices in compressed rows."""
 
     point: Array
     start: NDArray[np.int32]
@@ -80,40 +80,40 @@ class Sights(NamedTuple):
 
 
 @kernel
-def _look(place: Array, graph: Graph, sights: Sights) -> int:
+def _look(place: Array, graph: Graph, visibility: Visibility) -> int:
     count = 0
     for i in range(place.shape[0]):
         qx, qy, pushed = push_out(place[i, 0], place[i, 1], graph.outline, graph.solids)
-        sights.point[i, 0], sights.point[i, 1], sights.point[i, 2] = qx, qy, pushed
-        count += visible_vertices(qx, qy, graph, sights.vertex[count:])
-        sights.start[i + 1] = count
+        visibility.point[i, 0], visibility.point[i, 1], visibility.point[i, 2] = qx, qy, pushed
+        count += visible_vertices(qx, qy, graph, visibility.vertex[count:])
+        visibility.start[i + 1] = count
     return count
 
 
-def sights_of(place: Array, graph: Graph) -> Sights:
+def visibility_of(place: Array, graph: Graph) -> Visibility:
     """The vertices seen from places, shape (m, 2)."""
     m, n = len(place), len(graph.vertex)
-    sights = Sights(np.empty((m, 3)), np.zeros(m + 1, np.int32), np.empty(m * n, np.int32))
-    _look(place, graph, sights)
-    return sights
+    visibility = Visibility(np.empty((m, 3)), np.zeros(m + 1, np.int32), np.empty(m * n, np.int32))
+    _look(place, graph, visibility)
+    return visibility
 
 
 @kernel
 def _costs(
-    poses: Array, place_of: NDArray[np.int32], sights: Sights, graph: Graph, table: Table, result: Array
+    poses: Array, place_of: NDArray[np.int32], visibility: Visibility, graph: Graph, table: Table, result: Array
 ) -> None:
     for i in range(poses.shape[0]):
         p = place_of[i]
-        seen = sights.vertex[sights.start[p] : sights.start[p + 1]]
-        x, y, pushed = sights.point[p, 0], sights.point[p, 1], sights.point[p, 2]
+        seen = visibility.vertex[visibility.start[p] : visibility.start[p + 1]]
+        x, y, pushed = visibility.point[p, 0], visibility.point[p, 1], visibility.point[p, 2]
         cost = cheapest(poses[i, 0], poses[i, 1], poses[i, 2], x, y, pushed, seen, graph, table)[0]
         result[i] = cost if cost < FAR else math.inf
 
 
-def costs_from(poses: Array, place_of: NDArray[np.int32], sights: Sights, graph: Graph, table: Table) -> Array:
-    """Costs [s] of poses (m, 3), pose i standing at place place_of[i] of `sights`; inf: no path."""
+def costs_from(poses: Array, place_of: NDArray[np.int32], visibility: Visibility, graph: Graph, table: Table) -> Array:
+    """Costs [s] of poses (m, 3), pose i standing at place place_of[i] of `visibility`; inf: no path."""
     result = np.empty(len(poses))
-    _costs(poses, place_of, sights, graph, table, result)
+    _costs(poses, place_of, visibility, graph, table, result)
     return result
 
 
@@ -122,12 +122,12 @@ class Poses(NamedTuple):
 
     pose: Array
     place_of: NDArray[np.int32]
-    sights: Sights
+    visibility: Visibility
 
 
 def poses_at(graph: Graph, poses: Array, places: Array, place_of: NDArray[np.int32]) -> Poses:
     """Poses (m, 3) at places (p, 2), with the graph vertices that each place sees."""
-    return Poses(np.ascontiguousarray(poses), place_of, sights_of(np.ascontiguousarray(places), graph))
+    return Poses(np.ascontiguousarray(poses), place_of, visibility_of(np.ascontiguousarray(places), graph))
 
 
 def goal_table(graph: Graph, poses: Array, rates: Rates, offsets: Array | None = None) -> Table:
@@ -170,12 +170,12 @@ def robot_table(graph: Graph, pose: Array, rates: Rates) -> Table:
 def costs_to(graph: Graph, table: Table, poses: Poses) -> Array:
     """Cost [s] from the robot of `robot_table` to each pose, shape (m,); inf: no path."""
     turned = poses.pose + np.array([0.0, 0.0, math.pi])
-    return costs_from(turned, poses.place_of, poses.sights, graph, table)
+    return costs_from(turned, poses.place_of, poses.visibility, graph, table)
 
 
 def costs_on(graph: Graph, table: Table, poses: Poses) -> Array:
     """Cost [s] from each pose to the cheapest goal of `table`, shape (m,); inf: no path."""
-    return costs_from(poses.pose, poses.place_of, poses.sights, graph, table)
+    return costs_from(poses.pose, poses.place_of, poses.visibility, graph, table)
 
 
 def path_to_goal(graph: Graph, table: Table, pose: Array) -> tuple[Array, bool]:
@@ -192,7 +192,7 @@ def shortest_path(graph: Graph, start: Array, goal: Array, limits: BaseLimits) -
 
 
 def leaves_disc(path: Array, radius: float) -> tuple[int, Array] | None:
-    """Where a path (m, 2) first leaves the disc of `radius` [m] about its start: segment and point."""
+    """Segment and point at which a path (m, 2) first leaves the disc of `radius` [m] about its start."""
     start = path[0]
     for i in range(len(path) - 1):
         if math.hypot(*(path[i + 1] - start)) <= radius:

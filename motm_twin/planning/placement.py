@@ -34,7 +34,7 @@ SAME_PLACE, SAME_HEADING = 0.06, 0.15  # [m], [rad] a candidate this near to the
 
 
 class Searched(NamedTuple):
-    """What the costs of the last period were read from."""
+    """Tables from which the costs of the last period were read."""
 
     graph: Graph
     from_robot: Table

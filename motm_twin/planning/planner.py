@@ -94,7 +94,7 @@ class BasePlanner:
         self._seen: tuple[BaseProblem, BaseProblem] | None = None  # of this period: as it came, and as it is solved
 
     def plan(self, problem: BaseProblem, budget: SearchBudget) -> tuple[Placement, BasePlan]:
-        """Where to stand, and how to accelerate now."""
+        """Choose where to stand, and how to accelerate now."""
         placement = self.place(problem)
         return placement, self.drive(problem, placement, budget)
 

@@ -1,4 +1,4 @@
-"""What moves, where it is expected while a plan is carried out: discs on their course, for as long as is asked for.
+"""Prediction of dynamic obstacles while a plan is carried out: discs on their course, as long as is asked for.
 
 STAA* expects obstacles to go on as they do for 1 s of its search, and to stand after that. The paper expects nothing
 (Sec. VIII, "Obstacle Motion Prediction").

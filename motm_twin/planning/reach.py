@@ -1,4 +1,4 @@
-"""When a target is in reach of the arm, and when its job is done, as seen by the base."""
+"""Reach of the arm as the base reckons with it: is a target in reach, and when is its job done?"""
 
 import math
 from typing import NamedTuple
@@ -37,7 +37,7 @@ class Job(NamedTuple):
 
 @kernel
 def in_reach(x: float, y: float, heading: float, v: float, w: float, job: Job) -> bool:
-    """Whether the job's target is in reach from a base pose [m, rad] moving at v [m/s] and w [rad/s]."""
+    """Test that the job's target is in reach from a base pose [m, rad] moving at v [m/s] and w [rad/s]."""
     dx, dy = job.x - x, job.y - y
     if job.kind == DRIVE:
         if length_of(dx, dy) > job.r_max:
@@ -61,7 +61,7 @@ def manipulable(x: float, y: float, c: float, s: float, v: float, w: float, job:
 
 @kernel
 def first_in_reach(start: Array, step: Array, length: float, heading: float, job: Job) -> float:
-    """How far [m] along a straight step (2,) the target is in reach of a base that stands; inf when it never is."""
+    """Way [m] along a straight step (2,) until the target is in reach of a base that stands; inf: it never is."""
     for k in range(int(math.ceil(length / 0.05))):
         s = k * 0.05
         if in_reach(start[0] + s / length * step[0], start[1] + s / length * step[1], heading, 0.0, 0.0, job):
@@ -126,7 +126,7 @@ class ReachModel:
         )  # fmt: skip
 
     def contains(self, pose: Array, twist: Array, target: Target, staa: StaaParameters | None = None) -> bool:
-        """Whether the target is in reach from a base pose (3,) moving with twist (2,)."""
+        """Test that the target is in reach from a base pose (3,) moving with twist (2,)."""
         job = self.job(target, staa or StaaParameters())
         return bool(in_reach(*(float(value) for value in (*pose, *twist)), job))
 
@@ -157,5 +157,5 @@ class ReachModel:
         return ((of_a * of_b < 0.0) & (of_mount * of_target < 0.0)).any(axis=1)
 
     def passes(self, radius: float, target: Target) -> bool:
-        """Whether a base driving along a tangent of a circle of `radius` [m] gets the target into reach at all."""
+        """Test that a base on a tangent of a circle of `radius` [m] gets the target into reach at all."""
         return radius <= self.parameters.r_max(target.kind)

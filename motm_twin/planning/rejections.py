@@ -1,4 +1,4 @@
-"""Why the footprint does not fit at a candidate pose."""
+"""Reasons why the footprint does not fit at a candidate pose."""
 
 import math
 from enum import StrEnum
@@ -52,14 +52,14 @@ def rejections(pose: Array, wanted: float, here: Here) -> list[Rejection]:
 
 
 def leaves_room(pose: Array, room: float, here: Here) -> Array:
-    """Whether nothing that may be moving is in the footprint larger by `room` [m] on all sides, shape (m,) of bool."""
+    """Test that nothing that may be moving is in the footprint larger by `room` [m] all round, shape (m,) of bool."""
     result = np.zeros(len(pose), dtype=bool)
     _mark_free(pose, np.cos(pose[:, 2]), np.sin(pose[:, 2]), may_move(here.world), room, here.body, result)
     return result
 
 
 def may_move(world: WorldMap) -> Array:
-    """Where the map shows what is not static, the far sides of it that the lidar does not see included, (m, 2) [m]."""
+    """Points of the map that are not static, far sides that the lidar does not see included, (m, 2) [m]."""
     return np.concatenate((world.seen_points[~world.seen_static], world.hidden))
 
 
@@ -133,7 +133,7 @@ def _judge(
 def _beyond_border(
     px: float, py: float, c: float, s: float, margin: float, width: float, height: float, field: Field, body: Body
 ) -> bool:
-    """Whether a corner of the body is nearer than a margin to the border of the map, or beyond; all in [m]."""
+    """A corner of the body is nearer than a margin to the border of the map, or beyond; all in [m]."""
     x_low, y_low = field.x + margin, field.y + margin
     x_high, y_high = x_low - 2.0 * margin + width, y_low - 2.0 * margin + height
     for k in range(body.corner.shape[0]):
@@ -146,7 +146,7 @@ def _beyond_border(
 
 @kernel
 def _any_within(px: float, py: float, c: float, s: float, points: Array, margin: float, body: Body) -> bool:
-    """Whether a point (m, 2) lies in the footprint that is larger by the margin [m] on all sides."""
+    """A point (m, 2) lies in the footprint that is larger by the margin [m] on all sides."""
     half_x, half_y = -math.inf, -math.inf
     for k in range(body.corner.shape[0]):
         half_x, half_y = max(half_x, body.corner[k, 0]), max(half_y, body.corner[k, 1])

@@ -68,7 +68,7 @@ class Settings(NamedTuple):
     steadiness: float
 
 
-class Sight(NamedTuple):
+class SeenFloor(NamedTuple):
     """Floor that has been seen, and what the lidar sees of more; half_view of pi: all round, and nothing is asked."""
 
     seen: NDArray[np.uint8]  # `perception.floor`, (rows, columns)
@@ -83,11 +83,11 @@ class Sight(NamedTuple):
 
 _NOTHING = np.zeros((0, 0), np.uint8)
 _NOTHING.setflags(write=False)  # of the same type as what is seen: kernels are compiled once
-SEES_ALL = Sight(_NOTHING, 0.0, 0.0, 1.0, 0, np.pi, 0.0, 0.0)
+SEES_ALL = SeenFloor(_NOTHING, 0.0, 0.0, 1.0, 0, np.pi, 0.0, 0.0)
 
 
-class Pocket(NamedTuple):
-    """Costs [s] of poses round a robot that cannot turn on the spot, see `pocket.py`; empty: none are needed."""
+class LatticeCosts(NamedTuple):
+    """Costs [s] of poses round a robot that cannot turn on the spot, see `lattice.py`; empty: none are needed."""
 
     value: Array  # (rows, columns, headings), `FAR`: not known
     x: float  # [m] corner of cell (0, 0)
@@ -95,7 +95,7 @@ class Pocket(NamedTuple):
 
 
 class World(NamedTuple):
-    """What one search reads."""
+    """The data that one search reads."""
 
     field: Field
     proximity: Field
@@ -104,12 +104,12 @@ class World(NamedTuple):
     table: Table  # to the local goal, with what comes after it
     next_table: Table  # to the next target
     job: Job
-    pocket: Pocket
-    sight: Sight
+    lattice: LatticeCosts
+    floor: SeenFloor
     moving: Array  # discs where what moves is expected, every half node, (n, k, 3); `field` is without it then
 
 
-class CellSights(NamedTuple):
+class CellVisibility(NamedTuple):
     """Seen vertices per map cell, found when first asked for: a pure function of the graph, kept while it stays."""
 
     start: IntArray  # (cells,) into pool
@@ -168,15 +168,15 @@ def make_memory(expansions: int, notches: int, vertices: int) -> Memory:
     )
 
 
-def make_cell_sights(cells: int) -> CellSights:
+def make_cell_visibility(cells: int) -> CellVisibility:
     """An empty store with room for a map of that many cells."""
-    return CellSights(
+    return CellVisibility(
         np.zeros(cells, np.int32), np.zeros(cells, np.int32), np.zeros(cells, np.int32), np.zeros((cells, 3)),
         np.zeros(16 * cells, np.int32), np.zeros(2, np.int32), np.zeros(1, np.int32), np.zeros(1, np.int32),
     )  # fmt: skip
 
 
-def empty_sights(cells: CellSights, field: Field) -> None:
+def forget_visibility(cells: CellVisibility, field: Field) -> None:
     """Make the store empty, for another graph or part of a map: without touching every cell of it."""
     cells.shape[:] = field.value.shape
     cells.used[0] = 0
@@ -205,7 +205,7 @@ def first_action(memory: Memory, branch: list[int], duration: float) -> Array:
 
 
 @kernel
-def _look_round(c: int, field: Field, graph: Graph, cells: CellSights, scratch: IntArray) -> None:
+def _look_round(c: int, field: Field, graph: Graph, cells: CellVisibility, scratch: IntArray) -> None:
     """Look round from the middle of map cell c. A store that is full starts anew."""
     px = field.x + (c % cells.shape[1] + 0.5) / field.inverse_cell
     py = field.y + (c // cells.shape[1] + 0.5) / field.inverse_cell
@@ -224,7 +224,7 @@ def _look_round(c: int, field: Field, graph: Graph, cells: CellSights, scratch: 
 
 @inlined
 def cost_at(
-    x: float, y: float, heading: float, table: Table, world: World, cells: CellSights, scratch: IntArray
+    x: float, y: float, heading: float, table: Table, world: World, cells: CellVisibility, scratch: IntArray
 ) -> float:
     """PathRTR cost [s] from a pose to the goals of a table, with the sight from its cell of the map."""
     i = int(math.floor((x - world.field.x) * world.field.inverse_cell))

@@ -19,7 +19,7 @@ from motm_twin.planning.braking import can_stop
 from motm_twin.planning.collision import BORDER, ROUNDING, SLOPE, Body, clearance, clearance_from, distance_at
 from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.kernels import heap_pop, heap_push, inlined, kernel, length_of
-from motm_twin.planning.pocket import pocket_cost
+from motm_twin.planning.lattice import lattice_cost
 from motm_twin.planning.prediction import at_half_steps, gap_to, way_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach, manipulable
 from motm_twin.planning.rtr import TWO_PI, turn
@@ -34,12 +34,12 @@ from motm_twin.planning.search_memory import (
     QUEUE,
     SOLUTION,
     T_GOAL,
-    CellSights,
+    CellVisibility,
     G,
     H,
     Memory,
+    SeenFloor,
     Settings,
-    Sight,
     World,
     cost_at,
 )
@@ -86,7 +86,7 @@ def _bezier_cost(
 @inlined
 def _judge(
     x: float, y: float, heading: float, c: float, si: float, reached: bool, done: bool, s: Settings, world: World,
-    cells: CellSights, memory: Memory,
+    cells: CellVisibility, memory: Memory,
 ) -> tuple[float, float]:  # fmt: skip
     """Heuristic h and time to the goal t_h [s] of a pose; c, si: cosine and sine of its heading."""
     onward = FAR
@@ -96,7 +96,7 @@ def _judge(
             onward = s.next_weight * cost_at(x, y, heading, world.next_table, world, cells, memory.scratch)
         if done:
             return onward, 0.0
-    h = pocket_cost(x, y, heading, world.table.rates.turn, world.pocket)
+    h = lattice_cost(x, y, heading, world.table.rates.turn, world.lattice)
     if h < FAR:
         return min(h, onward), 0.0 if reached else max(0.0, h - s.after_goal)
     h = cost_at(x, y, heading, world.table, world, cells, memory.scratch)
@@ -125,7 +125,7 @@ def _cell_of(x: float, y: float, v_bin: int, row: Array, s: Settings) -> int:
 
 @kernel
 def _close(key: int, closed: NDArray[np.int64], add: int) -> bool:
-    """Whether a cell is closed already; with `add`, it is from now on."""
+    """Test that a cell is closed already; with `add`, close it."""
     slots = closed.shape[0]
     at = (key * 2_654_435_761) & (slots - 1)
     while closed[at] != -1:
@@ -151,22 +151,24 @@ def _penalty(x: float, y: float, heading: float, free: float, s: Settings, world
 
 
 @kernel
-def _backs_into_the_unknown(before: Array, x: float, y: float, c: float, si: float, sight: Sight, body: Body) -> bool:
+def _backs_into_the_unknown(
+    before: Array, x: float, y: float, c: float, si: float, floor: SeenFloor, body: Body
+) -> bool:
     """The rear of a base that reverses to (x, y) comes over floor not seen by then; c, si of its heading.
 
     ``before``: the pose it comes from, whose lidar sees some more. Floor beyond what is kept will be seen on the way.
     """
     c_0, s_0 = math.cos(before[2]), math.sin(before[2])
-    sensor_x = before[0] + c_0 * sight.sensor_x - s_0 * sight.sensor_y
-    sensor_y = before[1] + s_0 * sight.sensor_x + c_0 * sight.sensor_y
+    sensor_x = before[0] + c_0 * floor.sensor_x - s_0 * floor.sensor_y
+    sensor_y = before[1] + s_0 * floor.sensor_x + c_0 * floor.sensor_y
     rear, half = 2.0 * body.centre_x - body.corner[3, 0], body.corner[3, 1]
     for i in range(-1, 2):
         px, py = x + c * rear - si * half * i, y + si * rear + c * half * i
-        row, column = math.floor((py - sight.y) * sight.inverse_cell), math.floor((px - sight.x) * sight.inverse_cell)
-        if row < 0 or column < 0 or row >= sight.seen.shape[0] or column >= sight.seen.shape[1]:
+        row, column = math.floor((py - floor.y) * floor.inverse_cell), math.floor((px - floor.x) * floor.inverse_cell)
+        if row < 0 or column < 0 or row >= floor.seen.shape[0] or column >= floor.seen.shape[1]:
             continue
-        if sight.seen[row, column] < sight.wanted:
-            if turn(math.atan2(py - sensor_y, px - sensor_x), before[2]) > sight.half_view:
+        if floor.seen[row, column] < floor.wanted:
+            if turn(math.atan2(py - sensor_y, px - sensor_x), before[2]) > floor.half_view:
                 return True
     return False
 
@@ -237,7 +239,7 @@ def _turned(row: Array, heading: float, w_0: float, w_end: float, f: float, dt: 
 
 @kernel
 def _reached_at(x: float, y: float, v_0: float, v_end: float, f: float, dt: float, row: Array, job: Job) -> bool:
-    """Whether the target is in reach a fraction f into a node of duration dt [s]; row of `_turned`."""
+    """Test that the target is in reach a fraction f into a node of duration dt [s]; row of `_turned`."""
     v = v_0 + f * (v_end - v_0)
     v_m = 0.5 * (v_0 + v)
     t = f * dt
@@ -251,91 +253,128 @@ def _counts(s: Settings) -> float:
 
 
 @inlined
+def _free_way(before: Array, pose: Array, row: Array, depth: int, allowed: float, s: Settings, world: World) -> float:
+    """Clearance [m] at the end of a node, as far as it counts; -inf where it, or the way to it, is not free.
+
+    ``before``, ``pose``: states at both ends; row of `swing`.
+    """
+    v_end, w_end, body, field = pose[3], pose[4], world.body, world.field
+    # Costs count clearance up to `counts`; how much more there is matters only where the way is not free, or short.
+    enough = s.free if depth <= s.brake_depth else min(s.free, _counts(s) + body.slack)
+    free = clearance_from(pose[0], pose[1], row[FACING_C], row[FACING_S], enough, allowed, field, body)
+    if free < allowed:
+        return -math.inf
+    if v_end < 0.0 and world.floor.half_view < ALL_ROUND:
+        if _backs_into_the_unknown(before, pose[0], pose[1], row[FACING_C], row[FACING_S], world.floor, body):
+            return -math.inf
+    mx, my = _half_way(before, pose, row, s)
+    if free < s.free:
+        away = length_of(pose[0] - mx, pose[1] - my)
+        away += (body.outer + abs(body.centre_x)) * abs(pose[2] - row[MID])
+        if allowed <= 0.0 or free - SLOPE * away < allowed + ROUNDING:
+            at_most = max(allowed, BORDER) + body.slack
+            middle = clearance_from(mx, my, row[MID_C], row[MID_S], at_most, allowed, field, body)
+            if middle < allowed and (
+                free < enough
+                or clearance_from(pose[0], pose[1], row[FACING_C], row[FACING_S], s.free, allowed, field, body) < s.free
+            ):
+                return -math.inf
+    if depth <= s.brake_depth and not can_stop(
+        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < s.free else math.inf, v_end, w_end,
+        s.a_max, s.b_max, allowed, field, body,
+    ):  # fmt: skip
+        return -math.inf
+    if world.moving.shape[1] > 0:
+        discs = world.moving[at_half_steps(2 * depth, world.moving)]
+        free = min(free, gap_to(pose[0], pose[1], row[FACING_C], row[FACING_S], discs, body))
+        between = world.moving[at_half_steps(2 * depth - 1, world.moving)]
+        if free < allowed or gap_to(mx, my, row[MID_C], row[MID_S], between, body) < allowed:
+            return -math.inf
+    return free
+
+
+@inlined
+def _half_way(before: Array, pose: Array, row: Array, s: Settings) -> tuple[float, float]:
+    """Place [m] in the middle of a node: `model.motion.step` of its first half, with the row of `swing`."""
+    v_m = 0.75 * before[3] + 0.25 * pose[3]
+    way = 0.5 * v_m * s.node_duration
+    return before[0] + way * row[MID_WAY_C], before[1] + way * row[MID_WAY_S]
+
+
+@inlined
+def _job_after(
+    before: Array, pose: Array, row: Array, left: float, root_reached: bool, s: Settings, job: Job
+) -> tuple[float, bool, bool, bool]:
+    """Time [s] that the job needs after a node; is the target in reach, the job done, the reach lost that is to last?
+
+    ``left``: the time [s] before it.
+    """
+    x, y, v_0, w_0, dt = before[0], before[1], before[3], before[4], s.node_duration
+    if not s.by_job:
+        return left, False, False, False
+    if job.kind == MANIPULATE:
+        reached = manipulable(pose[0], pose[1], row[FACING_C], row[FACING_S], pose[3], pose[4], job)
+        if left > 0.0:
+            # Reach is tested half way and at the end, or exactly when the job would be done, if that is earlier.
+            kept = _reached_at(x, y, v_0, pose[3], min(0.5, left / dt), dt, row[HALF_WAY:WHOLE_WAY], job)
+            f = min(1.0, left / dt)
+            kept_on = reached if f == 1.0 else _reached_at(x, y, v_0, pose[3], f, dt, row[WHOLE_WAY:], job)
+            if s.keep_reach and root_reached and not (kept and kept_on):
+                return left, reached, False, True
+            if not kept:
+                left = job.dwell
+            left = left - (0.5 if not kept else 1.0) * dt if kept_on else job.dwell
+            left = 0.0 if left < 1e-6 else left
+    else:
+        reached = in_reach(pose[0], pose[1], pose[2], pose[3], pose[4], job)
+        mx, my = _half_way(before, pose, row, s)
+        if reached or in_reach(mx, my, row[MID], v_0, w_0, job):
+            left = 0.0
+    return left, reached, left <= 0.0, False
+
+
+@inlined
+def _penalties(
+    before: Array, pose: Array, free: float, t_goal: float, s: Settings, world: World
+) -> tuple[float, float, float]:
+    """Costs [s] of a node: beside obstacles, inside the margin, and of turning faster or slower."""
+    k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
+    cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
+    inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
+    return k * s.grid_weight * cost, inside, s.steadiness * abs(pose[4] - before[4]) / s.b_max
+
+
+@inlined
 def _child(
     node: int, v_end: float, v_bin: int, row: Array, action: int, allowed: float, root_reached: bool, s: Settings,
-    world: World, cells: CellSights, memory: Memory,
+    world: World, cells: CellVisibility, memory: Memory,
 ) -> None:  # fmt: skip
     """Make the child that ends at the given speed and with a row of `swing`, if it is free and new, and queue it."""
-    dt, job = s.node_duration, world.job
-    before = memory.state[node]
-    x, y, v_0, w_0, w_end = before[0], before[1], before[3], before[4], row[YAW_RATE]
-    v = 0.5 * (v_0 + v_end)
-    chord = v * dt * row[CHORD]
-    n = memory.count[NODES]
+    before, n = memory.state[node], memory.count[NODES]
+    chord = 0.5 * (before[3] + v_end) * s.node_duration * row[CHORD]
     pose = memory.state[n]
-    pose[0] = x + chord * row[WAY_C]
-    pose[1] = y + chord * row[WAY_S]
-    pose[2] = row[FACING]
-    pose[3], pose[4] = v_end, w_end
+    pose[0] = before[0] + chord * row[WAY_C]
+    pose[1] = before[1] + chord * row[WAY_S]
+    pose[2], pose[3], pose[4] = row[FACING], v_end, row[YAW_RATE]
     if length_of(pose[0] - s.region_x, pose[1] - s.region_y) > s.region_radius:
         return
     memory.cell[n] = _cell_of(pose[0], pose[1], v_bin, row, s)
     if _close(memory.cell[n], memory.closed, 0):
         return
     depth = memory.link[node, DEPTH] + 1
-    # Costs count clearance up to `counts`; how much more there is matters only where the way is not free, or short.
-    enough = s.free if depth <= s.brake_depth else min(s.free, _counts(s) + world.body.slack)
-    free = clearance_from(pose[0], pose[1], row[FACING_C], row[FACING_S], enough, allowed, world.field, world.body)
-    if free < allowed:
+    free = _free_way(before, pose, row, depth, allowed, s, world)
+    if free == -math.inf:
         return
-    if v_end < 0.0 and world.sight.half_view < ALL_ROUND:
-        if _backs_into_the_unknown(before, pose[0], pose[1], row[FACING_C], row[FACING_S], world.sight, world.body):
-            return
-    v_m = 0.75 * v_0 + 0.25 * v_end
-    mx, my, m_heading = x + 0.5 * v_m * dt * row[MID_WAY_C], y + 0.5 * v_m * dt * row[MID_WAY_S], row[MID]
-    if free < s.free:
-        away = length_of(pose[0] - mx, pose[1] - my)
-        away += (world.body.outer + abs(world.body.centre_x)) * abs(pose[2] - m_heading)
-        if allowed <= 0.0 or free - SLOPE * away < allowed + ROUNDING:
-            at_most = max(allowed, BORDER) + world.body.slack
-            middle = clearance_from(mx, my, row[MID_C], row[MID_S], at_most, allowed, world.field, world.body)
-            if middle < allowed and (
-                free < enough
-                or clearance_from(
-                    pose[0], pose[1], row[FACING_C], row[FACING_S], s.free, allowed, world.field, world.body
-                ) < s.free
-            ):  # fmt: skip
-                return
-    if depth <= s.brake_depth and not can_stop(
-        pose[0], pose[1], row[FACING_C], row[FACING_S], pose[2], free if free < s.free else math.inf, v_end, w_end,
-        s.a_max, s.b_max, allowed, world.field, world.body,
-    ):  # fmt: skip
+    left, reached, done, lost = _job_after(before, pose, row, memory.cost[node, LEFT], root_reached, s, world.job)
+    if lost:
         return
-    if world.moving.shape[1] > 0:
-        discs = world.moving[at_half_steps(2 * depth, world.moving)]
-        free = min(free, gap_to(pose[0], pose[1], row[FACING_C], row[FACING_S], discs, world.body))
-        between = world.moving[at_half_steps(2 * depth - 1, world.moving)]
-        if free < allowed or gap_to(mx, my, row[MID_C], row[MID_S], between, world.body) < allowed:
-            return
-    left, reached, done = memory.cost[node, LEFT], False, False
-    if s.by_job:
-        if job.kind == MANIPULATE:
-            reached = manipulable(pose[0], pose[1], row[FACING_C], row[FACING_S], v_end, w_end, job)
-            if left > 0.0:
-                # Reach is tested half way and at the end, or exactly when the job would be done, if that is earlier.
-                kept = _reached_at(x, y, v_0, v_end, min(0.5, left / dt), dt, row[HALF_WAY:WHOLE_WAY], job)
-                f = min(1.0, left / dt)
-                kept_on = reached if f == 1.0 else _reached_at(x, y, v_0, v_end, f, dt, row[WHOLE_WAY:], job)
-                if s.keep_reach and root_reached and not (kept and kept_on):
-                    return
-                if not kept:
-                    left = job.dwell
-                left = left - (0.5 if not kept else 1.0) * dt if kept_on else job.dwell
-                left = 0.0 if left < 1e-6 else left
-        else:
-            reached = in_reach(pose[0], pose[1], pose[2], v_end, w_end, job)
-            if reached or in_reach(mx, my, m_heading, v_0, w_0, job):
-                left = 0.0
-        done = left <= 0.0
     c, si = row[FACING_C], row[FACING_S]
     h, t_goal = _judge(pose[0], pose[1], pose[2], c, si, reached or done, done, s, world, cells, memory)
     if h >= FAR:
         return
-    k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
-    cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
-    inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
-    spent = memory.cost[node, G] + dt + k * s.grid_weight * cost + inside
-    spent += s.steadiness * abs(w_end - w_0) / s.b_max
+    beside, inside, turning = _penalties(before, pose, free, t_goal, s, world)
+    spent = memory.cost[node, G] + s.node_duration + beside + inside
+    spent += turning
     if s.moving_weight > 0.0:
         discs = world.moving[at_half_steps(2 * depth, world.moving)]
         spent += s.moving_weight * max(0.0, 1.0 - way_to(pose[0], pose[1], discs))
@@ -346,14 +385,15 @@ def _child(
     memory.link[n, PARENT], memory.link[n, ACTION], memory.link[n, DEPTH] = node, action, depth
     memory.passed[n] = done
     if s.goal_test != NO_GOAL_TEST:
+        mx, my = _half_way(before, pose, row, s)
         at_end = _passes(pose[0], pose[1], pose[2], s)
-        memory.passed[n] = done or at_end or (s.goal_test == PASS_TEST and _passes(mx, my, m_heading, s))
+        memory.passed[n] = done or at_end or (s.goal_test == PASS_TEST and _passes(mx, my, row[MID], s))
     memory.count[NODES] = n + 1
     memory.count[QUEUE] = heap_push(memory.key, memory.item, memory.count[QUEUE], memory.cost[n, G] + s.epsilon * h, n)
 
 
 @kernel
-def run_search(limit: int, s: Settings, world: World, cells: CellSights, memory: Memory) -> int:
+def run_search(limit: int, s: Settings, world: World, cells: CellVisibility, memory: Memory) -> int:
     """Continue until `limit` expansions in total; returns GOAL, ABORTED (limit reached) or DRY.
 
     The answer is then node count[SOLUTION]; -1 when nothing but the root was popped.

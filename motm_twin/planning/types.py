@@ -1,4 +1,4 @@
-"""What goes into and comes out of base placement and base control."""
+"""Problems and answers of base placement and base control."""
 
 from enum import StrEnum
 from typing import Protocol
@@ -13,7 +13,7 @@ from motm_twin.perception.world_map import WorldMap
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Where something is to be done, in the world frame."""
+    """Something to be done at a point of the world frame."""
 
     kind: str  # "pick" | "place" | "drive"
     name: str
@@ -109,7 +109,7 @@ NO_COSTS = frozen(np.zeros(0))
 
 
 class BasePlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the base does in this period, and the plan behind it."""
+    """The acceleration of the base in this period, and the plan behind it."""
 
     acceleration: Array  # (a, b) [m/s^2, rad/s^2] held for the period, shape (2,)
     status: PlanStatus

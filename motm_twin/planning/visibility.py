@@ -37,7 +37,7 @@ class Graph(NamedTuple):
 
 @kernel
 def segment_free(ax: float, ay: float, bx: float, by: float, walls: Rings) -> bool:
-    """Whether the open segment a-b crosses no ring."""
+    """Test that the open segment a-b crosses no ring."""
     dx, dy = bx - ax, by - ay
     x_low, x_high = min(ax, bx), max(ax, bx)
     y_low, y_high = min(ay, by), max(ay, by)
@@ -61,7 +61,7 @@ def segment_free(ax: float, ay: float, bx: float, by: float, walls: Rings) -> bo
 
 @kernel
 def inside(px: float, py: float, rings: Rings) -> bool:
-    """Whether a point is in the area of the rings (even-odd rule, so holes are outside)."""
+    """Test that a point is in the area of the rings (even-odd rule, so holes are outside)."""
     odd = False
     for r in range(rings.ring.shape[0]):
         ring = rings.ring
@@ -116,7 +116,7 @@ def push_out(px: float, py: float, outline: Rings, solids: Rings) -> tuple[float
 
 @kernel
 def tangential(v: int, dx: float, dy: float, vertex: Array) -> bool:
-    """Whether a line of direction (dx, dy) through vertex v leaves both its neighbours on one side."""
+    """Test that a line of direction (dx, dy) through vertex v leaves both its neighbours on one side."""
     one = dx * (vertex[v, 3] - vertex[v, 1]) - dy * (vertex[v, 2] - vertex[v, 0])
     two = dx * (vertex[v, 5] - vertex[v, 1]) - dy * (vertex[v, 4] - vertex[v, 0])
     return (one >= -TOUCH and two >= -TOUCH) or (one <= TOUCH and two <= TOUCH)
@@ -153,7 +153,7 @@ def _fill_edges(
 ) -> None:
     """List who sees whom: vertices of each edge and the way between them, by the vertex it leaves, then by the other.
 
-    Sight is mutual: as many edges arrive at a vertex as leave it. They are listed in the order of their numbers.
+    SeenFloor is mutual: as many edges arrive at a vertex as leave it. They are listed in the order of their numbers.
     """
     count = 0
     for u in range(vertex.shape[0]):

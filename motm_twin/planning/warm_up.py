@@ -48,7 +48,7 @@ def warm_up_search() -> None:
     away = msgspec.structs.replace(placement, goal=np.array([-1.0, 0.0, 0.0]))
     before_the_box = msgspec.structs.replace(problem, pose=np.array([1.25, 0.0, 0.0]))
     committed = StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans())
-    for _ in range(2):  # the second time it keeps to the plan of the first, which does not arrive, and is in a pocket
+    for _ in range(2):  # the second time it keeps to the first plan, which does not arrive, in a tight place
         committed.plan(before_the_box, away, SearchBudget(expansions=4))
 
 

@@ -1,8 +1,6 @@
 """Whether the plant keeps its own promises: limits of speed and acceleration, no teleporting."""
 
 import math
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -10,9 +8,7 @@ from numba import njit
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.profile import RobotProfile
-
-if TYPE_CHECKING:
-    from motm_twin.sim.referee_state import World
+from motm_twin.sim.referee_state import PlantCheckState, World
 
 SLACK = 1e-6  # by which a limit may be exceeded
 OBJECT_JUMP = 0.08  # [m] per axis and substep that only a teleported object moves
@@ -33,18 +29,6 @@ KINDS = (
 )
 
 
-@dataclass
-class PlantCheckState:
-    """The substep before."""
-
-    pose: Array
-    twist: Array  # forward speed and yaw rate, shape (2,)
-    q: Array
-    dq: Array
-    objects: Array  # positions, shape (n, 3)
-    faults: dict[str, str] = field(default_factory=dict)  # kind: first occurrence
-
-
 class PlantCheck:
     """Compares consecutive substeps, from positions as well as from reported rates."""
 
@@ -56,18 +40,18 @@ class PlantCheck:
         )
         self.dt = dt
 
-    def start(self, world: "World") -> PlantCheckState:
+    def start(self, world: World) -> PlantCheckState:
         """State before the first substep."""
         return PlantCheckState(
             world.pose.copy(), world.twist.copy(), world.q.copy(), world.dq.copy(), _positions(world)
         )
 
     @staticmethod
-    def edited(state: PlantCheckState, world: "World") -> None:
+    def edited(state: PlantCheckState, world: World) -> None:
         """A person moved the base or objects between two substeps: motion is judged from where they are now."""
         state.pose, state.objects = world.pose, _positions(world)
 
-    def step(self, state: PlantCheckState, world: "World") -> None:
+    def step(self, state: PlantCheckState, world: World) -> None:
         """Compare with the substep before and go on."""
         objects = _positions(world)
         before = (state.pose, state.twist, state.q, state.dq, state.objects)
@@ -120,6 +104,6 @@ def _excess(
     return excess, (excess <= SLACK).all()
 
 
-def _positions(world: "World") -> Array:
+def _positions(world: World) -> Array:
     positions = [item.position for item in world.objects]
     return np.array(positions) if positions else np.zeros((0, 3))

@@ -15,7 +15,6 @@ from motm_twin.sim.cube_contacts import Pose
 from motm_twin.sim.cut_in import InWay
 from motm_twin.sim.episodes import Episode
 from motm_twin.sim.objects import ObjectState
-from motm_twin.sim.plant_check import PlantCheckState
 from motm_twin.sim.responsibility import NO_TRAIL
 from motm_twin.sim.solids import Solids
 
@@ -39,6 +38,18 @@ class World:
     agent_bodies: tuple[tuple[str, float, float], ...]  # name, radius, height; the same object while nothing changes
     slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of bodies that a person threw
     riders: tuple[str, ...] = ()  # objects that went along with those
+
+
+@dataclass
+class PlantCheckState:
+    """The substep before."""
+
+    pose: Array
+    twist: Array  # forward speed and yaw rate, shape (2,)
+    q: Array
+    dq: Array
+    objects: Array  # positions, shape (n, 3)
+    faults: dict[str, str] = field(default_factory=dict)  # kind: first occurrence
 
 
 @dataclass

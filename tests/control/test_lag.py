@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from motm_twin.control.lag import dwell_to_plan, followed
+from motm_twin.control.predictor import dwell_to_plan, followed
 from motm_twin.model.motion import command_pose, drive
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene_file import load_scene

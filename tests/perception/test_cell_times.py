@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motm_twin.perception.belonging import touching
 from motm_twin.perception.cell_times import CellTimes
+from motm_twin.perception.clusters import touching
 
 CELLS = st.lists(st.tuples(st.integers(-5, 5), st.floats(0.0, 9.0)), max_size=12)
 

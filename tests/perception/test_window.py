@@ -6,8 +6,8 @@ import pytest
 
 from motm_twin.model.scene import Box, Solid
 from motm_twin.perception.base_map import FAR
+from motm_twin.perception.grid import AROUND, STEP
 from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.window import AROUND, STEP
 
 from .small_world import box, look, observe
 

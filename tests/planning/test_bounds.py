@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motm_twin.model.motion import arc, step
+from motm_twin.model.motion import arc, drive, step
 from motm_twin.model.profile import Footprint
 from motm_twin.planning.bezier import bezier_curve, curve_time
 from motm_twin.planning.collision import Field, body_of, clearance, distance_at
@@ -54,3 +54,10 @@ def test_an_arc_is_where_many_short_steps_lead(heading, v, w):
     x, y, turned = arc(1.0, 2.0, heading, v, w, 0.15)
     assert math.hypot(pose[0] - x, pose[1] - y) < 1e-7
     assert abs(math.remainder(pose[2] - turned, 2.0 * math.pi)) < 1e-9
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.floats(-20.0, 20.0), st.floats(-0.5, 0.5), st.floats(-1.8, 1.8))
+def test_an_arc_of_the_kernel_is_one_of_python_to_the_bit(heading, v, w):
+    by_hand = arc.py_func(1.0, 2.0, heading, v, w, 0.15)
+    assert arc(1.0, 2.0, heading, v, w, 0.15) == by_hand == tuple(drive(np.array([1.0, 2.0, heading]), v, w, 0.15))

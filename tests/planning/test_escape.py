@@ -10,10 +10,10 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.collision import body_of
-from motm_twin.planning.controller import ESCAPING, StaaController
+from motm_twin.planning.controller import StaaController
 from motm_twin.planning.escape import depth_of, find_escape, overlapping_cells
 from motm_twin.planning.parameters import PlanningParameters
-from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Target
+from motm_twin.planning.types import BaseProblem, Placement, PlanStatus, SearchBudget, Target
 
 PROFILE = RobotProfile()
 BODY = body_of(PROFILE.footprint)
@@ -76,6 +76,6 @@ def test_a_plan_of_a_base_that_overlaps_something_leaves_it_whatever_the_target_
         time=0.0, world=world, pose=np.zeros(3), twist=np.zeros(2), target=target, next_target=None, engaged=False
     )
     plan = controller.plan(problem, placement, SearchBudget(expansions=50))
-    assert plan.status == ESCAPING
+    assert plan.status == PlanStatus.ESCAPING
     assert plan.acceleration[0] < 0.0
     assert "overlaps" in plan.reason

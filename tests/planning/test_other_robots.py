@@ -15,8 +15,8 @@ from motm_twin.planning.collision import DENT, LARGEST, body_of, clearance, fiel
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.global_path import goal_table, path_to_goal, rates_of
+from motm_twin.planning.lattice import cells_of
 from motm_twin.planning.parameters import PlanningParameters, StaaParameters, fitted, growth, room_for
-from motm_twin.planning.pocket import cells_of
 from motm_twin.planning.rtr import path_rtr
 from motm_twin.planning.types import BaseProblem, Placement, SearchBudget, Target
 from motm_twin.planning.visibility import build_graph, inside, push_out

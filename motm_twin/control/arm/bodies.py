@@ -193,7 +193,7 @@ def _near_solid(x: float, y: float, z: float, reach: float, k: int, bounds: Arra
 
 @njit(cache=True)
 def _overlap(low: Array, high: Array, k: int, bounds: Array) -> bool:
-    """Whether the box between two corners (3,) meets that of solid k."""
+    """Test that the box between two corners (3,) meets that of solid k."""
     for axis in range(3):
         if low[axis] >= bounds[k, 2 * axis + 1] or high[axis] <= bounds[k, 2 * axis]:
             return False

@@ -36,7 +36,7 @@ _GRASPING = (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.LIFT, Phase.RETRY)
 
 
 class Decision(NamedTuple):
-    """What one step decided; the arrays are read-only."""
+    """Decision of one step; the arrays are read-only."""
 
     twist: Array  # of the base, shape (2,)
     rates: Array  # of the joints, shape (7,)

@@ -1,4 +1,4 @@
-"""Where the hand should be and how it should turn: geometry of hover points, tilt and yaw.
+"""Geometry of the hand: hover points, tilt and yaw.
 
 Horizontal positions of the hand are polar about the arm mount, in the base frame: radius [m] and azimuth [rad]. The
 hand swings in these coordinates, so it never crosses the arm's own column.

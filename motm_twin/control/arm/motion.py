@@ -70,7 +70,7 @@ class _Swing(NamedTuple):
 
 
 class _Way(NamedTuple):
-    """What leads the hand in this phase."""
+    """Guidance of the hand in this phase."""
 
     kind: int  # home, out to the target, or to the reference as it is
     over: Array  # [m] what it works at, shape (3,)

@@ -43,7 +43,7 @@ class ArmOverlap:
         self._balls = arm_balls()
 
     def find(self, arm: Arm, inputs: ArmInputs, held_side: float, *, lasts: bool) -> Overlap | None:
-        """What is deepest in something seen; ``held_side`` [m] of a held cube, 0: none; ``lasts``: there was one."""
+        """The body deepest in something seen; ``held_side`` [m] of a held cube, 0: none; ``lasts``: there was one."""
         points = inputs.obstacles.points
         if not len(points):
             return None

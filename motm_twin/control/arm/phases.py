@@ -42,7 +42,7 @@ NOTHING: Outcome = ("", None)
 
 @dataclass(frozen=True)
 class PhaseRules:
-    """What the transitions need besides state and view."""
+    """Parameters and geometry of the transitions, beside state and view."""
 
     parameters: ArmParameters
     profile: RobotProfile
@@ -294,7 +294,7 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
 
 
 def grasp_point(view: View, p: ArmParameters) -> Array:
-    """Where the tool centre point has to be: in the cube's centre, or as much higher as the finger tips need."""
+    """Grasp point of the tool centre point: the cube's centre, or as much higher as the finger tips need."""
     x, y, z = view.R[2].tolist()
     low = p.tip_half_depth * abs(x) + (0.5 * view.width + p.tip_thickness) * abs(y) + p.tip_length * abs(z)
     rise = low + p.tip_clearance - 0.5 * view.goal.side
@@ -390,7 +390,7 @@ def lands_inside(state: ManipulatorState, view: View, rules: PhaseRules) -> bool
 
 
 def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Array) -> bool:
-    """Whether the held object is within the release square when its centre is at a point (x, y, ...)."""
+    """The held object is within the release square when its centre is at a point (x, y, ...)."""
     goal = view.goal
     half = goal.release_half_width - 0.5 * state.side - 0.5 * rules.parameters.release_margin
     frame = np.array([goal.position[0], goal.position[1], goal.yaw])

@@ -2,6 +2,7 @@
 
 import importlib
 import math
+from typing import Any
 
 import daqp
 import msgspec
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 from motm_twin.model.geometry import Array
 
 SOLVERS = ("daqp", "osqp")
+_OPTIONS: dict[str, dict[str, Any]] = {  # of solvers for comparison: OSQP, which the paper uses
+    "osqp": {"eps_abs": 1e-5, "eps_rel": 1e-5, "polishing": True, "max_iter": 20000, "adaptive_rho_interval": 50},
+}
 _NO_BOUND, _EQUALITY = -1e30, 5  # as DAQP writes them
 _INFINITE, _CROSSING = 1, 2  # flaws of a program
 _ACTIVE = 1e-6  # a row or bound this close to equality is active
@@ -47,7 +51,8 @@ def load(solver: str) -> None:
     """
     _refuse_unknown(solver)
     if solver != "daqp":
-        importlib.import_module("motm_twin.control.arm.qp_by_qpsolvers")
+        importlib.import_module("qpsolvers")
+        importlib.import_module("scipy.sparse")
 
 
 def solve(program: Program, *, solver: str, residual: float) -> Answer:
@@ -88,7 +93,7 @@ def _checked(program: Program, solver: str, residual: float, first: int, count: 
 
 @njit(cache=True)
 def _flaw(P: Array, c: Array, A: Array, b: Array, G: Array, h: Array, lower: Array, upper: Array) -> int:
-    """What keeps a program from being given to a solver; 0: nothing."""
+    """Flaw that keeps a program from being given to a solver; 0: none."""
     for values in (P, c, b, h, lower, upper):
         for value in values:
             if not math.isfinite(value):
@@ -220,11 +225,24 @@ def _not_finite(program: Program) -> str:
 
 
 def _by_qpsolvers(program: Program, solver: str) -> tuple[int, Array | None]:
-    from motm_twin.control.arm.qp_by_qpsolvers import minimiser  # see `load`
 
     p = program
     flaw = _flaw(p.P, p.c, p.A, p.b, p.G, p.h, p.lower, p.upper)
-    return (flaw, None) if flaw else (0, minimiser(program, solver))
+    return (flaw, None) if flaw else (0, _minimiser(program, solver))
+
+
+def _minimiser(program: Program, solver: str) -> Array | None:
+    """The answer of a solver that is reached through qpsolvers, shape (n,), as it is; None when it found none."""
+    from qpsolvers import Problem, solve_problem  # see `load`
+    from scipy.sparse import csc_matrix
+
+    p, rows = program, len(program.h) > 0
+    problem = Problem(
+        csc_matrix(np.diag(p.P)), p.c, csc_matrix(p.G) if rows else None, p.h if rows else None, csc_matrix(p.A), p.b,
+        p.lower, p.upper,
+    )  # fmt: skip
+    solution = solve_problem(problem, solver=solver, **_OPTIONS[solver])
+    return np.asarray(solution.x) if solution.found and solution.x is not None else None
 
 
 def _none(program: Program, reason: str) -> Answer:

@@ -1,4 +1,4 @@
-"""What goes into and comes out of one step of the arm (100 Hz or faster)."""
+"""Inputs and answer of one step of the arm (100 Hz or faster)."""
 
 from enum import StrEnum
 from typing import Protocol
@@ -16,7 +16,7 @@ NO_NEIGHBOURS = frozen(np.zeros((0, 6)))
 
 
 class ArmGoal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the hand has to do next. Positions are in the odometry frame: smooth, and refreshed by the camera."""
+    """Goal of the hand. Positions are in the odometry frame: smooth, and refreshed by the camera."""
 
     kind: str  # "pick" | "place" | "none" (drive only: carry or stow)
     name: str  # object or bin
@@ -38,7 +38,7 @@ class ArmObstacles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @classmethod
     def of(cls, world: WorldMap, T_odom_world: Array) -> "ArmObstacles":
-        """What is seen, and the far sides of what may be moving."""
+        """Points that are seen, and far sides of obstacles that may be moving."""
         static = np.zeros(len(world.seen_points) + len(world.hidden), dtype=bool)
         static[: len(world.seen_points)] = world.seen_static
         points = np.concatenate((world.seen_points, world.hidden))
@@ -90,7 +90,7 @@ _FAULTS = (ProgramStatus.GAVE_WAY, ProgramStatus.DAMPED_STOP, ProgramStatus.STAN
 
 
 class ArmStep(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What one arm step decided, and why."""
+    """Decision of one arm step, and its reasons."""
 
     time: float  # [s]
     phase: Phase

@@ -171,7 +171,7 @@ def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParam
 
 
 class Told(NamedTuple):
-    """What the robot reports, and the goal."""
+    """Report of the robot, and the goal."""
 
     q: Array
     dq: Array

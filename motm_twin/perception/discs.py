@@ -1,4 +1,4 @@
-"""What the lidar sees of things that stand apart: the front of each, and what it says of the rest.
+"""Discs of things that stand apart, from the front that the lidar sees of each.
 
 The lidar sees the front of a thing that is about as deep as it is wide. Its middle is therefore half its width behind
 the nearest point: it stays the same point of the thing while robot and thing pass each other.

@@ -1,4 +1,4 @@
-"""What it costs to leave a place where the robot cannot turn on the spot.
+"""Costs of leaving a place where the robot cannot turn on the spot, on a lattice of poses round it.
 
 PathRTR turns on the spot wherever it has to. Where something is nearer to the axle than a corner of the footprint is,
 that is impossible: the robot has to back out first, which a short search does not find, since everything that begins
@@ -18,7 +18,7 @@ from motm_twin.planning.collision import Body, Field, clearance, clearance_from,
 from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.kernels import heap_pop, heap_push, kernel
 from motm_twin.planning.rtr import TWO_PI, turn
-from motm_twin.planning.search_memory import CellSights, Pocket, Settings, World, cost_at
+from motm_twin.planning.search_memory import CellVisibility, LatticeCosts, Settings, World, cost_at
 
 IntArray = NDArray[np.int32]
 CELL = 0.1  # [m] of the lattice
@@ -32,7 +32,7 @@ HEADINGS = len(STEPS)
 ANGLES = angle_of(STEPS[:, 1], STEPS[:, 0]).astype(np.float64)
 LENGTHS = CELL * np.hypot(STEPS[:, 0], STEPS[:, 1])
 WIDE, NARROW, TAKEN = 0, 1, 2  # kinds of cells: where the robot turns on the spot, where it does not, obstacles
-NO_POCKET = Pocket(np.empty((0, 0, HEADINGS)), 0.0, 0.0)
+NO_LATTICE = LatticeCosts(np.empty((0, 0, HEADINGS)), 0.0, 0.0)
 
 
 def swept_radius(body: Body) -> float:
@@ -51,8 +51,8 @@ def half_width(body: Body) -> float:
     return 0.5 * CELL * cells_of(body)
 
 
-def in_pocket(pose: Array, s: Settings, world: World) -> bool:
-    """Whether the robot cannot turn on the spot at a pose (3,), and the goal is not in such a place beside it."""
+def cannot_turn(pose: Array, s: Settings, world: World) -> bool:
+    """The robot cannot turn on the spot at a pose (3,), and the goal is not in such a place beside it."""
     wide = swept_radius(world.body) + s.margin
     here = distance_at(float(pose[0]), float(pose[1]), world.field)
     goal = distance_at(s.goal_x, s.goal_y, world.field)
@@ -60,31 +60,31 @@ def in_pocket(pose: Array, s: Settings, world: World) -> bool:
     return here < wide and not (beside and goal < wide)
 
 
-def settle_pocket(pose: Array, s: Settings, world: World, cells: CellSights, scratch: IntArray) -> Pocket:
+def settle_lattice(pose: Array, s: Settings, world: World, cells: CellVisibility, scratch: IntArray) -> LatticeCosts:
     """The costs round a pose (3,)."""
     cells_each, half = cells_of(world.body), half_width(world.body)
     count = cells_each * cells_each * HEADINGS
-    pocket = Pocket(np.full((cells_each, cells_each, HEADINGS), FAR), float(pose[0]) - half, float(pose[1]) - half)
+    costs = LatticeCosts(np.full((cells_each, cells_each, HEADINGS), FAR), float(pose[0]) - half, float(pose[1]) - half)
     kind = np.zeros((cells_each, cells_each), np.int32)
     key, item = np.empty(6 * count), np.empty(6 * count, np.int32)
     root = clearance(float(pose[0]), float(pose[1]), float(pose[2]), 1.0, world.field, world.body)
     allowed = (s.margin if root >= s.margin else min(s.margin_floor, root)) - BLUR
-    _fill(swept_radius(world.body) + s.margin, allowed, world, cells, scratch, pocket, kind, key, item)
-    return pocket
+    _fill(swept_radius(world.body) + s.margin, allowed, world, cells, scratch, costs, kind, key, item)
+    return costs
 
 
 @kernel
-def pocket_cost(x: float, y: float, heading: float, turn_rate: float, pocket: Pocket) -> float:
+def lattice_cost(x: float, y: float, heading: float, turn_rate: float, costs: LatticeCosts) -> float:
     """Cost [s] of a pose, with the turn to the better heading of the lattice; `FAR` where that knows none."""
-    i = int(math.floor((x - pocket.x) / CELL))
-    j = int(math.floor((y - pocket.y) / CELL))
-    if i < 0 or j < 0 or i >= pocket.value.shape[1] or j >= pocket.value.shape[0]:
+    i = int(math.floor((x - costs.x) / CELL))
+    j = int(math.floor((y - costs.y) / CELL))
+    if i < 0 or j < 0 or i >= costs.value.shape[1] or j >= costs.value.shape[0]:
         return FAR
     turns = heading / TWO_PI
     k = int((turns - math.floor(turns)) * HEADINGS)  # those of the lattice are less than one place off equal parts
     best = FAR
     for c in range(k - 1, k + 3):
-        value = pocket.value[j, i, c % HEADINGS]
+        value = costs.value[j, i, c % HEADINGS]
         if value < FAR:
             best = min(best, value + turn(heading, ANGLES[c % HEADINGS]) * turn_rate)
     return best
@@ -92,14 +92,14 @@ def pocket_cost(x: float, y: float, heading: float, turn_rate: float, pocket: Po
 
 @kernel
 def _fill(
-    wide: float, allowed: float, world: World, cells: CellSights, scratch: IntArray, pocket: Pocket, kind: IntArray,
-    key: Array, item: IntArray,
+    wide: float, allowed: float, world: World, cells: CellVisibility, scratch: IntArray, costs: LatticeCosts,
+    kind: IntArray, key: Array, item: IntArray,
 ) -> None:  # fmt: skip
     """Settle all poses from which one that can turn on the spot is reached."""
-    n, value = pocket.value.shape[0], pocket.value
+    n, value = costs.value.shape[0], costs.value
     for j in range(n):
         for i in range(n):
-            d = distance_at(pocket.x + (i + 0.5) * CELL, pocket.y + (j + 0.5) * CELL, world.field)
+            d = distance_at(costs.x + (i + 0.5) * CELL, costs.y + (j + 0.5) * CELL, world.field)
             kind[j, i] = WIDE if d >= wide else TAKEN if d < world.body.inner + allowed else NARROW
     size = n - n  # a plain int, not the literal 0: one compilation of the heap is enough
     for j in range(n):
@@ -107,9 +107,9 @@ def _fill(
             edge = kind[j, i] == NARROW and (i < 2 or j < 2 or i >= n - 2 or j >= n - 2)
             if not edge and (kind[j, i] != WIDE or not _beside_narrow(i, j, kind)):
                 continue
-            x, y = pocket.x + (i + 0.5) * CELL, pocket.y + (j + 0.5) * CELL
+            x, y = costs.x + (i + 0.5) * CELL, costs.y + (j + 0.5) * CELL
             for k in range(HEADINGS):
-                if edge and not _is_free(i, j, k, allowed, pocket, world.field, world.body):
+                if edge and not _is_free(i, j, k, allowed, costs, world.field, world.body):
                     continue
                 cost = cost_at(x, y, ANGLES[k], world.table, world, cells, scratch)
                 if cost < FAR:
@@ -132,7 +132,7 @@ def _fill(
                 cost = reached + turn(ANGLES[k], ANGLES[c]) * rates.turn
             if a < 0 or b < 0 or a >= n or b >= n or kind[b, a] != NARROW or cost >= value[b, a, c]:
                 continue
-            if _is_free(a, b, c, allowed, pocket, world.field, world.body):
+            if _is_free(a, b, c, allowed, costs, world.field, world.body):
                 value[b, a, c] = cost
                 size = heap_push(key, item, size, cost, (b * n + a) * HEADINGS + c)
     for j in range(n):
@@ -144,7 +144,7 @@ def _fill(
 
 @kernel
 def _beside_narrow(i: int, j: int, kind: IntArray) -> bool:
-    """Whether a step from a cell may lead to a narrow one."""
+    """A step from the cell may lead to a narrow one."""
     n = kind.shape[0]
     for b in range(max(0, j - 2), min(n, j + 3)):
         for a in range(max(0, i - 2), min(n, i + 3)):
@@ -154,7 +154,7 @@ def _beside_narrow(i: int, j: int, kind: IntArray) -> bool:
 
 
 @kernel
-def _is_free(i: int, j: int, k: int, allowed: float, pocket: Pocket, field: Field, body: Body) -> bool:
-    x, y = pocket.x + (i + 0.5) * CELL, pocket.y + (j + 0.5) * CELL
+def _is_free(i: int, j: int, k: int, allowed: float, costs: LatticeCosts, field: Field, body: Body) -> bool:
+    x, y = costs.x + (i + 0.5) * CELL, costs.y + (j + 0.5) * CELL
     c, s = math.cos(ANGLES[k]), math.sin(ANGLES[k])
     return clearance_from(x, y, c, s, allowed + 0.01, allowed, field, body) >= allowed

@@ -13,9 +13,9 @@ from motm_twin.planning.commitment import KeepPlans
 from motm_twin.planning.controller import StaaController
 from motm_twin.planning.cost_to_go import FAR
 from motm_twin.planning.every_ring import EveryRing
+from motm_twin.planning.lattice import ANGLES, BLUR, CELL, HEADINGS, LENGTHS, NO_LATTICE, STEPS, cells_of, lattice_cost
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
-from motm_twin.planning.pocket import ANGLES, BLUR, CELL, HEADINGS, LENGTHS, NO_POCKET, STEPS, cells_of, pocket_cost
 from motm_twin.planning.types import BasePlan, BaseProblem, SearchBudget, Target
 
 PERIOD = 0.05
@@ -26,10 +26,10 @@ MARGIN = PlanningParameters().staa.margin
 
 
 class Listening(KeepPlans):
-    """Keeps what the pocket was computed from."""
+    """Keeps what the lattice was computed from."""
 
-    def pocket(self, problem, s, world, cells, memory):
-        self.given, self.found = world, super().pocket(problem, s, world, cells, memory)
+    def lattice(self, problem, s, world, cells, memory):
+        self.given, self.found = world, super().lattice(problem, s, world, cells, memory)
         return self.found
 
 
@@ -59,29 +59,29 @@ def tight_poses(count: int) -> list[tuple[float, float, float]]:
 
 
 @pytest.fixture(scope="module")
-def pocket() -> tuple[search_memory.Pocket, search_memory.World]:
+def lattice() -> tuple[search_memory.LatticeCosts, search_memory.World]:
     listening = Listening()
     drive(StaaController(RobotProfile(), PlanningParameters(), commitment=listening), 2)
-    assert listening.found is not NO_POCKET
+    assert listening.found is not NO_LATTICE
     return listening.found, listening.given
 
 
 def test_searches_arrive_sooner():
     """A search of 300 expansions that knows PathRTR only does not get out of many a place for more than a second."""
-    without = with_pocket = 0
+    without = with_lattice = 0
     for pose in tight_poses(16):
         without += sum(
             p.status == "aborted" for p in drive(StaaController(RobotProfile(), PlanningParameters()), 40, pose)
         )
         plans = drive(StaaController(RobotProfile(), PlanningParameters(), commitment=KeepPlans()), 40, pose)
-        with_pocket += sum(p.status == "aborted" for p in plans)
+        with_lattice += sum(p.status == "aborted" for p in plans)
     assert without > 60
-    assert with_pocket < 0.35 * without
+    assert with_lattice < 0.35 * without
 
 
-def test_its_costs_are_those_of_free_ways_on_the_lattice(pocket):
+def test_its_costs_are_those_of_free_ways_on_the_lattice(lattice):
     """No step on the lattice and no turn leads to one that is cheaper by more than what it takes; most by just that."""
-    found, given = pocket
+    found, given = lattice
     rates = given.table.rates
     known = np.argwhere(found.value < FAR)
     assert len(known) > 300
@@ -102,20 +102,20 @@ def test_its_costs_are_those_of_free_ways_on_the_lattice(pocket):
     assert 0 < first < len(known) / 2
 
 
-def test_leaving_takes_longer_than_the_straight_way(pocket):
-    found, given = pocket
+def test_leaving_takes_longer_than_the_straight_way(lattice):
+    found, given = lattice
     x, y, heading = POCKET
     turn_rate = given.table.rates.turn
     straight = math.dist((x, y), BIN) / 0.5 - 0.8 / 0.5
-    inside = pocket_cost(x, y, heading, turn_rate, found)
+    inside = lattice_cost(x, y, heading, turn_rate, found)
     assert straight + 0.5 < inside < straight + 8.0
-    assert pocket_cost(x, y, heading + 2.0 * math.pi, turn_rate, found) == pytest.approx(inside)
-    assert pocket_cost(x - 3.0, y, heading, turn_rate, found) == FAR  # beyond the lattice PathRTR holds
-    assert pocket_cost(x - 0.4, y - 0.9, heading, turn_rate, found) == FAR  # and where it can turn on the spot
+    assert lattice_cost(x, y, heading + 2.0 * math.pi, turn_rate, found) == pytest.approx(inside)
+    assert lattice_cost(x - 3.0, y, heading, turn_rate, found) == FAR  # beyond the lattice PathRTR holds
+    assert lattice_cost(x - 0.4, y - 0.9, heading, turn_rate, found) == FAR  # and where it can turn on the spot
 
 
 @pytest.mark.parametrize("pose", [(2.0, 0.0, 1.0), (3.6, -0.2, -2.0)])
 def test_where_it_can_turn_on_the_spot_there_is_none(pose):
     listening = Listening()
     drive(StaaController(RobotProfile(), PlanningParameters(), commitment=listening), 3, pose=pose)
-    assert listening.found is NO_POCKET
+    assert listening.found is NO_LATTICE
