@@ -9,6 +9,7 @@ from bounds_of_scenes import ROOM, ends
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_file import load_scene
+from motm_twin.sessions.session import decode_session, encode_session
 from motm_twin.twin import Twin
 
 PERIODS = 3
@@ -82,4 +83,6 @@ def test_a_scene_holds_more_than_200_pieces_and_20_agents(tmp_path):
     path.write_text("\n".join(lines), encoding="utf-8")
     scene = load_scene(str(path))
     assert (len(scene.solids), len(scene.agents)) == (240, 25)
-    runs(Twin(scene))
+    twin = Twin(scene)
+    runs(twin)
+    assert decode_session(encode_session(twin.session())).scene == scene
