@@ -56,7 +56,9 @@ class Kind(StrEnum):
     NO_CANDIDATE = "no_candidate"
     NOT_FREE = "not_free"
     CLOSED_IN = "closed_in"
+    UNREACHABLE = "unreachable"
     OUTSIDE_MAP = "outside_map"
+    POINT_OUTSIDE_MAP = "point_outside_map"
     STATIONARY = "stationary"
     WHOLE_BODY = "whole_body"
     TANGENT = "tangent"
@@ -92,6 +94,7 @@ class Kind(StrEnum):
     CLOSED_ON_NOTHING = "closed_on_nothing"
     LEFT_OBJECT = "left_object"
     PUSHED_AWAY = "pushed_away"
+    OPENS_AGAIN = "opens_again"
     OBJECT_OUT_OF_REACH = "object_out_of_reach"
     BIN_OUT_OF_REACH = "bin_out_of_reach"
     GAVE_WAY = "gave_way"
@@ -187,7 +190,9 @@ _SENTENCES = {
     Kind.NO_CANDIDATE: "no free candidate within {limit:.2f} m of {subject}",
     Kind.NOT_FREE: "{subject} is {other}",
     Kind.CLOSED_IN: "no pose from which {subject} is served can be reached: obstacles close every way",
-    Kind.OUTSIDE_MAP: "{subject} is outside the map, {other}",
+    Kind.UNREACHABLE: "{cause}: no pose from which it is served can be reached",
+    Kind.OUTSIDE_MAP: "{subject} at ({value:.2f}, {limit:.2f}) is outside the map, {other}",
+    Kind.POINT_OUTSIDE_MAP: "{subject} is outside the map, {other}",
     Kind.STATIONARY: "{other}",
     Kind.WHOLE_BODY: "base and arm move as one: there is no place to stand",
     Kind.TANGENT: "tangent point {value:.2f} m away, {limit:.0f} deg off heading",
@@ -225,6 +230,7 @@ _SENTENCES = {
     Kind.CLOSED_ON_NOTHING: "the fingers closed on nothing: trying again",
     Kind.LEFT_OBJECT: "the hand could not stay on the object: trying again",
     Kind.PUSHED_AWAY: "the object was pushed away: trying again",
+    Kind.OPENS_AGAIN: "opening the fingers for another try",
     Kind.OBJECT_OUT_OF_REACH: "the object went out of reach",
     Kind.BIN_OUT_OF_REACH: "the bin went out of reach",
     Kind.GAVE_WAY: "gave way by {value:.2f} m/s: {subject} is nearer than the joints can brake",

@@ -183,7 +183,8 @@ def _why(judged: Judged, chosen: int, target: Target, survey: Survey) -> Reason:
         return Reason(kind=Kind.BESIDE_TAKEN, subject=name, value=float(onward[chosen]), unit="s")
     outside = _outside(target, survey.here)
     if chosen < 0:
-        return outside or Reason(kind=Kind.CLOSED_IN, subject=name)
+        closed_in = Reason(kind=Kind.CLOSED_IN, subject=name)
+        return closed_in if outside is None else Reason(kind=Kind.UNREACHABLE, subject=name, cause=outside)
     costs = {"value": float(current[chosen]), "limit": float(onward[chosen]), "unit": "s"}
     if candidates.mode == Mode.RING:
         return Reason(kind=Kind.RING, subject=name, other=f"{candidates.radius:.2f} m", **costs)
@@ -207,7 +208,9 @@ def _outside(target: Target, here: Here) -> Reason | None:
     if x_min <= x <= x_max and y_min <= y <= y_max:
         return None
     edges = f"x {x_min:.2f} to {x_max:.2f} m, y {y_min:.2f} to {y_max:.2f} m"
-    return Reason(kind=Kind.OUTSIDE_MAP, subject=target.name, other=edges)
+    if target.kind == "drive":  # named by its point
+        return Reason(kind=Kind.POINT_OUTSIDE_MAP, subject=target.name, other=edges)
+    return Reason(kind=Kind.OUTSIDE_MAP, subject=target.name, other=edges, value=x, limit=y, unit="m")
 
 
 def _not_free(candidates: Candidates) -> str:

@@ -80,7 +80,8 @@ def test_joint_6_stops_before_it_folds_the_hand_onto_the_forearm(guarded):
         actuation = Actuation(twist=np.zeros(2), joint_velocity=rates, gripper="open")
         if guarded:
             T = odometry_to_world(now)
-            actuation, said = monitor.check(actuation, now, np.zeros(2), DT, T_odom_world=T, held_side=0.0)
+            answer = monitor.check(actuation, now, np.zeros(2), DT, T_odom_world=T, held_side=0.0)
+            actuation, said = answer.actuation, answer.reason
         plant.command(actuation)
         plant.step(DT)
     touched = [one for one in plant.truth().contacts if one.other == "panda_link5"]

@@ -82,7 +82,7 @@ def test_no_return_where_the_map_has_walls_is_a_blind_lidar_at_once():
     blind = np.full(BEAMS, np.inf)
     found = run([*driving(5, 0.01), *[((0.1, 0.0, 0.0), blind)] * 3, *driving(5, 0.01)])
     assert kinds(found) == [None] * 5 + ["scan_blind"] * 3 + [None] * 5
-    assert found[5].base == 0.0 and found[5].limit > 300
+    assert found[5].base == 0.0 and found[5].reason.limit > 300
 
 
 def test_no_return_on_an_empty_floor_is_right():

@@ -402,7 +402,7 @@ def _retry(state: ManipulatorState, view: View) -> Outcome:
         _rest(state, view.time)
     elif not view.gripper_moving and view.width > view.goal.side + _OPEN_ROOM:
         enter(state, Phase.TRANSIT, view.time)
-    return "", "opening the fingers for another try"
+    return "", Reason(kind=Kind.OPENS_AGAIN, subject=view.goal.name)
 
 
 def engaged(state: ManipulatorState) -> bool:
