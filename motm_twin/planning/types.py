@@ -71,7 +71,7 @@ class Mode(StrEnum):
 
 
 class PlanStatus(StrEnum):
-    """What the base does in a period."""
+    """Doing of the base in a period."""
 
     GOAL = "goal"  # a node ends the search
     ABORTED = "aborted"  # the best node so far
