@@ -146,6 +146,7 @@ def _arm(step: ArmStep) -> ArmMessage:
         obstacle_distance=float(step.obstacle_distance),
         allowed_approach=float(step.allowed_approach),
         qp_status=step.qp_status,
+        program=step.program,
         holding=bool(step.holding),
         outcome=step.outcome,
         reason=step.reason,

@@ -137,6 +137,7 @@ class ArmMessage(msgspec.Struct, frozen=True, kw_only=True):
     outcome: str  # picked | placed | missed | lost | stuck, when that was found in this step
     reason: str  # one sentence when the arm waits
     why: Reason | None = None  # the same, typed
+    program: str = "solved"  # status of the quadratic program: `qp_status` without the reason
 
 
 class EventMessage(msgspec.Struct, frozen=True, kw_only=True):

@@ -57,7 +57,12 @@ def test_regions_follow_the_parameters_in_force(driving):
 
 
 def test_a_damped_stop_is_red_and_told(driving):
-    card = arm_card(with_arm(driving, qp_status="damped stop: bounds cross", manipulability=None, slack=[None] * 6), {})
+    card = arm_card(
+        with_arm(
+            driving, program="damped stop", qp_status="damped stop: bounds cross", manipulability=None, slack=[None] * 6
+        ),
+        {},
+    )
     assert "damped stop: bounds cross" in card
     assert "solved" not in card
 
@@ -164,7 +169,7 @@ def test_names_from_outside_are_escaped_on_every_card(driving):
         duration=0.0,
     )  # fmt: skip
     hostile = replace(
-        with_arm(driving, phase=EVIL, reason=EVIL, qp_status=EVIL, limiter=EVIL, active=[EVIL, f"elbow - {EVIL}"]),
+        with_arm(driving, phase=EVIL, reason=EVIL, qp_status=EVIL, program=EVIL, limiter=EVIL, active=[EVIL, f"elbow - {EVIL}"]),
         tasks=tasks, placement=placement, stop_reason=EVIL, faults=[EVIL], task_index=0,
         plan=replace(driving.plan, status=EVIL, reason=EVIL),
         score=ScoreMessage(picks=0, places=0, drops=0, contacts=[contact], min_base_clearance=None,

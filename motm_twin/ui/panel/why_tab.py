@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import viser
 
 from motm_twin.bus.messages import ArmMessage, EventMessage, PlacementMessage, StatusMessage, TickMessage
+from motm_twin.control.arm.types import ProgramStatus
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
@@ -161,9 +162,9 @@ def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene:
     if not tick.arm:
         return ""
     step = tick.arm[-1]
-    solved = step.qp_status == "solved"
+    solved = step.program == ProgramStatus.SOLVED
     title = f'<div style="display:flex;justify-content:space-between">{heading("Arm")}'
-    title += chip(step.qp_status.split(":")[0], GREEN if solved else RED) + "</div>"
+    title += chip(step.program, GREEN if solved else RED) + "</div>"
     parts = [title]
     if not solved:
         parts.append(sentence(step.qp_status, RED))
