@@ -169,7 +169,10 @@ def test_names_from_outside_are_escaped_on_every_card(driving):
         duration=0.0,
     )  # fmt: skip
     hostile = replace(
-        with_arm(driving, phase=EVIL, reason=EVIL, qp_status=EVIL, program=EVIL, limiter=EVIL, active=[EVIL, f"elbow - {EVIL}"]),
+        with_arm(
+            driving, phase=EVIL, reason=EVIL, qp_status=EVIL, program=EVIL, limiter=EVIL,
+            active=[EVIL, f"elbow - {EVIL}"],
+        ),
         tasks=tasks, placement=placement, stop_reason=EVIL, faults=[EVIL], task_index=0,
         plan=replace(driving.plan, status=EVIL, reason=EVIL),
         score=ScoreMessage(picks=0, places=0, drops=0, contacts=[contact], min_base_clearance=None,
