@@ -60,14 +60,14 @@ def _homeless(sequence: TaskSequence) -> Reason:
 
 def _waiting(sequence: TaskSequence, name: str, step: ArmStep) -> Reason:
     """The target is in reach: what the arm is at."""
-    tries = {"value": sequence.attempts, "limit": sequence.most_attempts}
+    tries, most = float(sequence.attempts), float(sequence.most_attempts)
     cause = step.why
     if step.program == ProgramStatus.SOLVED and step.limiter and any("lidar" in row for row in step.active):
         what = "gripper" if any(row.startswith("lidar") for row in step.active) else "arm"
         cause = Reason(kind=Kind.HELD_OFF, subject=what, other=step.limiter, value=step.obstacle_distance, unit="m")
     if cause is not None:
-        return Reason(kind=Kind.AT_TARGET, subject=name, cause=cause, **tries)
+        return Reason(kind=Kind.AT_TARGET, subject=name, cause=cause, value=tries, limit=most)
     doing = _DOING.get(step.phase, "it leaves its stow pose")
     if step.phase == Phase.RELEASE and step.actuation.gripper == "open":
         doing = "the fingers let go"
-    return Reason(kind=Kind.PHASE, subject=name, other=doing, **tries)
+    return Reason(kind=Kind.PHASE, subject=name, other=doing, value=tries, limit=most)

@@ -15,6 +15,7 @@ from motm_twin.bus.commands import AddObstacle, Branch, Load, MoveBody, SetParam
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.server import TwinServer
+from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
 from motm_twin.record.cli_record import recover as recover_command
@@ -303,5 +304,5 @@ def test_when_the_work_was_done_is_of_the_server_and_no_part_of_the_run():
     tick = FakeTwin(fake_scene()).advance()
     payload = msgspec.json.encode(tick_message(tick, 1, 0.0, ended=0.05))
     assert _differing(payload, tick, of_truth=True) == []
-    moved = msgspec.structs.replace(tick, stop_reason="another one")
+    moved = msgspec.structs.replace(tick, why=Reason(kind=Kind.NO_TARGET))
     assert _differing(payload, moved, of_truth=True) != []

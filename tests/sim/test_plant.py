@@ -156,11 +156,11 @@ def test_a_held_agent_stays_where_it_is_put_and_drives_on_when_released():
     [
         (AddObstacle(name="desk", x=1.0, y=0.0), "taken"),
         (AddObstacle(name="new", shape="cone", x=1.0, y=0.0), "box, cylinder, temi"),
-        (AddObstacle(name="new", x=math.nan, y=0.0), "finite"),
-        (AddObstacle(name="new", x=1e9, y=0.0), "within"),
+        (AddObstacle(name="new", x=math.nan, y=0.0), "allowed is -100 to 100 m"),
+        (AddObstacle(name="new", x=1e9, y=0.0), "allowed is -100 to 100 m"),
         (AddObstacle(name="new", x=1.0, y=0.0, size=(0.5, -0.5, 0.5)), "size"),
         (MoveBody(name="dsek", x=1.0, y=0.0), "not an agent"),
-        (MoveBody(name="desk", x=math.inf, y=0.0), "finite"),
+        (MoveBody(name="desk", x=math.inf, y=0.0), "allowed is -100 to 100 m"),
         (RemoveBody(name="temi9"), "loose"),
     ],
 )

@@ -55,7 +55,7 @@ class PhaseRules:
         return self.parameters.pick_reach if kind == "pick" else self.parameters.place_reach
 
 
-def enter(state: ManipulatorState, phase: str, time: float) -> None:
+def enter(state: ManipulatorState, phase: Phase, time: float) -> None:
     """Begin a phase."""
     state.phase, state.since = phase, time
 
@@ -349,7 +349,7 @@ def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
         outcome = _picked(state, p)
     elif risen >= 0.8 * p.lift_height:
         _rest(state, view.time)
-    return outcome, ""
+    return outcome, None
 
 
 def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
@@ -374,7 +374,7 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
         state.holding, state.reported, state.released = False, False, None
         state.clear_z = float(view.goal.position[2]) + p.transit_clearance
         enter(state, Phase.STOW, view.time)
-        return "placed", ""
+        return "placed", None
     return NOTHING
 
 
