@@ -30,11 +30,11 @@ def states(tick):
 def test_a_base_whose_arm_was_stuck_stands_elsewhere_for_the_next_try():
     """The arm began anew from where it had not got there, again and again, until the pick was given up."""
     twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:2]))
-    rules = twin.loop.manipulator._rules
+    rules = twin.loop.manipulator._usual
     hasty = msgspec.structs.replace(rules.parameters, patience=0.1)
-    twin.loop.manipulator._rules = dataclasses.replace(rules, parameters=hasty)
+    twin.loop.manipulator._usual = dataclasses.replace(rules, parameters=hasty)
     tick = advance_until(twin, lambda tick: any(step.outcome == "stuck" for step in tick.arm))
-    twin.loop.manipulator._rules = rules
+    twin.loop.manipulator._usual = rules
     was, target = tick.observation.pose[None], tick.tasks[0].target
     assert twin.advance().tasks[0].status == "active"
     tick = advance_until(twin, lambda tick: not is_avoided(tick.observation.pose, was))

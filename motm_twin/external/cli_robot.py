@@ -2,7 +2,6 @@
 
 import json as json_module
 import sys
-import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -72,16 +71,16 @@ def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
     Runs until Ctrl-C or SIGTERM and then prints what the referee has counted. Where it waits for its twin, and that it
     has met it, is said on standard error. Exit code 0: no contact was caused by the robot; 1: one was; 2: bad input.
     """
-    from motm_twin.bus.processes import leave, stop_event
+    from motm_twin.bus.processes import leave
 
     def say(text: str) -> None:
         if not settings.child:
             print(f"motm-twin robot: {text}", file=sys.stderr, flush=True)
 
-    twin, stop = settings.twin, stop_event(settings.child)
+    twin = settings.twin
     try:
         endpoint = _endpoint(settings)
-        server = _server(settings, endpoint, stop, lambda: say(f"has met the twin {twin!r} at {endpoint}"))
+        server = _server(settings, endpoint, lambda: say(f"has met the twin {twin!r} at {endpoint}"))
     except ValueError as error:
         print(f"motm-twin robot: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -109,7 +108,8 @@ def _endpoint(settings: RobotSettings) -> str:
     return settings.endpoint or leads or f"tcp/{LOOPBACK}:{DEFAULT_PORT}"
 
 
-def _server(settings: RobotSettings, endpoint: str, stop: threading.Event, on_met: Callable[[], None]) -> "RobotServer":
+def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) -> "RobotServer":
+    from motm_twin.bus.processes import stop_event
     from motm_twin.external.emulator import LinkSpec
     from motm_twin.external.robot_server import RobotServer
     from motm_twin.model.scene_file import load_scene
@@ -121,7 +121,7 @@ def _server(settings: RobotSettings, endpoint: str, stop: threading.Event, on_me
         twin=settings.twin,
         clock=settings.clock,
         link=LinkSpec(seed=link.pop("link_seed"), **link),
-        stop=stop,
+        stop=stop_event(settings.child),  # until all is imported a signal ends the program
         on_met=on_met,
     )
 
