@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from motm_twin.methods.method import Method, PlannerParts
+from motm_twin.model.reason import own
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import body_of, field_of
 from motm_twin.planning.global_path import GraphCache, shortest_path
@@ -35,16 +36,16 @@ class Pursuit:
     def plan(self, problem, placement, budget):
         """This period's acceleration, and what the arm and the page read of a plan."""
         if problem.target is None or placement.chosen < 0:
-            return self._plan(problem, np.zeros(2), "idle", placement.reason, empty_path())
+            return self._plan(problem, np.zeros(2), "idle", placement.why, empty_path())
         graph = self._graphs.graph(problem.world, self._growth)
         path = shortest_path(graph, problem.pose, placement.goal, self._limits)
         wanted = self._pursue(problem.pose, path)
         for share in (1.0, 0.5, 0.25, 0.0):  # of the speed, as much as it can stop from
             slower = np.array([share * wanted[0], wanted[1] * max(share, 0.5)])
             if self._room(problem, slower) >= MARGIN:
-                return self._plan(problem, slower, "goal", "", path)
+                return self._plan(problem, slower, "goal", None, path)
         turned_back = np.array([-0.1, 0.0])
-        return self._plan(problem, turned_back, "braking", "too near to something: backing out", path)
+        return self._plan(problem, turned_back, "braking", own("too near to something: backing out"), path)
 
     def _pursue(self, pose, path):
         """Twist (2,) towards a point ahead on the path; slower in turns and before the end."""
@@ -89,12 +90,12 @@ class Pursuit:
             time += length
         return max(0.1, time / self._limits.forward_speed)
 
-    def _plan(self, problem, wanted, status, reason, path):
+    def _plan(self, problem, wanted, status, why, path):
         time_to_range = self._time_to_range(problem, path)
         return BasePlan(
             acceleration=self._acceleration(problem, wanted),
             status=status,
-            reason=reason,
+            why=why,
             global_path=path,
             next_path=empty_path(),
             intermediate_goal=problem.pose,

@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from motm_twin.methods.method import Method, PlannerParts
+from motm_twin.model.reason import own
 from motm_twin.planning.candidates import ring
 from motm_twin.planning.collision import body_of, clearances, field_of
 from motm_twin.planning.global_path import GraphCache
@@ -62,7 +63,7 @@ class StraightLines:
             chosen=chosen,
             goal=poses[chosen],
             goal_has_heading=True,
-            reason=f"{to_it[chosen]:.1f} s straight to it and {onward[chosen]:.1f} s straight on to the next target",
+            why=own(f"{to_it[chosen]:.1f} s straight to it and {onward[chosen]:.1f} s straight on to the next target"),
             next_goal=None if next_poses is None else next_poses[0],
             next_goals=next_poses,
         )

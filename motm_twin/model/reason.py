@@ -60,6 +60,7 @@ class Kind(StrEnum):
     OUTSIDE_MAP = "outside_map"
     POINT_OUTSIDE_MAP = "point_outside_map"
     STATIONARY = "stationary"
+    OWN = "own"
     WHOLE_BODY = "whole_body"
     TANGENT = "tangent"
     REHEARSED = "rehearsed"
@@ -194,6 +195,7 @@ _SENTENCES = {
     Kind.OUTSIDE_MAP: "{subject} at ({value:.2f}, {limit:.2f}) is outside the map, {other}",
     Kind.POINT_OUTSIDE_MAP: "{subject} is outside the map, {other}",
     Kind.STATIONARY: "{other}",
+    Kind.OWN: "{other}",
     Kind.WHOLE_BODY: "base and arm move as one: there is no place to stand",
     Kind.TANGENT: "tangent point {value:.2f} m away, {limit:.0f} deg off heading",
     Kind.REHEARSED: "as rehearsed",
@@ -244,6 +246,11 @@ _SENTENCES = {
     Kind.ALL_ENDED: "all {value:.0f} tasks have ended, {limit:.0f} given up: {other}",
     Kind.NO_PLACE_TASK: ("{subject} is in the gripper and no task says where it goes: {other}put a place task first"),
 }
+
+
+def own(sentence: str, subject: str = "") -> Reason:
+    """Reason of a method of your own, in your words."""
+    return Reason(kind=Kind.OWN, subject=subject, other=sentence)
 
 
 def sentence(reason: Reason) -> str:
