@@ -6,6 +6,7 @@ commanded speed would end in something the lidar sees.
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -30,6 +31,47 @@ _NO_SCAN = Scan(
     stamp=0.0, ranges=np.empty(0), angle_min=0.0, angle_step=0.0, origin=np.zeros(2), range_min=0.0, range_max=0.0,
     pose=np.zeros(3),
 )  # fmt: skip
+
+
+class _Reported(NamedTuple):
+    """The robot's report, as `_examine` reads it."""
+
+    pose: Array
+    odometry: Array
+    twist: Array
+    q: Array
+    dq: Array
+
+
+class _Asked(NamedTuple):
+    """The command that is asked for, and the shares of it that are kept."""
+
+    twist: Array
+    rates: Array
+    last: Array  # twist commanded before
+    dt: float  # [s]
+    share: float  # of the base
+    arm_share: float
+
+
+class _Beams(NamedTuple):
+    """A scan; ``moved``: the robot was elsewhere when it was made."""
+
+    ranges: Array
+    angle_min: float
+    angle_step: float
+    origin: Array
+    pose: Array
+    moved: bool
+
+
+class _Body(NamedTuple):
+    """The footprint, and what counts as being in its way."""
+
+    rectangle: Array  # half length, half width, offset [m]
+    corner: float  # [m] the furthest
+    margin: float  # [m]
+    enough: int  # points
 
 
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,6 +112,8 @@ class Monitor(Stateful[MonitorState]):
         body, self._base = profile.footprint, numbers(profile.base)
         self._rectangle = np.array([0.5 * body.length, 0.5 * body.width, body.offset_x])
         self._corner = float(np.hypot(self._rectangle[0] + abs(body.offset_x), self._rectangle[1]))  # [m] the furthest
+        p = self.parameters
+        self._body = _Body(self._rectangle, self._corner, p.stop_margin, p.minimum_points)
         self._state = MonitorState()
 
     @property
@@ -94,13 +138,21 @@ class Monitor(Stateful[MonitorState]):
         share, reason = self._age(observation, scan_stamp, trust.scan)
         if trust.base < 1.0 and trust.base <= share:
             share, reason = trust.base, trust.reason
-        twist, rates, scan, p = np.empty(2), np.empty(7), observation.scan or _NO_SCAN, self.parameters
+        now, scan, p = observation, observation.scan or _NO_SCAN, self.parameters
+        twist, rates = np.empty(2), np.empty(7)
+        asked = _Asked(
+            actuation.twist, actuation.joint_velocity, self._state.twist, dt, share, self._arm_share(now.age)
+        )
+        beams = _Beams(scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, now.ahead > 0.0)
         healthy, turning, holding = _examine(
-            observation.pose, observation.odometry, observation.twist, observation.q, observation.dq,
-            actuation.twist, actuation.joint_velocity, self._state.twist, dt, share, self._arm_share(observation.age),
-            scan.ranges, scan.angle_min, scan.angle_step, scan.origin, scan.pose, observation.ahead > 0.0, self._base,
-            self._rectangle, self._corner, p.stop_margin, p.minimum_points, twist, rates,
-        )  # fmt: skip
+            _Reported(now.pose, now.odometry, now.twist, now.q, now.dq),
+            asked,
+            beams,
+            self._base,
+            self._body,
+            twist,
+            rates,
+        )
         if not healthy:
             return self._let_through(self._brake(dt), np.zeros(7), actuation.gripper, _stopped(_SENSORS))
         if trust.joints is not None:
@@ -172,7 +224,8 @@ class Monitor(Stateful[MonitorState]):
             return Reason(kind=Kind.INSIDE_BASE, subject="lidar", value=overlap, unit="m")
         way = v * base.velocity_lag + v * v / (2.0 * base.linear_acceleration)
         nearest = float(ranges[ranges > scan.range_min].min(initial=math.inf))
-        return Reason(kind=Kind.IN_STOPPING_WAY, subject="lidar", value=nearest, limit=way, unit="m")
+        speeds = f"from {v:.2f} m/s and {abs(float(twist[1])):.1f} rad/s"
+        return Reason(kind=Kind.IN_STOPPING_WAY, subject="lidar", other=speeds, value=nearest, limit=way, unit="m")
 
     def _within_limits(self, twist: Array, dt: float) -> Array:
         limited = np.empty(2)
@@ -193,38 +246,38 @@ def _slowed(why: Reason, share: float) -> Reason:
 
 @njit(cache=True)
 def _examine(
-    pose: Array, odometry: Array, measured: Array, q: Array, dq: Array,
-    asked: Array, asked_rates: Array, last: Array, dt: float, share: float, arm_share: float,
-    ranges: Array, angle_min: float, angle_step: float, origin: Array, scan_pose: Array, moved: bool, base: Numbers,
-    rectangle: Array, corner: float, margin: float, enough: int, twist: Array, rates: Array,
-) -> tuple[bool, int, int]:  # fmt: skip
-    """Fill in a share of the asked twist (2,) and rates (7,) within the limits; returns what is to be said of them.
+    robot: _Reported, asked: _Asked, beams: _Beams, base: Numbers, body: _Body, twist: Array, rates: Array
+) -> tuple[bool, int, int]:
+    """Fill in a share of the asked twist (2,) and rates (7,) within the limits; returns health and two counts.
 
-    Whether the sensors are finite, and the `points_in_stop` of a scan, stopping by braking the turn, or holding it. The
-    second is looked for only where there are ``enough`` points in the first: a base that turns away from something may
-    have to keep turning while it brakes. A scan that was ``moved`` since was made some way before.
+    True for sensors that are finite; then the `points_in_stop` of a scan, stopping by braking the turn, or holding it.
+    The second is looked for only where there are enough points in the first: a base that turns away from something may
+    have to keep turning while it brakes.
     """
-    if not (_finite(pose) and _finite(odometry) and _finite(measured) and _finite(q) and _finite(dq)):
+    pose = robot.pose
+    if not (
+        _finite(pose) and _finite(robot.odometry) and _finite(robot.twist) and _finite(robot.q) and _finite(robot.dq)
+    ):
         return False, 0, 0
     for k in range(2):
-        twist[k] = 0.0 if share == 0.0 else share * asked[k]
-    _limit(twist, last, dt, base, twist)
+        twist[k] = 0.0 if asked.share == 0.0 else asked.share * asked.twist[k]
+    _limit(twist, asked.last, asked.dt, base, twist)
     for k in range(rates.shape[0]):
-        rates[k] = arm_share * min(max(asked_rates[k], -DQ_MAX[k]), DQ_MAX[k])
+        rates[k] = asked.arm_share * min(max(asked.rates[k], -DQ_MAX[k]), DQ_MAX[k])
     b, v, w = base[0], twist[0], twist[1]
-    if ranges.shape[0] == 0 or (v == 0.0 and w == 0.0):
+    if beams.ranges.shape[0] == 0 or (v == 0.0 and w == 0.0):
         return True, -1, -1
-    reach = abs(v) * b.velocity_lag + v * v / (2.0 * b.linear_acceleration) + corner + _MARGIN_OF_REACH
-    if moved:
-        reach += math.hypot(pose[0] - scan_pose[0], pose[1] - scan_pose[1])
-    points = near_points(ranges, angle_min, angle_step, origin, reach)
-    if moved:
-        _carry(points, scan_pose, pose)
+    reach = abs(v) * b.velocity_lag + v * v / (2.0 * b.linear_acceleration) + body.corner + _MARGIN_OF_REACH
+    if beams.moved:
+        reach += math.hypot(pose[0] - beams.pose[0], pose[1] - beams.pose[1])
+    points = near_points(beams.ranges, beams.angle_min, beams.angle_step, beams.origin, reach)
+    if beams.moved:
+        _carry(points, beams.pose, pose)
     a, yaw_a, lag = b.linear_acceleration, b.yaw_acceleration, b.velocity_lag
-    turning = points_in_stop(points, v, w, a, yaw_a, lag, False, rectangle, margin)
-    if turning < enough:
+    turning = points_in_stop(points, v, w, a, yaw_a, lag, False, body.rectangle, body.margin)
+    if turning < body.enough:
         return True, turning, turning
-    return True, turning, points_in_stop(points, v, w, a, yaw_a, lag, True, rectangle, margin)
+    return True, turning, points_in_stop(points, v, w, a, yaw_a, lag, True, body.rectangle, body.margin)
 
 
 @njit(cache=True)

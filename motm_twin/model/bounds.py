@@ -7,6 +7,7 @@ no `msgspec.Meta`, which acts while bytes are decoded and speaks of types: a com
 with the sentence of the bound. A scene file, which is refused as it is read, takes the same bound by `Between.meta`.
 """
 
+import abc
 import functools
 import math
 import re
@@ -23,19 +24,19 @@ _QUOTED = 40  # characters of a wrong text that are shown
 
 
 @dataclass(frozen=True)
-class Bound:
+class Bound(abc.ABC):
     """Base of all bounds. ``called``: its field in a sentence, where the name of the field is not clear."""
 
     _: KW_ONLY
     called: str = ""
 
+    @abc.abstractmethod
     def allowed(self) -> str:
         """The bound in a few words, for documents."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def refusal(self, name: str, value: Any) -> str:
         """Why the value of the field ``name`` is out of bounds, in one sentence; "" when it is not."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

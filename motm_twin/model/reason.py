@@ -96,8 +96,7 @@ class Kind(StrEnum):
     LEFT_OBJECT = "left_object"
     PUSHED_AWAY = "pushed_away"
     OPENS_AGAIN = "opens_again"
-    OBJECT_OUT_OF_REACH = "object_out_of_reach"
-    BIN_OUT_OF_REACH = "bin_out_of_reach"
+    OUT_OF_REACH = "out_of_reach"
     GAVE_WAY = "gave_way"
     ARM_STANDS = "arm_stands"
     ARM_WITHDRAWS = "arm_withdraws"
@@ -171,7 +170,7 @@ _SENTENCES = {
         "stopped: something that the lidar sees is {value:.2f} m inside the base, which may only leave it"
     ),
     Kind.IN_STOPPING_WAY: (
-        "braking: something that the lidar sees, the nearest {value:.2f} m from it, is in the stopping way of "
+        "braking {other}: something that the lidar sees, the nearest {value:.2f} m from it, is in the stopping way of "
         "{limit:.2f} m"
     ),
     Kind.ARM_FOLDS: "braking: the hand would fold onto the forearm",
@@ -222,7 +221,7 @@ _SENTENCES = {
     Kind.WAITS_FOR_STATE: "waiting for the robot to say where the hand is",
     Kind.IMPRECISE: "{subject} is known to {value:.0f} mm only",
     Kind.NO_ROOM: "no room for the fingers beside {subject}: {other} is in their way",
-    Kind.NOTHING_ACHIEVED: "nothing achieved for a while: starting over from the stow pose",
+    Kind.NOTHING_ACHIEVED: "nothing achieved at {subject} for a while: starting over from the stow pose",
     Kind.STARTS_OVER: "starting over from the stow pose",
     Kind.GRIPPER_NOT_OPEN: "the gripper is not open yet",
     Kind.HELD_ALREADY: "an object is held already",
@@ -232,9 +231,8 @@ _SENTENCES = {
     Kind.CLOSED_ON_NOTHING: "the fingers closed on nothing: trying again",
     Kind.LEFT_OBJECT: "the hand could not stay on the object: trying again",
     Kind.PUSHED_AWAY: "the object was pushed away: trying again",
-    Kind.OPENS_AGAIN: "opening the fingers for another try",
-    Kind.OBJECT_OUT_OF_REACH: "the object went out of reach",
-    Kind.BIN_OUT_OF_REACH: "the bin went out of reach",
+    Kind.OPENS_AGAIN: "opening the fingers for another try at {subject}",
+    Kind.OUT_OF_REACH: "{subject} went out of reach",
     Kind.GAVE_WAY: "gave way by {value:.2f} m/s: {subject} is nearer than the joints can brake",
     Kind.ARM_STANDS: "something that the lidar sees is {value:.2f} m inside the {subject}: the arm stands",
     Kind.ARM_WITHDRAWS: "something that the lidar sees is {value:.2f} m inside the {subject}: the arm goes back slowly",

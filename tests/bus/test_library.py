@@ -144,7 +144,7 @@ def edit(file, old, new):
 
 
 def watched(running):
-    """What the heartbeat of the server does."""
+    """Heartbeat of the server, by hand."""
     if running.library.changed():
         running.loop.reload()
     return running.loop.status()

@@ -73,7 +73,7 @@ def test_only_real_time_that_the_machine_keeps_up_with_is_at_ease():
 
 
 def in_thread(work):
-    """What ``work`` gives in a thread of its own, whose scheduling ends with it."""
+    """Result of ``work`` in a thread of its own, whose scheduling ends with it."""
     found = []
     thread = threading.Thread(target=lambda: found.append(work()))
     thread.start()

@@ -90,7 +90,7 @@ def driven_at_a_crate(**arguments):
 
 def test_the_monitor_brakes_a_base_that_is_driven_at_an_obstacle():
     reasons, env, _ = driven_at_a_crate()
-    assert any(reason.startswith("braking: something that the lidar sees") for reason in reasons)
+    assert any(reason.startswith("braking from 0.4") for reason in reasons)
     first = env.view.tick.truth.contacts[0]  # it only takes the speed out of it: whoever pushes on gets there
     assert first.closing_speed < 0.1
 

@@ -14,7 +14,7 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
     "control/arm/limits.py": ("rows of the program", ("approach_row",)),
     "control/arm/program.py": ("bounds of all joint rates", ("_joint_bounds",)),
     "control/arm/qp.py": ("arrays of the solver DAQP, and its answer", ("_complete", "_fill_daqp")),
-    "control/monitor.py": ("outline of the footprint against all points of the scan", ("_examine", "points_in_stop")),
+    "control/monitor.py": ("outline of the footprint against all points of the scan", ("points_in_stop",)),
     "control/predictor.py": ("joints a little later", ("_arm",)),
     "perception/floor.py": ("grid, its origin and resolution, and a ray", ("mark_seen",)),
     "perception/occupancy.py": ("grid, its origin and resolution, and rays", ("clear_rays", "mark_hits")),

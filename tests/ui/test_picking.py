@@ -42,7 +42,7 @@ def test_a_hand_that_moves_on_release_throws_and_one_that_rests_does_not():
 
 @pytest.fixture
 def around(tick):
-    """What the pointer can be at."""
+    """Pieces that the pointer can be at."""
     surroundings = Surroundings(fake_scene())
     surroundings.update(tick)
     return surroundings
@@ -107,7 +107,7 @@ def test_a_cube_that_waits_in_the_list_is_found_with_its_bin(tick):
 
 
 class Hub:
-    """What pointing needs of a hub: who drives, the view, the way to the twin."""
+    """The part of a hub that pointing needs: who drives, the view, the way to the twin."""
 
     def __init__(self):
         self.view, self.sent, self.kept, self.told = View(), [], 0, []

@@ -273,7 +273,7 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
     p = rules.parameters
     if view.radius > rules.reach("pick") + p.reach_slack or view.distance > 2.0 * p.approach_distance:
         enter(state, Phase.TRANSIT, view.time)
-        return "", Reason(kind=Kind.OBJECT_OUT_OF_REACH, subject=view.goal.name)
+        return "", Reason(kind=Kind.OUT_OF_REACH, subject=view.goal.name)
     if not view.seen(p):
         return "", Reason(kind=Kind.WAITS_FOR_SIGHT, subject=view.goal.name)
     if not view.sure(p):
@@ -357,7 +357,7 @@ def _release(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     if state.released is None:
         if view.radius > rules.reach("place") + p.reach_slack:
             enter(state, Phase.TRANSIT, view.time)
-            return "", Reason(kind=Kind.BIN_OUT_OF_REACH, subject=view.goal.name)
+            return "", Reason(kind=Kind.OUT_OF_REACH, subject=view.goal.name)
         strayed = math.hypot(*(view.p[:2] - state.anchor[:2])) > 2.0 * p.approach_distance
         if strayed or not _in_square(state, view, rules, state.anchor):  # the robot was pushed, or the bin moved
             state.anchor = view.target.copy()

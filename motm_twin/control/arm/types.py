@@ -74,7 +74,7 @@ class Phase(StrEnum):
 
 
 class ProgramStatus(StrEnum):
-    """What came of the arm's quadratic program."""
+    """Outcome of the arm's quadratic program."""
 
     SOLVED = "solved"
     GAVE_WAY = "gave way"  # rows of furniture did
