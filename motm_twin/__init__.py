@@ -1,14 +1,59 @@
-"""motm_twin: a web-served digital twin of reactive manipulation on the move."""
+"""motm_twin: a web-served digital twin of reactive manipulation on the move.
 
+    import motm_twin
+
+    result = motm_twin.run("exp1", seed=3)
+    print(result.time_s, result.contacts)
+    result.plot("speed.png")
+
+`run` runs one trial without a window; `load_scene` loads and checks a `Scene`; `Twin` is the same loop, period by
+period; `connect` talks to a twin that runs elsewhere; `methods` lists the methods. Nothing else is promised to stay.
+"""
+
+import importlib
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from motm_twin.interrupts import starting
 from motm_twin.stale_kernels import drop_stale_kernels
 
+if TYPE_CHECKING:
+    from motm_twin import methods
+    from motm_twin.client import connect
+    from motm_twin.model.scene import Scene
+    from motm_twin.model.scene_file import load_scene
+    from motm_twin.result import Result, run
+    from motm_twin.twin import Twin
+
 __version__ = "0.1.0"
+__all__ = ["Result", "Scene", "Twin", "connect", "load_scene", "methods", "run"]
+
+_HOMES = {  # loaded when they are asked for: some of it takes seconds
+    "Result": "result",
+    "Scene": "model.scene",
+    "Twin": "twin",
+    "connect": "client",
+    "load_scene": "model.scene_file",
+    "run": "result",
+}
 
 if Path(sys.argv[0]).name == "motm-twin" or sys.orig_argv[1:3] == ["-m", "motm_twin"]:
     starting()  # here at the earliest: our command line is being loaded
 
 drop_stale_kernels(Path(__file__).parent)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a part of the public face."""
+    if name == "methods":
+        return importlib.import_module("motm_twin.methods")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'motm_twin' has no attribute {name!r}; it offers {', '.join(__all__)}")
+    value = getattr(importlib.import_module(f"motm_twin.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

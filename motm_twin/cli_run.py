@@ -69,7 +69,7 @@ def run_headless(
         keep(save, "")  # of a period that broke off
         raise KeyboardInterrupt(f"the {periods / PERIODS_PER_SECOND:.2f} s before are in {save}") from None
     if figure is not None:
-        figure.draw(report)
+        figure.draw(report, plot)
     if save is not None:
         keep(save, report["state_hash"])
     return report
@@ -81,4 +81,4 @@ def _figure(scene: Scene, file: Path) -> SpeedFigure:
 
     if file.suffix.lower() not in FORMATS:
         raise SessionError(f"no figure: give a file that ends in {', '.join(FORMATS)}", file=str(file))
-    return SpeedFigure(scene, file)
+    return SpeedFigure(scene)

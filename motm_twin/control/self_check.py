@@ -21,6 +21,7 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.perception import detection_check, localisation_check
 from motm_twin.perception.association import disproved
+from motm_twin.perception.blind_sector import Outline, SectorSettings, SectorState, check_sector
 from motm_twin.perception.detection_check import Beliefs, DetectionSettings, DetectionState
 from motm_twin.perception.finding import Finding
 from motm_twin.perception.localisation_check import LocalisationSettings, LocalisationState
@@ -47,6 +48,7 @@ class SelfCheckSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of all checks."""
 
     sweeps: SweepSettings = SweepSettings()
+    sector: SectorSettings = SectorSettings()
     localisation: LocalisationSettings = LocalisationSettings()
     detections: DetectionSettings = DetectionSettings()
     motion: MotionSettings = MotionSettings()
@@ -57,6 +59,7 @@ class SelfCheckSettings(msgspec.Struct, frozen=True, kw_only=True):
 class SelfCheckState:
     """Memory of all checks."""
 
+    sector: SectorState
     sweep: SweepState = field(default_factory=SweepState)
     localisation: LocalisationState = field(default_factory=LocalisationState)
     detection: DetectionState = field(default_factory=DetectionState)
@@ -77,7 +80,8 @@ class SelfCheck(Stateful[SelfCheckState]):
         self._known, self._tracker = known, tracker
         self._settings = settings or SelfCheckSettings()
         self._segments = map_segments(known)
-        self._state = SelfCheckState()
+        self._outline = Outline.of(self._segments, self._settings.sector.bin)
+        self._state = SelfCheckState(SectorState.of(known.robot.lidar.beams, int(self._outline.first[-1])))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -180,6 +184,8 @@ class SelfCheck(Stateful[SelfCheckState]):
                 pose = localisation_check.carried(local, scan, now).pose
                 odometry = believed.odometry
                 state.of_scan = check_sweep(state.sweep, scan, pose, odometry, self._segments, settings.sweeps)
+                if state.of_scan is None and local.mode == "":  # elsewhere it would not be the map that is missed
+                    scan, state.of_scan = check_sector(state.sector, scan, pose, self._outline, settings.sector)
                 state.waiting = scan if state.of_scan is None or state.of_scan.base > 0.0 else None
         if state.waiting is not None and local.mode != "doubt":
             state.good, state.waiting = state.waiting, None

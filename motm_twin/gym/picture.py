@@ -138,6 +138,8 @@ class TopView:
         front = foot.offset_x + 0.5 * foot.length
         nose = np.array([[front - 0.1, 0.08], [front - 0.02, 0.0], [front - 0.1, -0.08]])
         pen.line(self._pixels(from_frame(truth.pose, nose)), fill=ARM, width=2 * FINER, joint="curve")
+        if not robot.has_arm:
+            return
         frames = fk_arm(view.observation.q)
         line = self._pixels(from_frame(truth.pose, frames[list(_LINKS), :2, 3] + (arm.mount_x, arm.mount_y)))
         pen.line(line, fill=INK, width=round(0.11 * self._scale), joint="curve")

@@ -82,6 +82,15 @@ KINDS: dict[str, FaultKind] = {
             name="lidar_blind", group="lidar", button="Lidar blind", what="no beam returns", phrase="lidar blind"
         ),
         _by(
+            "lidar_sector",
+            "lidar",
+            "Lidar half blind",
+            "no beam within this angle, straight ahead, returns",
+            "{:.0f} deg of the lidar blind",
+            (5.0, 360.0, 90.0),
+            "deg",
+        ),
+        _by(
             "lidar_nan",
             "lidar",
             "Lidar nan",

@@ -4,6 +4,8 @@ import math
 from typing import Protocol
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
 
@@ -19,6 +21,9 @@ class Scan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     range_min: float
     range_max: float
     pose: Array  # localised base pose at the stamp, world frame, shape (3,)
+    blind: NDArray[np.bool_] | None = (
+        None  # beams that the robot found blind (shape (n,)): nan, and no fault of the sweep
+    )
 
 
 class Detection(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -16,6 +16,7 @@ class Kind(StrEnum):
     STATE_OLD = "state_old"
     SCAN_FROZEN = "scan_frozen"
     SCAN_BLIND = "scan_blind"
+    SCAN_SECTOR = "scan_sector"
     SCAN_NOISY = "scan_noisy"
     POSE_OFF = "pose_off"
     POSE_LOST = "pose_lost"
@@ -144,6 +145,7 @@ _SENTENCES = {
     Kind.SCAN_OLD: "the newest lidar scan is {value:.2f} s old, more than {limit:.2f} s",
     Kind.STATE_OLD: "the newest state of the robot is {value:.2f} s old, more than {limit:.2f} s",
     Kind.SCAN_FROZEN: "the lidar says the same again and again, {value:.0f} times by now",
+    Kind.SCAN_SECTOR: "the lidar sees nothing over {value:.0f} deg, where the map has furniture",
     Kind.SCAN_BLIND: "{value:.0f} beams of the lidar return, where {limit:.0f} should",
     Kind.SCAN_NOISY: "the lidar's ranges scatter by {value:.2f} m, more than {limit:.2f} m",
     Kind.POSE_OFF: "by odometry: localisation is {value:.2f} m off, neither the wheels nor the scan agree with it",

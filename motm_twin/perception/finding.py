@@ -39,6 +39,7 @@ KINDS = {
     "state_old": "what the robot says of its motion comes late",
     "scan_frozen": "the same sweep again and again",
     "scan_blind": "nothing returns where the map says that something must, or all returns went at once",
+    "scan_sector": "a part of the beams never returns where others see mapped furniture",
     "scan_noisy": "ranges that scatter more than a map of them can bear",
     "pose_off": "a localised pose that neither odometry nor scan agrees with",
     "pose_lost": "the same, after so long a way by odometry alone that the robot may be anywhere",

@@ -64,12 +64,15 @@ def _numbers_wrong(scan: Scan) -> str:
         return f"its pose {scan.pose} is not three finite numbers"
     if scan.origin.shape != (2,) or not _finite(scan.origin):
         return f"its sensor position {scan.origin} is not two finite numbers"
-    return _beams_wrong(scan.ranges, scan.angle_step)
+    return _beams_wrong(scan)
 
 
-def _beams_wrong(ranges: Array, step: float) -> str:
-    """Too many beams that are nan or negative, in all or beside each other."""
+def _beams_wrong(scan: Scan) -> str:
+    """Too many beams that are nan or negative, in all or beside each other; those known to be blind do not count."""
+    ranges, step = scan.ranges, scan.angle_step
     bad = ~(ranges >= 0.0)  # nan is not
+    if scan.blind is not None and scan.blind.shape == bad.shape:
+        bad &= ~scan.blind
     count = int(bad.sum())
     if count <= 1:
         return ""

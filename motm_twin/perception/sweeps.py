@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array
@@ -176,9 +177,20 @@ def expected_ranges(
     pose: Array, origin: Array, angle_min: float, step: float, count: int, segments: Array, reach: float
 ) -> Array:
     """Ranges [m] of the beams from a base pose (3,) to the nearest segment (s, 4); inf beyond reach. Shape (count,)."""
+    return seen_edges(pose, origin, angle_min, step, count, segments, reach)[0]
+
+
+@njit(cache=True)
+def seen_edges(
+    pose: Array, origin: Array, angle_min: float, step: float, count: int, segments: Array, reach: float
+) -> tuple[Array, NDArray[np.int64], Array]:
+    """Of each beam the range [m] to the nearest segment (s, 4), which segment that is, and where on it (0 to 1).
+
+    Beyond reach: inf, -1, 0.
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     ox, oy = pose[0] + c * origin[0] - s * origin[1], pose[1] + s * origin[0] + c * origin[1]
-    ranges = np.full(count, np.inf)
+    ranges, edge, where = np.full(count, np.inf), np.full(count, -1, np.int64), np.zeros(count)
     near = np.empty(segments.shape[0], np.int64)
     kept = 0
     for k in range(segments.shape[0]):
@@ -199,8 +211,8 @@ def expected_ranges(
             r = (ex * ay - ey * ax) / det
             along = (dx * ay - dy * ax) / det
             if 0.0 <= r < ranges[i] and 0.0 <= along <= 1.0 and r <= reach:
-                ranges[i] = r
-    return ranges
+                ranges[i], edge[i], where[i] = r, k, along
+    return ranges, edge, where
 
 
 @njit(cache=True)

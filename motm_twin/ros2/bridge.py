@@ -144,9 +144,9 @@ class Bridge:
         robot = _ROBOT.decode(payload)
         _require(robot.version, ROBOT_VERSION)
         self._publish(topics.CLOCK, convert.clock(robot.time))
-        self._publish(topics.JOINT_STATES, convert.joint_states(robot))
         self._publish(topics.ODOM, convert.odometry(robot))
         if self._model is not None:
+            self._publish(topics.JOINT_STATES, convert.joint_states(robot, self._model))
             self._publish(topics.TF, convert.transforms(robot, self._model))
 
     def _scan(self, payload: bytes) -> None:

@@ -69,8 +69,10 @@ def joint_values(robot: RobotStateMessage) -> dict[str, float]:
     return {**dict(zip(robot.joint_names, robot.q, strict=True)), **dict.fromkeys(FINGERS, half)}
 
 
-def joint_states(robot: RobotStateMessage) -> Message:
+def joint_states(robot: RobotStateMessage, model: RobotModel) -> Message:
     """sensor_msgs/JointState: the arm and both fingers; the twin measures no finger speeds and no efforts."""
+    if not model.moving_joints:
+        return {"header": header(robot.time, ""), "name": [], "position": [], "velocity": [], "effort": []}
     values = joint_values(robot)
     return {
         "header": header(robot.time, ""),

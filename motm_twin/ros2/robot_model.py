@@ -45,10 +45,18 @@ class RobotModel:
         robot = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file
         _place_mount(robot, profile)
         _add_frame(robot, LIDAR, BASE, (profile.lidar.x, profile.lidar.y, profile.lidar.z))
-        _add_frame(robot, CAMERA, HAND, (0.0, 0.0, 0.0))
+        if profile.has_arm:
+            _add_frame(robot, CAMERA, HAND, (0.0, 0.0, 0.0))
+        else:
+            _remove_arm(robot)
         _set_geometry(robot, meshes)
         self.urdf = ET.tostring(robot, encoding="unicode")
         self._joints = [_joint(element) for element in robot.findall("joint")]
+
+    @property
+    def moving_joints(self) -> tuple[str, ...]:
+        """Names of the joints that move; none for a robot without an arm."""
+        return tuple(joint.name for joint in self._joints if joint.kind != "fixed")
 
     def static(self) -> list[Transform]:
         """The transforms that never change."""
@@ -134,6 +142,14 @@ def _place_mount(robot: ET.Element, profile: RobotProfile) -> None:
     for collision in robot.findall("link[@name='base_link']/collision"):
         collision.clear()
         _add_box(collision, (body.offset_x, 0.0, 0.5 * height), (body.length, body.width, height))
+
+
+def _remove_arm(robot: ET.Element) -> None:
+    """Leave the base and its lidar."""
+    for link in [link for link in robot.findall("link") if link.get("name") not in (BASE, LIDAR)]:
+        robot.remove(link)
+    for joint in [joint for joint in robot.findall("joint") if joint.get("name") != f"{LIDAR}_joint"]:
+        robot.remove(joint)
 
 
 def _add_frame(robot: ET.Element, name: str, parent: str, place: Vector) -> None:

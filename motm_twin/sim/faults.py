@@ -122,6 +122,10 @@ class FaultEffects:
             ranges[ranges > scan.range_max] = np.inf
         if state.active("lidar_blind"):
             ranges = np.full(len(ranges), np.inf)
+        sector = state.on.get("lidar_sector")
+        if sector is not None:
+            bearings = np.remainder(scan.angle_min + scan.angle_step * np.arange(len(ranges)) + math.pi, 2 * math.pi)
+            ranges = np.where(np.abs(bearings - math.pi) <= 0.5 * math.radians(sector.value), np.inf, ranges)
         if bad is not None:
             count = max(1, round(bad.value * len(ranges)))
             order = np.random.default_rng([self._seed, _RNG_FAULT, bad.began]).permutation(len(ranges))

@@ -21,6 +21,7 @@ from motm_twin.finish import Finish
 from motm_twin.methods.fast import FAST
 from motm_twin.model.edits import InjectFault
 from motm_twin.model.faults import KINDS
+from motm_twin.model.geometry import from_frame
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import grid, machine, markdown, write_report
@@ -39,6 +40,7 @@ CAUSES: dict[str, tuple[str, ...]] = {  # kinds of findings that name a fault
     "lidar_off": ("scan_old",),
     "lidar_frozen": ("scan_frozen",),
     "lidar_blind": ("scan_blind",),
+    "lidar_sector": ("scan_sector", "scan_blind"),
     "lidar_nan": ("scan_bad",),
     "lidar_noise": ("scan_noisy",),
     "lidar_delay": ("scan_old", "scan_bad"),
@@ -79,6 +81,20 @@ def _reaches(tick: Tick) -> bool:
     return abs(float(tick.observation.dq[3])) > 0.2 and _drives(tick)
 
 
+def _sees_furniture(tick: Tick) -> bool:
+    """Mapped furniture returns over a good part of what lies ahead."""
+    scan = tick.observation.scan
+    if scan is None or not _drives(tick):
+        return False
+    angles = scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
+    ahead = np.abs(angles) < 0.25 * math.pi
+    near = ahead & (scan.ranges < 5.0)
+    points = scan.ranges[near, None] * np.column_stack([np.cos(angles[near]), np.sin(angles[near])]) + scan.origin
+    points, others = from_frame(scan.pose, points), tick.map.seen_points
+    mapped = [not len(others) or np.hypot(*(others - point).T).min() > 0.3 for point in points]
+    return sum(mapped) > 0.2 * int(ahead.sum())
+
+
 def _grasps(tick: Tick) -> bool:
     return tick.arm[-1].phase == Phase.FINAL
 
@@ -91,6 +107,8 @@ def noticeable(kind: str) -> Callable[[Tick], bool]:
         return _speeds_up
     if kind == "gripper_stuck":
         return _grasps
+    if kind == "lidar_sector":
+        return _sees_furniture
     return _looks if KINDS[kind].group == "camera" else _drives
 
 

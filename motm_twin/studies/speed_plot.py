@@ -53,8 +53,8 @@ class Step(NamedTuple):
 class SpeedFigure:
     """The figure of one trial: every Tick in order, then `draw`."""
 
-    def __init__(self, scene: Scene, file: Path) -> None:
-        self.limits, self.file = scene.robot.base, file
+    def __init__(self, scene: Scene) -> None:
+        self.limits = scene.robot.base
         self.steps: list[Step] = []
         self._sampler = Sampler(scene)
         self._encounters = Encounters(scene.robot.footprint)
@@ -69,8 +69,8 @@ class SpeedFigure:
         before = self.steps[-1].path if self.steps else 0.0
         self.steps.append(Step(before + interval.path, interval.twist[0], interval.dt, part, interval.tick.task_index))
 
-    def draw(self, result: dict[str, Any]) -> None:
-        """Write it; ``result``: the report of the trial."""
+    def draw(self, result: dict[str, Any], file: Path | None = None) -> Any:
+        """Draw the matplotlib figure, and write it to ``file``; ``result``: the report of the trial."""
         with styled():
             fig = figure(TWO_COLUMNS, HEIGHT)
             above, below = fig.subplots(2, 1, height_ratios=(3, 2))
@@ -88,7 +88,9 @@ class SpeedFigure:
                 below.plot([], [], "_", color=BLACK, ms=12, mew=1.6, label="reference tour, at the limit")[0]
             )
             fig.legend(handles=handles, loc="outside lower center", ncols=4)
-            fig.savefig(self.file)
+            if file is not None:
+                fig.savefig(file)
+        return fig
 
 
 def _speed(axes: Any, course: list[Step], limits: BaseLimits) -> None:

@@ -73,3 +73,11 @@ def test_the_body_has_the_size_of_the_profile():
     box = parsed(RobotModel(profile, PRIMITIVES).urdf).find("link[@name='base_link']/visual")
     assert box.find("geometry/box").get("size") == "0.9 0.5 0.38"
     assert box.find("origin").get("xyz") == "0.1 0.0 0.19"
+
+
+def test_a_robot_without_an_arm_is_a_base_with_a_lidar():
+    robot = RobotModel(msgspec.structs.replace(RobotProfile(), has_arm=False))
+    root = parsed(robot.urdf)
+    assert [link.get("name") for link in root.findall("link")] == ["base_link", "lidar"]
+    assert [item.child for item in robot.static()] == ["lidar"]
+    assert robot.moving_joints == () and robot.moving({}) == []

@@ -1,0 +1,187 @@
+"""Beams of the lidar that are blind while the others see: nothing returns where mapped furniture stands.
+
+A blind sector turns with the robot; furniture that was taken away stays gone from every direction. So beams are in
+doubt when nothing returns where the map expects it, and they are blind when other beams have seen that very place
+since. Beams in doubt and blind ones say nothing: what lies there is unknown, not free. They are trusted again when they
+return something, or have missed nothing for a while; for longer each time.
+"""
+
+import math
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from motm_twin.model.geometry import Array
+from motm_twin.model.plant import Scan
+from motm_twin.model.reason import Kind, Reason
+from motm_twin.perception.finding import Finding
+from motm_twin.perception.scan import BLIND_ANGLE
+from motm_twin.perception.sweeps import seen_edges
+
+NEVER = -math.inf  # [s]
+
+
+class SectorSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Limits of the check of single beams."""
+
+    doubt: float = 3.0  # [s] after which furniture that no beam has seen since is believed to be gone
+    rest: float = 5.0  # [s], times the number of times that the beams were blind, without a miss: trusted again
+    reach: float = 6.0  # [m] mapped furniture further away may be missed by thin beams
+    bin: float = 0.1  # [m] of outline that is remembered as one place
+    margin: float = 0.15  # [m] and this share of the range: a return so near the map's edge is that edge
+    share: float = 0.03
+    proofs: int = 3  # beams that prove a sector blind, or that it sees again
+    speed: float = 0.5  # share that the base keeps while people could come up unseen
+
+
+@dataclass
+class SectorState:
+    """Memory of the check. Arrays are as long as there are beams, or bins of the map's outlines."""
+
+    doubted: Array  # stamp [s] since when each beam has missed furniture; nan: it is trusted
+    proved: NDArray[np.bool_]  # beams that have missed what others have seen since
+    blind: NDArray[np.bool_]  # beams of a sector with enough of these
+    times: NDArray[np.int64]  # how often each beam was found blind
+    miss: Array  # stamp [s] of the newest miss of each beam
+    returned: Array  # stamp [s] of the newest return of each beam
+    gone: NDArray[np.bool_]  # bins of furniture that is no longer there
+    missed: NDArray[np.int64]  # beam that missed each bin last, until the bin is seen; -1: none
+    missing: Array  # stamp [s] since when each bin is missed; nan: it was seen since
+
+    @classmethod
+    def of(cls, beams: int, bins: int) -> "SectorState":
+        """Nothing is known yet."""
+        return cls(
+            np.full(beams, math.nan), np.zeros(beams, bool), np.zeros(beams, bool), np.zeros(beams, np.int64),
+            np.full(beams, NEVER), np.full(beams, NEVER), np.zeros(bins, bool), np.full(bins, -1),
+            np.full(bins, math.nan),
+        )  # fmt: skip
+
+
+class Outline(msgspec.Struct, frozen=True, eq=False):
+    """Edges of the mapped furniture, cut into bins."""
+
+    segments: Array  # shape (s, 4) [m]
+    first: NDArray[np.int64]  # bin with which each edge begins, and the number of all bins; shape (s + 1,)
+
+    @classmethod
+    def of(cls, segments: Array, width: float) -> "Outline":
+        """Bins at most ``width`` [m] wide."""
+        lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+        counts = np.maximum(1, np.ceil(lengths / width)).astype(np.int64)
+        return cls(segments, np.concatenate(([0], np.cumsum(counts))))
+
+
+def check_sector(
+    state: SectorState, scan: Scan, pose: Array, outline: Outline, settings: SectorSettings
+) -> tuple[Scan, Finding | None]:
+    """The sweep without what its blind beams say, and the finding; the same sweep when all beams are trusted.
+
+    ``pose`` (3,): where the sweep was made.
+    """
+    if not len(outline.segments):
+        return scan, None
+    reach = min(settings.reach, scan.range_max)
+    ranges, edge, along = seen_edges(
+        pose, scan.origin, scan.angle_min, scan.angle_step, len(scan.ranges), outline.segments, reach
+    )
+    run = max(settings.proofs, math.ceil(BLIND_ANGLE / abs(scan.angle_step)))
+    limits = (settings.doubt, settings.rest, settings.margin, settings.share, run, settings.proofs)
+    unseen = _follow(
+        (state.doubted, state.proved, state.blind, state.times, state.miss, state.returned),
+        (state.gone, state.missed, state.missing),
+        scan.ranges, ranges, edge, along, outline.first, scan.stamp, limits,
+    )  # fmt: skip
+    if not unseen.any():
+        return scan, None
+    wide = math.degrees(abs(scan.angle_step)) * int(unseen.sum())
+    why = Reason(kind=Kind.SCAN_SECTOR, subject="lidar", value=wide, limit=math.degrees(BLIND_ANGLE), unit="deg")
+    finding = Finding(reason=why, base=settings.speed if state.blind.any() else 1.0)
+    return msgspec.structs.replace(scan, ranges=np.where(unseen, np.nan, scan.ranges), blind=unseen), finding
+
+
+@njit(cache=True)
+def _follow(state, places, returns, expected, edge, along, first, stamp, limits):
+    """Move the memory on by one sweep, and tell which beams are not trusted now, shape (n,).
+
+    ``expected`` [m], ``edge`` and ``along`` (0 to 1): what the map has in the way of each beam.
+    """
+    doubted, proved, blind, _, miss, returned = state
+    gone, missed, missing = places
+    doubt, rest, margin, share, run, proofs = limits
+    count = returns.shape[0]
+    place = np.full(count, -1, np.int64)
+    misses = np.zeros(count, np.bool_)
+    for i in range(count):
+        if math.isfinite(returns[i]):
+            returned[i] = stamp
+        if edge[i] < 0:
+            continue
+        bins = first[edge[i] + 1] - first[edge[i]]
+        place[i] = first[edge[i]] + min(bins - 1, int(along[i] * bins))
+        error = returns[i] - expected[i]
+        if abs(error) <= margin + share * expected[i]:
+            gone[place[i]], missing[place[i]] = False, np.nan
+            if missed[place[i]] >= 0:
+                proved[missed[place[i]]] = True
+                missed[place[i]] = -1
+        elif math.isfinite(error) and error > 0.0:
+            gone[place[i]] = True  # something behind it is seen
+        misses[i] = returns[i] == np.inf and not gone[place[i]]
+    begin = 0
+    while begin < count:
+        end = begin
+        while end < count and misses[end]:
+            end += 1
+        if end - begin >= run:
+            for i in range(begin, end):
+                k = place[i]
+                missed[k], miss[i] = i, stamp
+                if math.isnan(doubted[i]):
+                    doubted[i], proved[i] = stamp, False
+                if math.isnan(missing[k]):
+                    missing[k] = stamp
+                if not blind[i] and stamp - missing[k] > doubt:
+                    gone[k], missed[k] = True, -1
+        begin = max(end, begin + 1)
+    unseen = np.zeros(count, np.bool_)
+    begin = 0
+    while begin < count:
+        end = begin
+        while end < count and not math.isnan(doubted[end]):
+            end += 1
+        if end > begin:
+            _judge(state, missed, begin, end, stamp, (doubt, rest, proofs), unseen)
+        begin = max(end, begin + 1)
+    return unseen
+
+
+@njit(cache=True)
+def _judge(state, missed, begin, end, stamp, limits, unseen):
+    """A run of doubted beams: it sees again, it is blind with its silent neighbours, or it is trusted after a while."""
+    doubted, proved, blind, times, miss, returned = state
+    doubt, rest, proofs = limits
+    known = blind[begin:end].any()
+    rested = stamp - miss[begin:end].max() > rest * max(1, times[begin:end].max())
+    if (returned[begin:end] == stamp).sum() >= proofs or (known and rested):
+        doubted[begin:end] = np.nan
+        blind[begin:end] = False
+        missed[:] = np.where((missed >= begin) & (missed < end), -1, missed)
+        return
+    unseen[begin:end] = True
+    if known or proved[begin:end].sum() >= proofs:
+        times[begin:end] = max(1, times[begin:end].max() + (not known))
+        blind[begin:end] = True
+        since = doubted[begin:end].min()
+        while begin > 0 and returned[begin - 1] < since:
+            begin -= 1
+        while end < doubted.shape[0] and returned[end] < since:
+            end += 1
+        unseen[begin:end] = True
+    else:
+        for i in range(begin, end):
+            if stamp - doubted[i] > doubt:
+                doubted[i] = np.nan
