@@ -14,9 +14,8 @@ from motm_twin.model.faults import KINDS, FaultFields
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.plant import Detection, Observation, Scan
 from motm_twin.model.scene import Scene, TimedFault
-from motm_twin.sim.lidar import LidarState
-from motm_twin.sim.localisation import LocalisationState
 from motm_twin.sim.objects import ObjectState
+from motm_twin.sim.sensors import LidarState, LocalisationState
 
 _RNG_FAULT, _RNG_NOISE = 0xFA1C0DE, 0xFA1C0015E
 _PLAIN_NOISE = 0.01  # [m] of a lidar without noise, which is made larger, too

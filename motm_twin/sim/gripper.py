@@ -13,6 +13,7 @@ from motm_twin.model.state import LATER
 from motm_twin.sim.grasp import (
     RELATIVE_SPEED,
     centre_between_pads,
+    make_room,
     near,
     push,
     under,
@@ -21,7 +22,6 @@ from motm_twin.sim.grasp import (
     yaw_misfit,
 )
 from motm_twin.sim.objects import ObjectState, ObjectWorld
-from motm_twin.sim.shoving import make_room
 from motm_twin.sim.solids import Solids
 
 SLIP_HEIGHT = 0.01  # [m] of lifting after which a cube that slid between the closing pads slips out

@@ -1,4 +1,4 @@
-"""Where furniture and loose bodies stand now: the scene's own places, and what a person has changed of them.
+"""Layout of furniture and loose bodies: the scene's own places, changed by persons; and the arrays made of it.
 
 Three kinds of bodies stand on the floor and do not drive. *Obstacles* were added by a person. *Loose* ones are single
 boxes and cylinders of the scene that no map knows; once moved they are obstacles too. Everything else that stands on
@@ -6,15 +6,17 @@ the floor is *furniture*, moved as whole pieces with their bins.
 """
 
 import math
+from dataclasses import dataclass
 
 import msgspec
 
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.furniture import Piece, moved_bin, moved_solid, pieces, rigid
+from motm_twin.model.geometry import Array
 from motm_twin.model.plant import BodyTruth
 from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Scene, Solid
 from motm_twin.model.scene_shapes import outline
-from motm_twin.sim.solids import Parts, fixed_parts
+from motm_twin.sim.solids import Parts, Solids, fixed_parts, with_obstacles
 
 STILL = 1e-4  # [m] that a body held by a hand may shift and yet stand still
 STILL_TURN = 1e-3  # [rad]
@@ -135,3 +137,29 @@ def same_pose(a: PlanarPose, b: PlanarPose) -> bool:
     """Whether a body that went from one pose to the other was really moved: not by a hand that only keeps holding."""
     turn = math.remainder(a[2] - b[2], 2.0 * math.pi)
     return math.hypot(a[0] - b[0], a[1] - b[1]) < STILL and abs(turn) < STILL_TURN
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenery:
+    """Everything that stands and does not drive."""
+
+    layout: Layout
+    solids: Solids
+    in_the_way: Solids  # what the tallest agent can run into
+    tallest: float  # [m]
+    lidar_segments: Array  # at the lidar's height, shape (s, 4)
+    lidar_discs: Array  # shape (d, 3)
+
+
+def build_scenery(furnishings: Furnishings, layout: Layout, tallest: float) -> Scenery:
+    """Arrays of the world for a layout, with agents up to ``tallest`` [m]."""
+    solids = with_obstacles(furnishings.fixed(layout), layout.obstacles)
+    lidar_z = furnishings.scene.robot.lidar.z
+    return Scenery(
+        layout=layout,
+        solids=solids,
+        in_the_way=solids.below(tallest),
+        tallest=tallest,
+        lidar_segments=solids.segments_at(lidar_z),
+        lidar_discs=solids.discs_at(lidar_z),
+    )

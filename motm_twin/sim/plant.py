@@ -19,30 +19,21 @@ from motm_twin.model.plant import Actuation, Observation, Truth
 from motm_twin.model.profile import ArmSpec
 from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
+from motm_twin.sim.actuators import Arm, ArmState, Base, BaseState, ControlErrors
 from motm_twin.sim.agent_kernels import shadow_corners
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
-from motm_twin.sim.arm import Arm, ArmState
-from motm_twin.sim.base import Base, BaseState
-from motm_twin.sim.camera import Camera, CameraState
-from motm_twin.sim.control_errors import ControlErrors
-from motm_twin.sim.edit_effects import Effects
+from motm_twin.sim.edit_effects import Effects, Rehearsal
 from motm_twin.sim.faults import FaultEffects, expire
-from motm_twin.sim.grasp_faults import gripper_with
+from motm_twin.sim.grasp_faults import CubeMover, gripper_with
 from motm_twin.sim.gripper import GripperState
-from motm_twin.sim.layout import Furnishings, Layout
-from motm_twin.sim.lidar import Lidar, LidarState
-from motm_twin.sim.localisation import Localisation
-from motm_twin.sim.meddling import Meddler
+from motm_twin.sim.kernels import compile_gaps
+from motm_twin.sim.layout import Furnishings, Layout, Scenery, build_scenery
 from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
-from motm_twin.sim.overlap import compile_gaps
-from motm_twin.sim.plant_state import PlantState
+from motm_twin.sim.plant_state import PlantState, truth_of
 from motm_twin.sim.referee import Referee
 from motm_twin.sim.referee_state import World
-from motm_twin.sim.rehearsal import Rehearsal
-from motm_twin.sim.scenery import Scenery, build_scenery
-from motm_twin.sim.slides import RobotObstruction
-from motm_twin.sim.throws import slide_body
-from motm_twin.sim.truth import truth_of
+from motm_twin.sim.sensors import Camera, CameraState, Lidar, LidarState, Localisation
+from motm_twin.sim.slides import RobotObstruction, slide_body
 from motm_twin.sim.world_edits import check_edit
 
 SUBSTEP = 0.01  # [s]
@@ -99,7 +90,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
         self._furnishings = Furnishings(scene)
         self._effects = Effects(self._furnishings, self._object_world, self._frames, SUBSTEP)
-        self._meddler = Meddler(scene)
+        self._cube_mover = CubeMover(scene)
         self._faults = FaultEffects(scene, SUBSTEP)
         compile_gaps()
         self._start(arm_start)
@@ -176,7 +167,7 @@ class SimulatedPlant(Stateful[PlantState]):
         for _ in range(count):
             self._substep()
         s = self._state
-        for edit in self._meddler.attempts(s.objects, s.base.pose, self._scenery.solids):
+        for edit in self._cube_mover.attempts(s.objects, s.base.pose, self._scenery.solids):
             if self._taken(edit):
                 break
 

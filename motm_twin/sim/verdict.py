@@ -7,14 +7,23 @@ import coal
 from motm_twin.model.exact import dot, norm, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
-from motm_twin.sim.blame import NOT_BY_PUSH, UNMOVED, Motion, braking_time, still_persons_doing
 from motm_twin.sim.cube_contacts import Meeting
 from motm_twin.sim.cut_in import cuts_in
-from motm_twin.sim.episodes import Episode
 from motm_twin.sim.referee_geometry import HELD, RobotShapes
-from motm_twin.sim.referee_state import RefereeState, World
-from motm_twin.sim.responsibility import MOVES, Responsibility, Touch, carried_along
-from motm_twin.sim.without import Placed, Without
+from motm_twin.sim.referee_state import Episode, RefereeState, World
+from motm_twin.sim.responsibility import (
+    MOVES,
+    NOT_BY_PUSH,
+    UNMOVED,
+    Motion,
+    Placed,
+    Responsibility,
+    Touch,
+    Counterfactual,
+    braking_time,
+    carried_along,
+    still_persons_doing,
+)
 
 AGAINST = 0.2  # cosine of the angle between two motions, negative, from which one leads against the other
 ROLLS_OUT = 0.002  # [m] that a base may still roll, by the lag of its drive, when it has braked for a person's doing
@@ -43,7 +52,7 @@ class Verdicts:
         """Shapes of the robot and limits of its base; substeps of dt [s]."""
         self._braking = braking_time(limits)
         self._robot, self._dt = robot, dt
-        self._responsibility, self._without = Responsibility(dt), Without()
+        self._responsibility, self._counterfactual = Responsibility(dt), Counterfactual()
         self._unmoved, self._earlier = coal.Transform3s(), coal.Transform3s()
         self._hand = robot.bodies.index("panda_hand") if "panda_hand" in robot.bodies else -1
 
@@ -130,7 +139,7 @@ class Verdicts:
         return not self._responsibility.touches((met.robot[0], self._earlier), met.against)
 
     def _by_person(self, state: RefereeState, world: World, met: Encounter, closing: float) -> bool:
-        return self._without.persons_doing(
+        return self._counterfactual.persons_doing(
             _motions(state, met), world.time, robot=met.robot, other=met.against, closing=closing
         )
 

@@ -19,13 +19,11 @@ from motm_twin.model.edits import (
 )
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.names import hint
-from motm_twin.sim.bodies import Outline, disc_outline
-from motm_twin.sim.layout import STILL, STILL_TURN, Furnishings
+from motm_twin.sim.bodies import Outline, disc_outline, put_down, robot_outline, square_outline
+from motm_twin.sim.kernels import entered, gaps
+from motm_twin.sim.layout import STILL, STILL_TURN, Furnishings, Scenery
 from motm_twin.sim.objects import riders
-from motm_twin.sim.overlap import entered, gaps
 from motm_twin.sim.plant_state import PlantState
-from motm_twin.sim.put_down import put_down, robot_outline, square_outline
-from motm_twin.sim.scenery import Scenery
 from motm_twin.sim.slides import Obstruction
 from motm_twin.sim.solids import NOTHING
 
