@@ -9,12 +9,12 @@ from motm_twin import interrupts
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.outputs import refuse_existing, refuse_unwritable
 from motm_twin.record.replay import Tracker
-from motm_twin.record.what_if_run import PERIODS_PER_SECOND
+from motm_twin.record.what_if import PERIODS_PER_SECOND
 from motm_twin.sessions.session import Session, SessionError, save_session
 from motm_twin.trial import run_scene
 

@@ -17,7 +17,7 @@ from motm_twin.measures import Measures
 from motm_twin.measures.agents import base_gap, body_of
 from motm_twin.measures.reference_tour import reference_tour
 from motm_twin.memory import freeze_setup
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene

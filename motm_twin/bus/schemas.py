@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from motm_twin.bus.commands import ANSWER_VERSION, COMMAND_VERSION, EDITS, SERVER_COMMANDS, Answer, Envelope
+from motm_twin.bus.encode import OBSERVATIONS_VERSION, ObservationsMessage
 from motm_twin.bus.messages import (
     EVENT_VERSION,
     EVENTS_VERSION,
@@ -36,7 +37,6 @@ from motm_twin.bus.messages import (
     StatusMessage,
     TickMessage,
 )
-from motm_twin.bus.observations import OBSERVATIONS_VERSION, ObservationsMessage
 from motm_twin.bus.plant_messages import (
     VERSION,
     ClockGrant,

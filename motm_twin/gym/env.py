@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from motm_twin.control.tick import Tick
 from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.gym.actions import ArmAction, BaseAction, agent_method
-from motm_twin.gym.observation import ObservationReader, Observed, gymnasium, spaces
+from motm_twin.gym.observation import AgentView, ObservationReader, Observed, gymnasium, spaces, view_of
 from motm_twin.gym.picture import TopView
 from motm_twin.gym.reward import RewardWeights, Score, reward, score_of
-from motm_twin.gym.view import AgentView, view_of
 from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Truth

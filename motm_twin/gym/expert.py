@@ -14,7 +14,7 @@ from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tuning import tuned
 from motm_twin.gym.actions import check_fits
 from motm_twin.gym.env import MotmEnv
-from motm_twin.gym.view import AgentView
+from motm_twin.gym.observation import AgentView
 from motm_twin.methods.registry import find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import DQ_MAX

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from motm_twin.gym.observation import AgentView
 from motm_twin.gym.reward import Score
-from motm_twin.gym.view import AgentView
 from motm_twin.model.arm_kernels import TCP, fk_arm
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import BodyTruth, Truth

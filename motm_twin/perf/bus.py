@@ -19,9 +19,8 @@ from motm_twin.bus.commands import AddObstacle, Command, HandOver, MoveBody, Rec
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.perf import bus_participants
-from motm_twin.perf.processes import act, cpu_seconds, restart, ticks, wait_for
+from motm_twin.perf.processes import Worker, act, cpu_seconds, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
-from motm_twin.perf.worker import Worker
 
 READER = "readers"
 LONGEST = 75.0  # [s] of one measurement: within one run of Experiment 1

@@ -19,8 +19,7 @@ from motm_twin.control.tick import Tick
 from motm_twin.external.checks import NAMES
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.model.scene_file import load_scene
-from motm_twin.perf.external_trial import external_robot
-from motm_twin.perf.processes import wait_for
+from motm_twin.perf.processes import external_robot, wait_for
 from motm_twin.twin import Twin
 
 LONG_AGO = 1.0  # [s] no few changed characters make a time in the next minute of it

@@ -24,9 +24,8 @@ from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, require_fre
 from motm_twin.bus.credentials import FILE, own_credentials
 from motm_twin.perf import bus, fuzz
 from motm_twin.perf.bus import Measured
-from motm_twin.perf.processes import act, memory_mb, restart, ticks, wait_for
+from motm_twin.perf.processes import Worker, act, memory_mb, one_thread, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
-from motm_twin.perf.worker import Worker, one_thread
 from motm_twin.sessions.session import Session
 
 WORKER = "attackers"

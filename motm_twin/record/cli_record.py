@@ -163,7 +163,7 @@ def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-
         file: A recording (.mcap).
         out: File to be written; FILE.recovered.mcap without it.
     """
-    from motm_twin.record.recover import recover as recover_file
+    from motm_twin.record.reader import recover as recover_file
 
     found = recover_file(file, out)
     left_out = [f"{found.lost_bytes} bytes of an unfinished end"] if found.lost_bytes else []

@@ -12,15 +12,20 @@ from rich.table import Table
 
 from motm_twin.console import plain_console, table_console
 from motm_twin.record.outputs import refuse_unwritable, write_json
-from motm_twin.record.what_if import FAILED, OK, Line, RunBroke, compare, stream
-from motm_twin.record.what_if_run import (
+from motm_twin.record.what_if import (
     AS_IT_WAS,
     CHANGED,
+    FAILED,
+    OK,
     PERIODS_PER_SECOND,
+    Line,
     Outcome,
+    RunBroke,
     Sample,
+    compare,
     parse_changes,
     start_period,
+    stream,
 )
 from motm_twin.sessions.session import SessionError, load_session
 

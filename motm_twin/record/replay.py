@@ -13,8 +13,7 @@ from motm_twin.model.names import hint
 from motm_twin.model.state import state_hash
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.sessions.branches import Log
-from motm_twin.sessions.made_with import differences, made_with
-from motm_twin.sessions.session import Session, SessionError
+from motm_twin.sessions.session import Session, SessionError, differences, made_with
 from motm_twin.twin import Twin
 
 TRACK_PERIODS = 20  # periods between two poses of a track: one second

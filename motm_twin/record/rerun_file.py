@@ -9,8 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from motm_twin.bus.encode import seconds, tick_message
-from motm_twin.bus.observations import DetectionSample, ObservationsMessage, Sample, ScanSample
+from motm_twin.bus.encode import DetectionSample, ObservationsMessage, Sample, ScanSample, seconds, tick_message
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Announce, WorldEdit
@@ -20,8 +19,7 @@ from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
 from motm_twin.record.replay import begin
 from motm_twin.sessions.branches import Log
-from motm_twin.sessions.made_with import differences
-from motm_twin.sessions.session import Session, SessionError, check_session
+from motm_twin.sessions.session import Session, SessionError, check_session, differences
 
 # Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
 # run itself.

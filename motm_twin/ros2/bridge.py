@@ -24,9 +24,8 @@ from motm_twin.bus.messages import (
 from motm_twin.model.scene import Scene
 from motm_twin.ros2 import convert
 from motm_twin.ros2 import forms as topics
-from motm_twin.ros2.forms import Form
+from motm_twin.ros2.forms import Form, Outlets
 from motm_twin.ros2.markers import Markers
-from motm_twin.ros2.outlets import Outlets
 from motm_twin.ros2.robot_model import RobotModel
 from motm_twin.ros2.wishes import Wishes
 

@@ -19,8 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.generate.barn import CONTROLLER, LIMIT, NOMINAL
-from motm_twin.methods.fast import FAST
-from motm_twin.methods.registry import find_method
+from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.profile import DEG, BaseLimits, Lidar
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_file import load_scene

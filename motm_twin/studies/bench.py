@@ -12,10 +12,10 @@ from rich.console import Console
 from motm_twin.console import plain_console, table_console
 from motm_twin.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK
 from motm_twin.generate.barn import PREFIX
-from motm_twin.perf import anytime, bus, growth, page, period, scale, soak, solvers
+from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
 from motm_twin.record.outputs import folder_problem
-from motm_twin.studies import barn, efficiency, faults, mismatch, surprise, task
+from motm_twin.studies import barn, faults, mismatch, pool, surprise, task
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
@@ -44,10 +44,10 @@ RUNS: dict[str, Run] = {
     bus.NAME: lambda given, console: bus.bench_bus(given.out, given.seconds, console),
     soak.NAME: lambda given, console: soak.bench_soak(given.out, given.share, console),
     scale.NAME: lambda given, console: scale.bench_scale(given.out, given.seconds, console),
-    efficiency.NAME: lambda given, console: efficiency.bench_efficiency(given.out, given.workers, console),
+    pool.NAME: lambda given, console: pool.bench_efficiency(given.out, given.workers, console),
     growth.NAME: lambda given, console: growth.bench_growth(given.out, console, quick=given.quick),
     anytime.NAME: lambda given, console: anytime.bench_anytime(given.out, console, quick=given.quick),
-    solvers.NAME: lambda given, console: solvers.bench_solvers(given.out, console, quick=given.quick),
+    period.SOLVERS_NAME: lambda given, console: period.bench_solvers(given.out, console, quick=given.quick),
     task.NAME: lambda given, console: task.bench_task(given.out, given.share, given.workers, console),
     faults.NAME: lambda given, console: faults.bench_faults(
         given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes

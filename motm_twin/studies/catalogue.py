@@ -17,9 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from motm_twin.generate.scenes import is_generated, name_of, parse_name
-from motm_twin.methods.fast import FAST
-from motm_twin.methods.modifications import ABLATIONS, MOTM
-from motm_twin.methods.registry import METHODS, find_method
+from motm_twin.methods.registry import ABLATIONS, FAST, METHODS, MOTM, find_method
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.scene_file import listing
 from motm_twin.model.scene_load import load_document

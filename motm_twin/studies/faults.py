@@ -18,7 +18,7 @@ from rich.table import Table
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.tick import Tick
 from motm_twin.finish import Finish
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import InjectFault
 from motm_twin.model.faults import KINDS
 from motm_twin.model.scene import Scene

@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.perf.report import grid, machine, markdown, write_report
 from motm_twin.studies.catalogue import MISMATCH_SEEDS, MISMATCHES, SHAKEN, experiment
 from motm_twin.studies.run import Result, run_or_stop

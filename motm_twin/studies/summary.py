@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from motm_twin.measures.published import Published, published
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import MOTM
 from motm_twin.perf.report import grid
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import reasons, row_of

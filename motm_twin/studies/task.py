@@ -13,8 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.measures.measures import PARTS
-from motm_twin.methods.fast import FAST
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import FAST, MOTM
 from motm_twin.perf.report import Wanted, enough, grid, machine, wanted_rows, wanted_table, write_report
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import experiment

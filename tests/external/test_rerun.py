@@ -22,9 +22,9 @@ from recordings import changed
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Load, Pause, Play, Reset, SetParameter
 from motm_twin.bus.connection import open_member
+from motm_twin.bus.encode import ObservationsMessage
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.observations import ObservationsMessage
 from motm_twin.bus.server import RobotChoice, TwinServer
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import Announce

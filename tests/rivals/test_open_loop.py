@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from motm_twin.control.method import ArmParts, PlannerParts
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import MOTM
 from motm_twin.model.edits import InsertTask
 from motm_twin.model.known import known_world
 from motm_twin.model.motion import drive

@@ -9,8 +9,8 @@ from rich.console import Console
 
 from motm_twin.studies import bench as command
 from motm_twin.studies import groups
-from motm_twin.studies.efficiency import counts, trials_per_hour
 from motm_twin.studies.groups import GROUPS, Trial, failed, run_group
+from motm_twin.studies.pool import counts, trials_per_hour
 from motm_twin.studies.spec import TrialSpec
 
 

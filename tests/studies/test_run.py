@@ -15,9 +15,8 @@ from rich.console import Console
 
 from motm_twin.sessions.session import load_session
 from motm_twin.studies.pool import Lost, make_pool, outcomes
-from motm_twin.studies.run import TimeLeft, left_text, run
+from motm_twin.studies.run import Store, TimeLeft, left_text, run
 from motm_twin.studies.spec import Experiment, TrialSpec
-from motm_twin.studies.store import Store
 
 HERE = Path(__file__).parent
 SCENE = str(HERE / "half_a_metre.yaml")

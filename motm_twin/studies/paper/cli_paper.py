@@ -64,8 +64,8 @@ def duration_text(hours: float) -> str:
 
 def _records_in_folder(given: PaperSettings, plan) -> dict:
     """The records in the folder. Raises ValueError when there are none, and what is asked for is drawn from some."""
+    from motm_twin.studies.paper.data import stored
     from motm_twin.studies.paper.parts import NAMES, needed
-    from motm_twin.studies.paper.stored import stored
 
     records = stored(given.out)
     if not any(records.values()) and needed(plan.experiments, given.only or NAMES):
@@ -75,8 +75,8 @@ def _records_in_folder(given: PaperSettings, plan) -> dict:
 
 def _run(given: PaperSettings, plan, console: Console) -> dict:
     """Run what is missing; the records of the plan, and of what else is in the folder. Raises ValueError."""
+    from motm_twin.studies.paper.data import COMMAND, PLAN, keys, of_plan, stored, write_completed
     from motm_twin.studies.paper.parts import needed
-    from motm_twin.studies.paper.stored import COMMAND, PLAN, completed, keys, of_plan, stored
     from motm_twin.studies.run import run
 
     experiments = needed(plan.experiments, given.only) if given.only else plan.experiments
@@ -97,14 +97,14 @@ def _run(given: PaperSettings, plan, console: Console) -> dict:
     if not given.only:
         return {**stored(given.out, without=wanted), **of_plan(given.out, wanted)}
     whole = keys(each for each in plan.experiments if (given.out / each.name).is_dir())
-    completed(given.out, whole)
+    write_completed(given.out, whole)
     return {**stored(given.out, without=whole), **of_plan(given.out, whole)}
 
 
 def _announce(given: PaperSettings, wanted, console: Console) -> None:
     """Say how long it will take. Raises ValueError for hours that nobody has confirmed."""
+    from motm_twin.studies.paper.data import missing
     from motm_twin.studies.paper.plan import hours
-    from motm_twin.studies.paper.stored import missing
 
     left, count = missing(given.out, wanted, retry_failed=given.retry_failed)
     expected = duration_text(hours(left, given.workers))
@@ -118,8 +118,8 @@ def _announce(given: PaperSettings, wanted, console: Console) -> None:
 
 def _begun(given: PaperSettings) -> bool:
     """The folder has trials of this plan, run with the source as it is now."""
-    from motm_twin.sessions.made_with import SOURCE, made_with
-    from motm_twin.studies.paper.stored import PLAN, stored
+    from motm_twin.sessions.session import SOURCE, made_with
+    from motm_twin.studies.paper.data import PLAN, stored
 
     wanted = (given.plan, made_with()[SOURCE])
     notes = (record.made_with for these in stored(given.out).values() for record in these)
@@ -129,9 +129,8 @@ def _begun(given: PaperSettings) -> bool:
 def _write(given: PaperSettings, plan, records: dict, console: Console) -> Path:
     """Draw, and say what is known of who ran the trials."""
     from motm_twin.studies.paper import report
-    from motm_twin.studies.paper.data import Store
+    from motm_twin.studies.paper.data import Store, origin
     from motm_twin.studies.paper.parts import NAMES, Context
-    from motm_twin.studies.paper.stored import origin
 
     ran = origin((record for these in records.values() for record in these), given.command())
     shown = _largest(ran.plans, plan) if given.draw else plan

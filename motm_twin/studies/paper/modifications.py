@@ -8,9 +8,20 @@ from motm_twin.methods.registry import METHODS
 from motm_twin.studies import statistics
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
-from motm_twin.studies.paper.part import Drawn, Missing, Part
+from motm_twin.studies.paper.part import (
+    BLACK,
+    BLUE,
+    ONE_COLUMN,
+    ORANGE,
+    RED,
+    TWO_COLUMNS,
+    Drawn,
+    Missing,
+    Part,
+    figure,
+    styled,
+)
 from motm_twin.studies.paper.plan import LITERAL, SWEEPS, swept_scenes
-from motm_twin.studies.paper.style import BLACK, BLUE, ONE_COLUMN, ORANGE, RED, TWO_COLUMNS, figure, styled
 from motm_twin.studies.paper.tables import group_of
 from motm_twin.studies.statistics import Estimate
 

@@ -9,8 +9,7 @@ from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import DELAY
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
-from motm_twin.studies.paper.part import Drawn, Missing, Part
-from motm_twin.studies.paper.style import BLACK, RED, TWO_COLUMNS, figure, look, styled
+from motm_twin.studies.paper.part import BLACK, RED, TWO_COLUMNS, Drawn, Missing, Part, figure, look, styled
 from motm_twin.studies.statistics import Estimate
 
 COLUMNS = 3  # panels beside each other
