@@ -20,13 +20,12 @@ from motm_twin.bus.library import FileLibrary, MethodLibrary
 from motm_twin.bus.pacing import refusal
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.server import RobotChoice, TwinServer
-from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.external.robot_link import RobotLink
-from motm_twin.memory import freeze_setup, share_arenas
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
+from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas
 
 if TYPE_CHECKING:
     from motm_twin.control.method import Method

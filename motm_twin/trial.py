@@ -8,15 +8,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.method import Method
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
-from motm_twin.finish import Finish
 from motm_twin.measures import Measures
 from motm_twin.measures.agents import base_gap, body_of
 from motm_twin.measures.reference_tour import reference_tour
-from motm_twin.memory import freeze_setup
 from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.profile import Footprint
@@ -24,6 +23,7 @@ from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget
+from motm_twin.program import freeze_setup
 from motm_twin.twin import Twin
 
 ENCOUNTER = 1.0  # [m] between base and agent at which an encounter begins
@@ -89,7 +89,7 @@ def run_scene(
         _wait_for(plant)
     tally, measures = Tally(), Measures(scene, twin.loop.manipulator.parameters.avoidance)
     began = time.perf_counter()
-    finish = Finish()
+    finish = Completion()
     while True:
         tick = twin.advance()
         tally.add(tick)

@@ -15,6 +15,7 @@ from motm_twin.control.task_list import TaskList, edited
 from motm_twin.control.tick import Tick
 from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
+from motm_twin.dry_run import dry_run
 from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import (
     Announce,
@@ -40,7 +41,6 @@ from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
-from motm_twin.rehearse import rehearse
 from motm_twin.sessions.session import Cut, LoggedEdit, Session, plain
 from motm_twin.sim.plant import SimulatedPlant
 
@@ -294,7 +294,7 @@ class Twin:
 
     def _rehearse(self, edits: Timed) -> Rehearsed:
         """The task from its start, in the world as the robot knows it now, with the parameters of now."""
-        return rehearse(Twin, self._told.known(), *tuned(self.parameters, self._planning, self._arm), edits)
+        return dry_run(Twin, self._told.known(), *tuned(self.parameters, self._planning, self._arm), edits)
 
     def _search_clock(self) -> Callable[[], float] | None:
         return self._clock if self._budget.seconds is not None else None

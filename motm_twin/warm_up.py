@@ -38,7 +38,7 @@ DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods that need what is 
 
 
 def is_warm() -> bool:
-    """Whether the largest kernel is in numba's cache; after a change it is not (`stale_kernels.py`)."""
+    """Whether the largest kernel is in numba's cache; after a change it is not (`drop_stale_kernels`)."""
     return any(Path(run_search.stats.cache_path).glob(f"*{run_search.__name__}*.nbi"))
 
 

@@ -28,8 +28,8 @@ import msgspec
 from mcap.writer import CompressionType, IndexType, Writer
 
 from motm_twin.bus.encode import ObservationEncoder, tick_message
+from motm_twin.cli.rerun import rerun_file
 from motm_twin.record import channels as ch
-from motm_twin.record.cli_rerun import rerun_file
 from motm_twin.record.frames import Frames
 from motm_twin.record.info import info, show
 from motm_twin.record.mcap_file import McapFile

@@ -39,7 +39,7 @@ from motm_twin.bus.live import LiveTwin, SessionDesk
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import Pacer, RealTime
 from motm_twin.bus.queries import Quiet
-from motm_twin.finish import SETTLE_PERIODS
+from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.sessions.session import LoggedEdit

@@ -14,8 +14,7 @@ from motm_twin.bus.keys import PREFIX, Keys, is_name
 from motm_twin.bus.messages import StatusMessage
 from motm_twin.bus.private_folder import all_running
 from motm_twin.bus.zenoh_config import configured_endpoint
-from motm_twin.console import printable
-from motm_twin.exit_codes import FAILED, OK
+from motm_twin.program import FAILED, OK, printable
 
 TIMEOUT = 2.0  # [s]
 AGAIN = 0.05  # [s] between two questions

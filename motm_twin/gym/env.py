@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.control.tick import Tick
-from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.gym.actions import ArmAction, BaseAction, agent_method
 from motm_twin.gym.observation import AgentView, ObservationReader, Observed, gymnasium, spaces, view_of
 from motm_twin.gym.picture import TopView

@@ -18,9 +18,9 @@ from motm_twin.bus.connection import LOOPBACK, free_port, open_client, open_serv
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.server import TwinServer
-from motm_twin.memory import share_arenas
 from motm_twin.perf.processes import Works
 from motm_twin.planning.types import SearchBudget
+from motm_twin.program import share_arenas
 from motm_twin.server_process import SEARCH_SECONDS, make_twin
 
 KEY = "motm-bench/bare"

@@ -92,7 +92,7 @@ class Served:
 def served(scene: str, *options: str) -> Iterator[Served]:
     """Serve a scene on free ports until the end of the block."""
     port, zenoh_port, token = free_port(), free_port(), secrets.token_urlsafe(32)
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", scene, "--port", str(port)]
+    command = [sys.executable, "-m", "motm_twin", "serve", scene, "--port", str(port)]
     process = subprocess.Popen(  # noqa: S603 - our own program
         [*command, "--zenoh-port", str(zenoh_port), *options],
         stdout=subprocess.DEVNULL,
@@ -303,7 +303,7 @@ def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> It
     for name in ("latency", "jitter", "loss", "outage", "every", "seed"):
         arguments += [f"--{'link-seed' if name == 'seed' else name}", str(getattr(link, name))]
     process = subprocess.Popen(  # noqa: S603 - our own module
-        [sys.executable, "-m", "motm_twin.external.cli_robot", *arguments],
+        [sys.executable, "-m", "motm_twin.cli.robot", *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
     )

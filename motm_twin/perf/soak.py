@@ -219,7 +219,16 @@ def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[floa
     """Time [s] until it was there, and until it had ended."""
     mark = secrets.token_hex(8)
     environment = one_thread(**{MARK: mark, "TMPDIR": str(folder)})
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--headless", "--zenoh-port", str(zenoh_port)]
+    command = [
+        sys.executable,
+        "-m",
+        "motm_twin",
+        "serve",
+        "exp1",
+        "--headless",
+        "--zenoh-port",
+        str(zenoh_port),
+    ]
     began = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, cwd=folder, env=environment)  # noqa: S603 - ours
     try:

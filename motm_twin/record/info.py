@@ -7,9 +7,9 @@ import msgspec
 from rich.markup import escape
 from rich.table import Table
 
-from motm_twin.console import table_console
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.period import PERIOD
+from motm_twin.program import table_console
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
 

@@ -18,7 +18,7 @@ from motm_twin.bus.connection import LOOPBACK, direct, open_member
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.client.discover import NoTwin, require_answer
-from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
+from motm_twin.program import BAD_INPUT, FAILED, OK
 from motm_twin.record.channels import CHANNELS
 from motm_twin.record.mcap_file import McapFile, RecordingFailed
 from motm_twin.record.stream import Stream

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import msgspec
 
+from motm_twin.completion import Completion
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
-from motm_twin.finish import Finish
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.names import hint
 from motm_twin.model.state import state_hash
@@ -71,7 +71,7 @@ def player(session: Session, *, until: int | None = None, method: Method | None 
 
 def rerun(session: Session, method: Method | None = None) -> Rerun:
     """Run a session again and compare; ``method`` as of `begin`. Raises SessionError when it cannot be run."""
-    tracker, finish, twin, time = Tracker(), Finish(), None, 0.0
+    tracker, finish, twin, time = Tracker(), Completion(), None, 0.0
     for twin, tick in player(session, method=method):  # noqa: B007 - the last one is used
         tracker.add(tick)
         finish.add(tick)

@@ -24,17 +24,17 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from motm_twin.completion import Completion, all_placed
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import check, parameter
-from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
-from motm_twin.finish import Finish, all_placed
 from motm_twin.interrupts import deaf
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import Edit, InsertTask, ParameterValue, SetParameter
 from motm_twin.model.names import MethodError
 from motm_twin.model.period import PERIOD
 from motm_twin.planning.types import SearchBudget
+from motm_twin.program import BAD_INPUT, FAILED, OK
 from motm_twin.record.replay import begin
 from motm_twin.sessions.branches import Log
 from motm_twin.sessions.session import Session, SessionError, decode_session, encode_session, load_session
@@ -152,7 +152,7 @@ class _Side:
         self._skipped: list[str] = []
         self._progress: tuple[Any, ...] = ()
         self._progress_time = 0.0
-        self._finish = Finish()
+        self._finish = Completion()
 
     def advance(self, index: int) -> Tick:
         """One period with what the log and the changes have for it."""

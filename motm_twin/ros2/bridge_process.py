@@ -11,7 +11,7 @@ from motm_twin.bus.connection import LOOPBACK, open_member
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.zenoh_config import ConfigError
-from motm_twin.exit_codes import BAD_INPUT
+from motm_twin.program import BAD_INPUT
 from motm_twin.ros2.bridge import Bridge
 from motm_twin.ros2.forms import BRIDGE, DISTROS, FORMS, RMW, BridgeForm, Form, RmwForm
 from motm_twin.ros2.robot_model import FILES

@@ -15,9 +15,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.tick import Tick
-from motm_twin.finish import Finish
 from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import InjectFault
 from motm_twin.model.faults import KINDS
@@ -145,7 +145,7 @@ def run_trial(scene: str, kind: str, seed: int, method: str = FAST.name) -> dict
         loaded = msgspec.structs.replace(loaded, detections="named")
     twin, watch = Twin(loaded, method=find_method(method)), Watch(kind)
     edit: InjectFault | None = None
-    finish = Finish()
+    finish = Completion()
     while True:
         if edit is not None:
             twin.post(edit)

@@ -32,7 +32,7 @@ from websockets.http11 import Request, Response
 
 from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.bus.private_folder import folder, own_secret
-from motm_twin.memory import give_back
+from motm_twin.program import give_back
 
 # Keys work wherever the focus is, except where somebody types, and a tap is a click.
 #

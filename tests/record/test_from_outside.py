@@ -11,9 +11,9 @@ from mcap.writer import CompressionType, IndexType, Writer
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.data_folder import DataFolder
 from motm_twin.bus.encode import ObservationEncoder, tick_message
-from motm_twin.console import plain_console, printable, table_console
+from motm_twin.cli.rerun import rerun_file
+from motm_twin.program import plain_console, printable, table_console
 from motm_twin.record import channels as ch
-from motm_twin.record.cli_rerun import rerun_file
 from motm_twin.record.frames import Frames
 from motm_twin.record.info import info, show
 from motm_twin.record.mcap_file import McapFile

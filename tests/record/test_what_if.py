@@ -13,10 +13,10 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from motm_twin.cli.what_if import BothRuns
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record.cli_what_if import BothRuns
 from motm_twin.record.replay import rerun
 from motm_twin.record.what_if import AS_IT_WAS, CHANGED, Outcome, Sample, parse_changes, run_one, start_period
 from motm_twin.sessions.session import LoggedEdit, Session, SessionError, save_session

@@ -133,7 +133,7 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(end, tmp_path):
     program = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
         "from motm_twin.studies.catalogue import EXPERIMENTS, Entry;"
-        "from motm_twin.studies.bench import main; from motm_twin.studies.spec import TrialSpec;"
+        "from motm_twin.cli.bench import main; from motm_twin.studies.spec import TrialSpec;"
         f"EXPERIMENTS['exp1'] = {entry};"
         f"sys.exit(main(['exp1', '--methods', 'motm', '--out', {str(tmp_path)!r}]))"
     )

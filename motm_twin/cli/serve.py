@@ -20,12 +20,11 @@ from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.private_folder import Running, keep_young, note
 from motm_twin.bus.processes import Child, end_all, setter
 from motm_twin.bus.zenoh_config import VARIABLE, check_endpoint
-from motm_twin.console import plain_console
-from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
+from motm_twin.cli.outputs import folder_problem
+from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record.outputs import folder_problem
+from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
 from motm_twin.security.folder import Folder
-from motm_twin.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.ui.page_server import VARIABLE as VARIABLE_OF_TOKEN
 from motm_twin.ui.page_server import check_token, chosen_token
 

@@ -8,9 +8,9 @@ import msgspec
 from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Command, HandOver, Inspect, Load, Refused, TakeWheel
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
-from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.names import hint
+from motm_twin.program import BAD_INPUT, FAILED, OK
 
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in (*SERVER_COMMANDS, *EDITS)}
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
+from motm_twin.program import BAD_INPUT, FAILED, OK
 
 if TYPE_CHECKING:
     from motm_twin.external.robot_server import RobotServer
@@ -127,7 +127,7 @@ def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) 
 
 
 def main() -> None:
-    """`python -m motm_twin.external.cli_robot`: the same without the rest of the command line."""
+    """`python -m motm_twin.cli.robot`: the same without the rest of the command line."""
     sys.exit(tyro.cli(robot))
 
 

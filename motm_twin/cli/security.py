@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from motm_twin.exit_codes import BAD_INPUT, OK
+from motm_twin.program import BAD_INPUT, OK
 
 if TYPE_CHECKING:
     from motm_twin.security.folder import Folder
@@ -57,7 +57,7 @@ def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
 
     Exit code 0: done; 2: bad input, and nothing was changed.
     """
-    from motm_twin.console import plain_console
+    from motm_twin.program import plain_console
     from motm_twin.security.folder import Folder, SecurityError
 
     console, place = plain_console(), Folder(settings.folder)

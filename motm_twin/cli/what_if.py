@@ -10,8 +10,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from motm_twin.console import plain_console, table_console
-from motm_twin.record.outputs import refuse_unwritable, write_json
+from motm_twin.cli.outputs import refuse_unwritable, write_json
+from motm_twin.program import plain_console, table_console
 from motm_twin.record.what_if import (
     AS_IT_WAS,
     CHANGED,

@@ -3,11 +3,10 @@
 import msgspec
 from rich.console import Console
 
-from motm_twin.console import plain_console
+from motm_twin.cli.outputs import refuse_unwritable, write_json
 from motm_twin.control.method import Method
-from motm_twin.exit_codes import FAILED, OK
 from motm_twin.methods.registry import find_method
-from motm_twin.record.outputs import refuse_unwritable, write_json
+from motm_twin.program import FAILED, OK, plain_console
 from motm_twin.record.recording import load_recording
 from motm_twin.record.replay import Rerun, rerun, updated
 from motm_twin.record.rerun_file import RunReport, rerun_run

@@ -5,7 +5,7 @@ from motm_twin.control.tick import Tick
 SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to land and the robot to come to rest
 
 
-class Finish:
+class Completion:
     """Follows the Ticks of a run until its last task is done and what it placed lies in its bin, or 2 s have passed."""
 
     def __init__(self) -> None:

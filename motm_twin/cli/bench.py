@@ -9,12 +9,11 @@ import msgspec
 import tyro
 from rich.console import Console
 
-from motm_twin.console import plain_console, table_console
-from motm_twin.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK
+from motm_twin.cli.outputs import folder_problem
 from motm_twin.generate.barn import PREFIX
 from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
-from motm_twin.record.outputs import folder_problem
+from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
 from motm_twin.studies import barn, faults, mismatch, pool, surprise, task
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group

@@ -8,8 +8,7 @@ import msgspec
 
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
-from motm_twin.console import printable
-from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
+from motm_twin.program import BAD_INPUT, FAILED, OK, printable
 
 KEYS = ("tick", "robot", "scan", "grid", "event", "metrics", "status", "scene")
 FIRST = 5.0  # [s] for the first message

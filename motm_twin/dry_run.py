@@ -43,7 +43,7 @@ def nominal_scene(known: KnownWorld) -> Scene:
 
 
 @lru_cache(maxsize=4)
-def rehearse(
+def dry_run(
     make_twin: Callable[..., Any],
     known: KnownWorld,
     planning: PlanningParameters,
@@ -55,7 +55,7 @@ def rehearse(
 
     ``make_twin``: the class of twins, which makes rehearsals itself.
     """
-    from motm_twin.methods.registry import MOTM  # it has methods that rehearse: only when one is asked for
+    from motm_twin.methods.registry import MOTM  # it has methods that dry_run: only when one is asked for
 
     twin = make_twin(nominal_scene(known), method=MOTM, planning=planning, arm=arm)
     twin.loop.plant = log = _Log(twin.plant)

@@ -7,9 +7,9 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from motm_twin.exit_codes import BAD_INPUT, INTERRUPTED
+from motm_twin.cli.outputs import folder_problem
 from motm_twin.model.names import hint
-from motm_twin.record.outputs import folder_problem
+from motm_twin.program import BAD_INPUT, INTERRUPTED
 from motm_twin.studies.settings import PaperSettings
 
 WARN_HOURS = 3.0  # beyond this nobody starts by accident

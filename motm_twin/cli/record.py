@@ -12,10 +12,9 @@ import tyro
 from rich.console import Console
 from tyro.conf import Positional
 
-from motm_twin.console import plain_console
-from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
+from motm_twin.cli.settings import ReplaySettings
+from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
 from motm_twin.sessions.session import SessionError
-from motm_twin.settings import ReplaySettings
 
 ANSWER = 5.0  # [s] in which the twin must answer once its server does
 _File = Annotated[Positional[str], tyro.conf.arg(metavar="FILE")]
@@ -103,7 +102,7 @@ def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
     Exit code 0: ended on request; 1: a process died again and again; 2: bad input.
     """
     from motm_twin.bus.commands import SPEED
-    from motm_twin.cli_serve import serve_recording
+    from motm_twin.cli.serve import serve_recording
 
     file, speed = settings.file, settings.speed
     if not file.endswith(".mcap"):
@@ -129,7 +128,7 @@ def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Me
         json: Write the report to a file, or to standard output with '-'.
         method: For what was made with a method of your own: its file.
     """
-    from motm_twin.record.cli_rerun import rerun_file
+    from motm_twin.cli.rerun import rerun_file
 
     return rerun_file(file, update=update, report=json, method=method)
 
@@ -143,8 +142,8 @@ def info(file: _File, /, json: _Json = None) -> int:
         file: A recording (.mcap).
         json: Write the report to a file, or to standard output with '-'.
     """
+    from motm_twin.cli.outputs import write_json
     from motm_twin.record import info as recorded
-    from motm_twin.record.outputs import write_json
 
     found = recorded.info(file)
     if json is not None:
