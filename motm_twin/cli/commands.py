@@ -106,19 +106,19 @@ def scene(
         difficulty: Of the generated scene, from 0 (easy) to 1 (hard); 0.5 without it.
         output: New file for the generated scene; without it, it is printed.
     """
-    from motm_twin.cli import scene as scenes
+    from motm_twin.cli.scene import check_scene, generate_scene, list_scenes, print_schema
 
     if action == "generate":
-        return scenes.generate_scene(seed, difficulty, output, path)
+        return generate_scene(seed, difficulty, output, path)
     if (seed, difficulty, output) != (None, None, None):
         raise SceneError(f"scene {action}: --seed, --difficulty and --output belong to scene generate")
     if action == "list":
-        return scenes.list_scenes()
+        return list_scenes()
     if action == "schema":
-        return scenes.print_schema()
+        return print_schema()
     if path is None:
         raise SceneError("scene check: name a shipped scene or a file to check")
-    return scenes.check_scene(path)
+    return check_scene(path)
 
 
 def bench(settings: Annotated[BenchSettings, tyro.conf.arg(name="")]) -> int:
@@ -198,7 +198,7 @@ def twins(endpoint: str | None = None, json: Annotated[Flag, tyro.conf.arg(name=
         endpoint: Address of a twin server or router.
         json: As JSON, one line each.
     """
-    from motm_twin.client.discover import twins as list_twins
+    from motm_twin.cli.watch import twins as list_twins
 
     return list_twins(endpoint, as_json=json)
 
