@@ -39,7 +39,7 @@ from motm_twin.model.scene import PlanarPose
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
 
-_DRAWN = 4  # digits after the point of what is only drawn: 0.1 mm
+_DRAWN = 4  # decimals of values that are only drawn: 0.1 mm
 _EXACT = 9
 _TIME = 6  # simulated time in steps of 1 us: 1.97, not 1.9700000000000015
 JOINT_NAMES = [f"panda_joint{number}" for number in range(1, 8)]
@@ -54,7 +54,7 @@ def seconds(time: float) -> float:
 
 
 def numbers(values: object, digits: int = _DRAWN) -> list:
-    """An array as nested lists of rounded numbers: as `numpy.round` does it, in half the time."""
+    """An array as nested lists of rounded numbers, equal to `numpy.round` in half the time."""
     scale = 10.0**digits
     return (np.rint(np.asarray(values, dtype=float) * scale) / scale).tolist()
 
@@ -84,7 +84,7 @@ def body_message(body: BodyTruth) -> BodyMessage:
 
 
 def _typed(why: Reason | None) -> Reason | None:
-    """A reason whose numbers JSON can carry: none of them infinite."""
+    """A reason without infinite numbers, which JSON cannot carry."""
     if why is None:
         return None
     value, limit = (0.0 if math.isinf(number) else float(number) for number in (why.value, why.limit))
@@ -176,7 +176,7 @@ def path_message(points: Array) -> list[list[float]]:
 
 
 def bodies(truth: Truth) -> dict[str, Any]:
-    """The fields of a tick that say where bodies are, and which sensors fail."""
+    """Fields of a tick with the true bodies and the injected faults."""
     return {
         "objects": [body_message(body) for body in truth.objects],
         "agents": [body_message(body) for body in truth.agents],
@@ -203,7 +203,7 @@ def tick_message(
 ) -> TickMessage:
     """The message of one period.
 
-    ``ended`` [s]: when all was done; ``announced``: where the robot was told that pieces of furniture stand.
+    ``ended`` [s]: completion time; ``announced``: places of furniture that the robot was told.
     """
     truth = tick.truth
     return TickMessage(
@@ -366,7 +366,7 @@ class DetectionSample(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """Input of one arm step; scan and detections only where they are others than in the sample before."""
+    """Input of one arm step; scan and detections only where they differ from the previous sample."""
 
     time: float  # [s] simulated
     pose: Vector  # localised base pose x, y, heading, world
@@ -376,7 +376,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
     dq: Vector  # [rad/s] arm joint rates, 7
     gripper_width: float  # [m]
     gripper_moving: bool
-    ahead: float = 0.0  # [s] by which this is a prediction: from when it was observed to when the command acts
+    ahead: float = 0.0  # [s] prediction horizon: from the observation to the time when the command acts
     age: float = 0.0  # [s] of the newest state of the robot
     scan: ScanSample | None = None
     detections: list[DetectionSample] | None = None
@@ -390,7 +390,7 @@ class ObservationsMessage(msgspec.Struct, frozen=True, kw_only=True):
     server_time: float  # [s] when it was sent
     index: int  # of the period
     samples: list[Sample]
-    restarted: bool = False  # control had been away before this period
+    restarted: bool = False  # control was interrupted before this period
 
 
 class ObservationEncoder:

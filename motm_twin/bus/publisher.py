@@ -35,7 +35,7 @@ _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 class Metrics:
-    """Collects what the periods took; safe to use from several threads."""
+    """Collects the times of periods; thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -44,7 +44,7 @@ class Metrics:
         self._overruns = 0
 
     def note(self, message: TickMessage, took: float) -> None:
-        """A period that was computed within ``took`` [s]."""
+        """Note a period that was computed within ``took`` [s]."""
         with self._lock:
             if self._last is None or message.run != self._last.run:
                 self._overruns = 0
@@ -53,7 +53,7 @@ class Metrics:
             self._periods.append((time.monotonic(), took, message.stage_ms))
 
     def message(self, status: StatusMessage) -> MetricsMessage:
-        """The message of now."""
+        """The current message."""
         now = time.monotonic()
         with self._lock:
             last, overruns, periods = self._last, self._overruns, list(self._periods)
@@ -108,13 +108,13 @@ def _memory_mb() -> float:
 
 
 GRID_INTERVAL = 0.25  # [s] the grid is sent on change, at most four times a second
-GRID_REFRESH = 2.0  # [s] unchanged, it is sent again this often, for subscribers that came late
+GRID_REFRESH = 2.0  # [s] repeated this often while unchanged, for late subscribers
 STATE_WAITING = 400  # messages: at full speed more than a second of them
 EVENTS_WAITING = 1000
 
 
 class Publisher:
-    """A Sink that publishes, and holds nobody up. What a slow reader can not take for seconds is dropped for it."""
+    """A Sink that publishes without blocking. Messages that a reader cannot take for seconds are dropped for it."""
 
     def __init__(
         self,
@@ -162,7 +162,7 @@ class Publisher:
         self._state.post(partial(self._send_scene, scene))
 
     def status(self) -> None:
-        """Hand over the state of the server, as it is now; from any thread, and never an older one after a newer."""
+        """Hand over the current state of the server, from any thread; never an older one after a newer."""
         with self._telling:
             self._state.post(partial(self._send_status, self._status()))
 
@@ -171,7 +171,7 @@ class Publisher:
         self._state.post(lambda: self._values.put(self._keys.metrics, self._encode(self._metrics_now())))
 
     def close(self) -> None:
-        """Send what waits, as far as that is possible at once, and withdraw everything."""
+        """Send what can be sent at once, and withdraw everything."""
         self._robot.close()
         self._state.close()
         self._events.close()
@@ -180,7 +180,7 @@ class Publisher:
     def _send_tick(self, message: TickMessage, tick: Tick, last: bool, took: float) -> None:
         self._values.put(self._keys.tick, self._encode(message))
         if self._profile is not None and (self._encoder is None or self._encoder[0] != self._profile):
-            self._encoder = self._profile, RobotEncoder(self._profile)  # now: what it imports is there since the load
+            self._encoder = self._profile, RobotEncoder(self._profile)  # late: its imports are loaded by now
         if not message.preview:
             self._robot.follow(tick, message.run)
         self._send_scan(tick, message.run)
@@ -206,7 +206,7 @@ class Publisher:
         self._watch.status(status)
 
     def _send_scan(self, tick: Tick, run: int) -> None:
-        """The sweeps that this period saw first."""
+        """Send the sweeps that are new in this period."""
         for sample in (tick.observation, *tick.samples):
             scan = sample.scan
             if scan is None or self._encoder is None or (run == self._scan[0] and scan.stamp <= self._scan[1]):

@@ -123,7 +123,7 @@ def _sink(twin: Measured, seconds: float) -> tuple[Values, Values]:
 
 
 def _jam(twin: Measured) -> int:
-    """Run at 8x until what nobody reads fills the buffers; on how many links bytes wait."""
+    """Run at 8x until unread messages fill the buffers; returns the number of links with waiting bytes."""
     restart(twin.client, playing=True)
     act(twin.client, Speed(factor=JAM_SPEED))
     time.sleep(JAM_SECONDS)
@@ -165,7 +165,7 @@ def effect(twin: Measured, seconds: float) -> dict[str, Values]:
 
 
 def _do(client: TwinClient, command: Command) -> int:
-    """Have it done; the last period before it. Raises RuntimeError."""
+    """Send a command; returns the last period before it. Raises RuntimeError."""
     answer = client.command(command)
     if not answer.ok:
         raise RuntimeError(f"{command!r} was refused: {answer.reason}")

@@ -27,7 +27,7 @@ KEY = "motm-bench/bare"
 
 
 class Bare:
-    """A publisher that is declared as that of the ticks is (`bus.queries`)."""
+    """A publisher declared like that of the ticks (`bus.queries`)."""
 
     def __init__(self) -> None:
         port = free_port()
@@ -112,7 +112,7 @@ class Readers:
 
     def received(self) -> list[int]:
         """Number of messages that each session of `follow` has received."""
-        return [next(counter) for counter in self._counts]  # counts the question too: nobody minds one more
+        return [next(counter) for counter in self._counts]  # counts the question too, which does not matter
 
     def ages(self, endpoint: str, twin: str, pauses: list[float], seconds: float, clock: float) -> dict[str, Any]:
         """Ages [s] of what readers get that look every so often [s], by a ring of one sample and by `TwinClient`."""

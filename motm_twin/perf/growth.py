@@ -160,7 +160,7 @@ def _candidates(positions: int) -> PlanningParameters | None:
 
 
 def sweeps() -> tuple[Sweep, ...]:
-    """All of them; the first point of the first is Experiment 1 as it is shipped."""
+    """All sweeps; the first point of the first is Experiment 1 as shipped."""
     base = base_scene
     return (
         Sweep(name="shipped", unit="", points=(Point(count=1, make=base),)),

@@ -30,7 +30,7 @@ from motm_twin.sessions.session import Session
 
 WORKER = "attackers"
 PARALLEL = 8  # clients at a time
-RUNS, LEVEL = 12, 1.0  # at most so many runs before, until the last two have added no more than this [MB]
+RUNS, LEVEL = 12, 1.0  # maximum number of warm-up runs, until the last two add no more than this [MB]
 WARM = 100  # clients before memory is looked at
 KILLED_EACH = 20  # clients of a process that is killed
 KILLED_SHARE = 0.1  # of all clients
@@ -40,7 +40,7 @@ BLOCK = 10.0  # [s] of one look at the period
 BLOCKS = ("without", "elsewhere", "attacked", "attacked", "elsewhere", "without")  # in turn: who gets the messages
 UP = 120.0  # [s] for a server to be there on a busy machine
 DOWN = 10.0  # [s] for it to end
-MARK = "MOTM_SOAK"  # environment variable that tells our processes from others
+MARK = "MOTM_SOAK"  # environment variable that marks our processes
 
 Say = Callable[[str], None]
 

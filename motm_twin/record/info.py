@@ -54,7 +54,7 @@ class Info(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def info(path: str | Path) -> Info:
-    """Read a recording through. Raises SessionError for what is none."""
+    """Read a whole recording. Raises SessionError for a file that is none."""
     counts: dict[str, list[float]] = {}
     schemas: dict[str, str] = {}
     health, first, last = Health(), 0, 0

@@ -159,7 +159,7 @@ def _chunk(body: bytes, health: Health) -> Iterator[Entry]:
             health.count(1, 0)
     except Overfull:
         raise
-    except Exception as error:  # whatever random bytes make the libraries raise
+    except Exception as error:  # random bytes can make the libraries raise anything
         health.broken_chunks += 1
         health.text = f"the chunk at byte {health.whole} is broken: {error}"
         return

@@ -1,4 +1,4 @@
-"""A session once more: the same scene, edits and searches give the same state, bit for bit."""
+"""Repeats a session: the same scene, edits and searches give the same state, bit for bit."""
 
 import math
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
     parts: dict[str, str]  # part of the twin: first digits of its own hash
     track: Track  # true base pose after each second
     first_sign: str  # where the rerun parted from the recording, one sentence; "" when it did not
-    differences: tuple[str, ...]  # what is not here as it was where the session was made
+    differences: tuple[str, ...]  # differences from the origin of the session
 
 
 def begin(session: Session, plant: ExternalPlant | None = None, method: Method | None = None) -> Twin:
@@ -94,7 +94,7 @@ def rerun(session: Session, method: Method | None = None) -> Rerun:
 
 
 def updated(session: Session, again: Rerun) -> Session:
-    """The session with what its rerun gave: to be saved only by somebody who wants the change of behaviour."""
+    """The session with the results of its rerun, to be saved when a change of behaviour is intended."""
     return msgspec.structs.replace(
         session, state_hash=again.state_hash, parts=again.parts, track=again.track, made_with=made_with()
     )

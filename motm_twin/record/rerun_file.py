@@ -1,6 +1,6 @@
-"""A recording once more: every run is computed again and compared with every period that was recorded.
+"""Reruns a recording: every run is computed again and compared with every recorded period.
 
-The robot of a run that another program drove reports what was recorded (`RecordedPlant`).
+In place of an external robot, a `RecordedPlant` reports what was recorded.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ Json = dict[str, Any]
 
 
 class RecordedPlant:
-    """A robot that reports what was recorded, whatever it is told. Takes edits of the world without an effect."""
+    """A robot that reports what was recorded. Commands and edits of the world have no effect."""
 
     mirror = False
     shared = True
@@ -69,24 +69,24 @@ class RecordedPlant:
         return self._samples[self._at]
 
     def command(self, actuation: Actuation) -> None:
-        """Without an effect: what the robot did is known."""
+        """No effect: the robot's motion is recorded."""
 
     def step(self, dt: float) -> None:
         """On to the next sample."""
         self._at += 1
 
     def truth(self) -> None:
-        """Nobody knows."""
+        """Unknown."""
 
     def rehearsal(self) -> "RecordedPlant":
-        """Every edit that was accepted is again."""
+        """Accepts every edit again."""
         return self
 
     def accept(self, edit: WorldEdit) -> None:
         """As above."""
 
     def apply(self, edit: WorldEdit) -> None:
-        """Its effect is in what the robot saw."""
+        """No effect: it is in the recorded observations."""
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
         """There is no referee."""
@@ -248,7 +248,7 @@ def _from_the_start(messages: Iterable[ObservationsMessage]) -> Iterator[Observa
 
 
 def _known_end(session: Session, robot: RecordedPlant | None) -> tuple[int, str]:
-    """The period before which everything that was seen and done is known, and why no further."""
+    """The period up to which all inputs are known, and why no further."""
     unknown = [(session.periods, "some before them are missing in the file")]
     if robot is not None:
         unknown.append((robot.periods, f"what the robot saw in period {robot.periods} is missing in the file"))

@@ -29,7 +29,7 @@ from motm_twin.sessions.session import Session
 
 INTERVAL = 0.1  # [s] between two messages of a drawn topic
 SLOW = 0.25  # [s] for candidates
-_TOLERANCE = 0.01  # [s] a message that comes a little early is taken
+_TOLERANCE = 0.01  # [s] tolerance for a message that comes early
 _Add = Callable[[Channel, float, bytes], None]
 _DIGITS = 5
 
@@ -90,7 +90,7 @@ class Drawer:
 
     def _due(self, channel: Channel, now: float, interval: float = INTERVAL) -> bool:
         due = self._next.get(channel.topic, 0.0)
-        if due - 10.0 * interval < now < due - _TOLERANCE:  # further back it is the clock of another server
+        if due - 10.0 * interval < now < due - _TOLERANCE:  # farther back: the clock of another server
             return False
         self._next[channel.topic] = due + interval if due <= now < due + interval else now + interval
         return True

@@ -140,7 +140,7 @@ def run_one(
 
 
 class _Side:
-    """The twin of one run, what it is told, and how far it got."""
+    """The twin of one run, its edits and its progress."""
 
     def __init__(self, session: Session, changes: Changes, start: int, method: Method | None) -> None:
         self.name = CHANGED if changes else AS_IT_WAS
@@ -155,7 +155,7 @@ class _Side:
         self._finish = Completion()
 
     def advance(self, index: int) -> Tick:
-        """One period with what the log and the changes have for it."""
+        """Compute one period, with its logged edits and changes."""
         free = bool(self._changes) and index >= self._start
         if self._changes and index == self._start:
             for name, value in self._changes.items():
@@ -184,7 +184,7 @@ class _Side:
         self._finish.add(tick)
 
     def ended(self, tick: Tick) -> tuple[bool, str]:
-        """True when this was the last period, and why if not because all is done."""
+        """True when this was the last period, and the reason unless all is done."""
         if self._finish.over and tick.index >= self._last_insert:
             return True, ""
         limit = self._session.scene.time_limit
@@ -257,7 +257,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class _Broken(msgspec.Struct, frozen=True, kw_only=True):
-    """Why a run ended before its Outcome."""
+    """Error that ended a run before its Outcome."""
 
     run: str
     error: str

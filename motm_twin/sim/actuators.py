@@ -17,7 +17,7 @@ from motm_twin.model.scene import Mismatch, Noise
 
 @dataclass
 class BaseState:
-    """True pose of the base, and what its wheels do, which is how it moves unless they slip."""
+    """True pose of the base, and the speeds of its wheels' motion, which is its own unless they slip."""
 
     pose: Array  # world, shape (3,)
     v: float = 0.0  # [m/s]
@@ -35,10 +35,10 @@ def _towards(now: float, wanted: float, factor: float, largest: float) -> float:
 
 
 class Base:
-    """Follows a commanded twist as well as its limits allow. Nothing in the world stops it: see `SimulatedPlant`."""
+    """Follows a commanded twist within its limits. Nothing in the world stops it: see `SimulatedPlant`."""
 
     def __init__(self, limits: BaseLimits, dt: float, scale: Sequence[float] | Array = (1.0, 1.0)) -> None:
-        """Limits of the profile, for substeps of dt [s]; ``scale``: what it makes of a forward speed and a yaw rate."""
+        """Limits of the profile, for substeps of dt [s]; ``scale``: factors on the commanded speeds."""
         self.limits = limits
         self.dt = dt
         self.scale = (float(scale[0]), float(scale[1]))
@@ -69,7 +69,7 @@ class ArmState:
 
 
 class Arm:
-    """Follows commanded joint rates as well as its limits allow, and brakes in time before a position limit."""
+    """Follows commanded joint rates within its limits, and brakes in time before a position limit."""
 
     def __init__(self, velocity_lag: float, dt: float) -> None:
         """Lag [s] of the velocity loop, for substeps of dt [s]."""
@@ -109,10 +109,10 @@ _RNG_BASE, _RNG_ARM, _RNG_HAND_EYE = 0xBA5E5C, 0xA53A4E, 0xE7E0FF
 
 
 class ControlErrors:
-    """Errors of one seed. They are no state: each is drawn from the seed, and from the substep that it is for."""
+    """Actuation and hand-eye errors of one seed. Stateless: each is drawn from the seed and its substep."""
 
     def __init__(self, noise: Noise, mismatch: Mismatch, seed: int) -> None:
-        """Noise of the scene, and what else the robot is not told."""
+        """Noise of the scene, and its mismatch to the robot's model."""
         drawn = np.random.default_rng([seed, _RNG_BASE]).standard_normal(2)
         scale = 1.0 + noise.base_speed_scale_sd * drawn
         self.base_scale = scale * (1.0 + mismatch.base_scale)  # of forward speed and yaw rate, shape (2,)
@@ -120,9 +120,9 @@ class ControlErrors:
         self._rate_sd, self._seed = noise.arm_rate_sd, seed
 
     def rates(self, told: Array, substep: int) -> Array:
-        """Joint rates [rad/s] that the arm goes for in a substep when it is told these, shape (7,).
+        """Joint rates [rad/s] that the arm tracks in a substep, given the commanded ones, shape (7,).
 
-        A joint that is told to stand holds its position.
+        A joint commanded to stand holds its position.
         """
         if self._rate_sd == 0.0:
             return told
@@ -131,7 +131,7 @@ class ControlErrors:
 
 
 def hand_eye(mismatch: Mismatch, seed: int) -> Array:
-    """Where the camera reports a thing beside where it is [m], in the hand's frame, shape (3,); any direction."""
+    """Offset [m] between reported and true position, in the hand's frame, shape (3,), in a random direction."""
     if mismatch.hand_eye == 0.0:
         return np.zeros(3)
     drawn = np.random.default_rng([seed, _RNG_HAND_EYE]).standard_normal(3)

@@ -41,7 +41,7 @@ def obstacle_outline(item: AddObstacle) -> Outline:
 
 
 def disc_outline(x: float, y: float, radius: float, height: float) -> Outline:
-    """Outline of something round."""
+    """Outline of a round body."""
     return Outline(corners=np.array([[x, y]], dtype=float), radius=radius, height=height)
 
 
@@ -69,14 +69,14 @@ def placed(item: AddObstacle, x: float, y: float, heading: float) -> AddObstacle
 
 
 def capped(velocity: tuple[float, float], largest: float) -> tuple[float, float]:
-    """A velocity [m/s] of the same direction, no faster than ``largest``."""
+    """The velocity [m/s], capped at a speed of ``largest``."""
     speed = math.hypot(*velocity)
     share = 1.0 if speed <= largest else largest / speed
     return share * velocity[0], share * velocity[1]
 
 
 def put_down(objects: Sequence[ObjectState], solids: Solids, edit: MoveObject) -> tuple[ObjectState, str]:
-    """The object on whatever is topmost below the point, upright with the same yaw; and the bin that it lies in."""
+    """Resting pose of an object placed by the user: upright on the topmost support, same yaw; and its bin."""
     item = copy.copy(next(item for item in objects if item.name == edit.name))
     others = [other for other in objects if other.name != edit.name]
     tops = [*solids.z[:, 1], *solids.disc_z[:, 1], *(other.bottom + other.side for other in others)]

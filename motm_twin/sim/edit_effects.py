@@ -42,7 +42,7 @@ Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of t
 class Effect:
     """What the referee must know of an edit."""
 
-    moved: dict[str, Shift] = field(default_factory=dict)  # solids, bins and agents that a person has really moved
+    moved: dict[str, Shift] = field(default_factory=dict)  # solids, bins and agents moved by more than jitter
     disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing
     pushed: bool = False  # the robot was
 
@@ -56,7 +56,7 @@ class Effects:
         self.objects = objects
 
     def apply(self, state: PlantState, scenery: Scenery, edit: WorldEdit) -> tuple[Effect, Scenery]:
-        """Change the state as a checked edit says; the scenery goes from that of the layout before to that after."""
+        """Apply a checked edit to the state; returns its effect and the new scenery."""
         effect = Effect()
         match edit:
             case AddObstacle():
@@ -87,14 +87,14 @@ class Effects:
         return effect, scenery
 
     def scenery(self, state: PlantState, known: Scenery | None = None) -> Scenery:
-        """The scenery of a state; the known one when it still holds."""
+        """The scenery of a state; the known one while it is valid."""
         tallest = max((item.agent.height for item in state.agents), default=0.0)
         if known is not None and known.tallest == tallest and known.layout == state.layout:
             return known
         return build_scenery(self.furnishings, state.layout, tallest)
 
     def _fall(self, state: PlantState, scenery: Scenery) -> tuple[str, ...]:
-        """Let fall what nothing carries any more."""
+        """Let unsupported objects fall."""
         fallen = []
         for item in state.objects:
             if item.state not in ("held", "falling"):
@@ -153,14 +153,14 @@ class Effects:
         before: tuple[float, float, float],
         after: tuple[float, float, float],
     ) -> tuple[Array, Array]:
-        """Take along what stands on a body; its poses as arrays."""
+        """Carry along objects that stand on a body; its poses as arrays."""
         here, there = np.array(before, dtype=float), np.array(after, dtype=float)
         if before != after:
             carry(riders(state.objects, scenery.solids, self.furnishings.parts(name)), here, there)
         return here, there
 
     def loosened(self, state: PlantState, name: str) -> AddObstacle:
-        """The obstacle of this name; a loose solid of the scene becomes one."""
+        """The obstacle of this name; a loose solid of the scene is turned into one."""
         item = state.layout.obstacle(name)
         if item is None:
             item = as_obstacle(self.furnishings.loose[name])
@@ -240,10 +240,10 @@ def _send(agent: AgentState, edit: SendAgent) -> None:
 
 
 class Rehearsal:
-    """What the accepted edits will make of a standing world. Worthless once that world has changed or moved on."""
+    """Accepted edits tried on a copy of a paused world. Invalid once that world has changed or moved on."""
 
     def __init__(self, effects: Effects, state: PlantState, scenery: Scenery) -> None:
-        """Of this state, which is copied when there is something to try on it."""
+        """The state is copied when the first edit is tried."""
         self._effects, self._state, self._scenery = effects, state, scenery
         self._copied = False
         self._due: WorldEdit | None = None  # accepted last; the last one of all need never be tried

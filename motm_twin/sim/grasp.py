@@ -17,8 +17,8 @@ YAW_MISFIT = math.radians(15.0)  # between the closing axis and the nearest face
 RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
 TILT = math.radians(30.0)  # of the tool axis from straight down
 
-EDGE = 0.003  # [m] of a cube under the tip of a finger that comes down, from which the tip does not slide off
-FROM_ABOVE = 2e-4  # [m] that a finger may be deeper below the top of a cube than it has just come down
+EDGE = 0.003  # [m] of cube under a descending fingertip beyond which the tip does not slide off
+FROM_ABOVE = 2e-4  # [m] of tolerance between a finger's depth below a cube's top and its descent in this substep
 
 PUSH_PER_STEP = 0.005  # [m] by which a finger shifts a cube within one substep, at most
 QUARTER_TURN = 0.5 * math.pi
@@ -68,13 +68,13 @@ def centre_between_pads(tcp: Array, rotation: Array, item: ObjectState, width: f
 
 
 def near(tcp: Sequence[float], position: Array) -> bool:
-    """Whether a finger may reach a cube at a position [m], shape (3,)."""
+    """A finger may reach a cube at this position [m], shape (3,)."""
     x, y, z = position.tolist()
     return max(abs(x - tcp[0]), abs(y - tcp[1]), abs(z - tcp[2])) <= NEARBY
 
 
 def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
-    """Shift a cube on its support out of the way of the fingers; whether it was touched.
+    """Shift a cube on its support out of the way of the fingers; True when it was touched.
 
     By geometry only, at most `PUSH_PER_STEP` in a substep. A cube squeezed by both pads slips out along x of the hand.
     """
@@ -94,7 +94,7 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
 
 
 def under(rotation: Array, hand: Array, item: ObjectState, width: float, *, sunk: float) -> bool:
-    """A finger stands on a cube: it came down on it by ``sunk`` [m] in this substep; inf: it did before."""
+    """A finger stands on a cube after coming down by ``sunk`` [m] in this substep; inf: it stood there already."""
     local = transposed_times(rotation, item.position - hand)
     for out, deep in _overlaps(rotation, local, item, width):
         if deep < sunk + FROM_ABOVE and (sunk == math.inf or math.hypot(out[0], out[1]) > EDGE):
@@ -141,15 +141,15 @@ def separation(offset: Array, half_x: float, half_y: float, half: float, face: A
 
 
 _LEVEL = 0.1  # [m] between the centres of cubes that may touch each other
-_MOST = 40  # cubes moved by one push: more of them are wedged
+_MOST = 40  # cubes moved by one push: more are wedged
 _ROUNDING = 1e-9  # [m] of overlap that is none
-_CONTACT = 1e-4  # [m] by which what touches may overlap
+_CONTACT = 1e-4  # [m] by which touching cubes may overlap
 
 
 def make_room(item: ObjectState, objects: Sequence[ObjectState], solids: Solids) -> list[ObjectState] | None:
-    """Push aside what a shifted cube would overlap, and so on; what was moved, or None when furniture is in the way.
+    """Push aside cubes that a shifted cube overlaps, recursively; the moved ones, or None when furniture blocks them.
 
-    Then nothing but the cube has been moved.
+    In that case only the shifted cube has moved.
     """
     level = [other for other in objects if _pushable(other) and abs(other.position[2] - item.position[2]) < _LEVEL]
     before = {other.name: other.position for other in level}

@@ -24,14 +24,14 @@ _RNG_FAULTS = 0xFA0175
 
 
 def gripper_with(faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int) -> Gripper:
-    """The gripper of a scene: the plain one unless grasps may go wrong."""
+    """The gripper of a scene: the regular one unless the scene has grasp faults."""
     plain = msgspec.structs.replace(faults, inject=None) == Faults()
     return Gripper(spec, objects, dt) if plain else FaultyGripper(faults, spec, objects, dt, seed)
 
 
 @dataclass(kw_only=True)
 class FaultyGripperState(GripperState):
-    """Pads, what is between them, and what has gone wrong."""
+    """Gripper state, and the faults of its grasps."""
 
     rng: np.random.Generator
     delay: float = 0.0  # [s] by which the newest closing takes longer
@@ -39,9 +39,9 @@ class FaultyGripperState(GripperState):
 
 
 class FaultyGripper(Gripper):
-    """Lets grasps fail and dawdle as the scene says.
+    """Makes grasps fail or take longer as the scene says.
 
-    Late fingers reach the cube as quickly as ever and then take longer to hold it firmly. Until they do, the rule of
+    Slow fingers reach the cube in the usual time and then take longer to hold it firmly. Until they do, the rule of
     `grasp` has to hold.
     """
 
@@ -58,7 +58,7 @@ class FaultyGripper(Gripper):
     def command(
         self, state: GripperState, command: str, now: float, tcp: Array, rotation: Array, cubes: Sequence[ObjectState]
     ) -> None:
-        """React to a changed command at its time; a cube that is grasped now may be in for a fault."""
+        """React to a changed command at its time; a grasp that begins now may draw a fault."""
         assert isinstance(state, FaultyGripperState)
         before = state.phase
         super().command(state, command, now, tcp, rotation, cubes)
@@ -68,7 +68,7 @@ class FaultyGripper(Gripper):
                 self._strike(state)
 
     def _strike(self, state: FaultyGripperState) -> None:
-        """Decide what becomes of the grasp that begins; every grasp draws the same numbers, so none shifts another."""
+        """Draw the fault of the grasp that begins; every grasp draws as many numbers, so none shifts another."""
         faults, name = self.faults, state.candidate
         state.tries[name] = tried = state.tries.get(name, 0) + 1
         chance, more = state.rng.random(2)
@@ -82,22 +82,22 @@ class FaultyGripper(Gripper):
             state.slid = True
 
     def _closed(self, state: GripperState, now: float) -> tuple[bool, float]:
-        """As fingers close that take longer from the cube to a firm hold."""
+        """As of `Gripper`, with the additional time to a firm hold."""
         assert isinstance(state, FaultyGripperState)
         passed = now - state.began
         return passed >= self.spec.closing_time + state.delay - EPSILON, min(1.0, passed / self.spec.closing_time)
 
 
 _RNG_MEDDLING = 0x3EDD1E
-_DIRECTIONS = 16  # that are tried, beginning with one that is drawn
-_LEVEL = 1e-6  # [m] of height by which what carries the cube may differ
+_DIRECTIONS = 16  # tried, beginning with a random one
+_LEVEL = 1e-6  # [m] by which the support heights may differ
 
 
 class CubeMover:
-    """Moves each cube once, and only one that nobody has touched: it still stands exactly where the scene has it."""
+    """Moves each cube once, and only while it stands exactly where the scene has it."""
 
     def __init__(self, scene: Scene) -> None:
-        """Of a scene whose cubes are not moved it does nothing."""
+        """Does nothing for a scene without moved cubes."""
         self._by, self._within = scene.faults.cube_moved_by, scene.faults.cube_moved_within
         self._starts = {item.name: item.position for item in scene.objects}
         self._order = [task.object for task in scene.tasks if isinstance(task, Pick)]
@@ -105,7 +105,7 @@ class CubeMover:
         self._angles = dict(zip(self._order, (float(angle) for angle in drawn), strict=True))
 
     def attempts(self, objects: Sequence[ObjectState], pose: Array, solids: Solids) -> Iterator[MoveObject]:
-        """Places for the cube that is picked next, the first that is free is meant; none when it is left alone."""
+        """Candidate places for the cube that is picked next, in order of preference; none when it is left alone."""
         if self._by <= 0.0:
             return
         states = {item.name: item for item in objects}
@@ -123,7 +123,7 @@ class CubeMover:
 
 
 def _carried_whole(objects: Sequence[ObjectState], solids: Solids, edit: MoveObject, item: ObjectState) -> bool:
-    """Whether all four corners would be carried at the height that the cube has."""
+    """All four corners would be supported at the cube's present height."""
     half = 0.5 * item.side * math.sqrt(2.0)
     for dx, dy in ((half, half), (half, -half), (-half, half), (-half, -half)):
         corner = MoveObject(name=edit.name, x=edit.x + dx, y=edit.y + dy)

@@ -90,7 +90,7 @@ def cast_rays(origin: Array, angle: float, step: float, n: int, segments: Array,
 
 @njit(cache=True)
 def _segments_cross(a: Array, b: Array, corners: Array, begin: int, end: int) -> bool:
-    """Whether the plane segment a-b touches a convex polygon (Cyrus-Beck)."""
+    """The plane segment a-b touches a convex polygon (Cyrus-Beck)."""
     enter, leave = 0.0, 1.0
     dx, dy = b[0] - a[0], b[1] - a[1]
     for i in range(begin, end):
@@ -122,7 +122,7 @@ def _clip_heights(a: Array, b: Array, low: float, high: float) -> tuple[float, f
 
 @njit(cache=True)
 def sight_blocked(a: Array, b: Array, corners: Array, first: Index, z: Array, discs: Array, disc_z: Array) -> bool:
-    """Whether a prism or cylinder stands between the points a and b, shapes (3,)."""
+    """A prism or cylinder stands between the points a and b, shapes (3,)."""
     for i in range(first.shape[0] - 1):
         t0, t1 = _clip_heights(a, b, z[i, 0], z[i, 1])
         if t0 <= t1 and _segments_cross(a + t0 * (b - a), a + t1 * (b - a), corners, first[i], first[i + 1]):
@@ -207,11 +207,11 @@ def gaps(body: Array, radius: float, corners: Array, first: Index, discs: Array)
 
 
 def entered(before: Array, after: Array) -> NDArray[np.int64]:
-    """Indices of what a body overlaps after a motion and did not, or overlapped less, before; shape (k,)."""
+    """Indices of things that a motion makes a body overlap, or overlap more than before; shape (k,)."""
     return np.flatnonzero((after < -_GRAZE) & (after < before - _GRAZE))
 
 
 def compile_gaps() -> None:
-    """Compile now, not at the first throw."""
+    """Compile at start-up, not at the first throw."""
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     gaps(square, 0.0, square, np.array([0, 4], dtype=np.int64), np.zeros((1, 3)))

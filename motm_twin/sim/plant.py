@@ -1,6 +1,6 @@
 """The simulated robot and its world as a Plant.
 
-Kinematic only: nothing is stopped or pushed by contact except cubes by the fingers, and what a person throws. A base
+Kinematic only: contact stops or pushes nothing except cubes at the fingers and thrown bodies. A base
 that is driven into a box goes on through it, and the referee records the contact.
 """
 
@@ -64,7 +64,7 @@ class _MountedArm:
 
 
 class SimulatedPlant(Stateful[PlantState]):
-    """A robot in a scene: `observe`, `command`, `step`; and for people and programs `apply` and `truth`."""
+    """A robot in a scene: `observe`, `command`, `step`; `apply` and `truth` for persons and programs."""
 
     def __init__(self, scene: Scene, arm_start: Array = READY) -> None:
         """A plant at the start of the scene; arm_start [rad], shape (7,)."""
@@ -131,12 +131,12 @@ class SimulatedPlant(Stateful[PlantState]):
         return self._state.substep * SUBSTEP
 
     def observe(self) -> Observation:
-        """What the sensors say now."""
+        """Sensor readings now."""
         s = self._state
         return self._faults.late(s.faults, self._reported(), s.substep)
 
     def _reported(self) -> Observation:
-        """The same, unless what the robot says of its motion comes late."""
+        """The observation, with late motion reports applied."""
         s = self._state
         return Observation(
             time=self.time,
@@ -152,7 +152,7 @@ class SimulatedPlant(Stateful[PlantState]):
         )
 
     def command(self, actuation: Actuation) -> None:
-        """Set what the robot does from now on, or from when a late command has come."""
+        """Set the command that acts from now on, or once a late command has arrived."""
         s = self._state
         if self._command_delay:
             s.commands = (*s.commands, (s.substep + self._command_delay, actuation))
@@ -177,11 +177,11 @@ class SimulatedPlant(Stateful[PlantState]):
         self._show(self._effects.scenery(self._state, self._scenery), self._state.agents)
 
     def rehearsal(self) -> Rehearsal:
-        """Try edits that are to be applied one after another; throw it away before `apply`, `step` or `restore`."""
+        """Try pending edits one after another; discard it before `apply`, `step` or `restore`."""
         return Rehearsal(self._effects, self._state, self._scenery)
 
     def apply(self, edit: WorldEdit) -> None:
-        """Change the world as a person does; raises ValueError when it cannot be."""
+        """Apply an edit of a person; raises ValueError when it is impossible."""
         s = self._state
         check_edit(self._furnishings, s, self._scenery, edit)
         effect, scenery = self._effects.apply(s, self._scenery, edit)
@@ -200,11 +200,11 @@ class SimulatedPlant(Stateful[PlantState]):
         return True
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """Tell the referee the task list of now: it counts objects that end up where this list puts them."""
+        """Give the referee the current task list: it counts objects that end up where this list puts them."""
         self._referee.expect(self._state.referee, tasks)
 
     def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
-        """Tell the referee where the robot was told that pieces of furniture stand: there the map has them."""
+        """Give the referee the announced places of furniture, where the robot's map has it."""
         s = self._state
         s.layout = msgspec.structs.replace(s.layout, announced=tuple(announced.items()))
         self._show(self._effects.scenery(s, self._scenery), s.agents)
@@ -253,7 +253,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._referee.step(s.referee, world)
 
     def _slide(self) -> tuple[Mapping[str, Point], tuple[str, ...]]:
-        """Move what was thrown; velocities in this substep, and the objects that went along."""
+        """Move thrown bodies; their velocities in this substep, and the objects carried along."""
         s = self._state
         shapes = self._referee.robot
         robot = RobotObstruction(shapes, shapes.place(s.base.pose, s.arm.q, s.gripper.width))
@@ -322,7 +322,7 @@ class SimulatedPlant(Stateful[PlantState]):
         return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs)
 
     def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
-        """Use what is derived of the state: a cache, so it is no part of it."""
+        """Update what is derived from the state: a cache, not part of it."""
         self._scenery = scenery
         self._bodies = tuple((item.agent.name, item.agent.radius, item.agent.height) for item in agents)
 

@@ -21,9 +21,9 @@ from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import PlanarPose
 
-PERSON = 0.5  # [s] after a person moved a body (or the robot) within which a new contact with it can be their doing
-REACTION = 0.1  # [s] from a scan to a command that acts: what a robot takes before it brakes
-FORGOTTEN = 10.0  # [s] after which a motion matters to nothing; more than any base takes to stop
+PERSON = 0.5  # [s] after a person moved a body or the robot within which a new contact may be their doing
+REACTION = 0.1  # [s] reaction time: from a scan to a command that acts
+FORGOTTEN = 10.0  # [s] after which a motion is irrelevant; longer than any base takes to stop
 OWN_MOTION = 0.03  # [m] that a person's motion must part the two by to explain their contact; less when as far as
 JITTER = 0.01  # [m] the robot went itself in PERSON, but never less than this: a hand that holds something trembles
 TURN_REACH = 0.3  # [m] from its centre: how far a turn moves a body
@@ -57,11 +57,11 @@ class Gone(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What persons did lately to a body, or to the robot."""
+    """Recent moves by persons of a body or of the robot."""
 
-    came: float = -math.inf  # [s] it came into the world or slid as thrown: no place before
+    came: float = -math.inf  # [s] when it was added or slid as thrown: no earlier place
     steps: tuple[Step, ...] = ()
-    anchor: PlanarPose | None = None  # where it was when it was last seen to move by more than jitter
+    anchor: PlanarPose | None = None  # its place when it last moved by more than jitter
     moved: float = -math.inf  # [s] then
     gone: Gone | None = None
 
@@ -70,12 +70,12 @@ UNMOVED = Motion()
 
 
 def appeared(time: float) -> Motion:
-    """Of a body that came to where it is from nowhere near."""
+    """Motion of a body that appeared in the world or came from far away."""
     return Motion(came=time, moved=time)
 
 
 def shifted(motion: Motion, time: float, shift: Shift) -> Motion:
-    """After an edit at a time [s]."""
+    """The motion after an edit at a time [s]."""
     before, after = shift.before, shift.after
     if after is None:
         return motion if before is None else motion._replace(gone=Gone(time, before, shift.kind))
@@ -102,7 +102,7 @@ def _way(a: PlanarPose, b: PlanarPose) -> float:
 
 
 def remembered(motions: Mapping[str, Motion], now: float) -> dict[str, Motion]:
-    """Those that can still be the cause of anything."""
+    """Motions that can still explain a contact."""
     return {name: motion for name, motion in motions.items() if now - _last(motion) <= FORGOTTEN}
 
 
@@ -112,7 +112,7 @@ def _last(motion: Motion) -> float:
 
 
 def in_time(now: float, when: float) -> bool:
-    """Whether a contact that begins now may be the doing of a person who moved something at ``when`` [s]."""
+    """A contact that begins now may be due to a person who moved something at ``when`` [s]."""
     return now - when <= PERSON
 
 
@@ -129,9 +129,9 @@ def undone(motion: Motion, now: float) -> Iterator[Array]:
 
 
 def explains(gap: float, closing: float) -> bool:
-    """Whether a contact is the doing of a motion without which the gap [m] would be there.
+    """A motion explains a contact if without it there would be this gap [m].
 
-    ``closing`` [m/s]: how fast the robot comes towards the other by itself.
+    ``closing`` [m/s]: speed at which the robot itself approaches the other.
     """
     return gap >= min(OWN_MOTION, max(JITTER, closing * PERSON))
 
@@ -143,7 +143,7 @@ def braking_time(limits: BaseLimits) -> float:
 
 
 def still_persons_doing(motion: Motion, began: float, now: float, braking: float) -> bool:
-    """Whether a contact that began [s] as the person's doing still is: not long after the body was really moved."""
+    """A contact that began [s] as the person's doing still is, shortly after the body was moved."""
     before = max((step.time for step in motion.steps if step.time <= began), default=-math.inf)
     return now - max(motion.moved, motion.came, before) <= braking
 
@@ -152,7 +152,7 @@ Placed = tuple[coal.CollisionGeometry, coal.Transform3s]
 
 
 class Counterfactual:
-    """Measures the pair of a contact where it would be without what persons did."""
+    """Distance of a contact's two bodies had persons not moved them."""
 
     def __init__(self) -> None:
         """Room for the answers of the distance library."""
@@ -161,9 +161,9 @@ class Counterfactual:
     def persons_doing(
         self, motions: tuple[Motion, Motion], now: float, *, robot: Placed, other: Placed, closing: float
     ) -> bool:
-        """Whether a contact that begins now [s] is the doing of a person who moved the other body or the robot.
+        """A contact that begins now [s] is due to a person who moved the other body or the robot.
 
-        ``motions``: of the other body, and of the robot; ``closing`` [m/s]: how fast the robot comes towards the other.
+        ``motions``: of the other body, and of the robot; ``closing`` [m/s]: the robot's approach speed.
         """
         of_other, of_robot = motions
         if any(in_time(now, motion.came) for motion in motions):
@@ -178,7 +178,7 @@ class Counterfactual:
 
 
 def _transformed(planar: Array, transform: coal.Transform3s) -> coal.Transform3s:
-    """A transform after a planar one of the world."""
+    """The transform after a planar motion in the world."""
     c, s = math.cos(planar[2]), math.sin(planar[2])
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     shift = np.array([planar[0], planar[1], 0.0])
@@ -187,8 +187,8 @@ def _transformed(planar: Array, transform: coal.Transform3s) -> coal.Transform3s
 
 TOUCH = 1e-5  # [m] of penetration that counts as contact
 MOVES = 1e-3  # [m/s] of the touching point from which a part of the robot moves
-PARTS = 0.2  # share of its own way that must go into parting for a motion to be one that leads apart
-FURTHEST = 3.0  # [m] a way out of an overlap is searched
+PARTS = 0.2  # share of a motion that must increase the distance for it to count as parting
+FURTHEST = 3.0  # [m] up to which a way out of an overlap is searched
 STRIDE = 0.005  # [m] at least, between two looks along such a way
 TRAIL_PERIOD = 0.05  # [s] between two places that are remembered
 NO_TRAIL = np.zeros((0, 13))
@@ -207,7 +207,7 @@ class Touch:
 
 
 class Responsibility:
-    """Judges touches; knows nothing of persons."""
+    """Judges touches by the robot's own motion; knows nothing of persons."""
 
     def __init__(self, dt: float) -> None:
         """Substeps of dt [s]."""
@@ -216,10 +216,10 @@ class Responsibility:
         self._shifted = coal.Transform3s()
 
     def by_own_motion(self, touch: Touch, *, begins: bool) -> bool:
-        """The robot's motion in this substep brings a contact about, or leads along it or further into it.
+        """The robot's motion in this substep causes a contact, or leads along it or further into it.
 
-        Motion that parts the two is none of that, nor is the shortest way out of an overlap that is there already. Nor
-        is motion by which the robot does not gain on the other, which follows it or drives away.
+        Motion that parts the two does not count, nor does the shortest way out of an existing overlap. Nor
+        does motion that does not gain on the other, which follows the robot or drives away.
         """
         speed = norm(touch.velocity)
         apart = self._gap((touch.robot[0], touch.unmoved), touch.other)
@@ -235,7 +235,7 @@ class Responsibility:
         return self._gap(robot, other) < -TOUCH
 
     def _leads_out(self, touch: Touch, direction: Array) -> bool:
-        """Going on in this direction the part gets clear of the other sooner than by going back."""
+        """Moving on in this direction clears the other sooner than moving back."""
         ahead = behind = 0.0
         while max(ahead, behind) < FURTHEST:
             forward = ahead <= behind
@@ -270,7 +270,7 @@ def stopping_time(limits: BaseLimits, twist: Array, dq: Array) -> float:
 
 
 def followed(trail: Array, now: Array) -> Array:
-    """The trail with one more place, without those from which the robot could have stopped before now.
+    """The trail with one more place, minus those from which the robot could have stopped before now.
 
     A place: time [s], pose (3,), joints (7,), width between the pads [m], stopping time [s]; shape (k, 13).
     """

@@ -34,7 +34,7 @@ class LidarState:
     late: list[tuple[int, Scan]] = field(default_factory=list)  # substep of arrival, sweep
 
     def arrive(self, now: int) -> None:
-        """The newest of the late sweeps that are here at substep ``now`` becomes the newest sweep."""
+        """Deliver the newest late sweep that has arrived by substep ``now``."""
         here = [scan for arrival, scan in self.late if arrival <= now]
         if here:
             self.scan = here[-1]
@@ -101,12 +101,12 @@ class CameraState:
     late: list[tuple[int, tuple[Detection, ...]]] = field(default_factory=list)  # substep of arrival, frame
 
     def delay(self, arrival: int, previous: tuple[Detection, ...]) -> None:
-        """The frame just taken arrives at a later substep; the newest that is here stays the previous one."""
+        """Delay the frame just taken to a later substep; the previous one stays the newest."""
         self.late.append((arrival, self.detections))
         self.detections = previous
 
     def arrive(self, now: int) -> None:
-        """The newest of the late frames that are here at substep ``now`` becomes the newest frame."""
+        """Deliver the newest late frame that has arrived by substep ``now``."""
         here = [frame for arrival, frame in self.late if arrival <= now]
         if here:
             self.detections = here[-1]
@@ -115,7 +115,7 @@ class CameraState:
 
 @njit(cache=True)
 def _hidden(eye: Array, point: Array, frames: Array) -> bool:
-    """Whether the arm is between the eye and a point; ``frames`` of the arm (n, 4, 4)."""
+    """The arm is between the eye and a point; ``frames`` of the arm (n, 4, 4)."""
     for i, j, radius in LINK_CAPSULES:
         begin, end = np.ascontiguousarray(frames[i, :3, 3]), np.ascontiguousarray(frames[j, :3, 3])
         if segment_distance(eye, point, begin, end) < radius:
@@ -124,7 +124,7 @@ def _hidden(eye: Array, point: Array, frames: Array) -> bool:
 
 
 class _Seen(NamedTuple):
-    """What is in a picture, in truth."""
+    """Ground truth of one object in a frame."""
 
     name: str
     position: Array  # [m] world, shape (3,)
@@ -133,12 +133,12 @@ class _Seen(NamedTuple):
 
 
 class Camera:
-    """Reports objects that are in the view cone, in range, in sight and not held; some it misses, some are none."""
+    """Reports objects in the view cone, in range, in sight and not held; with misses and false detections."""
 
     def __init__(self, spec: GripperCamera, noise: Noise, *, named: bool = True, bias: Array = _NO_BIAS) -> None:
         """Sensor of the profile and noise of the scene; ``bias`` (3,) [m] of what it reports, in the hand's frame.
 
-        ``named``: it reads markers, so it takes nothing else for an object.
+        ``named``: it reads markers, so there are no false detections.
         """
         self.spec, self._bias = spec, bias
         self._miss = noise.camera_miss_probability
@@ -152,7 +152,7 @@ class Camera:
         sight_blocked(ends[0], ends[1], none, np.zeros(1, dtype=np.int64), none, np.zeros((0, 3)), none)
 
     def sees(self, T_hand: Array, frames: Array, point: Array, solids: Solids, agents: Array) -> float | None:
-        """Distance [m] to a point that is seen, else None.
+        """Distance [m] to a visible point, else None.
 
         ``T_hand`` (4, 4) and the arm's ``frames`` (11, 4, 4) are in the world; agents are x, y, radius, height (n, 4).
         """
@@ -193,7 +193,7 @@ class Camera:
         state.detections = tuple(found)
 
     def _nothing(self, rng: np.random.Generator, T_hand: Array) -> "_Seen":
-        """Somewhere in the view cone, all distances and solid angles alike, where something is seen that is not."""
+        """A false detection, uniform over distance and solid angle in the view cone."""
         distance = rng.uniform(NEAR, self.spec.range)
         along, turn = rng.uniform(self._cos_half_cone, 1.0), rng.uniform(-math.pi, math.pi)
         across = math.sqrt(1.0 - along * along)
@@ -243,7 +243,7 @@ class LocalisationState:
 
 
 class Localisation:
-    """Ornstein-Uhlenbeck errors on the pose, a quick and a slow one; odometry with a scale error; off for sds of 0."""
+    """Ornstein-Uhlenbeck errors on the pose, one fast and one slow; odometry with a scale error; off for sds of 0."""
 
     def __init__(self, noise: Noise, dt: float) -> None:
         """Noise of the scene, for substeps of dt [s]."""
@@ -270,7 +270,7 @@ class Localisation:
 
     @staticmethod
     def relocate(state: LocalisationState, pose: Array) -> None:
-        """The base was put elsewhere: localisation measures where it is, odometry has not noticed."""
+        """The base was displaced: localisation follows, odometry does not notice."""
         state.pose = _moved(pose, state.error, state.drift)
 
     def step(self, state: LocalisationState, pose: Array, mean_twist: Twist, twist: Twist) -> None:

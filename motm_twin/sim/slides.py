@@ -21,15 +21,15 @@ from motm_twin.sim.referee_geometry import RobotShapes, prism
 from motm_twin.sim.solids import Solids
 
 FRICTION = 2.0  # [m/s^2] by which a sliding body gets slower
-FASTEST = 3.0  # [m/s] of a throw; what is thrown faster is slowed to this
-STRIDE = 0.002  # [m] between two looks for what a sliding body meets
+FASTEST = 3.0  # [m/s] cap on the speed of a throw
+STRIDE = 0.002  # [m] between two collision checks of a sliding body
 
 
 class Obstruction:
-    """What a body of some height can meet: polygons first, then discs, by name."""
+    """Obstacles for a sliding body of some height: polygons first, then discs, by name."""
 
     def __init__(self, solids: Solids, agents: Sequence[AgentState], *, height: float, without: str = "") -> None:
-        """Solids and agents below ``height`` [m], except the one that is called ``without``."""
+        """Solids and agents below ``height`` [m], except the one named ``without``."""
         low = solids.below(height)
         discs = [[s.pose[0], s.pose[1], s.agent.radius] for s in agents]
         self.names = (*low.names, *low.disc_names, *(s.agent.name for s in agents))
@@ -43,7 +43,7 @@ class Obstruction:
         return found
 
     def entered(self, body: Outline, ways: Sequence[Array]) -> tuple[int, str]:
-        """How many of the ways [m] (each from the start) are free one after the other, and what the next one enters."""
+        """Number of free displacements [m] in a row (each from the start), and the obstacle that the next enters."""
         before = self.gaps(body)
         for count, way in enumerate(ways):
             after = self.gaps(body.shifted(way))
@@ -58,7 +58,7 @@ class RobotObstruction:
     """The robot as a sliding body meets it, with the referee's own shapes."""
 
     def __init__(self, robot: RobotShapes, placed: Array) -> None:
-        """Shapes, and where they are, shape (n, 4, 4); the slot of a held cube, last, is left out."""
+        """Shapes and their transforms, shape (n, 4, 4); the slot of a held cube, last, is left out."""
         self._shapes = robot.shapes[:-1]
         self._transforms = [coal.Transform3s(T[:3, :3], T[:3, 3]) for T in placed[:-1]]
 
@@ -74,7 +74,7 @@ class RobotObstruction:
         return found
 
     def touched(self, body: Outline, ways: Sequence[Array]) -> tuple[int, bool]:
-        """How many of the ways are gone until the body has touched the robot, and whether it has."""
+        """Number of displacements until the body touches the robot, and whether it does."""
         if not ways:
             return 0, False
         before = self.gaps(body, np.zeros(2))
@@ -89,7 +89,7 @@ class RobotObstruction:
 
 
 def _solid(body: Outline) -> tuple[coal.CollisionGeometry, Array]:
-    """A body as a shape, and the place [m] of its frame, shape (3,)."""
+    """A body as a shape, and the position [m] of its frame, shape (3,)."""
     if len(body.corners) == 1:
         return coal.Cylinder(body.radius, body.height), np.array([*body.corners[0], 0.5 * body.height])
     return prism(body.corners, 0.0, body.height), np.zeros(3)
@@ -98,7 +98,7 @@ def _solid(body: Outline) -> tuple[coal.CollisionGeometry, Array]:
 def slide(
     body: Outline, velocity: Point, world: Obstruction, robot: RobotObstruction, dt: float
 ) -> tuple[Array, Point]:
-    """The way [m] that a sliding body goes in a substep, shape (2,), and its velocity [m/s] at the end."""
+    """Displacement [m] of a sliding body in a substep, shape (2,), and its velocity [m/s] at the end."""
     speed = math.hypot(*velocity)
     later = max(0.0, speed - FRICTION * dt)
     way = 0.5 * (speed + later) * dt * np.array(velocity) / speed

@@ -17,7 +17,7 @@ from motm_twin.studies.pool import Lost, local_pool, outcomes
 from motm_twin.studies.spec import TrialSpec, broken, job_of, run_job
 
 Result = dict[str, Any]  # of one trial: what `motm-twin run --json` prints
-APPROACH = 0.02  # [m/s] a contact point faster than this towards the other moves into it
+APPROACH = 0.02  # [m/s] approach speed of a contact point that counts as driving into the other
 
 
 @dataclass(frozen=True, kw_only=True)

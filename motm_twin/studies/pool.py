@@ -41,7 +41,7 @@ class Pool:
 
 @dataclass(frozen=True)
 class Lost:
-    """In place of a result: the process died, also when nothing else ran."""
+    """Placeholder for a result: the process died, even when nothing else ran."""
 
     reason: str
 
@@ -69,7 +69,7 @@ def outcomes(
 ) -> Iterator[tuple[int, Any]]:
     """``(index, call(items[index]))`` of all items as they are done, in any order; `Lost` where it was given up.
 
-    ``told`` hears in one sentence when processes were lost. What ``call`` raises is raised here.
+    ``told`` is called with a sentence when processes were lost. Exceptions of ``call`` are raised here.
     """
     waiting, losses = list(range(len(items))), Counter[int]()
     while waiting:
@@ -110,7 +110,7 @@ def _round(
         parallel = joblib.Parallel(return_as="generator_unordered", **options)
         with deaf() if pool.backend == "loky" else nullcontext():  # Ray's are deaf anyway
             results: Any = parallel(calls())
-    with warnings.catch_warnings():  # that calls are given up after Ctrl-C or a crash is what is wanted
+    with warnings.catch_warnings():  # giving up calls after Ctrl-C or a crash is intended
         warnings.filterwarnings("ignore", message=".*tasks which were still being processed")
         try:
             yield from results
@@ -260,7 +260,7 @@ def trials_per_hour(specs: Sequence[TrialSpec], processes: int) -> float:
 
 
 def _all(jobs: list[Job], pool: Pool) -> int:
-    """Run them; how many there were. Raises RuntimeError for one that broke: its time would mean nothing."""
+    """Run them; returns their number. Raises RuntimeError for a broken one: its time would mean nothing."""
     for index, outcome in outcomes(run_job, jobs, pool):
         if isinstance(outcome, Lost) or not outcome.result["success"]:
             reason = outcome.reason if isinstance(outcome, Lost) else outcome.result["reason"]

@@ -189,7 +189,7 @@ class Results:
     out: Path
     trials: dict[str, list[Result]]
     computed: int = 0  # trials that were run now; the others were in the store
-    notes: list[str] = field(default_factory=list)  # what whoever reads the results should know
+    notes: list[str] = field(default_factory=list)  # notes for readers of the results
 
     def of(self, name: str, **fields: Any) -> list[Result]:
         """Results of an experiment in which these fields have these values, as ``of("exp1", method="motm")``."""
@@ -219,7 +219,7 @@ def run(
 ) -> Results:
     """Run what is not in ``out``/<experiment>/trials.jsonl yet; the results of all.
 
-    After Ctrl-C or SIGTERM (KeyboardInterrupt) or a crash the same call goes on where it ended. ``retry_failed`` runs
+    After Ctrl-C, SIGTERM (KeyboardInterrupt) or a crash the same call resumes. ``retry_failed`` runs
     trials again that were without success. ``backend`` "ray" needs the extra ``cluster``; ``address`` is the cluster's.
     ``about``: what is kept with every trial that is run now, beside what it was made with.
     Raises ValueError for a spec that cannot be run, before any trial begins.
@@ -263,7 +263,7 @@ def kept_text(out: Path, names: Iterable[str]) -> str:
 
 @contextmanager
 def _sigterm_as_ctrl_c() -> Iterator[None]:
-    """Whoever is told to end ends the processes that work for it, too."""
+    """Turn SIGTERM into Ctrl-C, so that worker processes end, too."""
     if threading.current_thread() is not threading.main_thread():  # signals are not for this one
         yield
         return
@@ -305,7 +305,7 @@ def _keep(
     bar: Bar,
     about: Mapping[str, str],
 ) -> None:
-    """Write a finished trial down, and say what was not as it should be."""
+    """Store a finished trial, and report problems."""
     lost = isinstance(outcome, Lost)
     whole = given_up(task.job, outcome.reason, source) if isinstance(outcome, Lost) else outcome
     if whole.source != source and not results.notes:

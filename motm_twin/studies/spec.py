@@ -51,7 +51,7 @@ def _set(owner: Any, path: list[str], value: Any, whole: str) -> Any:
     if rest:
         return msgspec.structs.replace(owner, **{here: _set(getattr(owner, here), rest, value, whole)})
     try:
-        # through JSON's types: what a stored line says is what a caller may say
+        # through JSON's types: a stored line and a caller may say the same
         converted = msgspec.convert(msgspec.to_builtins(value), fields[here].type)
     except msgspec.ValidationError as error:
         raise ValueError(f"change {whole!r}: {error}") from error
@@ -180,7 +180,7 @@ def run_job(job: Job) -> Outcome:
     began = time.perf_counter()
     try:
         result = run_scene(job.scene, on_tick=on_tick, method=method_of(job), parameters=dict(job.spec.parameters))
-    except Exception as error:  # whatever broke in one trial, the others are still worth a table
+    except Exception as error:  # one broken trial must not cost the others
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
         result = broken(job, reason, time_s=periods / PERIODS_PER_S)
@@ -200,7 +200,7 @@ def given_up(job: Job, reason: str, source: str) -> Outcome:
 
 
 def parted(job: Job, result: dict[str, Any], seconds: float) -> dict[str, Any]:
-    """A result with its spec, and what a clock measured in a part of its own."""
+    """A result with its spec, and wall-clock measurements in a separate part."""
     rest = {key: value for key, value in result.items() if key not in WALL}
     wall = {key: result[key] for key in WALL if key in result}
     spec = {"method": job.spec.method, "parameters": dict(job.spec.parameters), "changes": dict(job.spec.changes)}
@@ -222,7 +222,7 @@ def session_of(job: Job, periods: int, state_hash: str) -> Session:
 
 
 def broken(job: Job, reason: str, *, time_s: float = 0.0) -> dict[str, Any]:
-    """The result of a trial that gave none."""
+    """The placeholder result of a broken trial."""
     picks = sum(type(task).__name__ == "Pick" for task in job.scene.tasks)
     return {
         "scene": job.scene.name,

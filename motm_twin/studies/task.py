@@ -1,7 +1,7 @@
 """Task times against numbers to reach: `fast` is judged, and the paper's method stands beside it.
 
-The paper's experiments, a quicker robot, and scenes that the code was not made for. Every trial is an experiment's
-(`studies.run`), kept on disk and gone on with after Ctrl-C.
+The paper's experiments, a faster robot, and scenes that the code was not tuned on. Every trial is an experiment's
+(`studies.run`), kept on disk and resumed after Ctrl-C.
 """
 
 import math

@@ -34,7 +34,7 @@ from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.bus.private_folder import folder, own_secret
 from motm_twin.program import give_back
 
-# Keys work wherever the focus is, except where somebody types, and a tap is a click.
+# Keys work wherever the focus is, except in text fields, and a tap is a click.
 #
 # Viser listens for keys at the top of the document, but its tabs and handles keep Space and Enter to themselves, its
 # checkboxes and closed lists count as fields, and Space also presses the button that was clicked last. The script takes
@@ -42,8 +42,8 @@ from motm_twin.program import give_back
 # Escape with what lies over the page. A window of ours with a Close button is closed by Escape, and by a click beside
 # it; under it only H does what it always does.
 #
-# A finger belongs to the canvas from its first touch on (browsers capture it), which Viser takes for a gesture that is
-# under way: no tap would be a click. So the script lets go of it.
+# Browsers capture a finger to the canvas from its first touch on, which Viser takes for a gesture in
+# progress, so that no tap would be a click. The script releases the capture.
 KEYS = """<script>
 (() => {
   const noText = /^(checkbox|radio|range|button|submit|reset|file|color)$/;
@@ -129,7 +129,7 @@ SCRIPTS = (KEYS, RECONNECT)
 
 
 def with_scripts(response: Response | None) -> Response | None:
-    """The answer to a request for the page with the scripts in it; any other answer as it is."""
+    """Insert the scripts into an answer that is the page; other answers stay as they are."""
     if response is None or not response.headers.get("Content-Type", "").startswith("text/html"):
         return response
     zipped = response.headers.get("Content-Encoding") == "gzip"
@@ -155,7 +155,7 @@ FILE = "page-token"  # in the user's private folder
 COOKIE = "motm_token"  # and the port, as a browser sends the cookies of one port to all others of a name
 HEALTH_PATH = "/healthz"
 MIN_TOKEN = 32  # characters; 128 bits when they are hexadecimal
-CLOSED = {  # headers of every answer: no page shows this one, and its address is told to none
+CLOSED = {  # headers of every answer: no framing, no referrer
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
@@ -166,15 +166,15 @@ VISITORS = 50  # pages at once, unless another number is wished for
 MESSAGES, BURST = 300.0, 600.0  # [1/s] of one page, and at once
 BYTES, BYTES_BURST = 2e6, 16e6  # [1/s] of one page, and at once
 LARGEST = 8 * 1024 * 1024  # bytes of a message
-QUEUED = 4  # messages of one page that wait to be read
+QUEUED = 4  # unread messages of one page
 TIDY = 0.5  # [s] after a page has left, memory is given back for it and for those that have left since
 TRY_LATER = 1013  # code with which a websocket is closed
 
 
 def chosen_token(given: str | None, *, none: bool) -> str | None:
-    """The token to ask for: the one that is given or in MOTM_TOKEN, else the user's own; None when ``none`` is wanted.
+    """The required token: the given one or that in MOTM_TOKEN, else the user's own; None with ``none``.
 
-    Raises ValueError for both wishes at once, OSError when the user's own can not be kept.
+    Raises ValueError when both are given, OSError when the user's own cannot be stored.
     """
     if given is not None and none:
         raise ValueError("--token and --no-token exclude each other")
@@ -204,7 +204,7 @@ def check_token(host: str, token: str | None) -> None:
 
 
 class Allowance:
-    """A bucket that fills steadily: what is taken beyond it must wait."""
+    """A token bucket: whoever takes more than it holds must wait."""
 
     def __init__(self, rate: float, most: float, now: float) -> None:
         """``rate`` [1/s], up to ``most``; ``now`` [s] monotonic."""
@@ -218,7 +218,7 @@ class Allowance:
 
 
 class PageLimit:
-    """Counts the open pages, and slows those down that send too much."""
+    """Counts open pages, and slows down those that send too much."""
 
     def __init__(self, most: int = VISITORS) -> None:
         """``most``: pages at once."""
@@ -226,15 +226,15 @@ class PageLimit:
 
     @property
     def full(self) -> bool:
-        """Nobody else may come now."""
+        """No further page may open now."""
         return self.here >= self.most
 
     def text(self) -> str:
-        """Reason why nobody else may come."""
+        """Reason why no further page may open."""
         return f"{self.most} pages of this twin are open already: close one, or start it with --visitors"
 
     def bounded(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-        """A handler of websockets that lets `most` in, and reads from each no faster than it may send."""
+        """A websocket handler for at most `most` pages, each read no faster than its allowance."""
 
         async def handle(connection: Any) -> None:
             if self.full:
@@ -251,7 +251,7 @@ class PageLimit:
         return handle
 
     def _tidy_soon(self) -> None:
-        """Also after pages that broke off before they had a panel: most of their memory was taken by then."""
+        """Schedule a clean-up, also after pages that broke off before they had a panel."""
         if not self._untidy:
             self._untidy = True
             asyncio.get_running_loop().call_later(TIDY, self._tidy)
@@ -320,7 +320,7 @@ class Guard:
         return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, self._limit.text(), {"Retry-After": "10"})
 
     def _serves(self, host: str) -> bool:
-        """The page goes by this name. An address is nobody's domain, which could be led here."""
+        """The page may be asked for under this name. An IP address is always allowed: no foreign domain can resolve to it."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
@@ -376,7 +376,7 @@ def page_url(host: str, port: int, token: str | None) -> str:
 
 
 def _no_tunnel(*_: object, **__: object) -> None:
-    """Takes the place of the request for a public address."""
+    """Replacement for Viser's request for a public address."""
 
 
 def _closed(response: Response | None) -> Response | None:

@@ -26,7 +26,7 @@ Key = tuple[str, int]  # variant and seed: the same arrangement and the same noi
 
 
 class Store:
-    """Results by experiment; what was not run is an empty list, never an invention."""
+    """Results by experiment; an empty list for what was not run."""
 
     def __init__(self, trials: Mapping[str, Sequence[Result]]) -> None:
         self.trials = {name: _own(name, results) for name, results in trials.items()}
@@ -159,7 +159,7 @@ class Origin:
 
 
 def origin(records: Iterable[Record], command: str) -> Origin:
-    """That of these trials; without any all that is shown is made now, by this command."""
+    """Origin of these trials; without any, everything shown is made now, by this command."""
     notes = [record.made_with for record in records] or [{**current_origin(), PLAN: "no trials", COMMAND: command}]
     names = [*dict.fromkeys(name for note in notes for name in note), PLAN, COMMAND, MACHINE, SOURCE]
     counts = {name: Counter(note.get(name, NOT_RECORDED) for note in notes) for name in names}
@@ -190,7 +190,7 @@ Keys = dict[str, dict[str, TrialSpec]]  # by experiment: trials by their names i
 
 
 def stored(out: Path, without: Collection[str] = ()) -> Records:
-    """The newest record of every spec, of whatever experiment and source; not of these experiments."""
+    """The newest record of every spec, of any source, except from the experiments ``without``."""
     found: Records = {}
     for file in sorted(out.glob(f"*/{TRIALS}")):
         if file.parent.name in without:
@@ -200,7 +200,7 @@ def stored(out: Path, without: Collection[str] = ()) -> Records:
 
 
 def keys(experiments: Iterable[Experiment]) -> Keys:
-    """The trials of these experiments with the source as it is now; one that is wanted twice is one.
+    """The trials of these experiments with the current source, without duplicates.
 
     Raises ValueError for a trial that cannot be run.
     """
@@ -209,7 +209,7 @@ def keys(experiments: Iterable[Experiment]) -> Keys:
 
 
 def of_plan(out: Path, wanted: Keys) -> Records:
-    """Records of these trials, each once and in their order: of the source as it is now, or else the newest."""
+    """Records of these trials, each once and in order: of the current source, or else the newest."""
     found: Records = {}
     for name, trials in wanted.items():
         records = Trials(out / name).read()
@@ -220,7 +220,7 @@ def of_plan(out: Path, wanted: Keys) -> Records:
 
 
 def write_completed(out: Path, wanted: Keys) -> None:
-    """Write `results.jsonl` of what there is of these trials: a run of some of them left only those in it."""
+    """Write `results.jsonl` with all available records of these trials: a partial run wrote only its own."""
     for name, trials in wanted.items():
         records = Trials(out / name).read()
         Trials(out / name).write_results([records[key].result for key in trials if key in records])

@@ -66,7 +66,7 @@ def compared(store: Store) -> list[Without]:
 
 
 def draw_ablations(store: Store) -> Part:
-    """A dot with its interval for each modification, and what can be said of it."""
+    """A dot with its interval for each modification, and the verdict."""
     found = compared(store)
     if not found:
         return Missing(
@@ -172,7 +172,7 @@ SCENES = {  # title, marker, line, colour, share of the axis by which it is move
 
 
 def points(store: Store, experiment: str) -> list[dict]:
-    """For each scene and value: how much slower than the shipped one, by trial, with its interval."""
+    """For each scene and value: the slowdown against the shipped one, by trial, with its interval."""
     name = SWEEPS[experiment][0]
     return [row for scene in swept_scenes(name) for row in _of_scene(store, experiment, name, scene)]
 

@@ -42,7 +42,7 @@ def varied(result: Result) -> dict[str, float]:
 def sweeps_of(results: list[Result]) -> dict[str, dict[str, dict[float, list[Result]]]]:
     """Results by what is varied (scene and name), method, and value.
 
-    Without any error all sweeps of a scene are the same: that trial is run once, and stands at 0 in each of them.
+    Without errors all sweeps of a scene are equal: that trial is run once, and is the value at 0 of each.
     """
     found: dict[str, dict[str, dict[float, list[Result]]]] = {}
     plain: dict[tuple[str, str], dict[int, Result]] = {}  # scene and method: seed

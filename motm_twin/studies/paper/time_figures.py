@@ -38,7 +38,7 @@ PANELS: tuple[tuple[str, str, Callable[[list[Result]], list[Result]]], ...] = (
     ("exp1a", "Experiment 1a, published arrangements", data.ten),
     ("exp1a", "Experiment 1a, random", data.random),
 )
-FEW = 5  # below this many points a box says more than is known
+FEW = 5  # with fewer points a box would overstate
 SPREAD = 0.16  # of the points beside each other
 
 
@@ -250,7 +250,7 @@ class Compared(NamedTuple):
 
     @property
     def clean(self) -> bool:
-        """Neither caused a contact, so that the times say something."""
+        """Neither caused a contact, so that the times are comparable."""
         return not self.contacts and not self.own
 
     @property
@@ -357,7 +357,7 @@ def _cells(each: Compared) -> tuple[str, ...]:
 
 
 def touched(found: list[Compared]) -> list[str]:
-    """One sentence on the rivals whose times compare with nothing."""
+    """One sentence on the rivals whose times are not comparable."""
     hits = [
         f"{data.title(each.rival)} in {each.group}: {each.contacts} by it, {each.own} by ours (pairs: {each.share.n})"
         for each in found

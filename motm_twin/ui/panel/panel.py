@@ -41,7 +41,7 @@ grid-template-columns:58px 1fr;gap:3px 8px">
 def add_commands(
     scene: SceneView, drive: DriveTab, disturb: DisturbTab, replay: ReplayTab, help_card: "HelpCard"
 ) -> None:
-    """Give the visitor of these tabs the keys and the palette."""
+    """Register keys and palette commands for a visitor."""
     hub, visitor = drive.hub, drive.visitor
     table: list[tuple[str, str | None, Callable, bool]] = [  # label, key, action, only for the driver
         ("Play / pause", "space", drive.toggle, True),
@@ -106,7 +106,7 @@ class HelpCard:
             panel.remove()
 
     def show_keys(self) -> None:
-        """Everything that can be done, with its keys, as a window over the page; once more puts it away."""
+        """Show or hide a window with all commands and their keys."""
         self.close()
         if self._hide_keys():
             return
@@ -143,7 +143,7 @@ warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 WIDTH = 330  # [px]
 TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
 CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
-RETURN = 20.0  # [s] a page that connects this soon after another one left is taken for the same person
+RETURN = 20.0  # [s] a page that connects this soon after another one left counts as the same person
 VIOLET = "#7c3aed"  # looking back
 _STATES = {
     "playing": ("Running", GREEN),
@@ -304,7 +304,7 @@ def _speed(state: str, status: StatusMessage) -> str:
 
 
 class Wheel(Block):
-    """The driver, and the time that is shown: asking for the wheel, handing it over, and coming back to live."""
+    """The driver, and the time shown: asking for a hand-over, handing over, and returning to live."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         super().__init__(gui, hub, visitor)
