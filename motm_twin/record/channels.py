@@ -135,7 +135,7 @@ def _encoded(topic: str) -> bytes:
 def schema_of(struct: Any) -> dict[str, Any]:
     """JSON Schema of one of our messages, in a form that Foxglove and Lichtblick take.
 
-    They read only ``type`` and ``properties``, refuse references there, and know neither null nor lists of lists. So the
+    They read only ``type`` and ``properties``, refuse references there, and know no null or lists of lists. So the
     fields that they understand come first, and the whole schema follows under ``allOf``, which they ignore.
     """
     (whole,), definitions = msgspec.json.schema_components([struct], ref_template="#/$defs/{name}")

@@ -1,6 +1,6 @@
 """`motm-twin bench barn`: worlds of the BARN challenge as scene files, or worlds like them from seeds.
 
-As in the challenge, timing starts after the first 0.1 m, and a run succeeds within 1 m of the goal in 100 s without contact.
+As in the challenge, time starts after 0.1 m, and a run succeeds within 1 m of the goal in 100 s without a contact.
 Its metric is OT / clip(AT, 2 OT, 8 OT), 0 without success: AT is its time, OT = (length of the way) / 2 m/s. A
 converted file says OT in a comment, as ``optimal time 5.6259 s``. Without one it is of the shortest way for a disc of
 the inscribed radius of the footprint, which is shorter than the grid paths of the challenge, and no easier.

@@ -202,7 +202,7 @@ class Hub:
         return "" if self.view.at is None else LOOKING_BACK
 
     def live(self, visitor: Visitor) -> bool:
-        """True while the newest period is shown; otherwise the visitor is told that an earlier one cannot be changed."""
+        """True while the newest period is shown; else the visitor is told that the past cannot be changed."""
         if self.view.at is not None:
             self.tell(visitor, LOOKING_BACK)
         return self.view.at is None

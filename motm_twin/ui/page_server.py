@@ -320,7 +320,7 @@ class Guard:
         return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, self._limit.text(), {"Retry-After": "10"})
 
     def _serves(self, host: str) -> bool:
-        """The page may be asked for under this name. An IP address is always allowed: no foreign domain can resolve to it."""
+        """The page may be asked for under this name; an IP address always passes: it is nobody's domain."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:

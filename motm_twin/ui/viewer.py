@@ -143,7 +143,7 @@ class HistoryWriter:
 
 
 def tell_events(client: TwinClient, tell: Callable[[str, str], None]) -> Callable[[], None]:
-    """Show events that no period shows, such as a refusal by the robot, as notes; returns the function that ends this."""
+    """Show events that no period has, such as a refusal by the robot, as notes; returns the function that ends this."""
     decode = msgspec.json.Decoder(NumberedEvent).decode
 
     def take(payload: bytes) -> None:  # in Zenoh's thread: a note is only queued for the page
