@@ -1,12 +1,12 @@
-"""When the work is over: the one time that a run, its rerun and its what-if tell."""
+"""Completion of the tasks: the one task time that a run, its rerun and its what-if report."""
 
 from motm_twin.control.tick import Tick
 
-SETTLE_PERIODS = 40  # 2 s after the last task for a falling cube to land and the robot to come to rest
+SETTLE_PERIODS = 40  # 2 s after the last task, for a falling cube to land and the robot to stop
 
 
 class Completion:
-    """Follows the Ticks of a run until its last task is done and what it placed lies in its bin, or 2 s have passed."""
+    """Follows the Ticks of a run until its last task is done and all cubes lie in their bins, or 2 s have passed."""
 
     def __init__(self) -> None:
         self._settle = SETTLE_PERIODS
@@ -14,7 +14,7 @@ class Completion:
         self._time = 0.0
 
     def add(self, tick: Tick) -> None:
-        """Take the next Tick into account. Tasks that a person adds take an end back."""
+        """Take the next Tick into account. Tasks that a person adds revoke the completion."""
         self._time = tick.time
         if not tick.done:
             self._settle, self._over_at = SETTLE_PERIODS, None
@@ -25,15 +25,15 @@ class Completion:
 
     @property
     def over(self) -> bool:
-        """Whether the work is over."""
+        """True once the tasks are complete."""
         return self._over_at is not None
 
     @property
     def time_s(self) -> float:
-        """Time of the work [s]: until it was over, or until the last Tick without that."""
+        """Task time [s]: until completion, or else until the last Tick."""
         return round(self._time if self._over_at is None else self._over_at, 3)
 
 
 def all_placed(tick: Tick) -> bool:
-    """Whether the referee sees as many cubes in their bins as there are to be placed."""
+    """The referee counts as many cubes in their bins as there are to be placed."""
     return tick.truth is not None and tick.truth.places >= sum(task.kind == "place" for task in tick.tasks)

@@ -1,7 +1,7 @@
-"""Rehearse a task: run the paper's method through the world as it is known beforehand, without any noise.
+"""Dry run of a task: the paper's method in the world as known beforehand, without noise.
 
-The rehearsal is what a planner of whole trajectories would be given: mapped furniture, believed positions of the cubes,
-perfect sensors and actuators, nobody about. It is deterministic, and remembered for whoever asks again.
+It is what a planner of whole trajectories would be given: mapped furniture, believed positions of the cubes,
+perfect sensors and actuators, no agents. It is deterministic, and cached.
 """
 
 from collections.abc import Callable, Iterable
@@ -34,7 +34,7 @@ _NOISELESS = Noise(
 
 
 def nominal_scene(known: KnownWorld) -> Scene:
-    """The world as the robot knows it, taken for the truth."""
+    """The world as the robot knows it, taken as the truth."""
     return Scene(
         name="rehearsal", variant="", seed=0, title="What is known beforehand", robot=known.robot, start=known.start,
         solids=known.solids, objects=known.objects, bins=known.bins, agents=(), tasks=known.tasks, noise=_NOISELESS,
@@ -53,9 +53,9 @@ def dry_run(
 ) -> Rehearsed:
     """Run the tasks to their end, with edits of the task list at their periods; raises ValueError for one refused.
 
-    ``make_twin``: the class of twins, which makes rehearsals itself.
+    ``make_twin``: the class of twins, handed in because it makes dry runs itself.
     """
-    from motm_twin.methods.registry import MOTM  # it has methods that dry_run: only when one is asked for
+    from motm_twin.methods.registry import MOTM  # late: its methods use dry runs
 
     twin = make_twin(nominal_scene(known), method=MOTM, planning=planning, arm=arm)
     twin.loop.plant = log = _Log(twin.plant)
@@ -69,7 +69,7 @@ def dry_run(
 
 
 class _Log:
-    """A plant, and all that it was told."""
+    """A plant with a log of its commands."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant

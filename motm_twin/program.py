@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.text import Text
 
 OK = 0
-FAILED = 1  # it ran, and what was asked for did not come about
-BAD_INPUT = 2  # its user can put something right
+FAILED = 1  # it ran, but did not succeed
+BAD_INPUT = 2  # the user can correct it
 INTERRUPTED = 130  # Ctrl-C
 
 
@@ -23,15 +23,15 @@ _KEPT = "\n\t"
 
 
 def printable(text: str) -> str:
-    """The text with a question mark for all that a terminal might obey, and for what turns the direction of writing."""
+    """The text with question marks for control characters and those that turn the direction of writing."""
     return text if text.isprintable() else "".join(c if c.isprintable() or c in _KEPT else "?" for c in text)
 
 
 class PlainConsole(Console):
-    """Prints nothing that is not printable, whoever wrote it."""
+    """A console that prints only printable characters."""
 
     def on_broken_pipe(self) -> None:
-        """Nobody reads this any more: whoever prints decides what that means. Called where the exception is handled."""
+        """Raise on a closed output, for the caller to handle."""
         raise  # noqa: PLE0704
 
     def render_str(self, text: str, **options: Any) -> Text:
@@ -57,10 +57,10 @@ _frozen = False
 
 
 def freeze_setup() -> None:
-    """Leave everything that exists now out of later collections; only the first call of a process does it.
+    """Exclude everything that exists now from later garbage collections; only the first call has an effect.
 
     A full collection goes through all modules and kernels: 40 ms of a period of 50 ms. What was set up for a run is
-    freed as ever when nothing refers to it any more, except for cycles in what exists at the first call.
+    freed as usual when unreferenced, except for cycles in what exists at the first call.
     """
     global _frozen  # noqa: PLW0603 - once per process
     if not _frozen:
@@ -72,7 +72,7 @@ def freeze_setup() -> None:
 def share_arenas() -> None:
     """Let all threads allocate from `ARENAS` arenas, where the C library is glibc; call it before they start.
 
-    By itself glibc gives each thread one, up to eight per core, and each keeps the most that its thread ever needed: a
+    By default glibc gives each thread one, up to eight per core, and each keeps its thread's peak: a
     server that 1,000 clients had come to and left was 5.7 MB larger than before; with two arenas it is 3.3 MB.
     """
     with contextlib.suppress(OSError, AttributeError):
@@ -82,7 +82,7 @@ def share_arenas() -> None:
 def give_back() -> None:
     """Collect what is left in cycles, and hand free memory back to the system, where the C library is glibc.
 
-    By itself that library keeps what lies between pieces that are still used: 100 pages that came and went left 46 MB.
+    By default glibc keeps free memory between used pieces: 100 pages that came and went left 46 MB.
     """
     gc.collect()
     with contextlib.suppress(OSError, AttributeError):

@@ -33,7 +33,7 @@ ROBOT_WAIT = 120.0  # [s] of wall time for an external robot to come: it may com
 
 @dataclass
 class Tally:
-    """What is added up over the Ticks of a trial."""
+    """Sums over the Ticks of a trial."""
 
     path_length: float = 0.0
     closing_speed: list[float] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Tally:
         self.period_ms.append(tick.stage_ms["period"])
 
     def meet(self, tick: Tick, footprint: Footprint) -> None:
-        """Count encounters: an agent comes within 1 m of the base, and parts again before it counts anew."""
+        """Count encounters: an agent comes within 1 m of the base; it must part before it counts again."""
         assert tick.truth is not None
         body = body_of(footprint)
         for agent in tick.truth.agents:
@@ -109,7 +109,7 @@ def run_scene(
 
 
 def _wait_for(robot: ExternalPlant) -> None:
-    """Until there is a robot; raises TimeoutError when none comes."""
+    """Wait for a robot; raises TimeoutError when none comes."""
     deadline = time.monotonic() + ROBOT_WAIT
     while not robot.ready():
         if time.monotonic() > deadline:
@@ -118,7 +118,7 @@ def _wait_for(robot: ExternalPlant) -> None:
 
 
 def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) -> dict[str, Any]:
-    """The trial in numbers, from its last Tick and what was added up; ``tour`` [m]: length of the reference tour."""
+    """The trial in numbers, from its last Tick and tally; ``tour`` [m]: length of the reference tour."""
     scene, truth, sequence = twin.scene, tick.truth, twin.loop.sequence
     assert truth is not None
     places_total = _count(tick, "place")
@@ -161,7 +161,7 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) ->
 
 
 def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tuple[str, ...]) -> str:
-    """Why a trial did not succeed, in one sentence; '' when it did."""
+    """Reason why a trial did not succeed, in one sentence; '' when it did."""
     if failures:
         return "; ".join(failures)
     if not tick.done:
@@ -187,5 +187,5 @@ def _count(tick: Tick, kind: str) -> int:
 
 
 def _finite(value: float) -> float | None:
-    """JSON has no infinity: None means that there was nothing to be near."""
+    """The number, or None for infinity, which JSON lacks: nothing was near."""
     return round(value, 4) if np.isfinite(value) else None

@@ -105,9 +105,7 @@ def tasks_previewed(
 
 
 MAX_ADDED = 30
-SESSION_INTERVAL = (
-    0.25  # [s] between two sessions written while playing: each costs the loop 2 ms, mostly for the hash
-)
+SESSION_INTERVAL = 0.25  # [s] between two sessions written while playing: each costs the loop 2 ms, mostly for the hash
 MOST_ASKERS = 1000  # that may wait
 
 

@@ -15,12 +15,12 @@ from motm_twin.sessions.session import SessionError
 
 
 def main() -> None:
-    """Run the command that was given; its exit code, 1 when nobody reads what it prints, 130 after Ctrl-C."""
+    """Run the command line and exit with the command's code; 1 when the output is closed, 130 after Ctrl-C."""
     try:
         try:
             code = _called()
         finally:
-            sys.stdout.flush()  # that nobody reads any more shows here at the latest
+            sys.stdout.flush()  # a closed output shows here at the latest
     except BrokenPipeError:  # "Note on SIGPIPE" of Python's signal: what is left must not be written at the end again
         _give_up_output()
         code = FAILED
@@ -37,7 +37,7 @@ def main() -> None:
 
 
 def _output_fails() -> bool:
-    """It is standard output that cannot be written, as on a full disk."""
+    """Standard output cannot be written, as on a full disk."""
     try:
         sys.stdout.flush()
         return os.write(sys.stdout.fileno(), b"") < 0

@@ -82,7 +82,7 @@ def run_bench(given: BenchSettings) -> int:
 
 
 def _problem(given: BenchSettings) -> str:
-    """A sentence on the first setting that is not possible; "" when all are."""
+    """Refusal of the first impossible setting; "" when all are possible."""
     problem = _wrong_name(given)
     if problem:
         return problem
@@ -97,7 +97,7 @@ def _problem(given: BenchSettings) -> str:
 
 
 def _wrong_name(given: BenchSettings) -> str:
-    """A sentence on the first name that is none, with those that are; "" when all are known."""
+    """Refusal of the first unknown name, with the known ones; "" when all are known."""
     possible = tuple(EXPERIMENTS) if given.experiment else ("all", *RUNS, *ONLY_EXPERIMENTS)
     named = given.groups if given.groups[0] != barn.NAME else []  # scene files follow it
     for what, names, known in (

@@ -1,4 +1,4 @@
-"""Files that a command writes at its end: one that cannot be written is refused before the command runs, not after."""
+"""Output files of commands: one that cannot be written is refused before the command runs."""
 
 import json
 import tempfile
@@ -13,7 +13,7 @@ STANDARD_OUTPUT = "-"
 def refuse_unwritable(*files: str | Path | None) -> None:
     """Raise SessionError for a file that cannot be made where it should be, or that is a folder.
 
-    Nothing is wrong with None and standard output.
+    None and standard output are always possible.
     """
     for file in files:
         if file is None or file == STANDARD_OUTPUT:
@@ -25,19 +25,19 @@ def refuse_unwritable(*files: str | Path | None) -> None:
 
 
 def refuse_existing(file: str | Path | None) -> None:
-    """Raise SessionError for a file that is there already; nothing is wrong with None."""
+    """Raise SessionError for a file that exists; None passes."""
     if file is not None and Path(file).exists():
         raise SessionError("exists already: choose another name, or remove it", file=str(file))
 
 
 def folder_problem(folder: Path) -> str:
-    """Why nothing could be written into a folder, which need not exist yet; "" when it could."""
+    """Reason why a folder, which need not exist yet, cannot be written to; "" when it can."""
     there = folder
     try:
         there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not there.is_dir():
             return f"{there} is a file: give a folder"
-        with tempfile.TemporaryFile(dir=there):  # tried: root may write to /proc by its rights, and cannot
+        with tempfile.TemporaryFile(dir=there):  # tried: root has the right to write to /proc, but cannot
             return ""
     except OSError:
         return f"{there} cannot be written to: give another folder"

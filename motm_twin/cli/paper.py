@@ -12,7 +12,7 @@ from motm_twin.model.names import hint
 from motm_twin.program import BAD_INPUT, INTERRUPTED
 from motm_twin.studies.settings import PaperSettings
 
-WARN_HOURS = 3.0  # beyond this nobody starts by accident
+WARN_HOURS = 3.0  # beyond this, --yes is required
 
 
 def paper(settings: Annotated[PaperSettings, tyro.conf.arg(name="")]) -> int:
@@ -44,7 +44,7 @@ def paper(settings: Annotated[PaperSettings, tyro.conf.arg(name="")]) -> int:
 
 
 def _problem(given: PaperSettings) -> str:
-    """A sentence on the first setting that is not possible; "" when all are."""
+    """Refusal of the first impossible setting; "" when all are possible."""
     from motm_twin.studies.paper.parts import NAMES
 
     if unknown := [name for name in given.only if name not in NAMES]:
@@ -58,7 +58,7 @@ def _problem(given: PaperSettings) -> str:
 
 
 def duration_text(hours: float) -> str:
-    """A duration as one says it."""
+    """A duration in words."""
     return f"{hours:.1f} h" if hours >= 1.0 else f"{60.0 * hours:.0f} min"
 
 
@@ -127,7 +127,7 @@ def _begun(given: PaperSettings) -> bool:
 
 
 def _write(given: PaperSettings, plan, records: dict, console: Console) -> Path:
-    """Draw, and say what is known of who ran the trials."""
+    """Draw the report, and note the origin of the trials."""
     from motm_twin.studies.paper import report
     from motm_twin.studies.paper.data import Store, origin
     from motm_twin.studies.paper.parts import NAMES, Context

@@ -61,11 +61,11 @@ def record(
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own module
     handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        # Ctrl-C reaches the recorder as well, which ends by itself; what only we get is handed on.
+        # Ctrl-C reaches the recorder as well, which ends by itself; SIGTERM is passed on.
         signal.signal(signal.SIGTERM, lambda *_: process.terminate())
         assert process.stdout is not None
         for line in process.stdout:
-            with suppress(OSError):  # it is recorded also when nobody reads this
+            with suppress(OSError):  # recording goes on when nobody reads this
                 _tell(console, json_module.loads(line))
         code = process.wait()
     finally:

@@ -43,7 +43,7 @@ def rerun_file(file: str, *, update: bool = False, report: str | None = None, me
 
 
 class NotComputed(msgspec.Struct, frozen=True, kw_only=True):
-    """A run of which nothing can be compared: it is neither equal nor different."""
+    """A run that cannot be compared: neither equal nor different."""
 
     run: int
     text: str  # why
@@ -105,7 +105,7 @@ def _print_run(console: Console, run: RunReport) -> None:
 
 
 def explain(again: Rerun) -> str:
-    """Why the states differ, as far as it can be told; "" when they are equal."""
+    """Likely reasons why the states differ; "" when they are equal."""
     if again.ok:
         return ""
     made = "; also different: " + ", ".join(again.differences) if again.differences else ""

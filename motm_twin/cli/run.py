@@ -42,7 +42,7 @@ def run_headless(
     def on_tick(tick: Tick) -> None:
         nonlocal periods
         if not periods:
-            interrupts.loaded()  # all is compiled: from now on there is something to keep
+            interrupts.loaded()  # everything is compiled: from now on there is a run to save
         periods = tick.index + 1
         if save is not None:
             tracker.add(tick)
@@ -77,7 +77,7 @@ def run_headless(
 
 
 def _figure(scene: Scene, file: Path) -> SpeedFigure:
-    """Collects what the figure shows; raises SessionError for a kind of file that it can not be."""
+    """Collector of the figure's data; raises SessionError for an unsupported kind of file."""
     from motm_twin.studies.speed_plot import FORMATS, SpeedFigure
 
     if file.suffix.lower() not in FORMATS:

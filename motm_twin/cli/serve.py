@@ -1,4 +1,4 @@
-"""`motm-twin serve`: the twin server and its page as two processes, looked after until Ctrl-C."""
+"""`motm-twin serve`: the twin server and its page as two processes, supervised until Ctrl-C."""
 
 import os
 import queue
@@ -30,7 +30,7 @@ from motm_twin.ui.page_server import check_token, chosen_token
 
 SERVER, PAGE = "twin server", "page"
 WATCH = 0.1  # [s] between looks at the children
-YOUNG = 3600.0  # [s] between two times at which private files are made young again
+YOUNG = 3600.0  # [s] between two touches of the private files
 
 
 def serve(given: ServeSettings) -> int:
@@ -109,7 +109,7 @@ def serve_recording(given: ReplaySettings) -> int:
 
 
 class _Supervisor:
-    """Starts the processes, tells what happens, starts again what died, ends everything."""
+    """Starts, reports on, restarts and ends the processes."""
 
     def __init__(
         self, console: Console, twin: str, zenoh_port: int, folder: Folder | None = None, open_bus: bool = False
@@ -131,14 +131,14 @@ class _Supervisor:
             env.setdefault(threads, "1")
         if token is not None:
             env[VARIABLE_OF_TOKEN] = token
-        if name == PAGE:  # memory of visitors who have left goes back: `give_back` cannot trim Python's own arenas
+        if name == PAGE:  # returns memory of visitors who left: `give_back` cannot trim Python's own arenas
             env.setdefault("PYTHONMALLOC", "malloc")
         if self._folder is not None:
             env[VARIABLE] = str(self._folder.server if name == SERVER else self._folder.here)
         self._children.append(Child(name, module, arguments, lambda *event: self._events.put(event), env))
 
     def add_page(self, page: PageSettings, more: Sequence[str] = ()) -> None:
-        """The page; who may drive is told with its address."""
+        """Add the page; its address is printed with who may drive."""
         self._open = page.token is None
         self.add(PAGE, "motm_twin.ui.viewer", [*page.arguments(self.endpoint, self._twin), *more], page.token)
 
@@ -218,7 +218,7 @@ class _Supervisor:
         self._print(text)
 
     def _print(self, text: str, **options: Any) -> None:
-        """The robot goes on when nobody reads this any more, or the disk is full."""
+        """Print; a closed output or a full disk must not stop the robot."""
         with suppress(OSError):
             self._console.print(text, **options)
 

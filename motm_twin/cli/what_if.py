@@ -71,7 +71,7 @@ def what_if(
 
 
 def _run_both(lines: Iterator[Line], recorded: float, console: Console) -> dict[str, Outcome]:
-    """The end of each run; the console is told how far they are. ``recorded``: [s]."""
+    """Outcomes of both runs, with their progress on the console. ``recorded``: [s]."""
     ends: dict[str, Outcome] = {}
     with BothRuns(recorded, console) as progress:
         for line in lines:
@@ -105,7 +105,7 @@ def _print(was: Outcome, changed: Outcome, title: str) -> None:
 
 
 def _forecast(end: Outcome, why: str) -> str:
-    """Remark on a time that nobody has measured; "" when it is as recorded."""
+    """Remark on a forecast time; "" when it is as recorded."""
     if end.forecast_from_s is None:
         return ""
     return (
@@ -130,7 +130,7 @@ def _numbers(was: float, changed: float, digits: int) -> tuple[str, str, str]:
 class BothRuns:
     """A bar for each run while the console is a terminal; without one, a line whenever both are a tenth further.
 
-    ``recorded`` [s] is the length of the recording: how long a run will be, nobody knows.
+    ``recorded`` [s] is the length of the recording; the length of a run is unknown.
     """
 
     def __init__(self, recorded: float, console: Console) -> None:

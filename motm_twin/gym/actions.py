@@ -71,8 +71,8 @@ class Forecast:
     def time_to_range(self, times: Array, poses: Array, target: Target | None, *, engaged: bool) -> float:
         """Time [s] until the target is in reach; 0 when it is, inf without a target.
 
-        A target that the motion does not bring into reach takes at least as long as the forecast, and at least as long
-        as turning to it and driving straight would: so the arm does not leave for it.
+        A target that stays out of reach takes at least as long as the forecast, and at least as long
+        as turning and driving straight to it, so that the arm does not start.
         """
         if target is None:
             return math.inf
@@ -123,10 +123,10 @@ class BaseActionState:
 
 
 class BaseAction(Stateful[BaseActionState]):
-    """A `BaseController` that drives as it was told last, within the accelerations of the base."""
+    """A `BaseController` that follows the last requested twist, within the accelerations of the base."""
 
     def __init__(self, profile: RobotProfile, parameters: PlanningParameters, *, guard: bool = False) -> None:
-        """``guard``: slowed so that it can stop clear of whatever the map shows, as when a person drives."""
+        """``guard``: slowed so that it can stop clear of mapped obstacles, as when a person drives."""
         self._guard = ByHand(profile, PERIOD) if guard else None
         self._limits = profile.base
         self.forecast = Forecast(profile, parameters)
@@ -138,7 +138,7 @@ class BaseAction(Stateful[BaseActionState]):
         return self._state.twist.copy()
 
     def take(self, twist: Array) -> None:
-        """Drive like this from the next period on, shape (2,) [m/s, rad/s]."""
+        """Request this twist from the next period on, shape (2,) [m/s, rad/s]."""
         self._state.twist = np.array(twist, dtype=float)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
@@ -165,7 +165,7 @@ class BaseAction(Stateful[BaseActionState]):
         )
 
     def _acceleration(self, problem: BaseProblem) -> tuple[Array, Reason | None]:
-        """Towards the twist that is asked for, and why not all the way; shape (2,) [m/s^2, rad/s^2]."""
+        """Acceleration towards the requested twist, and the reason when it is limited; shape (2,) [m/s^2, rad/s^2]."""
         v, w = (float(value) for value in self._state.twist)
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
         asked = np.clip(((v, w) - problem.twist) / problem.period, -most, most)
@@ -211,7 +211,7 @@ class ArmActionState(ManipulatorState):
 
 
 class ArmAction(Manipulator):
-    """Does what it was told last, within the limits of the robot."""
+    """Follows the last requested rates, within the limits of the robot."""
 
     def __init__(self, known: KnownWorld, parameters: ArmParameters | None = None) -> None:
         super().__init__(known, parameters)
@@ -259,7 +259,7 @@ class ArmAction(Manipulator):
         return ""
 
     def _over(self, duration: float, view: View) -> bool:
-        """The fingers have had their time [s] since the phase began, and stand."""
+        """The fingers have had their time [s] since the phase began, and have stopped."""
         return view.time - self._state.since >= duration - 0.5 * view.dt and not view.gripper_moving
 
     def _closed(self, view: View) -> None:
@@ -291,7 +291,7 @@ class ArmAction(Manipulator):
         return self._drop(view, "placed" if self._state.over_bin else "lost")
 
     def _drop(self, view: View, outcome: str) -> str:
-        """Nothing is held any more; of what was never lifted there is nothing to tell."""
+        """Nothing is held any more; an object that was never lifted makes no outcome."""
         state = self._state
         told = state.reported
         state.holding, state.reported, state.released = False, False, None
@@ -310,14 +310,14 @@ def _over_bin(view: View) -> bool:
 
 
 def agent_planner(parts: PlannerParts, *, guard: bool) -> BasePlanner:
-    """A planner that drives as an agent says; ``guard``: as far as it can stop before whatever the map shows."""
+    """A planner that drives as an agent requests; ``guard``: only while it can stop before mapped obstacles."""
     robot, parameters = parts.known.robot, parts.parameters
     controller = BaseAction(robot, parameters, guard=guard)
     return BasePlanner(robot, parameters, placement=NoPlacement(), controller=controller, graphs=parts.graphs)
 
 
 def agent_arm(parts: ArmParts) -> ArmAction:
-    """An arm that moves as an agent says."""
+    """An arm that moves as an agent requests."""
     return ArmAction(parts.known, parts.parameters)
 
 

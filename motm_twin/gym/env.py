@@ -137,7 +137,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return {**twin, "score": self._score, "settle": self._settle, "view": self._view}
 
     def restore(self, state: dict[str, Any]) -> Observed:
-        """Go on from a snapshot of the same episode; its observation. ValueError for one of another scene or seed."""
+        """Continue from a snapshot of the same episode; its observation. ValueError for another scene or seed."""
         if state["scene"] != self.twin.scene:
             raise ValueError("the snapshot is of another scene or seed: reset to that first")
         self.twin.restore(state["twin"])
@@ -170,7 +170,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
             loop.manipulator.take(asked[2:9] * DQ_MAX, "close" if asked[9] > 0.0 else "open")
 
     def _ended(self, tick: Tick, truth: Truth) -> bool:
-        """The list is worked through and what was dropped has landed, or a contact ends it."""
+        """All tasks have ended and dropped objects have landed, or a contact ends the episode."""
         if self._stop_on_contact and self._score.caused:
             return True
         ended = tick.done and (truth.places >= _places(tick) or self._settle == 0)

@@ -1,6 +1,6 @@
-"""A shipped method as an expert in the environment: the action that it would take now.
+"""A shipped method as an expert in the environment: its action for the next step.
 
-For imitation, as a baseline, and to see that the environment is the same task.
+For imitation, as a baseline, and to check that the environment is the same task.
 """
 
 import numpy as np

@@ -86,7 +86,7 @@ ABLATIONS = (
 
 
 class WithoutFarMovers:
-    """The map without dynamic obstacles that are far away: they will be elsewhere when the robot comes there."""
+    """The map without distant dynamic obstacles, which will have moved when the robot arrives."""
 
     def __init__(self, known: KnownWorld) -> None:
         self._movers = MoverParameters()
@@ -94,7 +94,7 @@ class WithoutFarMovers:
         self.still = StillMap(known, self._movers)  # without the near ones, too
 
     def of(self, problem: BaseProblem) -> BaseProblem:
-        """The problem in that map; the same one when nothing moves far away."""
+        """The problem in that map; unchanged without distant dynamic obstacles."""
         world = problem.world
         far = world.movers[world.movers[:, 5] == 0.0]
         without = self.standing.without(world, standing(world, far, self._movers))
@@ -106,7 +106,7 @@ class WithoutFarMovers:
 
 
 def every_ring(materials: Materials) -> EveryRing:
-    """Candidates on all rings; where none is viable, the robot waits beside what moves."""
+    """Candidates on all rings; where none is viable, the robot waits beside the dynamic obstacle."""
     view = materials.view
     return EveryRing(view.still if isinstance(view, WithoutFarMovers) else None)
 

@@ -118,7 +118,7 @@ class Field(NamedTuple):
 
 
 def fields(message: str) -> tuple[Field, ...]:
-    """The fields of a message in order; raises KeyError for one that is not spoken here."""
+    """The fields of a message in order; raises KeyError for an unsupported one."""
     return tuple(_field(line) for line in DEFINITIONS[message])
 
 
@@ -152,7 +152,7 @@ Read = Callable[["_Reader"], Any]
 
 
 class CdrError(ValueError):
-    """Bytes that are no message of the type, or values that do not fit it."""
+    """Bytes that are not a message of the type, or values that do not fit it."""
 
 
 def encode(message: str, value: Message) -> bytes:

@@ -19,7 +19,7 @@ import zenoh.ext
 from motm_twin.bus.connection import direct
 from motm_twin.ros2.cdr import DEFINITIONS, NONE, SEQUENCE, Field, Message, dds_name, encode, fields
 
-UNSUPPORTED = "TypeHashNotSupported"  # what rmw_zenoh of Humble, which has no hashes, writes instead
+UNSUPPORTED = "TypeHashNotSupported"  # written by rmw_zenoh of Humble, which has no hashes
 _BASIC = {
     "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
     "float32": 10, "float64": 11, "bool": 15, "string": 17,
@@ -135,7 +135,7 @@ class Form(Protocol):
         ...
 
     def own_tokens(self) -> list[str]:
-        """Tokens that say that this program is there."""
+        """Tokens of the presence of this program."""
         ...
 
     def token(self, topic: Topic, kind: str, number: int) -> str:
@@ -241,7 +241,7 @@ class Outlet:
         self._token = session.liveliness().declare_token(self._name)
 
     def put(self, message: Message) -> None:
-        """Send a message to whoever subscribes; a slow reader misses it rather than hold it up. Raises CdrError."""
+        """Send a message to the subscribers; a slow one misses it rather than block. Raises CdrError."""
         payload = encode(self._topic.message, message)
         self._sequence += 1
         attachment = self._form.attachment(self._name, self._sequence, time.time_ns())
@@ -279,7 +279,7 @@ class Outlets:
 
 
 def _latched(session: zenoh.Session, form: Form, topic: Topic) -> zenoh.ext.AdvancedPublisher:
-    """Keeps the last messages for late joiners in the way of both forms since 2025, Zenoh's advanced publisher."""
+    """Keeps the last messages for late joiners with Zenoh's advanced publisher, as both forms do since 2025."""
     return zenoh.ext.declare_advanced_publisher(
         session,
         form.key(topic),

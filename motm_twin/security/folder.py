@@ -39,7 +39,7 @@ READABLE = tuple(f"motm/*/{key}" for key in STATE)
 COMMANDS = ("motm/*/cmd/**",)
 OF_THE_TWIN = ("motm/*/plant/command", "motm/*/plant/grant")  # which a robot only hears
 ASKED_BY_THE_TWIN = ("motm/*/plant/reset", "motm/*/plant/edit", "motm/*/plant/tasks")
-# Key chunks that begin with @ are matched by no wildcard. Those of ROS 2: tokens of its two forms, and what advanced
+# No wildcard matches key chunks that begin with @. Those of ROS 2: tokens of its two forms, and what advanced
 # publishers (latched topics) keep and say of themselves.
 ROS2 = ("@/*/@ros2_lv/**", "@ros2_lv/**", "**/@adv/**")
 ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
@@ -77,7 +77,7 @@ def access_control(people: Named, *, by: str) -> dict[str, Any]:
 
 
 def router_access_control(people: Named, *, by: str) -> dict[str, Any]:
-    """The same for a router: each twin speaks on its own keys, the others may what they may at a twin itself."""
+    """The same for a router: each twin publishes on its own keys; the others have the same rights as at a twin."""
     rules = [*_of_people(), _rule("be asked", ["egress"], ASKING, ["motm/**"])]
     subjects: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
@@ -239,7 +239,7 @@ class Folder:
         return made
 
     def add(self, role: str, name: str, *, days: int = DAYS) -> Path:
-        """Let one more connect; the file for it. Takes effect when the server starts again. Raises SecurityError."""
+        """Admit one more client; returns its file. Takes effect when the server restarts. Raises SecurityError."""
         people = self._known()
         if role == "twin" and not people.names.get("twin"):
             raise SecurityError(f"{self.path} is of a twin, not of a router: make a new folder with --twin")
@@ -253,7 +253,7 @@ class Folder:
         return made
 
     def remove(self, role: str, name: str) -> None:
-        """Take all rights from one, from the next start of the server on. Raises SecurityError."""
+        """Revoke all rights of a client, from the next start of the server on. Raises SecurityError."""
         people = self._known()
         if name not in people.names.get(role, []):
             known = ", ".join(f"{role} {name}" for role, names in people.names.items() for name in names)
@@ -334,7 +334,7 @@ class Folder:
         return word
 
     def _write(self, name: str, data: bytes, mode: int) -> None:
-        """The new file or the old one, never half of it, and never readable by others on the way."""
+        """Write atomically, never readable by others."""
         target, temporary = self.path / name, self.path / f".{name}.new"
         temporary.unlink(missing_ok=True)
         with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:

@@ -1,4 +1,4 @@
-"""Wishes of ROS 2 programs, as commands of the twin: drive by hand, go there, be there."""
+"""Requests of ROS 2 programs as commands of the twin: cmd_vel, goal pose, initial pose."""
 
 import math
 import threading
@@ -28,8 +28,8 @@ class Refuse(Protocol):
         ...
 
 
-class Wishes:
-    """Keeps the newest message of each topic, and sends it on in a thread of its own."""
+class Requests:
+    """Keeps the newest message of each topic, and forwards it from its own thread."""
 
     def __init__(self, client: TwinClient, refuse: Refuse) -> None:
         self._client, self._refuse = client, refuse
@@ -82,7 +82,7 @@ class Wishes:
             self._refuse(topic, answer.reason, unreadable=False)
 
     def _command(self, topic: Topic, message: Message) -> Command:
-        """The command for a wish; raises ValueError when it can not be asked now."""
+        """The command for a message; raises ValueError when it is not possible now."""
         if topic is CMD_VEL:
             return self._drive(message)
         if topic is GOAL_POSE:
@@ -101,7 +101,7 @@ class Wishes:
         return Drive(v=v, w=w)
 
     def _put_there(self, x: float, y: float, yaw: float) -> Command:
-        """A simulated robot is localised always: it is put where it is said to be."""
+        """Initial pose: a simulated robot is always localised, so it is moved there."""
         tick, status = self._client.tick(), self._client.status()
         if tick is None or status is None:
             raise ValueError("no scene is running")
