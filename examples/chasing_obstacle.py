@@ -7,7 +7,7 @@ import argparse
 import math
 
 from motm_twin.client import connect
-from motm_twin.one_sentence import one_sentence
+from motm_twin.program import clean_exit
 
 NAME = "chaser"
 SPEED = 0.4  # [m/s]
@@ -16,7 +16,7 @@ START = 3.0  # [m] behind the robot
 EVERY = 0.1  # [s]
 
 
-@one_sentence()
+@clean_exit()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--endpoint")

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from motm_twin.model.scene_file import listing
 from motm_twin.model.scene_load import load_document
-from motm_twin.one_sentence import one_sentence
+from motm_twin.program import clean_exit
 from motm_twin.studies.run import run
 from motm_twin.studies.spec import Experiment, TrialSpec
 from motm_twin.studies.statistics import paired_difference, proportion
@@ -24,7 +24,7 @@ def arrangement_of(scene):
     return "random" if "random" in listing(load_document(scene)).variants else None
 
 
-@one_sentence()
+@clean_exit()
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("methods", nargs="*", default=["motm", "staa"], help="two names, or FILE.py:NAME of your own")

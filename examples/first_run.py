@@ -13,7 +13,7 @@ from motm_twin.control.loop import PERIOD
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import find_method
 from motm_twin.model.scene_file import load_scene
-from motm_twin.one_sentence import one_sentence
+from motm_twin.program import clean_exit
 from motm_twin.trial import run_scene
 
 PARTS = ("driving", "turning", "standing")
@@ -27,7 +27,7 @@ def what_the_base_does(tick):
     return "turning" if abs(w) > TURNING else "standing"
 
 
-@one_sentence()
+@clean_exit()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="?", default="exp1")

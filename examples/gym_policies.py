@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from motm_twin.one_sentence import one_sentence
+from motm_twin.program import clean_exit
 
 try:
     from motm_twin.gym import ENVIRONMENTS, Expert
@@ -48,7 +48,7 @@ class Towards:
         return np.clip([speed, 1.5 * bearing], -1.0, 1.0).astype(np.float32)
 
 
-@one_sentence()
+@clean_exit()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("policy", nargs="?", default="towards", choices=("random", "towards", "expert"))

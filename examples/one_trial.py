@@ -9,11 +9,11 @@ import msgspec
 
 from motm_twin.methods.registry import find_method
 from motm_twin.model.scene_file import load_scene
-from motm_twin.one_sentence import one_sentence
+from motm_twin.program import clean_exit
 from motm_twin.trial import run_scene
 
 
-@one_sentence()
+@clean_exit()
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("method", help="a name, or FILE.py:NAME of your own")

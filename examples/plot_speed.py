@@ -8,13 +8,13 @@ import argparse
 from contextlib import suppress
 
 from motm_twin.client import connect
-from motm_twin.one_sentence import one_sentence
+from motm_twin.program import clean_exit
 
 WIDTH = 50  # characters
 FULL = 0.5  # [m/s]
 
 
-@one_sentence()
+@clean_exit()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--endpoint")

@@ -7,10 +7,10 @@ import argparse
 import sys
 
 from motm_twin.client import connect
-from motm_twin.one_sentence import one_sentence
+from motm_twin.program import clean_exit
 
 
-@one_sentence()
+@clean_exit()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene")

@@ -1,4 +1,4 @@
-"""`motm-twin`, also as `python -m motm_twin`: a signal while the command line is still being loaded is no traceback."""
+"""`motm-twin`, also as `python -m motm_twin`: a signal during loading ends it without a traceback."""
 
 import os
 import sys
@@ -22,7 +22,7 @@ def main() -> None:
 
 
 def _open_standard_files() -> None:
-    """Open the null device in place of a closed stream: the next file that is opened would take its place."""
+    """Open the null device for closed streams, whose descriptors the next opened file would otherwise get."""
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         if getattr(sys, name) is None:
             descriptor = os.open(os.devnull, os.O_RDWR)

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: while a program starts, and processes that must not hear it."""
+"""Ctrl-C and SIGTERM while a program starts, and in child processes."""
 
 import functools
 import os
@@ -18,10 +18,10 @@ R = TypeVar("R")
 
 
 def starting() -> None:
-    """From now on Ctrl-C and SIGTERM end this program at once, in one line, until `loaded`.
+    """Let Ctrl-C and SIGTERM end this program at once, with one line, until `loaded`.
 
-    There is nothing to be put in order yet, and an exception would come in the middle of an import: libraries catch it
-    there, or it is lost with a traceback. What is ignored (in a background job) stays so.
+    There is nothing to clean up yet, and an exception would come in the middle of an import: libraries catch it
+    there, or it ends in a traceback. Ignored signals (in a background job) stay ignored.
     """
     if threading.current_thread() is threading.main_thread() and not _before:
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -30,7 +30,7 @@ def starting() -> None:
 
 
 def loaded() -> None:
-    """From now on they do what they did before `starting`."""
+    """Restore the handlers from before `starting`."""
     while _before:
         number, handler = _before.popitem()
         if signal.getsignal(number) is _end:
@@ -38,7 +38,7 @@ def loaded() -> None:
 
 
 def interruptible(command: Callable[P, R]) -> Callable[P, R]:
-    """A command that Ctrl-C interrupts from its begin on, and that then puts in order what it has begun."""
+    """A command that Ctrl-C interrupts from its start on, and that cleans up after itself."""
 
     @functools.wraps(command)
     def called(*given: P.args, **named: P.kwargs) -> R:
@@ -57,9 +57,9 @@ def _end(number: int, _: FrameType | None) -> None:
 
 @contextmanager
 def deaf() -> Iterator[None]:
-    """Processes that are started in the block never hear Ctrl-C: the one that waits for them ends them itself.
+    """Processes started in the block ignore Ctrl-C: the parent ends them itself.
 
-    It is deaf for that moment, too; blocking the signal instead would not do, as joblib unblocks it.
+    The parent ignores it for that moment, too; blocking the signal would not do, as joblib unblocks it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -20,13 +20,12 @@ from motm_twin.bus.library import FileLibrary, MethodLibrary
 from motm_twin.bus.pacing import refusal
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.server import RobotChoice, TwinServer
-from motm_twin.exit_codes import BAD_INPUT
 from motm_twin.external.robot_link import RobotLink
-from motm_twin.memory import freeze_setup, share_arenas
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.planning.types import SearchBudget
+from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas
 
 if TYPE_CHECKING:
     from motm_twin.control.method import Method
@@ -49,7 +48,7 @@ def make_twin(scene: Scene, *, budget: SearchBudget, method: "Method") -> TwinLi
 def make_external_twin(
     robot: RobotLink, scene: Scene, *, budget: SearchBudget, sender: str, method: "Method"
 ) -> TwinLike:
-    """A twin of a robot in another program; one that is only shown has nothing to do."""
+    """A twin of a robot in another program; a mirrored one only observes."""
     from motm_twin.external.plant import ZenohPlant
     from motm_twin.twin import Twin
     from motm_twin.warm_up import compile_kernels
@@ -94,7 +93,7 @@ def main() -> None:
             robot=_robot(options, budget, stop),
             open_bus=options.open_bus,
         )
-    except TimeoutError:  # stopped before the router was there
+    except TimeoutError:  # stopped before the router answered
         leave(0)
         return
     except (SceneError, PortTaken, ValueError) as error:
@@ -116,7 +115,7 @@ def main() -> None:
 
 
 def _robot(options: argparse.Namespace, budget: SearchBudget, stop: threading.Event) -> RobotChoice | None:
-    """The robot that is asked for; waits for the router where it is to be met."""
+    """The requested external robot; waits for the router where it connects."""
     if options.plant == "simulated":
         return None
     sender = f"twin-{secrets.token_hex(4)}"

@@ -8,22 +8,22 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.method import Method
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
-from motm_twin.finish import Finish
 from motm_twin.measures import Measures
 from motm_twin.measures.agents import base_gap, body_of
 from motm_twin.measures.reference_tour import reference_tour
-from motm_twin.memory import freeze_setup
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.profile import Footprint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget
+from motm_twin.program import freeze_setup
 from motm_twin.twin import Twin
 
 ENCOUNTER = 1.0  # [m] between base and agent at which an encounter begins
@@ -33,7 +33,7 @@ ROBOT_WAIT = 120.0  # [s] of wall time for an external robot to come: it may com
 
 @dataclass
 class Tally:
-    """What is added up over the Ticks of a trial."""
+    """Sums over the Ticks of a trial."""
 
     path_length: float = 0.0
     closing_speed: list[float] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Tally:
         self.period_ms.append(tick.stage_ms["period"])
 
     def meet(self, tick: Tick, footprint: Footprint) -> None:
-        """Count encounters: an agent comes within 1 m of the base, and parts again before it counts anew."""
+        """Count encounters: an agent comes within 1 m of the base; it must part before it counts again."""
         assert tick.truth is not None
         body = body_of(footprint)
         for agent in tick.truth.agents:
@@ -89,7 +89,7 @@ def run_scene(
         _wait_for(plant)
     tally, measures = Tally(), Measures(scene, twin.loop.manipulator.parameters.avoidance)
     began = time.perf_counter()
-    finish = Finish()
+    finish = Completion()
     while True:
         tick = twin.advance()
         tally.add(tick)
@@ -109,7 +109,7 @@ def run_scene(
 
 
 def _wait_for(robot: ExternalPlant) -> None:
-    """Until there is a robot; raises TimeoutError when none comes."""
+    """Wait for a robot; raises TimeoutError when none comes."""
     deadline = time.monotonic() + ROBOT_WAIT
     while not robot.ready():
         if time.monotonic() > deadline:
@@ -118,7 +118,7 @@ def _wait_for(robot: ExternalPlant) -> None:
 
 
 def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) -> dict[str, Any]:
-    """The trial in numbers, from its last Tick and what was added up; ``tour`` [m]: length of the reference tour."""
+    """The trial in numbers, from its last Tick and tally; ``tour`` [m]: length of the reference tour."""
     scene, truth, sequence = twin.scene, tick.truth, twin.loop.sequence
     assert truth is not None
     places_total = _count(tick, "place")
@@ -161,7 +161,7 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) ->
 
 
 def failure(twin: Twin, tick: Tick, completed: bool, caused: int, failures: tuple[str, ...]) -> str:
-    """Why a trial did not succeed, in one sentence; '' when it did."""
+    """Reason why a trial did not succeed, in one sentence; '' when it did."""
     if failures:
         return "; ".join(failures)
     if not tick.done:
@@ -187,5 +187,5 @@ def _count(tick: Tick, kind: str) -> int:
 
 
 def _finite(value: float) -> float | None:
-    """JSON has no infinity: None means that there was nothing to be near."""
+    """The number, or None for infinity, which JSON lacks: nothing was near."""
     return round(value, 4) if np.isfinite(value) else None

@@ -15,7 +15,8 @@ from motm_twin.control.task_list import TaskList, edited
 from motm_twin.control.tick import Tick
 from motm_twin.control.told import Told, check_announce
 from motm_twin.control.tuning import check, parameter, tuned
-from motm_twin.methods.fast import FAST
+from motm_twin.dry_run import dry_run
+from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import (
     Announce,
     Drive,
@@ -40,11 +41,10 @@ from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
-from motm_twin.rehearse import rehearse
 from motm_twin.sessions.session import Cut, LoggedEdit, Session, plain
 from motm_twin.sim.plant import SimulatedPlant
 
-POINTED_AT = 0.15  # [m] off its belief, an object that a person adds to the task list is shown to the robot
+POINTED_AT = 0.15  # [m] error of a belief beyond which an object added to the task list is shown to the robot
 
 
 class Twin:
@@ -90,7 +90,7 @@ class Twin:
         self._told = Told(self.scene, self._start)
         self.edits: list[LoggedEdit] = []
         self.cuts: list[Cut] = []
-        self.refused: list[str] = []  # what an external robot would not do in the last period after all
+        self.refused: list[str] = []  # accepted edits that an external robot refused in the last period
         self._broken: int | None = None  # period that has raised
         self._build()
         self._forget_queue()
@@ -117,7 +117,7 @@ class Twin:
 
     @property
     def announced(self) -> dict[str, PlanarPose]:
-        """Where the robot was told that pieces of furniture stand: reference point x, y [m], turn [rad]."""
+        """Announced places of furniture: reference point x, y [m], turn [rad]."""
         return self._told.map[0]
 
     def post(self, edit: Edit) -> None:
@@ -144,7 +144,7 @@ class Twin:
     def advance(self, budget: SearchBudget | None = None) -> Tick:
         """Apply queued edits, run one period, return its Tick; ``budget`` repeats a search that the clock had cut.
 
-        A period that raises leaves the world between two periods: there is no way on but `reset` and `restore`.
+        A period that raises leaves the world between two periods: only `reset` and `restore` can follow.
         """
         if self._broken is not None:
             raise RuntimeError(f"period {self._broken} has broken off: reset the twin, or restore a snapshot")
@@ -192,9 +192,9 @@ class Twin:
         return True
 
     def session(self, title: str = "") -> Session:
-        """The run so far, as what repeats it bit for bit; raises ValueError for a twin of given parameter objects.
+        """The run so far as a session; raises ValueError for a twin of given parameter objects.
 
-        After a period that broke off it is the run until then, without a state hash: that state is gone.
+        After a failed period it is the run until then, without a state hash: that state is lost.
         """
         if self._external is not None:
             raise ValueError("a robot in another program does not do the same again: record the run instead")
@@ -272,7 +272,7 @@ class Twin:
         )
 
     def _rebuild(self) -> None:
-        """The control loop for what the robot knows now, as far as the old one has come."""
+        """A control loop with the robot's present knowledge and the old one's progress."""
         old = self.loop
         self._build()
         for part, state in old.parts().items():
@@ -294,13 +294,13 @@ class Twin:
 
     def _rehearse(self, edits: Timed) -> Rehearsed:
         """The task from its start, in the world as the robot knows it now, with the parameters of now."""
-        return rehearse(Twin, self._told.known(), *tuned(self.parameters, self._planning, self._arm), edits)
+        return dry_run(Twin, self._told.known(), *tuned(self.parameters, self._planning, self._arm), edits)
 
     def _search_clock(self) -> Callable[[], float] | None:
         return self._clock if self._budget.seconds is not None else None
 
     def _retune(self) -> None:
-        """Planner and arm with the parameters of now. Their states hold no parameter: they go on as they are."""
+        """Planner and arm with the current parameters. Their states, which hold no parameters, are kept."""
         planning, arm = tuned(self.parameters, self._planning, self._arm)
         loop, planner, manipulator = self.loop, self.loop.planner, self.loop.manipulator
         if planning != planner.parameters:
@@ -328,7 +328,7 @@ class Twin:
             self.plant.expect_tasks(self.loop.sequence.tasks)
 
     def _forget_queue(self) -> tuple[Edit, ...]:
-        """The queued edits, which are no longer queued; what was found out about them ahead goes with them."""
+        """Take the queued edits out, with what was found out about them in advance."""
         edits = tuple(self._queue)
         self._queue = []
         self._rehearsal: WorldRehearsal | None = None  # of queued world edits
@@ -357,7 +357,7 @@ class Twin:
         self._listed = tasks
 
     def _point_at(self, names: list[str]) -> None:
-        """A person who adds an object to the list shows where it is, should the robot believe it elsewhere."""
+        """Correct the robot's belief about an object that a person adds to the list, if it is off."""
         truth = self.plant.truth()
         if truth is None:
             return
@@ -371,7 +371,7 @@ class Twin:
                 loop.tracker.move_belief(body.name, in_odometry, observation, loop.known.object_sd)
 
     def _announce(self, name: str) -> None:
-        """The map, with bins and beliefs on it, follows a piece of furniture to where it is."""
+        """Update the map, with bins and beliefs on it, to the true place of a piece of furniture."""
         on_piece, truth = self._told.on_piece(name), self.plant.truth()
         if truth is None:
             return

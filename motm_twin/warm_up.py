@@ -1,7 +1,7 @@
 """Compile the numeric kernels, once per installation: ``python -m motm_twin.warm_up``.
 
-Numba keeps what it compiled, so every later start takes it from there. The five big parts are compiled at the same
-time, in processes of their own.
+Numba caches compiled kernels for later starts. The five big parts are compiled at the same
+time, in separate processes.
 """
 
 from multiprocessing import get_context
@@ -34,11 +34,11 @@ from motm_twin.twin import Twin
 ARM_STEP = 0.01  # [s]
 PERIODS = 10
 METHODS = ("motm", "fast", "irm")  # that have all kernels of methods between them
-DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods that need what is left: until a cube is carried, and Temis
+DRIVES = (("exp1", 250), ("exp2", 100))  # scenes and periods for the other kernels: a carried cube, Temis
 
 
 def is_warm() -> bool:
-    """Whether the largest kernel is in numba's cache; after a change it is not (`stale_kernels.py`)."""
+    """The largest kernel is in numba's cache; after a change it is not (`drop_stale_kernels`)."""
     return any(Path(run_search.stats.cache_path).glob(f"*{run_search.__name__}*.nbi"))
 
 
@@ -124,7 +124,7 @@ def _arm_inputs(observation: Observation) -> ArmInputs:
         last_seen=observation.time,
     )  # fmt: skip
     near, static = np.array([[0.8, -0.4], [0.8, 0.5]]), np.array([False, True])
-    static.setflags(write=False)  # as a map has it: kernels are compiled for read-only arrays apart
+    static.setflags(write=False)  # as a map has it: read-only arrays have their own compiled kernels
     return ArmInputs(
         observation=observation,
         dt=ARM_STEP,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import MOTM
 from motm_twin.model.edits import (
     AddObstacle,
     Announce,

@@ -31,7 +31,7 @@ NOBODY = ("--twin", "nobody", "--endpoint", "tcp/127.0.0.1:9", "--wait", "0.1")
 
 def call(*arguments, cwd=None):
     return subprocess.run(
-        [sys.executable, "-m", "motm_twin.cli", *arguments],
+        [sys.executable, "-m", "motm_twin", *arguments],
         capture_output=True,
         text=True,
         timeout=240,
@@ -202,7 +202,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(mo
         "/proc/out.json": "/proc cannot be written to: give another folder",  # even root cannot
     }
     computed = []
-    for module in ("cli_run.run_scene", "record.cli_rerun.rerun", "record.cli_what_if.compare"):
+    for module in ("cli.run.run_scene", "cli.rerun.rerun", "cli.what_if.compare"):
         monkeypatch.setattr(f"motm_twin.{module}", lambda *given, **named: computed.append(given))
     commands = (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off"))
     for arguments, (report, said) in itertools.product(commands, reports.items()):
@@ -236,7 +236,7 @@ def test_ctrl_c_is_one_line_and_exit_code_130_and_the_session_so_far_is_kept(mon
 
         return run_scene(scene, on_tick=until_then, method=method)
 
-    monkeypatch.setattr("motm_twin.cli_run.run_scene", interrupted)
+    monkeypatch.setattr("motm_twin.cli.run.run_scene", interrupted)
     for options, said in (((), ""), (("--save", str(path)), f"; the 1.50 s before are in {path}")):
         monkeypatch.setattr(sys, "argv", ["motm-twin", "run", "exp1", *options])
         with pytest.raises(SystemExit) as end:

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from motm_twin.cli_serve import BAD_INPUT, OK, _Supervisor, serve
-from motm_twin.settings import ServeSettings
+from motm_twin.cli.serve import BAD_INPUT, OK, _Supervisor, serve
+from motm_twin.cli.settings import ServeSettings
 
 
 @pytest.mark.parametrize(

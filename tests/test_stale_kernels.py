@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from motm_twin.stale_kernels import drop_stale_kernels
+from motm_twin import drop_stale_kernels
 
 INNER = "from numba import njit\n\n@njit(cache=True)\ndef inner(x):\n    return x + {}\n"
 OUTER = (
@@ -32,7 +32,7 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path)
     (tmp_path / "outer.py").write_text(OUTER)
     assert outer_of_1(tmp_path) == 20
     later(tmp_path / "inner.py", INNER.format(2))
-    assert outer_of_1(tmp_path) == 20, "numba looks at callees by now: stale_kernels.py is no longer needed"
+    assert outer_of_1(tmp_path) == 20, "numba looks at callees by now: drop_stale_kernels is no longer needed"
     assert drop_stale_kernels(tmp_path) > 0
     assert outer_of_1(tmp_path) == 30
 

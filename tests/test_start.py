@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from motm_twin.cli_serve import _Supervisor
-from motm_twin.console import plain_console
+from motm_twin.cli.serve import _Supervisor
+from motm_twin.program import plain_console
 
 PIPE = subprocess.PIPE
 # Sends itself a signal when a module is about to be imported.
@@ -35,7 +35,7 @@ SERVE = ("serve", "exp1", "--port", "0", "--zenoh-port", "0")
     ("module", "words"),
     [
         ("tyro", SERVE),
-        ("motm_twin.cli_serve", SERVE),
+        ("motm_twin.cli.serve", SERVE),
         ("viser", SERVE),
         ("numba", ("run", "exp1")),
         ("motm_twin.external.robot_server", ("robot", "exp1")),

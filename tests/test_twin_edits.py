@@ -6,7 +6,7 @@ import pytest
 from twin_steps import SCENE, advance, advance_until, caused
 
 from motm_twin.control.tuning import PARAMETERS
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import (
     AddObstacle,
     Announce,

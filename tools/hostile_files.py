@@ -27,16 +27,14 @@ from typing import Any
 import msgspec
 from mcap.writer import CompressionType, IndexType, Writer
 
-from motm_twin.bus.encode import tick_message
-from motm_twin.bus.observations import ObservationEncoder
+from motm_twin.bus.encode import ObservationEncoder, tick_message
+from motm_twin.cli.rerun import rerun_file
 from motm_twin.record import channels as ch
-from motm_twin.record.cli_rerun import rerun_file
 from motm_twin.record.frames import Frames
 from motm_twin.record.info import info, show
 from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.reader import read
+from motm_twin.record.reader import read, recover
 from motm_twin.record.recording import load_recording
-from motm_twin.record.recover import recover
 from motm_twin.record.replay import player
 from motm_twin.sessions.session import SessionError, encode_session, load_session
 from motm_twin.twin import Twin

@@ -6,8 +6,8 @@ robot caused; docs/notebook/faults.md has results.
 
 import argparse
 
+from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
-from motm_twin.finish import Finish
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import InjectFault
 from motm_twin.model.scene_file import load_scene
@@ -19,7 +19,7 @@ LASTS = 4.0  # [s]
 def contacts(method: str, seed: int, joint: int, phase: Phase) -> tuple[list[str], str]:
     """Contacts that the robot caused in a trial with a stuck joint at each grasp, and how it ended."""
     scene = load_scene("exp1", "random", seed)
-    twin, finish, grasp = Twin(scene, method=find_method(method)), Finish(), -1
+    twin, finish, grasp = Twin(scene, method=find_method(method)), Completion(), -1
     while True:
         tick = twin.advance()
         finish.add(tick)

@@ -1,4 +1,4 @@
-"""The client side of a twin: the latest state, never an old one, and commands with answers."""
+"""Client of a twin: its latest state, never an old one, and commands with answers."""
 
 import itertools
 import secrets
@@ -83,7 +83,7 @@ class TwinClient:
     def __init__(self, endpoint: str, twin: str = "frankie", sender: str | None = None) -> None:
         self.keys, self.endpoint = Keys(twin), endpoint
         self.sender = sender or f"client-{secrets.token_hex(6)}"
-        # Numbers begin at the time, so that they go on rising when a program starts again under the same name.
+        # Sequence numbers start at the time, so that they keep rising when a program restarts under the same name.
         self._sequences: dict[str, itertools.count[int]] = defaultdict(lambda: itertools.count(time.time_ns() // 1000))
         self._sending = threading.Lock()  # numbers must arrive in order
         self._on_tick: list[OnTick] = []
@@ -98,7 +98,7 @@ class TwinClient:
         self._changed = threading.Condition()
         self._slots = {key: _Slot() for key in (self.keys.tick, self.keys.grid, self.keys.scene, self.keys.status)}
         self._decoded: dict[str, tuple[int, Any]] = {}
-        self.malformed = 0  # samples that were no messages of a twin, and were not served
+        self.malformed = 0  # samples that were not valid messages and were dropped
         self._clock_offset: float | None = None
         self._declared = [self._session.declare_subscriber(key, direct(self._on_sample)) for key in self._slots]
         self._liveliness = self._session.liveliness().declare_subscriber(
@@ -144,7 +144,7 @@ class TwinClient:
         return self._followed(self.keys.metrics, MetricsMessage, METRICS_VERSION)
 
     def events(self, since: int, timeout: float = SESSION_TIMEOUT) -> EventsMessage | None:
-        """Those from number ``since`` on, as far as the server keeps them; None when it does not answer."""
+        """Events from number ``since`` on, as far as the server keeps them; None when it does not answer."""
         replies = self._session.get(f"{self.keys.event}?from={since}", timeout=timeout)
         for answer in answers(replies, self.keys.event):
             events = msgspec.json.decode(answer.payload.to_bytes(), type=EventsMessage)
@@ -157,7 +157,7 @@ class TwinClient:
         return self.wait(self.keys.tick, after, timeout)
 
     def wait(self, key: str, after: int, timeout: float) -> int:
-        """As `wait_tick`, for any followed key; returns at once when this is closed."""
+        """As `wait_tick`, for any followed key; returns at once when the client is closed."""
         slot = self._slots[key]
         with self._changed:
             self._changed.wait_for(lambda: slot.count > after or self._closed, timeout)
@@ -183,11 +183,11 @@ class TwinClient:
         return self._listen(self._on_key[key], callback)
 
     def on_tick(self, callback: OnTick) -> Callable[[], None]:
-        """Call ``callback`` with the payload of every tick, in order; what is given back ends this.
+        """Call ``callback`` with the payload of every tick, in order; the returned function ends this.
 
         It is called in Zenoh's thread, which reads nothing else meanwhile: it must be quick (put the payload into a
-        queue). A tick may come twice, after a reconnection; previews repeat the index of the tick before; and an index
-        that falls within one run comes from a server that was started again.
+        queue). A tick may repeat after a reconnection; previews repeat the index of the previous tick; an index
+        that falls within one run comes from a restarted server.
         """
         return self._listen(self._on_tick, callback)
 
@@ -294,7 +294,7 @@ class TwinClient:
             thread.start()
 
     def _fetch_all(self) -> None:
-        """A late joiner asks for the last value of everything that it has not received by itself."""
+        """Fetch the last value of every key that has not been received yet: for late joiners."""
         for key, slot in list(self._slots.items()):
             if self._closed:
                 return
@@ -334,7 +334,7 @@ class TwinClient:
             value = decode(payload, attachment, at)
         except OtherVersion:
             raise
-        except (msgspec.DecodeError, ValueError):  # somebody else has sent this: the last value of the twin holds
+        except (msgspec.DecodeError, ValueError):  # not sent by the twin: its last value stays valid
             self.malformed += 1
         self._decoded[key] = (newest, value)
         return value
@@ -356,7 +356,7 @@ def _tell(listeners: list, *payloads: bytes) -> None:
         try:
             listener(*payloads)
         except Exception:
-            traceback.print_exc()  # the fault of one: the others and this client go on
+            traceback.print_exc()  # one callback fails: the others and this client go on
 
 
 def _decode_scene(payload: bytes, _attachment: bytes | None, _at: float) -> Scene:

@@ -75,13 +75,13 @@ class Reset(msgspec.Struct, frozen=True, kw_only=True, tag="reset", forbid_unkno
 
 
 class Speed(msgspec.Struct, frozen=True, kw_only=True, tag="speed", forbid_unknown_fields=True):
-    """Wanted real-time factor, 1/8 to 8."""
+    """Requested real-time factor, 1/8 to 8."""
 
     factor: Annotated[float, SPEED]
 
 
 class Load(msgspec.Struct, frozen=True, kw_only=True, tag="load", forbid_unknown_fields=True):
-    """Another scene, variant, seed or method; None keeps what the scene file says."""
+    """Load a scene, variant, seed or method; None keeps the scene file's own."""
 
     scene: Annotated[str, Listed("a name of `status.scenes`"), Text(1, MAX_NAME)]
     variant: Annotated[str, Text(0, MAX_NAME)] | None = None
@@ -96,7 +96,7 @@ class Seed(msgspec.Struct, frozen=True, kw_only=True, tag="seed", forbid_unknown
 
 
 class DriveToPoint(msgspec.Struct, frozen=True, kw_only=True, tag="drive_to", forbid_unknown_fields=True):
-    """Drive the base to a point now, then go on with the tasks: a `drive_to` task before the active one."""
+    """Drive the base to a point now, then resume the tasks: inserts a `drive_to` task before the active one."""
 
     x: Annotated[float, _COORDINATE]  # world
     y: Annotated[float, _COORDINATE]
@@ -117,34 +117,34 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, tag="record", forbid_unk
 
 
 class Branch(msgspec.Struct, frozen=True, kw_only=True, tag="branch", forbid_unknown_fields=True):
-    """Go back to the start of period ``index`` of this run and go on from there; what came after is set aside."""
+    """Go back to the start of period ``index`` of this run and continue from there; the rest is set aside."""
 
     index: Annotated[int, Listed("`status.oldest` to the last period"), INDEX]
 
 
 class UndoBranch(msgspec.Struct, frozen=True, kw_only=True, tag="undo_branch", forbid_unknown_fields=True):
-    """Go on where the run ended that the last branch has set aside; the run of now is set aside in its place.
+    """Resume the run that the last branch set aside, at its end; the current run is set aside in its place.
 
-    There is one such run at most; a load or a reset forgets it.
+    At most one run is set aside; a load or a reset forgets it.
     """
 
 
 class Inspect(msgspec.Struct, frozen=True, kw_only=True, tag="inspect", forbid_unknown_fields=True):
-    """Ask the ticks to explain more, for everybody: the two paths of a candidate, the path of unmodified STAA*."""
+    """Add explanations to the ticks, for all readers: the two paths of a candidate, the path of unmodified STAA*."""
 
     candidate: Annotated[int, Between(-1, 10_000)] = -1  # index into the candidates; -1: none
     staa_path: bool = False
 
 
 class TakeWheel(msgspec.Struct, frozen=True, kw_only=True, tag="take_wheel", forbid_unknown_fields=True):
-    """Become the driver, when nobody drives; sent again, it keeps the wheel through silence."""
+    """Become the driver when nobody drives; sent again, it renews the lease."""
 
 
 class HandOver(msgspec.Struct, frozen=True, kw_only=True, tag="hand_over", forbid_unknown_fields=True):
-    """Give the wheel to another sender; an empty one leaves it to whoever acts next."""
+    """Hand the right to drive to another sender; an empty one leaves it to whoever acts next."""
 
     to: Annotated[str, Text(0, MAX_NAME, called="receiver")] = ""
-    name: _Person = ""  # shown name of the new driver; "": the one under which it was heard last
+    name: _Person = ""  # displayed name of the new driver; "": its last known name
 
 
 ServerCommand = (
@@ -170,13 +170,13 @@ COMMAND_NAMES = tuple(str(kind.__struct_config__.tag) for kind in (*SERVER_COMMA
 
 
 class Envelope(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A command with its sender, its number, and the time until which it is meant."""
+    """A command with its sender, sequence number and expiry time."""
 
     sender: str
     seq: int
     expires: float
     command: Command
-    name: str = ""  # of the person, to be shown to others
+    name: str = ""  # displayed name of the person
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
@@ -187,7 +187,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     reason: str = ""  # why it was refused
     server_time: float = 0.0  # [s] now, on the clock of the server
     index: int = -1  # last period before the command takes effect
-    text: str = ""  # more about what was done
+    text: str = ""  # details of the effect
     path: str = ""  # of the file on the server, for save and record
 
 
@@ -202,7 +202,7 @@ def check_command(command: Command) -> None:
 
 
 def reason_of(error: Exception) -> str:
-    """Reason to tell whoever asked; what is no refusal is our own fault, and its traceback is printed."""
+    """Reason for the sender; an error other than a refusal is our own fault, and its traceback is printed."""
     if isinstance(error, Refused):
         return str(error)
     traceback.print_exception(error)

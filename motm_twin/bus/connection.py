@@ -1,7 +1,7 @@
-"""Zenoh sessions with an explicit configuration: nothing is reachable that was not asked for.
+"""Zenoh sessions with an explicit configuration: nothing is reachable unless requested.
 
-Zenoh's own defaults listen on all interfaces and look for others by multicast; here a session listens on the given
-address only, finds nobody by itself, and takes messages of a bounded size.
+Zenoh's defaults listen on all interfaces and discover others by multicast; here a session listens on the given
+address only, discovers nobody, and accepts messages of a bounded size.
 """
 
 import contextlib
@@ -24,11 +24,11 @@ LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
 FREE = (20_000, 32_768)  # ports from which a free one is taken: below those of outgoing connections (Linux: 32768)
 MAX_PORT = 65_535
 TRIES = 50  # ports that are tried
-ATTEMPT = 0.5  # [s] that one attempt to connect takes at most; a stop is noticed between two
+ATTEMPT = 0.5  # [s] limit of one attempt to connect; a stop is noticed between attempts
 
 
 class PortTaken(OSError):
-    """The port that was asked for belongs to somebody else."""
+    """The requested port is in use."""
 
     def __init__(self, host: str, port: int, use: str) -> None:
         self.host, self.port = host, port
@@ -36,9 +36,9 @@ class PortTaken(OSError):
 
 
 def require_free_port(host: str, port: int, use: str) -> None:
-    """Raise PortTaken, with advice, when the TCP port belongs to somebody; port 0 is always free.
+    """Raise PortTaken, with advice, when the TCP port is in use; port 0 is always free.
 
-    Raises ValueError when no program could listen there: no such port, or an address of another machine.
+    Raises ValueError when no program could listen there: invalid port, or an address of another machine.
     """
     if not 0 <= port <= MAX_PORT:
         raise ValueError(f"port {port}: use 1 to {MAX_PORT} (0 takes any free one)")
@@ -64,9 +64,9 @@ def _family(host: str) -> socket.AddressFamily:
 
 
 def free_port(host: str = LOOPBACK) -> int:
-    """A TCP port that is free now, and that no outgoing connection takes before it is listened on.
+    """A TCP port that is free now, and that no outgoing connection will take before it is listened on.
 
-    The operating system's own choice (port 0) is one of those that it gives to outgoing connections of any program.
+    The operating system's own choice (port 0) is from the range of outgoing connections of any program.
     Raises PortTaken when none was found, ValueError for an address of another machine.
     """
     for port in random.SystemRandom().sample(range(*FREE), TRIES):
@@ -83,17 +83,17 @@ def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
 
 
 def answers(replies: Iterable[zenoh.Reply], key: str) -> Iterator[zenoh.Sample]:
-    """The answers among replies, of those who answer on just this key (`keys.spoken_on`); errors are left out."""
+    """Answers on exactly this key among the replies (`keys.spoken_on`); errors are left out."""
     return (reply.ok for reply in replies if reply.ok is not None and spoken_on(reply.ok, key))
 
 
 def open_server(
     port: int, host: str = LOOPBACK, own: Sequence[str] = (), asks: Sequence[str] = (), *, open_bus: bool = False
 ) -> zenoh.Session:
-    """A session that listens on one TCP port, and alone speaks on the keys ``own`` and asks on ``asks``.
+    """A session that listens on one TCP port; only it may publish on the keys ``own`` and query ``asks``.
 
-    It lets in the programs of this user (`bus.credentials`); with ``open_bus`` everybody on this machine. Raises
-    ConfigError, and as `require_free_port`.
+    Programs of this user may connect (`bus.credentials`); with ``open_bus``, all on this machine. Raises
+    ConfigError, and errors of `require_free_port`.
 
     It connects to nobody, unless the configuration file names a router.
     """
@@ -105,27 +105,27 @@ def open_server(
 
 
 def open_client(endpoint: str) -> zenoh.Session:
-    """A session that connects to ``endpoint`` ("tcp/127.0.0.1:7447"), now or as soon as somebody is there.
+    """A session that connects to ``endpoint`` ("tcp/127.0.0.1:7447"), now or as soon as a server is there.
 
-    Raises ConfigError for an endpoint that is none.
+    Raises ConfigError for an invalid endpoint.
 
-    Behind a router the configuration file must say mode "client": a router does not pass on between peers.
+    Behind a router the configuration file must say mode "client": a router does not forward between peers.
     """
     return zenoh.open(session_config(listen=[], connect=[endpoint]))
 
 
 def open_member(endpoint: str, *, wait: float | None = None, stop: threading.Event | None = None) -> zenoh.Session:
-    """A session whose data, queryables and tokens other members see as well: the server passes them on.
+    """A session whose data, queryables and tokens the server forwards to other members.
 
-    Waits until somebody answers at ``endpoint``, for ``wait`` [s] at most (None: for ever), or until ``stop`` is set;
-    then raises TimeoutError. Later it finds a server that was started again by itself, with all that it has declared.
-    Raises ConfigError at once for an endpoint that is none.
+    Waits until a server answers at ``endpoint``, for at most ``wait`` [s] (None: for ever), or until ``stop`` is set;
+    then raises TimeoutError. It reconnects by itself to a restarted server, with all its declarations.
+    Raises ConfigError at once for an invalid endpoint.
     """
     deadline = None if wait is None else time.monotonic() + wait
     stop = stop or threading.Event()
     while True:
         began = time.monotonic()
-        config = session_config(listen=[], connect=[endpoint], mode="client")  # it may ask for a password by now
+        config = session_config(listen=[], connect=[endpoint], mode="client")  # it may ask for a password now
         config.insert_json5("connect/timeout_ms", json.dumps(round(ATTEMPT * 1000)))
         try:
             return zenoh.open(config)

@@ -35,12 +35,12 @@ def own_credentials() -> Credentials:
 
 
 def client_file(port: int) -> Path:
-    """Zenoh configuration with which a program is let in at a port of this user."""
+    """Zenoh configuration that lets a program in at a port of this user."""
     return folder() / f"zenoh-{port}.json5"
 
 
 def guard(port: int, endpoint: str, others: Iterable[str] = ()) -> Path:
-    """Let in at a port who has the password; the list of those that are right, for its Zenoh session.
+    """Require the password at a port; returns the file of valid passwords for its Zenoh session.
 
     ``others``: further lines "user:password" of that list. Raises OSError.
     """
@@ -51,7 +51,7 @@ def guard(port: int, endpoint: str, others: Iterable[str] = ()) -> Path:
 
 
 def announce(port: int, endpoint: str, own: Credentials | None) -> None:
-    """Write the file of a port at which this process listens; without a password, it is open. Raises OSError."""
+    """Write the file of a port at which this process listens; without a password the port is open. Raises OSError."""
     settings = {
         "metadata": {"pid": os.getpid()},
         "mode": "client",
@@ -75,7 +75,7 @@ def forget(port: int) -> None:
 
 
 def known_at(endpoint: str) -> dict[str, str | None] | None:
-    """User and password, or none, for a port at which a process of this user listens; None: it is no such port."""
+    """User and password, or neither, for a port of this user; None: no process of this user listens there."""
     port = _local_port(endpoint)
     announced = None if port is None else _announced(port)
     return None if announced is None else announced["transport"]["auth"]["usrpwd"]
@@ -111,7 +111,7 @@ def _somebody_listens(endpoint: str, port: int) -> bool:
 
 
 def _write(path: Path, text: str) -> Path:
-    """The new file or the old one, never half of it, and never readable by others."""
+    """Write atomically, never readable by others."""
     descriptor, new = tempfile.mkstemp(dir=path.parent)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:
         file.write(text)

@@ -1,4 +1,4 @@
-"""The data folder of the server: sessions and recordings, by plain names, never over another file."""
+"""The data folder of the server: sessions and recordings by plain names; nothing is overwritten."""
 
 import datetime
 import os
@@ -13,7 +13,7 @@ from motm_twin.bus.processes import Child, end_all
 from motm_twin.bus.senders import Outbox
 
 DEFAULT_FOLDER = Path("recordings")
-MAX_FILES = 1000  # in the folder; a program that saves for ever must not fill the disk
+MAX_FILES = 1000  # in the folder; a program that saves without end must not fill the disk
 RECORDER = "motm_twin.record.recorder"
 START_WAIT = 20.0  # [s] for the recorder to begin
 _WAITING = 20  # files that may wait to be written
@@ -22,7 +22,7 @@ Done = Callable[[str, str], None]  # why not ("" = done), path of the file
 
 
 class DataFolder:
-    """Writes files in its own thread. What can not be written is said to who asked, and disturbs nobody else."""
+    """Writes files in its own thread. A failure is reported to the requester only."""
 
     def __init__(
         self,
@@ -32,9 +32,9 @@ class DataFolder:
         changed: Callable[[], None],
         failed: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """``endpoint`` and ``twin`` are what a recorder listens to; ``changed``: `recording` is another one.
+        """``endpoint`` and ``twin``: source of a recorder; ``changed`` is called when `recording` changes.
 
-        ``failed`` hears why a recording that had begun has stopped; it is called from another thread.
+        ``failed`` is told why a running recording has stopped; it is called from another thread.
         """
         self._folder, self._endpoint, self._twin, self._changed = folder, endpoint, twin, changed
         self._failed = failed
@@ -46,7 +46,7 @@ class DataFolder:
 
     @property
     def recording(self) -> str:
-        """File that is being recorded to; "" when none is."""
+        """File being recorded to; "" for none."""
         running = self._recorder is not None and self._recorder.exit_code() is None
         return self._path if running else ""
 
@@ -66,7 +66,7 @@ class DataFolder:
                 self._do(lambda: self._start(name, scene), done)
 
     def record(self, path: Path, done: Done) -> None:
-        """Record to this file, or, when it is there already (of a server that has died), to one with a number."""
+        """Record to this file, or to a numbered one when it exists already (left by a server that died)."""
         self._do(lambda: self._launch(_unused(path)), done)
 
     def close(self) -> None:
@@ -138,7 +138,7 @@ class DataFolder:
         return Path(self._path)
 
     def _told(self, heard: threading.Event, event: dict) -> None:
-        """In the thread that listens to the recorder; ``heard`` tells which one it is."""
+        """Runs in the thread that listens to the recorder ``heard``."""
         if heard is not self._heard:
             return
         self._last = event.get("event", "")
@@ -162,7 +162,7 @@ class DataFolder:
         self._changed()
 
     def _new(self, name: str, suffix: str) -> Path:
-        """An empty file that was not there before."""
+        """A new, empty file."""
         self._folder.mkdir(parents=True, exist_ok=True)
         if sum(1 for _ in self._folder.iterdir()) >= MAX_FILES:
             raise Refused(f"{self._folder} has {MAX_FILES} files already: remove some")
@@ -175,7 +175,7 @@ class DataFolder:
 
 
 def _unused(path: Path) -> Path:
-    """The path, or with the first number from 2 on that makes it one that is not there."""
+    """The path, made unique with a number from 2 on if it exists."""
     found, number = path, 1
     while os.path.lexists(found):
         number += 1

@@ -1,25 +1,71 @@
-"""The driver: one person or program at a time, and the bodies that are let go when the driver stops."""
+"""The driver: one person or program at a time, for as long as its lease; bodies that it holds are let go at the end."""
 
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from motm_twin.bus.commands import Envelope, HandOver, Inspect, Refused
-from motm_twin.bus.lease import Lease
+from motm_twin.bus.commands import NAME_MAX, Envelope, HandOver, Inspect, Refused
 from motm_twin.model.edits import Edit, MoveBody, ReleaseBody, RemoveBody
+
+SILENCE = 10.0  # [s] after the last command of the driver
+
+
+class Lease:
+    """Exclusive right to drive. The first to act holds it, until they hand over or fall silent."""
+
+    def __init__(self) -> None:
+        self.driver, self.name = "", ""
+        self._until = 0.0  # [s]
+
+    def left(self, now: float) -> float:
+        """Seconds of silence until the lease ends; 0 without a driver."""
+        return max(0.0, self._until - now) if self.driver else 0.0
+
+    def require(self, sender: str, now: float) -> None:
+        """After `expire`: raise Refused when somebody else drives. Any command of the driver keeps the wheel."""
+        if self.driver not in ("", sender):
+            raise Refused(
+                f"{self.name} is driving: it can hand over to you, or you wait for {SILENCE:.0f} s of silence "
+                f"({self.left(now):.0f} s left)"
+            )
+        self.renew(sender, now)
+
+    def renew(self, sender: str, now: float) -> None:
+        """A sign of life; only the driver's counts."""
+        if sender == self.driver:
+            self._until = max(self._until, now + SILENCE)
+
+    def take(self, sender: str, name: str, now: float) -> None:
+        """After `require`: a command that changed something makes its sender the driver."""
+        self._set(sender, name.strip() or sender, now)
+
+    def hand_over(self, to: str, name: str, now: float) -> None:
+        """After `require`: another sender drives, "" leaves the wheel free."""
+        self._set(to, name.strip() or to, now)
+
+    def expire(self, now: float) -> None:
+        """End the lease when the driver has been silent for too long."""
+        if self.driver and now >= self._until:
+            self._set("", "", now)
+
+    def _set(self, driver: str, name: str, now: float) -> None:
+        until = now + SILENCE if driver else 0.0
+        self._until = max(self._until, until) if driver and driver == self.driver else until
+        self.driver, self.name = driver, name[:NAME_MAX] if driver else ""
+
 
 NAMES_KEPT = 1000  # senders
 HELD_FOR = 1.5  # [s] after the last move of a held body
 
 
 class Wheel:
-    """Lets one person at a time change things; all times [s] are on one monotonic clock."""
+    """Lets one person at a time change things, under a `Lease`; all times [s] are on one monotonic clock."""
 
     def __init__(self, release: Callable[[ReleaseBody], None], changed: Callable[[], None]) -> None:
-        """``release`` lets a body go, ``changed`` tells everybody about a new driver."""
+        """``release`` lets a body go, ``changed`` announces a new driver."""
         self._release, self._changed = release, changed
         self._lease, self._holds = Lease(), Holds()
-        self._names: dict[str, str] = {}  # shown name of each sender that was heard, the latest last
+        self._names: dict[str, str] = {}  # displayed name of each known sender, the latest last
 
     def shown(self, now: float) -> dict[str, Any]:
         """The driver, as a status shows it."""
@@ -27,14 +73,14 @@ class Wheel:
         return {"driver": lease.driver, "driver_name": lease.name, "driver_left": round(lease.left(now), 2)}
 
     def require(self, envelope: Envelope, arrived: float) -> None:
-        """Raise Refused when a command needs the wheel and somebody else has it."""
+        """Raise Refused when a command needs the right to drive and another sender has it."""
         self._remember(envelope)
         if not isinstance(envelope.command, Inspect):
             self._expire(arrived)
             self._lease.require(envelope.sender, arrived)
 
     def turn(self, envelope: Envelope, arrived: float) -> None:
-        """After a command was accepted: its sender drives, or has handed over."""
+        """Update the driver after an accepted command: its sender drives, or has handed over."""
         before = (self._lease.driver, self._lease.name)
         match envelope.command:
             case Inspect():
@@ -46,17 +92,17 @@ class Wheel:
         self._tell(before)
 
     def turn_if_free(self, envelope: Envelope, now: float) -> None:
-        """After a command that took its time was done: its sender drives, unless somebody else does by now."""
+        """Make the sender of a slow command the driver once it is done, unless another drives by now."""
         with suppress(Refused):
             self.require(envelope, now)
             self.turn(envelope, now)
 
     def renew(self, sender: str, now: float) -> None:
-        """Waiting for an own command is no silence."""
+        """Renew the lease: a sender that waits for its own command is not silent."""
         self._lease.renew(sender, now)
 
     def note(self, edit: Edit, now: float) -> None:
-        """Follow which bodies are held."""
+        """Track held bodies."""
         self._holds.note(edit, now)
 
     def forget_holds(self) -> None:
@@ -70,7 +116,7 @@ class Wheel:
         self._expire(now)
 
     def _remember(self, envelope: Envelope) -> None:
-        """Others shall read the name of whoever is handed the wheel, who may only have asked for it."""
+        """Remember the displayed name of a sender, who may be handed the right to drive later."""
         if name := envelope.name.strip():
             self._names.pop(envelope.sender, None)
             self._names[envelope.sender] = name

@@ -1,4 +1,4 @@
-"""From the Ticks and observations of the control loop to the messages on the bus."""
+"""From Ticks and observations to messages on the bus; reports of an external robot, from which a run is repeated."""
 
 import math
 from collections.abc import Mapping
@@ -32,14 +32,14 @@ from motm_twin.bus.messages import (
 from motm_twin.control.arm.types import ArmStep
 from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import Array
-from motm_twin.model.plant import BodyTruth, Observation, Scan, Truth
+from motm_twin.model.plant import BodyTruth, Detection, Observation, Scan, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
 from motm_twin.model.scene import PlanarPose
 from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.types import BasePlan, Placement
 
-_DRAWN = 4  # digits after the point of what is only drawn: 0.1 mm
+_DRAWN = 4  # decimals of values that are only drawn: 0.1 mm
 _EXACT = 9
 _TIME = 6  # simulated time in steps of 1 us: 1.97, not 1.9700000000000015
 JOINT_NAMES = [f"panda_joint{number}" for number in range(1, 8)]
@@ -54,7 +54,7 @@ def seconds(time: float) -> float:
 
 
 def numbers(values: object, digits: int = _DRAWN) -> list:
-    """An array as nested lists of rounded numbers: as `numpy.round` does it, in half the time."""
+    """An array as nested lists of rounded numbers, equal to `numpy.round` in half the time."""
     scale = 10.0**digits
     return (np.rint(np.asarray(values, dtype=float) * scale) / scale).tolist()
 
@@ -84,7 +84,7 @@ def body_message(body: BodyTruth) -> BodyMessage:
 
 
 def _typed(why: Reason | None) -> Reason | None:
-    """A reason whose numbers JSON can carry: none of them infinite."""
+    """A reason without infinite numbers, which JSON cannot carry."""
     if why is None:
         return None
     value, limit = (0.0 if math.isinf(number) else float(number) for number in (why.value, why.limit))
@@ -176,7 +176,7 @@ def path_message(points: Array) -> list[list[float]]:
 
 
 def bodies(truth: Truth) -> dict[str, Any]:
-    """The fields of a tick that say where bodies are, and which sensors fail."""
+    """Fields of a tick with the true bodies and the injected faults."""
     return {
         "objects": [body_message(body) for body in truth.objects],
         "agents": [body_message(body) for body in truth.agents],
@@ -203,7 +203,7 @@ def tick_message(
 ) -> TickMessage:
     """The message of one period.
 
-    ``ended`` [s]: when all was done; ``announced``: where the robot was told that pieces of furniture stand.
+    ``ended`` [s]: completion time; ``announced``: places of furniture that the robot was told.
     """
     truth = tick.truth
     return TickMessage(
@@ -335,3 +335,102 @@ def _quaternions(rotations: Array) -> Array:
 
     x_y_z_w = Rotation.from_matrix(rotations).as_quat(canonical=True)
     return x_y_z_w[:, [3, 0, 1, 2]]
+
+
+OBSERVATIONS_VERSION = "motm.observations/1"
+Vector = list[float]
+
+
+class ScanSample(msgspec.Struct, frozen=True, kw_only=True):
+    """One sweep, exactly; fields as in `model.plant.Scan`, no return is null."""
+
+    stamp: float
+    ranges: list[float | None]
+    angle_min: float
+    angle_step: float
+    origin: Vector
+    range_min: float
+    range_max: float
+    pose: Vector
+
+
+class DetectionSample(msgspec.Struct, frozen=True, kw_only=True):
+    """One object seen, exactly; fields as in `model.plant.Detection`."""
+
+    stamp: float  # [s] simulated
+    name: str  # "" when the camera does not know which object it is
+    p_base: Vector  # [m] centre in the base frame, x, y, z
+    yaw_base: float  # [rad] in the base frame
+    position_sd: float  # [m] per axis
+    odometry: Vector  # pose of the base at the stamp, x, y, heading
+
+
+class Sample(msgspec.Struct, frozen=True, kw_only=True):
+    """Input of one arm step; scan and detections only where they differ from the previous sample."""
+
+    time: float  # [s] simulated
+    pose: Vector  # localised base pose x, y, heading, world
+    odometry: Vector  # dead-reckoned base pose x, y, heading
+    twist: Vector  # forward speed [m/s], yaw rate [rad/s]
+    q: Vector  # [rad] arm joints, 7
+    dq: Vector  # [rad/s] arm joint rates, 7
+    gripper_width: float  # [m]
+    gripper_moving: bool
+    ahead: float = 0.0  # [s] prediction horizon: from the observation to the time when the command acts
+    age: float = 0.0  # [s] of the newest state of the robot
+    scan: ScanSample | None = None
+    detections: list[DetectionSample] | None = None
+
+
+class ObservationsMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """Inputs of the arm steps of one period, oldest first. The first period of a run has scan and detections."""
+
+    version: str  # motm.observations/1
+    run: int  # as in the ticks
+    server_time: float  # [s] when it was sent
+    index: int  # of the period
+    samples: list[Sample]
+    restarted: bool = False  # control was interrupted before this period
+
+
+class ObservationEncoder:
+    """Makes the messages of a run, in order."""
+
+    def __init__(self) -> None:
+        self._run = -1
+        self._scan: Scan | None = None
+        self._detections: tuple[Detection, ...] | None = None
+
+    def message(self, tick: Tick, run: int, server_time: float) -> ObservationsMessage:
+        """Of one period."""
+        if run != self._run:
+            self._run, self._scan, self._detections = run, None, None
+        samples = [self._sample(seen) for seen in tick.reported or tick.samples]
+        return ObservationsMessage(
+            version=OBSERVATIONS_VERSION,
+            run=run,
+            server_time=server_time,
+            index=tick.index,
+            samples=samples,
+            restarted=tick.restarted,
+        )
+
+    def _sample(self, seen: Observation) -> Sample:
+        scan = None if seen.scan is None or seen.scan is self._scan else _fields(seen.scan, ScanSample)
+        same = seen.detections is self._detections
+        found = None if same else [_fields(one, DetectionSample) for one in seen.detections]
+        self._scan, self._detections = seen.scan, seen.detections
+        return _fields(seen, Sample, scan=scan, detections=found)
+
+
+def _fields(source: Any, target: Any, **others: Any) -> Any:
+    """The fields of ``target`` taken from ``source``, arrays as lists; infinite numbers in them as null."""
+    taken = {name: _plain(getattr(source, name)) for name in target.__struct_fields__ if name not in others}
+    return target(**taken, **others)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        finite = np.isfinite(value)
+        return [item if ok else None for item, ok in zip(value.tolist(), finite.tolist(), strict=True)]
+    return value.item() if isinstance(value, np.generic) else value

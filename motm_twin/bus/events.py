@@ -21,7 +21,7 @@ from motm_twin.model.edits import Drive, Edit, MoveBody
 from motm_twin.model.period import PERIOD
 
 HISTORY = 1000  # events that can be asked for
-SAME_DRAG = 1.0  # [s] of simulated time within which more moves of a held body, or twists by hand, are not told again
+SAME_DRAG = 1.0  # [s] simulated time within which repeated moves of a held body, or twists by hand, make one event
 
 Emit = Callable[[NumberedEvent], None]
 
@@ -57,7 +57,7 @@ class EventLog:
             self._emit(event)
 
     def tell_again(self, event: NumberedEvent) -> None:
-        """Send an event that was told before, of another log, under a number of this one."""
+        """Send an earlier event of another log again, numbered by this one."""
         with self._lock:
             self._seq += 1
             again = replace(event, seq=self._seq, numbered_since=self._since)
@@ -65,7 +65,7 @@ class EventLog:
             self._emit(again)
 
     def answer(self, wanted: str | None) -> NumberedEvent | EventsMessage | None:
-        """To ``?from=SEQ``: all that are kept from this number on; without it, the last one. Raises ValueError."""
+        """Answer to ``?from=SEQ``: all kept events from this number on; without it, the last one. Raises ValueError."""
         if wanted is None:
             return self.newest()
         if not (wanted.isdecimal() and len(wanted) < 20):
@@ -78,7 +78,7 @@ class EventLog:
             return self._kept[-1] if self._kept else None
 
     def since(self, seq: int) -> EventsMessage:
-        """All that are kept from number ``seq`` on."""
+        """All kept events from number ``seq`` on."""
         with self._lock:
             events = [event for event in self._kept if event.seq >= seq]
             oldest, newest = self._seq - len(self._kept) + 1, self._seq
@@ -88,7 +88,7 @@ class EventLog:
 
 
 class EventWatch:
-    """Finds what happened between one message and the next. Called by one thread at a time."""
+    """Derives events from consecutive messages. Called by one thread at a time."""
 
     def __init__(self, log: EventLog) -> None:
         self._log = log
@@ -111,7 +111,7 @@ class EventWatch:
             self._log.add(run=status.run, index=self._index, time=status.time, kind=status.state, text=status.text)
 
     def tick(self, message: TickMessage) -> None:
-        """A period; pictures of a standing twin tell nothing new."""
+        """A period; previews of a paused twin make no events."""
         if message.run == self._run and message.index <= self._index:
             return
         if message.run != self._run:
@@ -165,7 +165,7 @@ class EventWatch:
         self._add(message, "cut_in", text, time=cut_in.time, other=cut_in.agent)
 
     def _stop(self, message: TickMessage) -> None:
-        key = () if message.why is None else message.why.key  # a distance that changes is no other reason
+        key = () if message.why is None else message.why.key  # a changing distance does not make a new reason
         if key == self._stopped:
             return
         self._stopped = key

@@ -1,4 +1,4 @@
-"""The gate that every command passes before it can have an effect: size, form, ranges, freshness, order."""
+"""The gate for every command: size, form, ranges, freshness and order are checked before it has an effect."""
 
 from collections.abc import Callable
 
@@ -17,16 +17,16 @@ from motm_twin.bus.commands import (
 from motm_twin.model.names import hint
 
 MAX_SENDERS = 1000
-MAX_LIFETIME = 60.0  # [s] an expiry further away does not bound a replay
-ORDER = 16  # numbers below the last one of a sender that are refused, seen or not: they were overtaken
+MAX_LIFETIME = 60.0  # [s] a later expiry would not bound replay attacks
+ORDER = 16  # a number this far below a sender's last one is refused, seen or not
 MAX_SEEN = 4096  # numbers of one sender that have not expired
 
 
 class _Sender:
-    """Numbers that were admitted of one sender. One that is far off, a forgery perhaps, keeps no others out."""
+    """Sequence numbers admitted from one sender. An outlier, perhaps forged, blocks no others."""
 
     def __init__(self) -> None:
-        self.last, self._seen = -1, dict[int, float]()  # until when [s] each could come again
+        self.last, self._seen = -1, dict[int, float]()  # expiry [s] of each number
         self.forget_at = 0.0  # [s]
 
     def check(self, seq: int, name: str, now: float) -> None:

@@ -1,6 +1,6 @@
 """Health check, for containers: ``python -m motm_twin.bus.health`` ends with 0 when every running twin answers.
 
-Healthy is a twin whose server answers on Zenoh in a state other than an error, and whose page answers.
+A twin is healthy when its server answers on Zenoh in a state other than error, and its page answers.
 """
 
 import argparse

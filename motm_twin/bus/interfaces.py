@@ -1,4 +1,4 @@
-"""Interfaces of the server's loop: a twin, scenes, and somewhere to send what it computes."""
+"""Interfaces of the server's loop: twin, scene library, and receivers of its results."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 class TwinLike(Protocol):
     """A twin, as the loop uses it."""
 
-    edits: list[LoggedEdit]  # everything that was done to this run
-    refused: list[str]  # what an external robot would not do in the last period after all, a sentence each
+    edits: list[LoggedEdit]  # log of all edits of this run
+    refused: list[str]  # accepted edits that an external robot refused in the last period, a sentence each
 
     def advance(self, budget: SearchBudget | None = None) -> Tick:
-        """Compute one period, with another budget of the search than its own when one is given."""
+        """Compute one period; ``budget`` overrides the search budget."""
         ...
 
     def post(self, edit: Edit) -> None:
@@ -47,7 +47,7 @@ class TwinLike(Protocol):
 
     @property
     def announced(self) -> dict[str, PlanarPose]:
-        """Places of furniture that the robot was told: reference point x, y [m], turn [rad]."""
+        """Announced places of furniture: reference point x, y [m], turn [rad]."""
         ...
 
     def session(self, title: str = "") -> Session:
@@ -83,7 +83,7 @@ class SceneLibrary(Protocol):
         ...
 
     def changed(self) -> bool:
-        """True when the files of the scene that was loaded last have changed since the last question, or since then."""
+        """True when the files of the loaded scene have changed since the load or the last call."""
         ...
 
 
@@ -91,7 +91,7 @@ class Sink(Protocol):
     """Receiver of the loop's results; called from the loop's thread."""
 
     def tick(self, message: TickMessage, tick: Tick, last: bool) -> None:
-        """A new period; ``last`` when no other follows for now."""
+        """A new period; ``last``: no other follows for now."""
         ...
 
     def scene(self, scene: Scene) -> None:
@@ -103,7 +103,7 @@ class Sink(Protocol):
         ...
 
     def event(self, *, run: int, index: int, time: float, kind: str, text: str) -> None:
-        """Something to be told that no period shows."""
+        """An event that no period shows."""
         ...
 
 
@@ -129,7 +129,7 @@ class MakeTwin(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class TwinSetup:
-    """Setup of a server: scenes and methods that it offers, the first of them, and how the twin of a scene is made."""
+    """Setup of a server: its scenes and methods, the first to load, and the factory of twins."""
 
     library: SceneLibrary
     make_twin: MakeTwin
@@ -141,11 +141,11 @@ class TwinSetup:
 
 
 class Reply(Protocol):
-    """Takes what became of a command, once."""
+    """Callback for the outcome of a command, called once."""
 
     def __call__(self, reason: str, index: int, path: str = "", /) -> None:
-        """Why it was refused ("" = done), the last period before, and the file that was written."""
+        """Take the refusal ("" = done), the last period before, and the written file."""
         ...
 
 
-SessionReply = Callable[[bytes, bytes, str], None]  # the session and its SessionInfo as JSON, or why there is none
+SessionReply = Callable[[bytes, bytes, str], None]  # session and SessionInfo as JSON, or why there are none

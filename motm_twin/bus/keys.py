@@ -1,4 +1,4 @@
-"""Zenoh keys of one twin: everything lives below ``motm/<twin>/``, what an external robot says below ``plant/``."""
+"""Zenoh keys of one twin, below ``motm/<twin>/``; those of an external robot are below ``plant/``."""
 
 import re
 from typing import Any
@@ -34,7 +34,7 @@ class Keys:
         self.own = (
             *(self.tick, self.grid, self.scene, self.status, self.robot, self.scan, self.event, self.metrics),
             *(self.observations, self.session, self.schemas, self.alive, self.commands),
-        )  # on which nobody but the server says anything
+        )  # only the server publishes here
 
     def schema(self, name: str) -> str:
         """Key that the schema of this name is asked for at."""
@@ -55,9 +55,9 @@ def is_name(text: str) -> bool:
 
 
 def spoken_on(heard: Any, key: str) -> bool:
-    """The sample or query of Zenoh was sent to just this key.
+    """The sample or query was sent to exactly this key.
 
-    One on a wildcard reaches everybody whose key it matches, and passes the access control of each of these keys.
+    One sent to a wildcard reaches every matching key, past the access control of each.
     """
     return str(heard.key_expr) == key
 
@@ -85,10 +85,10 @@ class PlantKeys:
 
     @property
     def told(self) -> tuple[str, ...]:
-        """Those on which nobody but the twin says anything."""
+        """Keys on which only the twin publishes."""
         return self.command, self.grant
 
     @property
     def asked(self) -> tuple[str, ...]:
-        """Those that nobody but the twin asks."""
+        """Keys that only the twin queries."""
         return self.reset, self.edit, self.tasks

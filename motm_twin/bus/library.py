@@ -24,7 +24,7 @@ Marks = dict[Path, tuple[int, int]]  # time of the last change [ns] and size [by
 
 
 class FileLibrary:
-    """Scene files; ``own`` is what the server was started with. Raises SceneError."""
+    """Scene files; ``own`` is the one that the server was started with. Raises SceneError."""
 
     def __init__(self, own: str) -> None:
         own_listing = listing(load_document(own))

@@ -1,34 +1,111 @@
-"""The twin that is running, and what readers are shown of it. Knows no pacing, no persons and no transport."""
+"""The running twin, what readers see of it, and previews of waiting edits. Knows no pacing, persons or transport.
+
+A preview gives the state of the running plant and the edits to a second plant of the same scene: cubes ride on their
+table, fall into a bin or are taken out of the fingers. The running plant is not touched.
+"""
 
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from motm_twin.bus.commands import AddObstacle, Inspect, Refused
-from motm_twin.bus.encode import path_message, tick_message
+from motm_twin.bus.encode import bodies, path_message, tick_message
 from motm_twin.bus.interfaces import MakeTwin, SessionReply, Sink, TwinLike
-from motm_twin.bus.messages import InspectedMessage, SessionInfo, TickMessage
-from motm_twin.bus.preview import Preview, tasks_previewed
+from motm_twin.bus.messages import InspectedMessage, SessionInfo, TaskMessage, TickMessage
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
-from motm_twin.model.edits import Edit, InsertTask, MoveTask, ParameterValue, RemoveTask, SetParameter
+from motm_twin.model.edits import (
+    Edit,
+    FreezeBody,
+    InsertTask,
+    MoveTask,
+    ParameterValue,
+    RemoveTask,
+    SendAgent,
+    SetParameter,
+    WorldEdit,
+)
 from motm_twin.model.period import PERIOD
+from motm_twin.model.plant import BodyTruth, Truth
 from motm_twin.model.scene import Scene
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.planning.types import SearchBudget
 from motm_twin.sessions.session import LoggedEdit
 
 if TYPE_CHECKING:
+    from motm_twin.control.loop import ControlLoop
     from motm_twin.control.method import Method
     from motm_twin.sessions.branches import Branches
 
+FROZEN = "frozen"  # state of an agent
+
+
+class Preview:
+    """Applies edits to a copy of the state. Edits of the robot's knowledge have no visible effect."""
+
+    def __init__(self, scene: Scene) -> None:
+        from motm_twin.sim.plant import SimulatedPlant  # slow to import: only once the server listens
+
+        self._plant = SimulatedPlant(scene)
+        self._of: TickMessage | None = None
+        self._applied = 0
+        self._frozen: dict[str, bool] = {}  # frozen by these edits: the plant reports it only after its next step
+
+    def show(self, message: TickMessage, state: Callable[[], Any], edits: Sequence[Edit]) -> TickMessage:
+        """The message of the last period with the edits; ``state`` gives the snapshot of the plant after it."""
+        if message is not self._of or len(edits) < self._applied:
+            self._plant.restore(state())
+            self._of, self._applied, self._frozen = message, 0, {}
+        for edit in edits[self._applied :]:
+            if isinstance(edit, WorldEdit):
+                self._plant.apply(edit)
+                self._note(edit)
+            self._applied += 1
+        truth = self._thawed(self._plant.truth())
+        robot = msgspec.structs.replace(message.robot, true_pose=truth.pose.tolist())
+        return msgspec.structs.replace(message, robot=robot, preview=True, **bodies(truth))
+
+    def _note(self, edit: WorldEdit) -> None:
+        """Track agents that are frozen or released."""
+        if isinstance(edit, FreezeBody):
+            self._frozen[edit.name] = edit.frozen
+        elif isinstance(edit, SendAgent):
+            self._frozen[edit.name] = False
+
+    def _thawed(self, truth: Truth) -> Truth:
+        """The truth with agents frozen or released by the edits."""
+
+        def shown(body: BodyTruth) -> BodyTruth:
+            wanted = self._frozen.get(body.name)
+            if wanted is None or wanted == (body.state == FROZEN):
+                return body
+            return msgspec.structs.replace(body, state=FROZEN if wanted else "standing")
+
+        agents, obstacles = (tuple(map(shown, group)) for group in (truth.agents, truth.obstacles))
+        return msgspec.structs.replace(truth, agents=agents, obstacles=obstacles)
+
+
+def tasks_previewed(
+    message: TickMessage, loop: "ControlLoop", edits: Sequence[InsertTask | RemoveTask | MoveTask]
+) -> TickMessage:
+    """The message with the task list after these waiting edits."""
+    from motm_twin.control.task_list import edited, kind_of, name_of  # as above
+
+    now = loop.sequence.listed()
+    for edit in edits:
+        now = edited(now, edit, loop.known, engaged=loop.engaged)
+    tasks = [
+        TaskMessage(kind=kind_of(task), target=name_of(task), status=status, attempts=attempts)
+        for task, status, attempts in zip(now.tasks, now.status, now.attempts, strict=True)
+    ]
+    return msgspec.structs.replace(message, tasks=tasks, task_index=now.index)
+
+
 MAX_ADDED = 30
-SESSION_INTERVAL = (
-    0.25  # [s] between two that are written while time passes: each takes the loop 2 ms, most of it for the hash
-)
+SESSION_INTERVAL = 0.25  # [s] between two sessions written while playing: each costs the loop 2 ms, mostly for the hash
 MOST_ASKERS = 1000  # that may wait
 
 
@@ -40,7 +117,7 @@ class LiveTwin:
         self._make_twin, self._server_time, self._plant = make_twin, server_time, plant
         self.run = 0
         self._began, self._first = 0.0, 0  # server time [s] of the load or reset, first period of the run
-        self._past, self._aside_run = -1, -1  # run that this one shares its past with, and run that is set aside
+        self._past, self._aside_run = -1, -1  # run whose past this one shares, and run that is set aside
         self._ended: float | None = None  # [s] when all was done
         self._aside_ended: float | None = None  # the same of the run that is set aside
         self.scene: Scene | None = None
@@ -61,7 +138,7 @@ class LiveTwin:
 
     @property
     def mirror(self) -> bool:
-        """An external robot is shown, and not commanded."""
+        """The external robot is only shown, never commanded."""
         return self._robot is not None and self._robot.mirror
 
     @property
@@ -81,11 +158,11 @@ class LiveTwin:
 
     @property
     def waiting(self) -> str:
-        """Why there is no robot; "" when there is one."""
+        """Reason why there is no robot; "" when there is one."""
         return "" if self._here or self._robot is None else self._robot.text()
 
     def ready(self) -> bool:
-        """True when there is a robot; call it in the loop's thread."""
+        """True when there is a robot; call it from the loop's thread."""
         self._here = self._robot is None or self._robot.ready()
         return self._here
 
@@ -95,7 +172,7 @@ class LiveTwin:
             raise Refused("a mirror only shows the robot: nothing can be changed from here")
 
     def require_speed(self, factor: float) -> None:
-        """Raise Refused for a speed that time can not have."""
+        """Raise Refused for an impossible speed."""
         if self.real_time and factor != 1.0:
             raise Refused("the time of this robot runs by itself: its speed is 1")
 
@@ -158,7 +235,7 @@ class LiveTwin:
             raise Refused(f"period {index} is not kept: choose one from {self.oldest} to {last}")
 
     def branch(self, index: int) -> list[LoggedEdit]:
-        """Back to the start of a period, after `require_branch`; the edits until then, which hold from now on."""
+        """Go back to the start of a period, after `require_branch`; returns its edits until then."""
         assert self.twin is not None
         assert self._branches is not None
         self._branches.branch(_any(self.twin), index)
@@ -174,7 +251,7 @@ class LiveTwin:
             raise Refused("there is no branch to undo: none was made since the scene was loaded or reset")
 
     def undo_branch(self) -> list[LoggedEdit]:
-        """On from the end of the run that is set aside, after `require_aside`; its edits, which hold from now on."""
+        """Resume the run that is set aside, after `require_aside`; returns its edits."""
         assert self.twin is not None
         assert self._branches is not None
         self._branches.undo(_any(self.twin))
@@ -195,11 +272,11 @@ class LiveTwin:
         except ValueError as error:
             raise Refused(str(error)) from error
         self._pending.append(edit)
-        if isinstance(edit, SetParameter):  # readers see what is set, also while time stands
+        if isinstance(edit, SetParameter):  # readers see new values also while paused
             self.parameters = _with(self.parameters, edit)
 
     def advance(self, *, by_the_clock: bool) -> tuple[TickMessage, Tick]:
-        """Compute one period. Only while time runs does the clock bound a search: single steps repeat bit for bit."""
+        """Compute one period. The clock bounds a search only while playing: single steps repeat bit for bit."""
         assert self.twin is not None
         assert self._branches is not None
         if self._robot is None:
@@ -222,17 +299,17 @@ class LiveTwin:
         return self.message, self.tick
 
     def tell_refused(self, sink: Sink) -> None:
-        """Tell what was accepted, and what the robot would not do when its period came."""
+        """Report accepted edits that the robot refused in their period."""
         for text in () if self.twin is None else self.twin.refused:
             sink.event(run=self.run, index=self.index, time=self.time, kind="refused", text=text)
 
     def inspect(self, command: Inspect) -> None:
-        """Explain this from now on, and in what is shown next."""
+        """Add this explanation to all ticks from now on."""
         self._asked = self._asked or command != self._inspect
         self._inspect = command
 
     def shown(self) -> tuple[TickMessage, Tick] | None:
-        """Picture of a standing twin: its last period, with bodies where waiting edits will put them."""
+        """Preview of a paused twin: its last period, with the waiting edits applied."""
         if self.message is None or self.tick is None:
             return None
         if self._asked:
@@ -277,7 +354,7 @@ class LiveTwin:
         return tasks_previewed(shown, _any(twin).loop, edits) if edits else shown
 
     def _explained(self, message: TickMessage) -> TickMessage:
-        """The message with what `inspect` asked for. What can not be explained must not stop the robot."""
+        """The message with the explanations that `inspect` requested. A failure here must not stop the robot."""
         wish = self._inspect
         if wish == Inspect() and message.inspected is None and not message.plan.staa_path:
             return message
@@ -300,7 +377,7 @@ class LiveTwin:
 
 
 def _all_done(tick: Tick) -> bool:
-    """Has every task ended, and is every object that was to be placed in its bin? As `motm-twin run` takes the time."""
+    """Every task has ended, and every object to be placed is in its bin: the time of `motm-twin run`."""
     places = sum(task.kind == "place" for task in tick.tasks)
     return tick.done and (tick.truth is None or tick.truth.places >= places)
 
@@ -319,7 +396,7 @@ def _any(twin: TwinLike) -> Any:
 
 
 class SessionDesk:
-    """Takes questions from any thread; the loop answers them, all that wait with the same session."""
+    """Takes requests from any thread; the loop answers all that wait with the same session."""
 
     def __init__(self, write: Callable[[], tuple[bytes, bytes]], why_not: Callable[[Exception], str]) -> None:
         """``write`` gives the session and its SessionInfo as JSON, or raises what ``why_not`` words."""
@@ -328,9 +405,9 @@ class SessionDesk:
         self._written = -1e9  # [s]
 
     def ask(self, reply: SessionReply) -> bool:
-        """Have it written; ``reply`` is called once, from the loop's thread. Raises Refused when too many wait.
+        """Request the session; ``reply`` is called once, from the loop's thread. Raises Refused when too many wait.
 
-        Whether the loop is to be told: nobody else was waiting.
+        Returns True when nobody else was waiting, so that the loop must be woken.
         """
         if len(self._askers) >= MOST_ASKERS:
             raise Refused("too many are waiting for the session")
@@ -339,7 +416,7 @@ class SessionDesk:
         return first
 
     def serve(self, now: float, passing: bool) -> None:
-        """Answer who waits, if the last one was not written just now; ``passing``: time passes, each is another."""
+        """Answer all who wait, unless one was written just now; ``passing``: time runs, so each session differs."""
         if not self._askers or (passing and now < self._written + SESSION_INTERVAL):
             return
         self._written = now

@@ -39,14 +39,14 @@ from motm_twin.bus.live import LiveTwin, SessionDesk
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import Pacer, RealTime
 from motm_twin.bus.queries import Quiet
-from motm_twin.finish import SETTLE_PERIODS
+from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.sessions.session import LoggedEdit
 
-IDLE_WAIT = 0.1  # [s] between looks at the clock while time stands
-STANDING_INTERVAL = 0.05  # [s] at least between two pictures of a standing twin
-REQUESTS_PER_TURN = 32  # however many wait, time goes on
+IDLE_WAIT = 0.1  # [s] between looks at the clock while paused
+STANDING_INTERVAL = 0.05  # [s] minimum between two previews of a paused twin
+REQUESTS_PER_TURN = 32  # a limit, so that time goes on however many wait
 
 Work = Callable[[], None]
 
@@ -72,9 +72,9 @@ class TwinLoop:
         self._wheel = Wheel(self._post, lambda: sink.status())  # noqa: PLW0108 - it is made later
         self._source = SceneSource(setup.library, setup.methods or MethodLibrary(), setup.first)
         self._tour: float | None = None
-        self._steps, self._settling = 0, SETTLE_PERIODS  # periods still to do: asked for, and after the last task
-        self._play_on, self._first_due = setup.playing, False  # once a done run has a task again; a first period waits
-        self._outdated, self._stood_at = False, -1e9  # the picture of the standing twin; [s] when it was sent
+        self._steps, self._settling = 0, SETTLE_PERIODS  # periods left: requested steps, and after the last task
+        self._play_on, self._first_due = setup.playing, False  # resume on a new task; first period due
+        self._outdated, self._stood_at = False, -1e9  # preview of the paused twin is outdated; [s] when it was sent
         self._state, self._text = "loading", "starting"
         self._sessions = SessionDesk(
             lambda: (self._live.session(), self._live.session_info()),
@@ -84,7 +84,7 @@ class TwinLoop:
         self.quiet, self._real_time = Quiet(), RealTime()  # quiet while no period is computed
 
     def request(self, envelope: Envelope, reply: Reply) -> None:
-        """Hand a command over; ``reply`` is called once, before what takes long. Raises Refused when full."""
+        """Hand a command over; ``reply`` is called once, before slow work. Raises Refused when full."""
         arrived = time.monotonic()
         self._put(lambda: self._answer(envelope, arrived, reply))
 
@@ -139,13 +139,13 @@ class TwinLoop:
             raise Refused("too many commands are waiting") from None
 
     def _until_due(self) -> float:
-        """Seconds until the next period; infinite while time stands."""
+        """Seconds until the next period; infinite while paused."""
         if self._state == "playing":
             return 0.0 if self._live.real_time else self._pacer.wait(time.monotonic())
         return 0.0 if self._state == "paused" and (self._steps > 0 or self._first_due) else math.inf
 
     def _until_shown(self) -> float:
-        """Seconds until the picture of a standing twin may be sent, or the clock is to be looked at."""
+        """Seconds until a preview may be sent, or the clock must be checked."""
         return max(0.0, self._stood_at + STANDING_INTERVAL - time.monotonic()) if self._outdated else IDLE_WAIT
 
     def _take_requests(self, wait: float) -> None:
@@ -160,7 +160,7 @@ class TwinLoop:
     def _answer(self, envelope: Envelope, arrived: float, reply: Reply) -> None:
         index, command, late = self._live.index, envelope.command, self._server_time() - envelope.expires
         try:
-            if late >= 0.0:  # it waited for something long, such as a load
+            if late >= 0.0:  # it waited for something slow, such as a load
                 raise Refused(f"stale: expired {late:.3f} s ago")
             self._wheel.require(envelope, arrived)
             if isinstance(command, Save | Record):
@@ -177,7 +177,7 @@ class TwinLoop:
             self._wheel.renew(envelope.sender, time.monotonic())
 
     def _apply(self, command: Command) -> Work | None:
-        """Do it, or give back what is to be done after the answer. Raises Refused."""
+        """Apply a command, or return the slow part to do after the answer. Raises Refused."""
         match command:
             case Play():
                 return self._play()
@@ -255,14 +255,14 @@ class TwinLoop:
 
         def done(problem: str, path: str) -> None:
             if not problem:
-                with suppress(Refused):  # where so many wait, somebody drives
+                with suppress(Refused):  # with so many waiting, somebody drives
                     self._put(lambda: self._wheel.turn_if_free(envelope, time.monotonic()))
-            reply(problem, index, path)  # what is sent after it comes after that
+            reply(problem, index, path)  # later messages arrive after the answer
 
         self._data.write(command, self._live, done)
 
     def _post(self, edit: Edit) -> None:
-        """An edit by the loop itself."""
+        """Post an edit of the loop itself."""
         if self._live.twin is None:
             return
         try:
@@ -273,7 +273,7 @@ class TwinLoop:
             self._outdated = True
 
     def _look_after(self, now: float) -> None:
-        """Do what is due because time passes."""
+        """Do periodic work."""
         self._wheel.look_after(now)
         self._sessions.serve(now, self._state == "playing")
         if self._reload.is_set():
@@ -281,7 +281,7 @@ class TwinLoop:
             self._guarded(self._load_again)
 
     def _show_standing(self) -> None:
-        """Send what edits and inspections have changed while time stands: at once, but never in floods."""
+        """Send previews after edits and inspections while paused: at once, but rate-limited."""
         now = time.monotonic()
         if not self._outdated or now < self._stood_at + STANDING_INTERVAL:
             return
@@ -303,16 +303,16 @@ class TwinLoop:
         self._sink.status()
 
     def _load(self, command: Load, play: bool) -> Work:
-        """Resolve the scene; what is given back makes its twin and begins. Raises Refused."""
+        """Resolve the scene; the returned function makes its twin and starts it. Raises Refused."""
         scene = self._source.load(command)
         return lambda: self._build(scene, play, "")
 
     def _load_again(self) -> None:
-        """The file of the scene has changed. As long as it is wrong, the old scene goes on."""
+        """Reload a changed scene file. While it is invalid, the old scene goes on."""
         before, scene = self._source.error, self._source.again()
         if self._source.error != before:
             self._sink.status()
-        if scene is not None and scene != self._live.scene:  # not for a comment, or an error that was put right
+        if scene is not None and scene != self._live.scene:  # not for a changed comment or a corrected error
             play = self._state in ("playing", "done") or self._live.twin is None
             self._build(scene, play, "scene file changed: loaded again")
 
@@ -343,7 +343,7 @@ class TwinLoop:
         return lambda: self._go_on_from(self._live.undo_branch, play, f"back to {self._live.aside:.1f} s")
 
     def _go_on_from(self, move: Callable[[], list[LoggedEdit]], play: bool, text: str) -> None:
-        """To another moment of another run; ``move`` gives its edits."""
+        """Continue from another moment of another run; ``move`` returns its edits."""
         self._set_state("loading", text)
         holds = Holds()
         for entry in move():
@@ -362,7 +362,7 @@ class TwinLoop:
 
     def _advance(self) -> None:
         unasked = self._first_due and self._state == "paused" and not self._steps
-        if not self._live.ready() or (unasked and self._live.commands_at_once):  # there is no robot, or it would move
+        if not self._live.ready() or (unasked and self._live.commands_at_once):  # no robot, or it would move unasked
             self._stop.wait(IDLE_WAIT)
             return
         self._steps, self._first_due = max(0, self._steps - (not self._first_due)), False

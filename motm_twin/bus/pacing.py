@@ -5,7 +5,7 @@ from collections import deque
 
 from motm_twin.model.period import PERIOD
 
-MAX_LAG = 0.25  # [s] of real time; what is later than this is not caught up with
+MAX_LAG = 0.25  # [s] real time; a greater lag is not made up
 WINDOW = 1.0  # [s] over which the actual factor is measured
 FEWEST = 5
 CAPPED_BELOW = 0.95  # share of the wanted factor
@@ -28,7 +28,7 @@ class Pacer:
         self._done.clear()
 
     def wait(self, now: float) -> float:
-        """Seconds from ``now`` until the next period is due, 0 when it is."""
+        """Seconds from ``now`` until the next period is due; 0 when it is due."""
         if self._due is None:
             return 0.0
         return max(0.0, self._due - now)
@@ -58,7 +58,7 @@ class Pacer:
         return self.actual_speed(now) < CAPPED_BELOW * self.speed
 
     def at_ease(self, now: float) -> bool:
-        """True when periods leave time between them: real time or slower, and the machine keeps up."""
+        """True when there is idle time between periods: real time or slower, and the machine keeps up."""
         return self.speed <= 1.0 and not self.capped(now)
 
 
@@ -74,7 +74,7 @@ class RealTime:
         return self._on
 
     def want(self, on: bool) -> None:
-        """Real-time scheduling or the usual one; threads and processes that the thread starts have the usual one."""
+        """Switch real-time scheduling on or off; child threads and processes keep the usual one."""
         if on == self._on or not self._allowed:
             return
         try:
@@ -88,14 +88,14 @@ class RealTime:
 def schedule(real_time: bool) -> None:
     """Schedule the calling thread so. Raises OSError where that is not permitted.
 
-    That its children do not inherit it is for good: only a privileged thread could take that back.
+    Children never inherit it; only a privileged thread could undo that.
     """
     policy, priority = (os.SCHED_FIFO, PRIORITY) if real_time else (os.SCHED_OTHER, 0)
     os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
 def refusal() -> str:
-    """Why the operating system gives no real-time scheduling; "" where it does. Call it before the loop runs."""
+    """Reason why the operating system denies real-time scheduling; "" if it does not. Call it before the loop runs."""
     if not hasattr(os, "SCHED_FIFO"):
         return "this operating system has none"
     try:

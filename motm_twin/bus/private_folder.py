@@ -42,7 +42,7 @@ def own_secret(path: Path, otherwise: str) -> str:
     for _ in range(_TRIES):
         if found := _kept(path):
             return found
-        path.unlink(missing_ok=True)  # empty, a link, or readable by others: nobody's secret
+        path.unlink(missing_ok=True)  # empty, a link, or readable by others: not secret
         with tempfile.NamedTemporaryFile(dir=path.parent) as file:  # readable by the user only
             file.write(secrets.token_urlsafe(_BYTES).encode())
             file.flush()
@@ -52,7 +52,7 @@ def own_secret(path: Path, otherwise: str) -> str:
 
 
 def _kept(path: Path) -> str:
-    """The secret in the file; "" when there is none that is only the user's."""
+    """The secret in the file; "" without one that only the user can read."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError:
@@ -64,7 +64,7 @@ def _kept(path: Path) -> str:
 
 
 def keep_young() -> None:
-    """Give the private files the time of now: systems clear old ones out of the folder for temporary files."""
+    """Touch the private files: systems clear old ones out of the folder for temporary files."""
     with suppress(OSError):
         for path in folder().iterdir():
             with suppress(OSError):  # it has just gone
@@ -94,7 +94,7 @@ def all_running() -> list[Running]:
 
 
 def lives(pid: int) -> bool:
-    """True when there is a process of this number."""
+    """True when a process with this number exists."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

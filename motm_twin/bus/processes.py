@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-GRACE = 1.6  # [s] between the wish to end and the end by force
+GRACE = 1.6  # [s] between asking a process to end and killing it
 RESTARTS = 3  # within RESTART_WINDOW
 RESTART_WINDOW = 60.0  # [s]
 Listener = Callable[[str, dict], None]  # name of the child, event
@@ -26,7 +26,7 @@ class Reporter:
         self._lock = threading.Lock()
 
     def __call__(self, event: str, **details: Any) -> None:
-        """Send one event; a parent that is gone is no error."""
+        """Send one event; a missing parent is not an error."""
         with self._lock:
             try:
                 print(json.dumps({"event": event, **details}), file=self._file, flush=True)
@@ -37,8 +37,8 @@ class Reporter:
 def setter(stop: threading.Event) -> Callable[..., None]:
     """A signal handler that sets an event, from another thread.
 
-    A handler runs in the main thread between any two of its steps. Where that one waits for the same event, it may
-    hold the event's lock just then, and `Event.set` would wait for it for ever; `SimpleQueue.put` never does.
+    A handler runs in the main thread between any two of its steps. While that thread waits for the same event, it may
+    hold the event's lock, and `Event.set` would wait for ever; `SimpleQueue.put` never does.
     """
     heard: queue.SimpleQueue[None] = queue.SimpleQueue()
 
@@ -68,7 +68,7 @@ def stop_event(with_parent: bool) -> threading.Event:
 
 
 def leave(code: int) -> None:
-    """End now, without waiting for threads that compile or compute."""
+    """Exit now, without waiting for threads that compile or compute."""
     for file in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # full, closed, or nobody reads it
             file.flush()
@@ -87,7 +87,7 @@ class Child:
         env: dict[str, str],
         ended: Callable[[int], None] = lambda code: None,
     ) -> None:
-        """``ended`` is called with the exit code of each process, after all that it reported."""
+        """``ended`` is called with the exit code of each process, after its last report."""
         self._ended = ended
         self.name, self._module, self._arguments = name, module, arguments
         self._listener, self._env = listener, env
@@ -118,7 +118,7 @@ class Child:
         return None if self.process is None else self.process.poll()
 
     def may_restart(self) -> bool:
-        """True when it died seldom enough to be worth another start."""
+        """True when it has died rarely enough to be restarted."""
         recent = [at for at in self._starts if time.monotonic() - at < RESTART_WINDOW]
         return len(recent) <= RESTARTS
 

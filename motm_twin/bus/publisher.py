@@ -1,41 +1,120 @@
-"""Puts the loop's results on Zenoh, and answers queries for the last of each.
+"""Publishes the loop's results and its health on Zenoh, and answers queries for the last of each.
 
-The loop only hands them over: encoding and sending happen in threads of this. State goes through one thread, in order
-and without waiting for slow readers; events through another, which may wait for a reader (then that reader is cut off).
+The loop only hands them over: encoding and sending happen in threads of this module. State goes through one thread, in
+order and without waiting for slow readers. Events go through another, which may wait for a reader before it drops it.
 """
 
+import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import msgspec
 import numpy as np
 import zenoh
 
-from motm_twin.bus.encode import RobotEncoder, grid_bytes, grid_info
+from motm_twin.bus.encode import ObservationEncoder, RobotEncoder, grid_bytes, grid_info
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.keys import Keys
-from motm_twin.bus.latest_values import LatestValues
-from motm_twin.bus.messages import StatusMessage, TickMessage
-from motm_twin.bus.metrics import Metrics
-from motm_twin.bus.observations import ObservationEncoder
-from motm_twin.bus.queries import Quiet
+from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, StatusMessage, TickMessage
+from motm_twin.bus.queries import LatestValues, Quiet
 from motm_twin.bus.senders import Outbox, RobotStream
 from motm_twin.control.tick import Tick
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.perception.world_map import WorldMap
 
+PERIOD_WINDOW = 10.0  # [s] of wall time
+STAGE_WINDOW = 1.0  # [s]
+_PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+class Metrics:
+    """Collects the times of periods; thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._periods: deque[tuple[float, float, dict[str, float]]] = deque(maxlen=4000)  # at [s], took [s], stages
+        self._last: TickMessage | None = None
+        self._overruns = 0
+
+    def note(self, message: TickMessage, took: float) -> None:
+        """Note a period that was computed within ``took`` [s]."""
+        with self._lock:
+            if self._last is None or message.run != self._last.run:
+                self._overruns = 0
+            self._last = message
+            self._overruns += took > PERIOD
+            self._periods.append((time.monotonic(), took, message.stage_ms))
+
+    def message(self, status: StatusMessage) -> MetricsMessage:
+        """The current message."""
+        now = time.monotonic()
+        with self._lock:
+            last, overruns, periods = self._last, self._overruns, list(self._periods)
+        took = [1000.0 * seconds for at, seconds, _ in periods if at >= now - PERIOD_WINDOW]
+        stages = [stage_ms for at, _, stage_ms in periods if at >= now - STAGE_WINDOW]
+        score = None if last is None else last.score
+        contacts = [] if score is None else score.contacts
+        tasks = [] if last is None else last.tasks
+        return MetricsMessage(
+            version=METRICS_VERSION,
+            run=status.run,
+            server_time=status.server_time,
+            time=status.time,
+            state=status.state,
+            speed=status.speed,
+            actual_speed=status.actual_speed,
+            period_ms=_spread(took),
+            stage_ms=_means(stages),
+            overruns=overruns,
+            tasks_done=sum(task.status == "done" for task in tasks),
+            tasks_total=len(tasks),
+            picks=0 if score is None else score.picks,
+            places=0 if score is None else score.places,
+            drops=0 if score is None else score.drops,
+            contacts=len(contacts),
+            contacts_caused_by_robot=sum(contact.caused_by_robot for contact in contacts),
+            path_length=0.0 if score is None else score.path_length,
+            min_base_clearance=None if score is None else score.min_base_clearance,
+            min_arm_clearance=None if score is None else score.min_arm_clearance,
+            min_ee_obstacle=None if score is None else score.min_ee_obstacle,
+            reference_tour=status.reference_tour,
+            memory_mb=_memory_mb(),
+        )
+
+
+def _spread(values: list[float]) -> dict[str, float]:
+    if not values:
+        return {}
+    p50, p99 = np.percentile(values, [50, 99])
+    return {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(max(values), 3)}
+
+
+def _means(stages: list[dict[str, float]]) -> dict[str, float]:
+    names = {name for stage_ms in stages for name in stage_ms}
+    return {name: round(sum(ms.get(name, 0.0) for ms in stages) / len(stages), 3) for name in sorted(names)}
+
+
+def _memory_mb() -> float:
+    """Resident memory of this process."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return round(pages * _PAGE / 1e6, 1)
+
+
 GRID_INTERVAL = 0.25  # [s] the grid is sent on change, at most four times a second
-GRID_REFRESH = 2.0  # [s] unchanged, it is sent again this often, for subscribers that came late
+GRID_REFRESH = 2.0  # [s] repeated this often while unchanged, for late subscribers
 STATE_WAITING = 400  # messages: at full speed more than a second of them
 EVENTS_WAITING = 1000
 
 
 class Publisher:
-    """A Sink that publishes, and holds nobody up. What a slow reader can not take for seconds is dropped for it."""
+    """A Sink that publishes without blocking. Messages that a reader cannot take for seconds are dropped for it."""
 
     def __init__(
         self,
@@ -83,7 +162,7 @@ class Publisher:
         self._state.post(partial(self._send_scene, scene))
 
     def status(self) -> None:
-        """Hand over the state of the server, as it is now; from any thread, and never an older one after a newer."""
+        """Hand over the current state of the server, from any thread; never an older one after a newer."""
         with self._telling:
             self._state.post(partial(self._send_status, self._status()))
 
@@ -92,7 +171,7 @@ class Publisher:
         self._state.post(lambda: self._values.put(self._keys.metrics, self._encode(self._metrics_now())))
 
     def close(self) -> None:
-        """Send what waits, as far as that is possible at once, and withdraw everything."""
+        """Send what can be sent at once, and withdraw everything."""
         self._robot.close()
         self._state.close()
         self._events.close()
@@ -101,7 +180,7 @@ class Publisher:
     def _send_tick(self, message: TickMessage, tick: Tick, last: bool, took: float) -> None:
         self._values.put(self._keys.tick, self._encode(message))
         if self._profile is not None and (self._encoder is None or self._encoder[0] != self._profile):
-            self._encoder = self._profile, RobotEncoder(self._profile)  # now: what it imports is there since the load
+            self._encoder = self._profile, RobotEncoder(self._profile)  # late: its imports are loaded by now
         if not message.preview:
             self._robot.follow(tick, message.run)
         self._send_scan(tick, message.run)
@@ -127,7 +206,7 @@ class Publisher:
         self._watch.status(status)
 
     def _send_scan(self, tick: Tick, run: int) -> None:
-        """The sweeps that this period saw first."""
+        """Send the sweeps that are new in this period."""
         for sample in (tick.observation, *tick.samples):
             scan = sample.scan
             if scan is None or self._encoder is None or (run == self._scan[0] and scan.stamp <= self._scan[1]):

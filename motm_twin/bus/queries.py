@@ -1,7 +1,8 @@
-"""Queries and their answers: commands and schemas. While a period is computed, queries wait in Zenoh's own queue.
+"""Queries and their answers: commands, schemas, and the last value of every published key.
 
-Zenoh would call back at any time, and every call takes the interpreter from the control loop: 1,000 refused commands a
-second made the 99th percentile of the period up to half as long again.
+While a period is computed, queries wait in Zenoh's own queue. Zenoh would call back at any time, and every call takes
+the interpreter from the control loop: 1,000 refused commands a second made the 99th percentile of the period up to half
+as long again.
 """
 
 import contextlib
@@ -23,8 +24,8 @@ from motm_twin.bus.interfaces import Reply
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.schemas import names, schema
 
-WAITING = 1024  # queries of a key; more of them hold up the link that they come by
-PATIENCE = 0.05  # [s] queries wait for the end of a period: as long as a period may take
+WAITING = 1024  # queries of a key; more would block their link
+PATIENCE = 0.05  # [s] that queries wait for the end of a period: a whole period
 TOGETHER = 32  # queries that share this patience
 
 
@@ -41,12 +42,12 @@ class Quiet:
         return self._event.is_set()
 
     def wait(self, timeout: float) -> None:
-        """Until it is quiet, or for ``timeout`` [s]."""
+        """Wait until it is quiet, or for ``timeout`` [s]."""
         self._event.wait(timeout)
 
     @contextlib.contextmanager
     def broken(self, really: bool = True) -> Iterator[None]:
-        """It is not quiet in this block, if ``really`` so."""
+        """The interpreter is busy in this block, if ``really``."""
         if really:
             self._event.clear()
         try:
@@ -56,7 +57,7 @@ class Quiet:
 
 
 class _Waiting:
-    """Queries of one key, in Zenoh's own queue: they do not need the interpreter until they are taken."""
+    """Queries of one key in Zenoh's own queue, which does not need the interpreter."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self._queryable = session.declare_queryable(key, zenoh.handlers.FifoChannel(WAITING))
@@ -81,7 +82,7 @@ class _Waiting:
 
 
 class _WaitingTogether:
-    """Queries of several keys, in the order in which they came."""
+    """Queries of several keys, in order of arrival."""
 
     def __init__(self, session: zenoh.Session, keys: Sequence[str]) -> None:
         self._queries: queue.Queue[zenoh.Query | None] = queue.Queue(WAITING)
@@ -109,7 +110,7 @@ class _WaitingTogether:
 
 
 class QuietQueryable:
-    """Has the queries of some keys answered in an own thread, as they came, when it is quiet or after `PATIENCE`."""
+    """Answers the queries of some keys in its own thread, in order, when it is quiet or after `PATIENCE`."""
 
     def __init__(
         self, session: zenoh.Session, keys: Sequence[str], answer: Callable[[zenoh.Query], None], quiet: Quiet
@@ -120,7 +121,7 @@ class QuietQueryable:
         self._thread.start()
 
     def undeclare(self) -> None:
-        """Answer what has come, and no more."""
+        """Answer queries that have arrived, then stop."""
         self._waiting.end()
         if threading.current_thread() is not self._thread:
             self._thread.join(1.0)
@@ -140,17 +141,17 @@ class QuietQueryable:
         except Exception:
             traceback.print_exc()
             with contextlib.suppress(zenoh.ZError):
-                query.drop()  # the asker need not wait for it
+                query.drop()  # ends the asker's wait
 
 
 @functools.cache
 def schemas() -> dict[str, bytes]:
-    """All schemas as JSON, made once: it takes 0.02 s of the interpreter, 0.3 s for the first time."""
+    """All schemas as JSON, cached: 0.02 s of the interpreter, 0.3 s the first time."""
     return {name: msgspec.json.encode(schema(name)) for name in names()}
 
 
 class Answering:
-    """Queryables of one twin, or of a recording that is played as one, until `close`."""
+    """Queryables of one twin, or of a played recording, until `close`."""
 
     def __init__(
         self,
@@ -161,7 +162,7 @@ class Answering:
         request: Callable[[Envelope, Reply], None],
         quiet: Quiet,
     ) -> None:
-        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused; ``quiet``: when to."""
+        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused; ``quiet``: as above."""
         self._keys, self._now, self._request = keys, now, request
         self._gate, self._encode = CommandGate(now), msgspec.json.Encoder().encode
         self._commands = [zenoh.KeyExpr(keys.command(name)) for name in COMMAND_NAMES]
@@ -193,14 +194,14 @@ class Answering:
             reply(str(refusal), -1)
 
     def _refuse_unaddressed(self, query: zenoh.Query) -> None:
-        """A command that may reach several twins: it expires on the clock of one, and one answer is that of one."""
+        """Refuse a command that may reach several twins: clock and answer would be those of one of them."""
         with suppress(zenoh.ZError), query:
             for key in self._commands:
                 if query.key_expr.intersects(key):
                     self._reply(query, key, f"a command is for one twin: send it to {key}, without a wildcard", -1)
 
     def _reply(self, query: zenoh.Query, key: zenoh.KeyExpr | str, reason: str, index: int, path: str = "") -> None:
-        """Always on a key of this twin: of two answers on one key, which a wildcard would be, Zenoh drops one."""
+        """Reply on a key of this twin, never on a wildcard: of two answers on one key Zenoh drops one."""
         answer = Answer(ok=not reason, reason=reason, server_time=self._now(), index=index, path=path)
         query.reply(key, self._encode(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
 
@@ -210,3 +211,73 @@ class Answering:
             for key, text in self._schemas:
                 if query.key_expr.intersects(key):
                     query.reply(key, text, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+
+MakeAnswer = Callable[[zenoh.Parameters], bytes | None]  # None: nothing yet; ValueError: a refusal
+
+
+class LatestValues:
+    """Publishes, and answers late joiners with the last value of each key."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, quiet: Quiet) -> None:
+        """``quiet``: when to answer."""
+        self._lock = threading.Lock()
+        self._last: dict[str, tuple[bytes, bytes | None]] = {}  # key: payload, attachment
+        self._answers: dict[str, MakeAnswer] = {}
+        self._publishers, self._encodings = {}, dict[str, zenoh.Encoding]()
+        shown = (keys.tick, keys.robot, keys.scan, keys.grid, keys.scene, keys.status, keys.metrics, keys.event)
+        for key in (*shown, keys.observations):
+            # Not express, so that ticks waiting for a slow reader share batches of the send queue.
+            self._encodings[key] = zenoh.Encoding.ZENOH_BYTES if key == keys.grid else zenoh.Encoding.APPLICATION_JSON
+            self._publishers[key] = session.declare_publisher(
+                key,
+                encoding=self._encodings[key],
+                congestion_control=_block_or_drop(key in (keys.scene, keys.event)),
+                # Events have a send queue of their own, which the ticks of a slow reader do not fill.
+                priority=zenoh.Priority.INTERACTIVE_LOW if key == keys.event else zenoh.Priority.DATA,
+                reliability=zenoh.Reliability.RELIABLE,
+            )
+        self._asked = [(key, zenoh.KeyExpr(key)) for key in self._publishers]
+        # One for all keys: a query for several is answered in that order.
+        self._queryable = QuietQueryable(session, list(self._publishers), self._answer, quiet)
+
+    def put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
+        """Send a value of a key and keep it."""
+        with self._lock:
+            self._last[key] = (payload, attachment)
+        self._publishers[key].put(payload, attachment=attachment)
+
+    def answer(self, key: str, make: MakeAnswer) -> None:
+        """Answer queries of this key with ``make`` instead of the last value."""
+        self._answers[key] = make
+
+    def close(self) -> None:
+        """Withdraw everything."""
+        self._queryable.undeclare()
+        for publisher in self._publishers.values():
+            publisher.undeclare()
+
+    def _answer(self, query: zenoh.Query) -> None:
+        """The last value of every key that the query asks for."""
+        with suppress(zenoh.ZError), query:  # the asker may be gone
+            for key, expression in self._asked:
+                if not query.key_expr.intersects(expression):
+                    continue
+                try:
+                    found = self._found(key, query.parameters)
+                except ValueError as error:
+                    query.reply_err(str(error))
+                    continue
+                if found is not None:
+                    query.reply(key, found[0], attachment=found[1], encoding=self._encodings[key])
+
+    def _found(self, key: str, parameters: zenoh.Parameters) -> tuple[bytes, bytes | None] | None:
+        if (make := self._answers.get(key)) is not None:
+            payload = make(parameters)
+            return None if payload is None else (payload, None)
+        with self._lock:
+            return self._last.get(key)
+
+
+def _block_or_drop(block: bool) -> zenoh.CongestionControl:
+    return zenoh.CongestionControl.BLOCK if block else zenoh.CongestionControl.DROP

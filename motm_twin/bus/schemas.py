@@ -1,8 +1,8 @@
-"""JSON Schemas of everything that travels on Zenoh, made from the types that encode and decode it.
+"""JSON Schemas of all messages on Zenoh, made from the types that encode and decode them.
 
 A version allows some changes of a schema (`breaking_changes`): a field or a kind may be added; nothing may go or become
-another type. What a program wrote for one version goes on working: it reads every field that it knows, and the server
-takes every command that it sends. So a field that is added to a command must not be required.
+another type. A program written for one version keeps working: it reads every field that it knows, and the server
+takes every command that it sends. So a field added to a command must be optional.
 """
 
 import contextlib
@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from motm_twin.bus.commands import ANSWER_VERSION, COMMAND_VERSION, EDITS, SERVER_COMMANDS, Answer, Envelope
+from motm_twin.bus.encode import OBSERVATIONS_VERSION, ObservationsMessage
 from motm_twin.bus.messages import (
     EVENT_VERSION,
     EVENTS_VERSION,
@@ -36,7 +37,6 @@ from motm_twin.bus.messages import (
     StatusMessage,
     TickMessage,
 )
-from motm_twin.bus.observations import OBSERVATIONS_VERSION, ObservationsMessage
 from motm_twin.bus.plant_messages import (
     VERSION,
     ClockGrant,
@@ -95,7 +95,7 @@ PLANT_MESSAGES: dict[
 COMMANDS = {f"cmd/{kind.__struct_config__.tag}": kind for kind in (*SERVER_COMMANDS, *EDITS)}
 _FIELD = re.compile(r"^(\w+): .*?  # (.+)$")
 Schema = dict[str, Any]
-_WORDS = {"description", "title", "$schema", "$id"}  # say something, allow or forbid nothing
+_WORDS = {"description", "title", "$schema", "$id"}  # annotations without effect on validity
 _COMPARED = {"properties", "required", "$defs", "anyOf", "enum", "items", "prefixItems", "discriminator"}
 
 
@@ -119,7 +119,7 @@ def file_name(name: str) -> str:
 
 
 def field_notes(kind: type[msgspec.Struct]) -> dict[str, str]:
-    """The bounds of the fields of a struct and the comments beside them, which are missing where there is no source."""
+    """Bounds of the fields of a struct, and the comments beside them where the source is available."""
     notes = {name: [bound.allowed() for bound in found] for name, found in bounds_of(kind).items()}
     for name, comment in _comments(kind).items():
         notes.setdefault(name, []).append(comment)
@@ -136,7 +136,7 @@ def _comments(kind: type) -> dict[str, str]:
 
 
 def schema_of(kind: type[msgspec.Struct], version: str) -> dict[str, Any]:
-    """The schema of a struct under this ``$id``, with what the comments beside all fields say."""
+    """The schema of a struct under this ``$id``, with the comments of its fields as descriptions."""
     made = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(kind)))  # as its readers get it: no tuples
     kinds = _structs(kind, {})
     for name, part in made.get("$defs", {}).items():
@@ -148,7 +148,7 @@ def schema_of(kind: type[msgspec.Struct], version: str) -> dict[str, Any]:
 
 
 def _structs(kind: Any, found: dict[str, type]) -> dict[str, type]:
-    """Every struct that a type leads to, by name."""
+    """All structs reachable from a type, by name."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         if kind.__name__ not in found:
             found[kind.__name__] = kind
@@ -194,7 +194,7 @@ def _required(old: Schema, new: Schema, place: str) -> list[str]:
 
 
 def _options(old: Schema, new: Schema, place: str) -> list[str]:
-    """Kinds of a union: further structs may be added, other types not (a number does not become null)."""
+    """Kinds of a union: structs may be added, other types not (a number does not become null)."""
     before, after = old.get("anyOf", []), new.get("anyOf", [])
     if not before and not after:
         return []

@@ -1,4 +1,4 @@
-"""Threads that send what the loop hands them, so that it need not wait for encoding or for slow readers."""
+"""Sender threads, so that the loop waits neither for encoding nor for slow readers."""
 
 import queue
 import threading
@@ -12,25 +12,25 @@ from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation
 
 Work = Callable[[], None]
-DRAIN = 1.0  # [s] for what still waits when it closes
+DRAIN = 1.0  # [s] to send the rest at closing
 EVERY = 2  # of the samples, which come at 100 Hz
-KEPT = 200  # samples that may wait, if the sender is held up
+KEPT = 200  # samples that may wait while the sender is blocked
 Send = Callable[[Observation, int], None]  # sample, run
 
 
 class Outbox:
-    """Does work in its own thread. What comes while ``size`` pieces wait is dropped and counted: nobody waits."""
+    """Does work in its own thread. Beyond ``size`` waiting pieces, further ones are dropped and counted."""
 
     def __init__(self, name: str, size: int) -> None:
         self.dropped = 0
-        # Putting into this one never gives the interpreter away: with a lock, the poster waited for the thread it woke.
+        # A SimpleQueue keeps the interpreter: with a lock, the poster waited for the thread that it woke.
         self._queue: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
         self._size, self._closed = size, False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def post(self, work: Work) -> bool:
-        """Have this done after what was posted before; never waits. False when it was dropped."""
+        """Queue a piece of work; never waits. False when it was dropped."""
         if self._closed or self._queue.qsize() >= self._size:
             self.dropped += 1
             return False
@@ -38,7 +38,7 @@ class Outbox:
         return True
 
     def close(self) -> bool:
-        """Finish what waits, for `DRAIN` at most; False when something still blocks. Closing twice is fine."""
+        """Finish queued work within `DRAIN`; False when something still blocks. Closing twice is fine."""
         if not self._closed:
             self._closed = True
             self._queue.put(None)
@@ -54,7 +54,7 @@ class Outbox:
 
 
 class RobotStream:
-    """Spreads the samples of a period over the wall time until the next; it holds nobody up."""
+    """Spreads the samples of a period over the wall time until the next, without blocking the caller."""
 
     def __init__(self, send: Send, speed: Callable[[], float]) -> None:
         """``send`` is called in the thread of this stream, ``speed`` is the wanted real-time factor."""
@@ -75,7 +75,7 @@ class RobotStream:
             self._changed.notify()
 
     def close(self) -> None:
-        """End the thread; what still waits is not sent."""
+        """End the thread; waiting samples are dropped."""
         with self._changed:
             self._closed = True
             self._changed.notify()
@@ -103,5 +103,5 @@ class RobotStream:
         return None
 
     def _late(self) -> float:
-        """[s] between the oldest and newest waiting sample after which the oldest is sent at once."""
+        """Span [s] between the oldest and newest waiting sample beyond which the oldest is sent at once."""
         return PERIOD / self._speed()

@@ -1,6 +1,6 @@
-"""The twin server process: the twin in real time, its state on Zenoh, commands only as checked queries.
+"""The twin server: the twin in real time, its state on Zenoh, commands only as checked queries.
 
-`server_process` is the program round it.
+`server_process` is its program.
 """
 
 import functools
@@ -32,14 +32,14 @@ LAST_WAIT = 1.0  # [s] for the current period to end when the server stops
 class RobotChoice:
     """A robot in another program."""
 
-    meet: Callable[..., Any]  # (session, twin, *, listen_only): the link to it, which is closed with the server
+    meet: Callable[..., Any]  # (session, twin, *, listen_only) -> link to the robot, closed with the server
     make_twin: Callable[..., TwinLike]  # (link, scene, *, method)
     mirror: bool = False  # it is shown, and never commanded
-    session: zenoh.Session | None = None  # where it is met; None: on the server's own
+    session: zenoh.Session | None = None  # where the robot connects; None: the server's own
 
 
 class ServerClock:
-    """Unix time at the start plus monotonic time since: steps of the wall clock do not reach commands."""
+    """Unix time at the start plus monotonic time since, so that steps of the wall clock do not affect commands."""
 
     def __init__(self) -> None:
         self._offset = time.time() - time.monotonic()
@@ -119,7 +119,7 @@ class TwinServer:
             thread.start()
 
     def record(self, path: Path, done: Callable[[str, str], None]) -> None:
-        """Record to this file; ``done`` hears why not ("": it began) and the path, from another thread."""
+        """Record to this file; ``done`` is told the refusal ("": begun) and the path, from another thread."""
         self._data.record(path, done)
 
     def close(self) -> bool:

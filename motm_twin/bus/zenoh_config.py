@@ -40,14 +40,14 @@ def session_config(
     asks: Sequence[str] = (),
     guarded: int | None = None,
 ) -> zenoh.Config:
-    """The file with these addresses: ``listen`` on top of its own, ``connect`` instead of them unless empty.
+    """The file's configuration with ``listen`` added to its addresses, and ``connect`` replacing them unless empty.
 
     ``mode`` is that of the file unless it is given. On the keys ``own`` only this session speaks and answers, and only
-    it asks on ``asks``, whoever connects to it; a file with an access control of its own decides that itself. A
-    wildcard passes such a rule, so receivers take nothing from one (`keys.spoken_on`).
+    it queries ``asks``, whoever connects; a file with its own access control overrides this. A
+    wildcard passes such a rule, so receivers ignore wildcards (`keys.spoken_on`).
 
-    At the port ``guarded``, the one that ``listen`` begins with, a program is let in with the password of this user, or
-    one of those that the file names. A session that connects to such a port has the password (`bus.credentials`).
+    The port ``guarded``, the first of ``listen``, requires the password of this user, or
+    one of those in the file. A session that connects to such a port has the password (`bus.credentials`).
     Raises ConfigError.
     """
     for endpoint in connect:
@@ -76,7 +76,7 @@ def check_endpoint(endpoint: str) -> None:
 
 
 def _reserved(own: Sequence[str], asks: Sequence[str]) -> dict[str, object]:
-    """Others may listen on these keys, but neither publish there nor answer; on ``asks`` they may only answer."""
+    """Others may subscribe to these keys, but neither publish nor answer; on ``asks`` they may only answer."""
     speak = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
     rules = [
         {"id": name, "permission": "deny", "flows": ["ingress"], "messages": messages, "key_exprs": list(keys)}
@@ -96,7 +96,7 @@ def _reserved(own: Sequence[str], asks: Sequence[str]) -> dict[str, object]:
 
 
 def _guarded(port: int, endpoint: str, config: zenoh.Config) -> Path:
-    """The list of the passwords that are right at a port."""
+    """The file of valid passwords of a port."""
     try:
         return guard(port, endpoint, _passwords(config))
     except OSError as error:
@@ -139,7 +139,7 @@ def _read(path: Path) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(str(path))
     except zenoh.ZError as error:
-        reason = " ".join(str(error).split(" at /")[0].split())  # a mistake is pointed at in several lines
+        reason = " ".join(str(error).split(" at /")[0].split())  # Zenoh reports a mistake in several lines
         raise ConfigError(f"{path}: is no Zenoh configuration: {reason}") from error
 
 

@@ -1,4 +1,4 @@
-"""Every command of `bus.commands` as a typed method; what a method gives back is the business of the handle."""
+"""Every command of `bus.commands` as a typed method; each handle defines the return value."""
 
 from abc import abstractmethod
 from typing import Generic, TypeVar
@@ -53,7 +53,7 @@ class Commanding(Generic[Result]):
     def load(
         self, scene: str, variant: str | None = None, seed: int | None = None, method: str = DEFAULT_METHOD
     ) -> Result:
-        """Load a scene, to be done by a method of ``status().methods``; done when its first period is there."""
+        """Load a scene under a method of ``status().methods``; done when its first period is there."""
         return self.send(Load(scene=scene, variant=variant, seed=seed, method=method))
 
     def seed(self, seed: int) -> Result:
@@ -85,7 +85,7 @@ class Commanding(Generic[Result]):
         return self.send(Branch(index=index))
 
     def undo_branch(self) -> Result:
-        """Go on where the run ended that the last branch has set aside."""
+        """Resume the run that the last branch set aside."""
         return self.send(UndoBranch())
 
     def add_obstacle(
@@ -132,7 +132,7 @@ class Commanding(Generic[Result]):
     def inject_fault(
         self, fault: str, seconds: float = 1.0, delay: float = 0.5, amount: float | None = None, joint: int = 4
     ) -> Result:
-        """Let a sensor or a part of the robot fail, in one of the ways of the table of faults in docs/zenoh.md."""
+        """Inject a fault of a sensor or part of the robot; docs/zenoh.md lists them."""
         return self.send(InjectFault(fault=fault, seconds=seconds, delay=delay, amount=amount, joint=joint))
 
     def announce(self, name: str) -> Result:
@@ -164,7 +164,7 @@ class Commanding(Generic[Result]):
         return self.send(SetParameter(name=name, value=value))
 
     def inspect(self, candidate: int = -1, *, staa_path: bool = False) -> Result:
-        """Have the ticks explain a candidate base pose, or show the path of unmodified STAA*."""
+        """Add the paths of a candidate base pose, or of unmodified STAA*, to the ticks."""
         return self.send(Inspect(candidate=candidate, staa_path=staa_path))
 
     def save(self, name: str) -> Result:

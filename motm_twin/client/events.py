@@ -1,4 +1,4 @@
-"""Every event once and in order, whatever was lost on the way: what is missing is fetched from the history."""
+"""Every event once and in order: events lost on the way are fetched from the history."""
 
 import threading
 from collections import deque
@@ -9,12 +9,12 @@ import msgspec
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.messages import NumberedEvent
 
-LIVE = 1000  # events that wait for a slow reader; older ones are fetched from the history when it comes for them
-LOOK = 2.0  # [s] without an event after which the history is asked whether one was lost
+LIVE = 1000  # events kept for a slow reader; older ones are fetched from the history
+LOOK = 2.0  # [s] without an event after which the history is checked for lost ones
 
 
 class EventsLost(Exception):
-    """Events are gone: the reader was slower than the history of the server is long. Reading on is possible."""
+    """Events are lost: the reader fell behind by more than the server's history. Reading can go on."""
 
     def __init__(self, first: int, last: int) -> None:
         self.first, self.last = first, last
@@ -41,7 +41,7 @@ class EventReader:
         )
 
     def take(self) -> list[NumberedEvent]:
-        """All events of now, oldest first. Asks the server when something is missing. Raises EventsLost."""
+        """All available events, oldest first. Queries the server for missing ones. Raises EventsLost."""
         taken: list[NumberedEvent] = []
         while True:
             while self._ready:
@@ -59,14 +59,14 @@ class EventReader:
                 return taken
 
     def look(self) -> list[NumberedEvent]:
-        """As `take`, and asks the history in any case: the newest event may have been lost."""
+        """As `take`, but always queries the history: the newest event may have been lost."""
         taken = self.take()
         if not taken:
             self._fetch(taken)
         return taken or self.take()
 
     def wait(self, timeout: float) -> bool:
-        """Until something may be there, `timeout` [s] have passed, or `wake`; whether something is."""
+        """Wait for an event, for `timeout` [s], or until `wake`; True when there may be one."""
         with self._changed:
             return self._changed.wait_for(lambda: bool(self._live or self._ready) or self._client.closed, timeout)
 
@@ -85,7 +85,7 @@ class EventReader:
             self.close()
 
     def close(self) -> None:
-        """Hear no more."""
+        """Unsubscribe."""
         self._leave()
 
     def _heard(self, payload: bytes) -> None:

@@ -3,7 +3,7 @@
 Methods share all code that is the same. Most differ by parameters only; the others bring a placement strategy, a base
 controller, or an arm of their own. A method that plans the whole task beforehand asks for a rehearsal
 (`PlannerParts.rehearse`): a run of a simulated plant, period by period, which whoever builds the twin makes
-(`motm_twin.rehearse`).
+(`motm_twin.dry_run`).
 """
 
 from collections.abc import Callable, Mapping

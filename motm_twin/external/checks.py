@@ -1,4 +1,4 @@
-"""Checks of all that a robot says, before it counts: a robot that errs is not heard, and the twin says why."""
+"""Checks of a robot's messages: an invalid one is ignored, and the twin says why."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,11 +17,11 @@ from motm_twin.bus.plant_messages import (
 
 MAX_BYTES = 1024 * 1024
 MAX_AHEAD = 1.0  # [s] that a scan or a frame of the camera may be stamped later than the newest state
-LARGEST = 1e11  # of any measure: 3,000 years in s; sums and products of more are no numbers
+LARGEST = 1e11  # of any measure: 3,000 years in s; sums and products of larger ones overflow
 MOST = 2**53  # of any count: JSON has no larger whole numbers
 FARTHEST = 1e5  # [m] from the origin of the world, or of the odometry
 FASTEST = 20.0  # [m/s], [rad/s] of base and joints
-TURNED = 10.0  # [rad] of a joint: more than a turn and a half are degrees
+TURNED = 10.0  # [rad] of a joint: more than a turn and a half must be degrees
 WIDEST = 1.0  # [m] between finger pads
 SHUT = -0.01  # [m] the same, of a gripper that is not well calibrated
 
@@ -38,7 +38,7 @@ NAMES = tuple(_KINDS)
 
 
 class RefusedMessage(ValueError):
-    """A message that does not count; the text says what is wrong with it."""
+    """A message that is ignored; the text says what is wrong with it."""
 
 
 def read(name: str, payload: bytes) -> Message:

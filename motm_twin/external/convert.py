@@ -1,4 +1,4 @@
-"""Between what the control loop uses (`model.plant`) and what travels (`bus.plant_messages`)."""
+"""Conversion between types of the control loop (`model.plant`) and messages (`bus.plant_messages`)."""
 
 import math
 from typing import Any
@@ -111,7 +111,7 @@ def truth_of(data: TruthData) -> Truth:
 
 
 def moved(detection: Detection, T_run_odometry: Array) -> Detection:
-    """The same detection in another odometry: that of a robot that was started again, in the run's."""
+    """A detection of a restarted robot, transformed to the odometry frame of the run."""
     return Detection(
         stamp=detection.stamp,
         name=detection.name,

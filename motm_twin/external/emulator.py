@@ -1,6 +1,6 @@
-"""A bad link in simulated time: messages are delayed, overtake each other, are lost, and now and then all of them.
+"""A bad link in simulated time: messages are delayed, overtake each other or are lost; with outages.
 
-Repeats by its seed.
+Repeatable by its seed.
 """
 
 import heapq
@@ -25,7 +25,7 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a link that can not be."""
+        """Raise ValueError for an impossible link."""
         if not (0.0 <= self.jitter <= self.latency <= 5.0 and 0.0 <= self.loss <= 1.0):
             raise ValueError(
                 f"link of {self.latency} s latency, {self.jitter} s jitter, {self.loss} loss: "

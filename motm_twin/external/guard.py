@@ -1,4 +1,4 @@
-"""The robot's side of commands: which are taken, which one acts now, and when none does any more."""
+"""The robot's side of commands: which are accepted, which one acts now, and when the last one expires."""
 
 import bisect
 import math
@@ -13,11 +13,11 @@ from motm_twin.model.plant import Actuation
 from motm_twin.model.profile import BaseLimits
 
 MAX_BYTES = 4096
-MAX_HEARD = 50  # arrivals that are told at once
+MAX_HEARD = 50  # arrivals reported at once
 MAX_WAITING = 200  # commands
 MAX_AHEAD = 1.0  # [s] that a command may be given ahead
-MAX_LATE = 0.30  # [s] after which one that comes late is not taken at all
-SILENCE = 1.0  # [s] of silence after which somebody else may command, and numbers begin again
+MAX_LATE = 0.30  # [s] lateness beyond which a command is refused
+SILENCE = 1.0  # [s] of silence after which another sender may command, and numbers restart
 MAX_JUMP = 1000  # between the numbers of two commands: 10 s of them lost at once
 SLACK = 1e-6  # rounding of limits
 
@@ -27,7 +27,7 @@ class RefusedCommand(ValueError):
 
 
 class CommandGuard:
-    """Takes commands of one sender, in order, each for its time; knows the robot's clock from its arguments only."""
+    """Accepts commands of one sender in order, each for its time; the robot's clock comes in as arguments."""
 
     def __init__(self, life: str, limits: BaseLimits) -> None:
         """For one life of a robot with these limits."""
@@ -49,11 +49,11 @@ class CommandGuard:
             self.refused, self.refusal = self.refused + 1, str(refusal)
 
     def actuation(self, now: float) -> Actuation:
-        """Command of now [s]: base and arm come to rest when no command is fresh; the gripper stays as it was told."""
+        """Command at ``now`` [s]: base and arm come to rest when no command is fresh; the gripper keeps its own."""
         while self._waiting and self._waiting[0].act_at <= now + SLACK:
             self._acting = self._waiting.pop(0)
             self._acted = self._acting.seq
-            if now - self._acting.act_at < self._acting.lifetime - SLACK:  # else the hand may be elsewhere by now
+            if now - self._acting.act_at < self._acting.lifetime - SLACK:  # otherwise the hand may have moved on
                 self._gripper = self._acting.gripper
         acting = self._acting
         if acting is None:
@@ -67,7 +67,7 @@ class CommandGuard:
     def heard(self) -> list[tuple[int, float]]:
         """Numbers and times [s] of arrival of the commander's commands since the last call.
 
-        Also of those that were for another time: from them their sender learns that it has this clock wrong.
+        Includes refused ones, from which a sender learns that its estimate of this clock is wrong.
         """
         heard, self._heard = self._heard, []
         return heard

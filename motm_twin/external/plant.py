@@ -1,27 +1,92 @@
 """A robot in another program as a Plant: observed where it will be when the next command acts, told by messages."""
 
 import time
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from motm_twin.bus.plant_messages import (
     HOLD,
     VERSION,
+    EditRequest,
     Info,
     ResetRequest,
     RobotCommand,
     RobotState,
+    TaskNotice,
 )
 from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.external.checks import NAMES
-from motm_twin.external.convert import array, detection_of, moved, scan_of, vector
+from motm_twin.external.convert import array, detection_of, moved, scan_of, truth_of, vector
 from motm_twin.external.robot_link import RESET_ANSWER, Obedience, RobotLink
 from motm_twin.external.timing import ClockOffset, Lead
-from motm_twin.external.world import RemoteWorld
+from motm_twin.model.edits import WorldEdit
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.joint_limits import DQ_MAX
-from motm_twin.model.plant import Actuation, Detection, Observation, Scan
-from motm_twin.model.scene import Scene
+from motm_twin.model.plant import Actuation, Detection, Observation, Scan, Truth
+from motm_twin.model.scene import PlanarPose, Scene, Task
+
+
+class NotPossible(ValueError):
+    """This robot can not do that; the message says what and why."""
+
+
+class RemoteRehearsal:
+    """Edits that wait to be applied, tried by the robot."""
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link, self._accepted = link, list[WorldEdit]()
+
+    def accept(self, edit: WorldEdit) -> None:
+        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
+        request = EditRequest(version=VERSION, check=True, before=tuple(self._accepted), edit=edit)
+        answer = self._link.ask(self._link.keys.edit, request)
+        if not answer.ok:
+            raise ValueError(answer.reason)
+        self._accepted.append(edit)
+
+
+class RemoteWorld:
+    """Ground truth and edits."""
+
+    def __init__(self, link: RobotLink) -> None:
+        self.link, self.mirror = link, link.listen_only
+        self._info: Info | None = None
+
+    def truth(self) -> Truth | None:
+        """Ground truth of a robot that tells it."""
+        data = self.link.newest("truth")
+        return None if data is None else truth_of(data)
+
+    def rehearsal(self) -> "RemoteRehearsal":
+        """Asks the robot about edits, one after another. Raises NotPossible."""
+        self._require("edit", "its world can not be changed from here: move the real things")
+        return RemoteRehearsal(self.link)
+
+    def apply(self, edit: WorldEdit) -> None:
+        """Change the world of a simulated robot; raises ValueError when it can not be."""
+        self._require("edit", "its world can not be changed from here: move the real things")
+        answer = self.link.ask(self.link.keys.edit, EditRequest(version=VERSION, check=False, edit=edit))
+        if not answer.ok:
+            raise ValueError(answer.reason)
+
+    def expect_tasks(self, tasks: Sequence[Task]) -> None:
+        """Tell the referee of a simulated robot the task list of now."""
+        if self._info is not None and "truth" in self._info.can and not self.mirror:
+            self.link.ask(self.link.keys.tasks, TaskNotice(version=VERSION, tasks=tuple(tasks)))
+
+    def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
+        """Tell the referee of a simulated robot where furniture was announced."""
+        if self._info is not None and "truth" in self._info.can and not self.mirror:
+            self.link.ask(self.link.keys.tasks, TaskNotice(version=VERSION, announced=dict(announced)))
+
+    def _require(self, capability: str, why: str) -> None:
+        if self.mirror:
+            raise NotPossible("a mirror only shows the robot: it changes nothing")
+        if self._info is None or capability not in self._info.can:
+            name = "there is no robot" if self._info is None else f"robot {self._info.name!r} is not simulated"
+            raise NotPossible(f"{name}: {why}")
+
 
 GONE = 1.0  # [s] without a state after which the robot is waited for
 AGAIN = 0.5  # [s] after which a grant that had no answer is sent again

@@ -1,6 +1,6 @@
 """Worlds like those of the BARN challenge from a seed: ``barn:17``, the same text for the same seed.
 
-Made anew from the published description (Perille, Truong, Xiao, Stone: Benchmarking Metric Ground Navigation, 2020),
+Rewritten from the published description (Perille, Truong, Xiao, Stone: Benchmarking Metric Ground Navigation, 2020),
 not from its files: a lane 4.5 m wide, on 4.5 m of which a cellular automaton puts cylinders of radius 0.075 m. A cell
 of 0.15 m is filled at first with a probability of 0.15 to 0.30. It is then filled when at least 5 of its 8 neighbours
 are, and cleared when at most 1 is, 2 to 4 times over. Seed k has the (k mod 12)th of these 12 settings. A world without
@@ -26,7 +26,7 @@ FILLS, SMOOTHINGS = (0.15, 0.20, 0.25, 0.30), (2, 3, 4)
 FILLED_FROM, CLEARED_TO = 5, 1  # of 8 neighbours
 HALF_ROBOT = 2  # cells that the robot takes on either side of its own
 ATTEMPTS = 1000
-THINNER = 0.998  # of the share that is filled at first, from attempt to attempt: in the end there is a way
+THINNER = 0.998  # of the initial fill, per attempt: in the end there is a path
 STREAM = 0xBA24  # keeps these draws apart from other uses of a seed
 START, GOAL, TOLERANCE = (-2.25, 3.0), (-2.25, 13.0), 1.0  # [m]
 LIMIT = 100.0  # [s] from the first 0.1 m on
@@ -80,7 +80,7 @@ def field(rng: np.random.Generator, fill: float, smoothings: int) -> Cells:
 
 
 def has_way(cells: Cells) -> bool:
-    """The robot's square of cells gets from before the field to behind it, also diagonally."""
+    """The robot's square of cells can cross the field, diagonal steps included."""
     rows, columns = cells.shape
     taken, beside = np.zeros_like(cells), np.pad(cells, HALF_ROBOT)
     for i in range(2 * HALF_ROBOT + 1):

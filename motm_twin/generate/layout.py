@@ -1,11 +1,11 @@
-"""One attempt at a generated scene: a room, its furniture, the start, agents; and the proof that it can be solved.
+"""One attempt at a generated scene: a room, its furniture, the start, agents; and the proof that it is solvable.
 
-Everything is drawn, put down where it fits, and then proved to be solvable; an attempt that is not is thrown away. The
-proof is a way for the robot between all poses that it needs, with room to spare.
+Everything is drawn at random, placed where it fits, and then proved solvable; an attempt that fails is discarded. The
+proof is a path for the robot between all poses that it needs, with room to spare.
 
-The robot is taken as the disc round its footprint, grown by what it really needs beyond it (`DISC`). Where the middle
-of that disc is free, the robot stands clear with any heading: it can turn on the spot there. Between two places of one
-connected part of that free space it can therefore drive, turning on the spot at the corners of its way. A doorway is
+The robot is taken as the disc round its footprint, grown by the margins that it needs (`DISC`). Where the middle
+of that disc is free, the robot is clear at any heading and can turn on the spot. Between two places of one
+connected part of that free space it can therefore drive, turning on the spot at the corners. A doorway is
 narrower than the disc: the strip of places on its axis, along which the robot drives straight with `BESIDE` to spare on
 either side, joins the parts that its ends lie in.
 
@@ -47,7 +47,7 @@ def reachable(start: Place, parts: list[BaseGeometry], doors: list[Door]) -> Bas
     """All places that the robot can get to from its start; empty when it cannot turn there."""
     inside = _parts_at(start, parts)
     joined = [_parts_at(one, parts) | _parts_at(other, parts) for one, other in doors]
-    for _ in joined:  # as often as a way may lead through doorways
+    for _ in joined:  # as often as a path may pass through doorways
         for both in joined:
             inside |= both if inside & both else set()
     return unary_union([parts[index] for index in sorted(inside)])
@@ -69,7 +69,7 @@ def at_height(z: float) -> bool:
 
 
 def can_stand(target: Place, ground: BaseGeometry) -> bool:
-    """There is a reachable place from which a standing robot serves the target."""
+    """A standing robot can serve the target from some reachable place."""
     around = Point(target).buffer(STAND, quad_segs=32).difference(Point(target).buffer(NEAREST))
     return bool(around.intersects(ground))
 
@@ -90,7 +90,7 @@ AGENT_START = 1.3  # [m] of an agent from the robot and from the others at the s
 
 
 class Unfit(Exception):
-    """This attempt does not lead to a scene."""
+    """This attempt yields no scene."""
 
 
 @dataclasses.dataclass
@@ -140,7 +140,7 @@ def serviceable(layout: Layout, places: tuple[Place, ...]) -> list[Place]:
 
 
 def _room(rng: Rng, dial: Dial, scale: float) -> Place:
-    """About as much floor as the pieces and the room round each of them need."""
+    """A floor sized for the pieces and the space round each."""
     count = dial.surfaces + dial.bins + dial.clutter + dial.boxes
     area = scale * (12.0 + count * (1.2 + dial.gap) ** 2)
     aspect = float(rng.uniform(0.6, 1.0))
@@ -187,7 +187,7 @@ def _partition(layout: Layout) -> None:
 
 
 def _wanted(rng: Rng, dial: Dial) -> list[tuple[str, Maker]]:
-    """Names and kinds of all pieces: what carries tasks first, it needs the most room."""
+    """Names and kinds of all pieces: those with tasks first, which need the most room."""
     kinds: list[tuple[str, Maker]] = []
     for index in range(dial.surfaces):
         kinds.append((f"surface_{index + 1}", (pieces.table, pieces.shelf)[int(rng.integers(2))]))
@@ -271,7 +271,7 @@ def _all_served(layout: Layout) -> bool:
 
 
 def _agent(layout: Layout) -> dict[str, Any]:
-    """Somebody on a closed way that is clear of furniture and doorways, and starts well away from all others."""
+    """An agent on a closed path clear of furniture and doorways, starting well away from all others."""
     rng, (width, depth) = layout.rng, layout.size
     begun = [layout.start[:2], *(tuple(agent["waypoints"][0]) for agent in layout.agents.values())]
     for _ in range(4 * TRIES):

@@ -16,8 +16,8 @@ from shapely.ops import unary_union
 
 from motm_twin.model.scene_shapes import rectangle
 
-AGENTS_FROM = 0.6  # difficulty from which somebody else drives about
-DOORS_FROM = 0.3  # difficulty from which half of the rooms are parted by a wall with a doorway
+AGENTS_FROM = 0.6  # difficulty from which there are agents
+DOORS_FROM = 0.3  # difficulty from which half of the rooms are divided by a wall with a doorway
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class Dial:
     bins: int  # each on a piece of its own
     cubes: int
     drives: int  # tasks to drive somewhere
-    clutter: int  # pieces of furniture that are only in the way
+    clutter: int  # pieces of furniture without tasks
     boxes: int  # of them, those that only the lidar sees
     agents: int  # who drive about and yield
     gap: float  # [m] least width between any two pieces
@@ -153,7 +153,7 @@ def stand(rng: Rng, dial: Dial, backed: bool) -> Draft:
 
 
 def cabinet(rng: Rng, dial: Dial, backed: bool) -> Draft:
-    """Something large that is only in the way."""
+    """A large piece without tasks."""
     length, width, height = _size(rng, 0.6, 1.6), _size(rng, 0.3, 0.5), _size(rng, 0.5, 1.3)
     return Draft(length, width, {"body": _box(length, width, [0.0, height], "cabinet")})
 
@@ -165,7 +165,7 @@ def column(rng: Rng, dial: Dial, backed: bool) -> Draft:
 
 
 def corner(rng: Rng, dial: Dial, backed: bool) -> Draft:
-    """An L-shaped counter: something that one can drive into and has to leave again."""
+    """An L-shaped counter: a dead end."""
     length, width, deep = _size(rng, 1.2, 1.8), _size(rng, 1.2, 1.6), _size(rng, 0.3, 0.45)
     a, b = 0.5 * length, 0.5 * width
     corners = [[-a, b], [-a, -b], [deep - a, -b], [deep - a, b - deep], [a, b - deep], [a, b]]

@@ -1,7 +1,6 @@
 """Scenes from a seed: ``generated:17`` or ``generated:17@0.6``, the same text for the same seed and difficulty.
 
-A generated scene can always be solved; `layout` says why. Nobody has seen it before: what a robot does
-in a thousand of them is not what it was tuned to.
+A generated scene is always solvable; `layout` says why. Nothing was tuned on it.
 """
 
 import math
@@ -20,7 +19,7 @@ PREFIX = "generated:"
 DIFFICULTY = 0.5  # unless said
 DIGITS = 4  # of the difficulty after the point
 ATTEMPTS = 400
-GROWTH = 1.01  # of the room's floor from attempt to attempt: in the end there is room for everything
+GROWTH = 1.01  # of the floor, per attempt: in the end everything fits
 COLOURS = ("red", "green", "blue", "yellow", "orange")
 WALL_ROUND = 0.14  # [m] of map round the floor, for the walls
 _NAME = re.compile(r"generated:([0-9]{1,19})(?:@([0-9]+(?:\.[0-9]*)?|\.[0-9]+))?")

@@ -1,4 +1,8 @@
-"""Commands of an agent: the base, the arm, and the method of each action mode that runs with them."""
+"""Commands of an agent (base, arm), the method of each action mode, and the forecast of the base under a twist.
+
+The arm of MotM leaves for its target a moment before that is in reach. A planner tells it when; an agent does not, so
+the forecast assumes that the twist is kept.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -14,18 +18,98 @@ from motm_twin.control.arm.types import ArmInputs, ArmStep, Phase, ProgramStatus
 from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.control.by_hand import ByHand
 from motm_twin.control.method import ArmParts, Method, PlannerParts
-from motm_twin.gym.forecast import Forecast
 from motm_twin.model.edits import Drive
 from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.motion import kernel, step
 from motm_twin.model.period import PERIOD
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
-from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, SearchBudget, empty_path
+from motm_twin.planning.reach import Job, ReachModel, in_reach
+from motm_twin.planning.rtr import turn
+from motm_twin.planning.types import (
+    BasePlan,
+    BaseProblem,
+    Mode,
+    Placement,
+    PlanStatus,
+    SearchBudget,
+    Target,
+    empty_path,
+)
+
+STEP = 0.1  # [s] between two poses of the forecast
+STEPS = 30  # 3 s: the arm leaves at most as long before
+
+
+class Forecast:
+    """Motion and time to range for one robot."""
+
+    def __init__(self, profile: RobotProfile, parameters: PlanningParameters) -> None:
+        self._limits = profile.base
+        self._reach = ReachModel(profile, parameters.reach)
+        self._staa = parameters.staa
+
+    def motion(self, pose: Array, twist: Array, wanted: Array) -> tuple[Array, Array]:
+        """Times [s] from now (31,), and x, y, heading, v, w at each, shape (31, 5), when ``wanted`` is kept."""
+        poses = np.empty((STEPS + 1, 5))
+        limits = self._limits
+        follow(
+            np.asarray(pose, dtype=float),
+            np.asarray(twist, dtype=float),
+            np.asarray(wanted, dtype=float),
+            limits.linear_acceleration * STEP,
+            limits.yaw_acceleration * STEP,
+            poses,
+        )
+        return frozen(STEP * np.arange(STEPS + 1)), poses
+
+    def time_to_range(self, times: Array, poses: Array, target: Target | None, *, engaged: bool) -> float:
+        """Time [s] until the target is in reach; 0 when it is, inf without a target.
+
+        A target that stays out of reach takes at least as long as the forecast, and at least as long
+        as turning and driving straight to it, so that the arm does not start.
+        """
+        if target is None:
+            return math.inf
+        job = self._reach.job(target, self._staa, engaged=engaged)
+        first = first_in_reach(poses, job)
+        if first >= 0:
+            return float(times[first])
+        return max(float(times[-1]), self._straight(poses[0], job))
+
+    def _straight(self, pose: Array, job: Job) -> float:
+        """Time [s] of a turn towards the target and a straight drive until it is in reach, obstacles or not."""
+        dx, dy = job.x - pose[0], job.y - pose[1]
+        way = max(0.0, math.hypot(dx, dy) - job.mount_x - job.r_max)
+        turning = float(turn(float(pose[2]), math.atan2(dy, dx)))
+        return turning / self._limits.yaw_rate + way / self._limits.forward_speed
+
+
+@kernel
+def follow(pose: Array, twist: Array, wanted: Array, dv: float, dw: float, out: Array) -> None:
+    """Fill ``out`` (n, 5) with x, y, heading, v, w every `STEP`; the twist nears ``wanted`` by dv and dw a step."""
+    x, y, heading, v, w = pose[0], pose[1], pose[2], twist[0], twist[1]
+    for i in range(out.shape[0]):
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, heading, v, w
+        next_v = v + min(max(wanted[0] - v, -dv), dv)
+        next_w = w + min(max(wanted[1] - w, -dw), dw)
+        x, y, heading = step(x, y, heading, v, w, next_v, next_w, STEP)
+        v, w = next_v, next_w
+
+
+@kernel
+def first_in_reach(poses: Array, job: Job) -> int:
+    """Index of the first pose (n, 5) from which the job's target is in reach; -1: none."""
+    for i in range(poses.shape[0]):
+        if in_reach(poses[i, 0], poses[i, 1], poses[i, 2], poses[i, 3], poses[i, 4], job):
+            return i
+    return -1
+
 
 AT_OBJECT = 0.03  # [m] of the tool centre point from where the object is believed, for a grasp of it
 MODES = ("base", "whole_body")
@@ -39,10 +123,10 @@ class BaseActionState:
 
 
 class BaseAction(Stateful[BaseActionState]):
-    """A `BaseController` that drives as it was told last, within the accelerations of the base."""
+    """A `BaseController` that follows the last requested twist, within the accelerations of the base."""
 
     def __init__(self, profile: RobotProfile, parameters: PlanningParameters, *, guard: bool = False) -> None:
-        """``guard``: slowed so that it can stop clear of whatever the map shows, as when a person drives."""
+        """``guard``: slowed so that it can stop clear of mapped obstacles, as when a person drives."""
         self._guard = ByHand(profile, PERIOD) if guard else None
         self._limits = profile.base
         self.forecast = Forecast(profile, parameters)
@@ -54,7 +138,7 @@ class BaseAction(Stateful[BaseActionState]):
         return self._state.twist.copy()
 
     def take(self, twist: Array) -> None:
-        """Drive like this from the next period on, shape (2,) [m/s, rad/s]."""
+        """Request this twist from the next period on, shape (2,) [m/s, rad/s]."""
         self._state.twist = np.array(twist, dtype=float)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
@@ -81,7 +165,7 @@ class BaseAction(Stateful[BaseActionState]):
         )
 
     def _acceleration(self, problem: BaseProblem) -> tuple[Array, Reason | None]:
-        """Towards the twist that is asked for, and why not all the way; shape (2,) [m/s^2, rad/s^2]."""
+        """Acceleration towards the requested twist, and the reason when it is limited; shape (2,) [m/s^2, rad/s^2]."""
         v, w = (float(value) for value in self._state.twist)
         most = np.array([self._limits.linear_acceleration, self._limits.yaw_acceleration])
         asked = np.clip(((v, w) - problem.twist) / problem.period, -most, most)
@@ -127,7 +211,7 @@ class ArmActionState(ManipulatorState):
 
 
 class ArmAction(Manipulator):
-    """Does what it was told last, within the limits of the robot."""
+    """Follows the last requested rates, within the limits of the robot."""
 
     def __init__(self, known: KnownWorld, parameters: ArmParameters | None = None) -> None:
         super().__init__(known, parameters)
@@ -175,7 +259,7 @@ class ArmAction(Manipulator):
         return ""
 
     def _over(self, duration: float, view: View) -> bool:
-        """The fingers have had their time [s] since the phase began, and stand."""
+        """The fingers have had their time [s] since the phase began, and have stopped."""
         return view.time - self._state.since >= duration - 0.5 * view.dt and not view.gripper_moving
 
     def _closed(self, view: View) -> None:
@@ -207,7 +291,7 @@ class ArmAction(Manipulator):
         return self._drop(view, "placed" if self._state.over_bin else "lost")
 
     def _drop(self, view: View, outcome: str) -> str:
-        """Nothing is held any more; of what was never lifted there is nothing to tell."""
+        """Nothing is held any more; an object that was never lifted makes no outcome."""
         state = self._state
         told = state.reported
         state.holding, state.reported, state.released = False, False, None
@@ -226,14 +310,14 @@ def _over_bin(view: View) -> bool:
 
 
 def agent_planner(parts: PlannerParts, *, guard: bool) -> BasePlanner:
-    """A planner that drives as an agent says; ``guard``: as far as it can stop before whatever the map shows."""
+    """A planner that drives as an agent requests; ``guard``: only while it can stop before mapped obstacles."""
     robot, parameters = parts.known.robot, parts.parameters
     controller = BaseAction(robot, parameters, guard=guard)
     return BasePlanner(robot, parameters, placement=NoPlacement(), controller=controller, graphs=parts.graphs)
 
 
 def agent_arm(parts: ArmParts) -> ArmAction:
-    """An arm that moves as an agent says."""
+    """An arm that moves as an agent requests."""
     return ArmAction(parts.known, parts.parameters)
 
 

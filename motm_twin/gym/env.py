@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.control.tick import Tick
-from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.gym.actions import ArmAction, BaseAction, agent_method
-from motm_twin.gym.observation import ObservationReader, Observed, gymnasium, spaces
+from motm_twin.gym.observation import AgentView, ObservationReader, Observed, gymnasium, spaces, view_of
 from motm_twin.gym.picture import TopView
 from motm_twin.gym.reward import RewardWeights, Score, reward, score_of
-from motm_twin.gym.view import AgentView, view_of
 from motm_twin.methods.registry import find_method
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.plant import Truth
@@ -138,7 +137,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
         return {**twin, "score": self._score, "settle": self._settle, "view": self._view}
 
     def restore(self, state: dict[str, Any]) -> Observed:
-        """Go on from a snapshot of the same episode; its observation. ValueError for one of another scene or seed."""
+        """Continue from a snapshot of the same episode; its observation. ValueError for another scene or seed."""
         if state["scene"] != self.twin.scene:
             raise ValueError("the snapshot is of another scene or seed: reset to that first")
         self.twin.restore(state["twin"])
@@ -171,7 +170,7 @@ class MotmEnv(gymnasium.Env[Observed, Action]):
             loop.manipulator.take(asked[2:9] * DQ_MAX, "close" if asked[9] > 0.0 else "open")
 
     def _ended(self, tick: Tick, truth: Truth) -> bool:
-        """The list is worked through and what was dropped has landed, or a contact ends it."""
+        """All tasks have ended and dropped objects have landed, or a contact ends the episode."""
         if self._stop_on_contact and self._score.caused:
             return True
         ended = tick.done and (truth.places >= _places(tick) or self._settle == 0)

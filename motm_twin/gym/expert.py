@@ -1,6 +1,6 @@
-"""A shipped method as an expert in the environment: the action that it would take now.
+"""A shipped method as an expert in the environment: its action for the next step.
 
-For imitation, as a baseline, and to see that the environment is the same task.
+For imitation, as a baseline, and to check that the environment is the same task.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tuning import tuned
 from motm_twin.gym.actions import check_fits
 from motm_twin.gym.env import MotmEnv
-from motm_twin.gym.view import AgentView
+from motm_twin.gym.observation import AgentView
 from motm_twin.methods.registry import find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import DQ_MAX

@@ -1,4 +1,4 @@
-"""The world from above, as `render_mode="rgb_array"` shows it: drawn with Pillow, twice as large and scaled down."""
+"""Top view of the world for `render_mode="rgb_array"`: drawn with Pillow at twice the size, then scaled down."""
 
 import math
 from collections.abc import Sequence
@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from motm_twin.gym.observation import AgentView
 from motm_twin.gym.reward import Score
-from motm_twin.gym.view import AgentView
 from motm_twin.model.arm_kernels import TCP, fk_arm
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import BodyTruth, Truth
@@ -25,7 +25,7 @@ _LINKS = (0, 2, 3, 4, 6, 8, TCP)  # frames of the arm that its line passes
 
 
 class TopView:
-    """Draws one scene; remembers the way the base has come."""
+    """Draws one scene and the path of the base so far."""
 
     def __init__(self, scene: Scene) -> None:
         x_min, y_min, x_max, y_max = scene.bounds

@@ -1,4 +1,4 @@
-"""The reward: what the referee has seen happen in a period, with a weight each."""
+"""The reward: the referee's events of a period, each with a weight."""
 
 from dataclasses import dataclass
 

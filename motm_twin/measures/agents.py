@@ -12,10 +12,10 @@ from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.motion import arc
 from motm_twin.model.profile import Footprint
 
-APART = 0.5  # [s] after which a conflict with the same agent is a new one
+APART = 0.5  # [s] after which a conflict with the same agent counts as new
 NEAR, NEAR_END = 0.10, 0.20  # [m] gap that is a near miss, and gap at which it has ended
 HORIZON, STEP = 2.0, 0.1  # [s] of prediction
-CONFLICT = 0.30  # [m] predicted gap from which something has to be done
+CONFLICT = 0.30  # [m] predicted gap below which a reaction is needed
 SLOWED = 0.15  # [m/s] slower, or
 TURNED = math.radians(15.0)  # turned this far from where the base was going: it gave way
 TURNS = math.radians(10.0)  # [rad/s] from which it is still turning away
@@ -46,7 +46,7 @@ def body_of(foot: Footprint) -> Body:
 
 @njit(cache=True)
 def predicted_gap(body: Body, pose: Array, twist: tuple[float, float], agent: Array, radius: float) -> float:
-    """Least gap [m] over the next 2 s when both go on as they do; ``agent``: x, y, and its velocity, shape (4,)."""
+    """Smallest gap [m] over the next 2 s at constant velocities; ``agent``: x, y, and its velocity, shape (4,)."""
     v, w = twist
     least = np.inf
     for i in range(round(HORIZON / STEP) + 1):
@@ -66,7 +66,7 @@ def compile_gaps() -> None:
 
 @dataclass
 class _Conflict:
-    """An agent that the base would have come too near to, had it gone on as it did at ``time``."""
+    """An agent that the base would have come too close to, had it kept its motion of ``time``."""
 
     time: float
     heading: float
@@ -77,16 +77,16 @@ class _Conflict:
 
 @dataclass
 class Encounters:
-    """Counts what happens between the base and moving agents.
+    """Counts encounters of the base with moving agents.
 
     Cut-in: see `CutIns`.
 
     Near miss: the gap between the base, while it moves, and an agent is less than 0.10 m; it ends at 0.20 m.
 
-    Evasive manoeuvre: had both gone on as they did, the gap would have become less than 0.30 m within 2 s; and within
-    these 2 s the base became 0.15 m/s slower (not for an arm that is engaged with an object), or turned 15 deg away
-    from where it was going. It lasts as long as this is predicted for the motion that it has, or for the speed that it
-    had, and it is still that much slower or turns with 10 deg/s; and 0.5 s more.
+    Evasive manoeuvre: at constant velocities the gap would have fallen below 0.30 m within 2 s; and within
+    these 2 s the base slowed by 0.15 m/s (not for an arm that is engaged with an object), or turned 15 deg away
+    from its course. It lasts as long as this is predicted for the present motion, or for the former
+    speed, while it is still that much slower or turns at 10 deg/s; and 0.5 s more.
     """
 
     footprint: Footprint
@@ -175,11 +175,11 @@ def _evasion(name: str, conflict: _Conflict, end: float) -> dict[str, Any]:
     }
 
 
-CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing is cutting in
-AGENT_MOVES = 0.1  # [m/s] from which an agent is one that can be cut in on
+CUT_TIME, CUT_DISTANCE = 1.5, 1.0  # [s], [m] in front of an agent within which passing counts as cutting in
+AGENT_MOVES = 0.1  # [m/s] from which an agent can be cut in on
 SIDEWAYS = 0.05  # [m/s] across the agent's way from which the base is crossing it
 OWN_SHARE = 0.5  # of the way into the strip: more than this by its own motion, less by the agent's turning
-PARTED = 1.2  # [m] of gap from which base and agent have parted, so that another cut-in counts
+PARTED = 1.2  # [m] gap beyond which another cut-in counts
 EDGE = 0.05  # [m] between points on the outline
 
 
@@ -194,7 +194,7 @@ def outline(footprint: Footprint) -> Array:
 
 @njit(cache=True)
 def in_front(body: Array, pose: Array, line: Array, radius: float) -> tuple[float, float]:
-    """Place of the base relative to the strip that an agent sweeps when it goes straight on.
+    """Position of the base relative to the strip that an agent sweeps going straight on.
 
     The gap [m] between base and strip, negative inside, inf when no part of the base is ahead; and how far [m] the
     agent can go before it touches the base as it stands, inf when it passes. ``body`` [m]: its outline in the base
@@ -221,7 +221,7 @@ def compile_in_front() -> None:
 
 @dataclass(frozen=True)
 class _Before:
-    """One agent a period ago, and how the base stood to it."""
+    """One agent a period ago, and its relation to the base."""
 
     line: Array  # x, y and course
     gap: float  # [m] between base and strip
@@ -237,7 +237,7 @@ class CutIns:
     - the base got into the strip by its own motion: in the period in which it got in, more than half of the way was
       its own, less than half came from the agent's turning; and the agent's course of then still leads to it;
     - it has been crossing the strip ever since, with more than 0.05 m/s across;
-    - going on as it does, the agent would touch the base as it stands within 1 m and 1.5 s; and they close: along the
+    - at constant velocity, the agent would touch the standing base within 1 m and 1.5 s; and they close in: along the
       agent's course the base is slower than it. One that leaves as fast as the agent follows cuts nobody off.
 
     Each agent counts once, until the gap between them is 1.2 m.
@@ -273,7 +273,7 @@ class CutIns:
         self._counted.pop(name, None)
 
     def _crossed(self, name: str, pose: Array, line: Array, aside: float, radius: float) -> Array | None:
-        """The agent's line when the base got into its strip by its own motion; None when it did not, or is outside."""
+        """The agent's line when the base entered its strip by its own motion; None otherwise, or outside."""
         before = self._before.get(name)
         if aside > 0.0 or before is None:
             return None

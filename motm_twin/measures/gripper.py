@@ -1,4 +1,4 @@
-"""The gripper and what is not in the map: distances, stretches below d_s and their cause, and the damper line."""
+"""The gripper and unmapped obstacles: distances, stretches below d_s and their cause, and the damper line."""
 
 import math
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ STATIC_AFTER = 0.001 * STATIC_MS  # [s] in the same place after which what has n
 
 @dataclass(frozen=True)
 class Neighbour:
-    """Something that is not in the map, seen from the gripper centre at the start of an interval."""
+    """An unmapped obstacle relative to the gripper centre at the start of an interval."""
 
     name: str
     distance: float  # [m] in the plane, mean over the interval
@@ -43,7 +43,7 @@ class Rest:
     moved: bool = False
 
     def at(self, place: Array, time: float, movers: MoverParameters) -> bool:
-        """Take note of where it is now; is it static?"""
+        """Note its position; True when it is static."""
         if math.dist(place, self.place) > movers.creeps:
             self.place, self.since, self.moved = place, time, True
         return time - self.since >= (movers.waits if self.moved else STATIC_AFTER)
@@ -90,7 +90,7 @@ class _Stretch:
 
 @dataclass
 class GripperObstacles:
-    """Reads the distance of the gripper centre to whatever is not in the map, all of it taken as tall (Paper, Sec. V).
+    """Distance of the gripper centre to unmapped obstacles, all taken as tall (Paper, Sec. V).
 
     A stretch is the time in which the referee's distance is below d_s. Its cause is whoever came nearer by more, from
     the interval in which d_s was crossed until the least distance: the gripper (arm and base together) or the other.

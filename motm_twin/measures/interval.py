@@ -1,4 +1,4 @@
-"""The time between two Ticks: what was decided at its start, and how everything moved until its end.
+"""The interval between two Ticks: the decision at its start, and all motion until its end.
 
 A Tick holds what was decided at its time, and the truth at the end of its period. So the truth at the time of a Tick is
 that of the Tick before, and the start of the scene for the first one.
@@ -65,7 +65,7 @@ class Interval:
 
     @property
     def moving(self) -> bool:
-        """Does the base move?"""
+        """True while the base moves."""
         v, w = self.twist
         return abs(v) > STANDS or abs(w) > STANDS_TURNING
 

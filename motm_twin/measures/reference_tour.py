@@ -1,10 +1,10 @@
-"""The reference tour: how long the shortest tour of the base centre past all pick and drop places would take.
+"""The reference tour: time of the shortest tour of the base centre past all pick and drop places.
 
 Start pose, then in task order one point in the disc round every object and bin, outside all furniture grown by a
 margin; length divided by the forward speed limit. No turning, no acceleration, no grasping: a reference, not a bound.
 Solved by dynamic programming over points on the circles (a path enters a disc through its circle, unless it is inside
 already), with exact shortest paths round the grown furniture between them. The published figures of this reference
-were made with 36 points on every circle, and so is this one, to be comparable; ``exact=True`` refines the points until
+were made with 36 points per circle, and so is this one, for comparison; ``exact=True`` refines the points until
 the tour is the shortest: 0.05 to 0.6 s less in Experiments 1 and 1a.
 """
 

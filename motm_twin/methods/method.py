@@ -1,4 +1,4 @@
-"""Import path of `control.method` that methods in files of users name."""
+"""Public import path of `control.method`, for methods in users' files."""
 
 from motm_twin.control.method import (
     ArmParts,

@@ -20,7 +20,7 @@ import msgspec
 
 from motm_twin.model.names import hint
 
-_QUOTED = 40  # characters of a wrong text that are shown
+_QUOTED = 40  # characters of a wrong text that are quoted
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class OneOf(Bound):
 
 @dataclass(frozen=True)
 class Listed(Bound):
-    """A bound that depends on what is loaded, which only the twin knows: documents tell it, and the twin checks it."""
+    """A bound that depends on what is loaded: documented here, checked by the twin."""
 
     words: str
 

@@ -1,4 +1,4 @@
-"""Where the shipped assets and scenes are: beside the package in a checkout, inside it when installed from a wheel."""
+"""Folders of shipped assets and scenes: beside the package in a checkout, inside it when installed from a wheel."""
 
 from pathlib import Path
 

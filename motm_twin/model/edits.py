@@ -1,7 +1,7 @@
-"""What a person or program may do to a running twin. Applied at the start of a period and logged with its number.
+"""Edits: changes to a running twin by persons or programs, applied at the start of a period and logged with its number.
 
 World edits change the simulated world, and the robot learns of them through its sensors only. Control edits change
-what the robot wants or knows. With scene and seed, the log of both replays a run bit for bit.
+the robot's tasks or knowledge. With scene and seed, the log of both replays a run bit for bit.
 """
 
 from typing import Annotated

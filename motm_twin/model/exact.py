@@ -1,4 +1,4 @@
-"""Arithmetic that comes out the same to the last bit in kernels, Python and NumPy, on every processor.
+"""Arithmetic that is bit-identical in kernels, Python and NumPy, on every processor.
 
 Numba's ``math.hypot`` is the C library's: now and then it differs from Python's in the last bit. ``math.remainder`` it
 does not have. ``@``, ``np.dot`` and ``np.linalg`` call BLAS, in Numba too, and BLAS sums in an order that it chooses by
@@ -20,7 +20,7 @@ from motm_twin.model.geometry import Array, wrap_angle
 __all__ = ["angle_of", "dot", "hypot", "norm", "product", "times", "transposed_times", "turn_between", "wrap_angle"]
 
 _SPLIT = 134217729.0  # 2^27 + 1: halves a number of 53 bits (Veltkamp and Dekker)
-_TINY = 1e-300  # lengths below it are not told from the larger coordinate
+_TINY = 1e-300  # lengths below it equal the larger coordinate
 
 
 def hypot(x: float, y: float) -> float:

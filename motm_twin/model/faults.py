@@ -1,7 +1,7 @@
 """Faults of sensors and of the robot that can be injected: one table of kinds, with parameters, bounds, units, phrases.
 
-Whatever lists faults is made of it or checked against it: the edit, the scene file, the ranges of commands, the page,
-the documents.
+Everything that lists faults is generated from or checked against it: the edit, the scene file, commands, the page,
+and the documents.
 """
 
 from typing import Annotated, Literal

@@ -1,4 +1,4 @@
-"""What the robot knows before it starts: the pre-made map, the task, and a rough idea of where objects are.
+"""The robot's prior knowledge: the pre-made map, the task, and rough object positions.
 
 Control reads this, never the `Scene`: unmapped furniture and true object positions are not in it.
 """
@@ -31,7 +31,7 @@ class KnownWorld(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def known_solids(known: KnownWorld) -> tuple[Solid, ...]:
-    """Everything solid that the robot knows of, bins included: the one list that every map of it is made from."""
+    """All solids that the robot knows, bins included: every map of the robot is made from this list."""
     return (*known.solids, *(bin_solid(place) for place in known.bins))
 
 
@@ -60,7 +60,7 @@ def known_world(scene: Scene) -> KnownWorld:
 
 
 def _tables_lower(known: KnownWorld, scene: Scene) -> KnownWorld:
-    """What carries objects is lower in the map than it is, and so are they."""
+    """Mismatch: supports of objects, and the objects, are lower in the map than in reality."""
     lower = scene.mismatch.table_height
     solids = [
         msgspec.structs.replace(one, z_max=one.z_max - lower, z_min=max(0.0, one.z_min - lower))
@@ -82,7 +82,7 @@ def carries(solid: Solid, item: SceneObject) -> bool:
 
 
 def _map_off(known: KnownWorld, scene: Scene) -> KnownWorld:
-    """Furniture, bins and first ideas of the objects elsewhere than they are, by the same way."""
+    """Mismatch: furniture, bins and believed objects are offset from reality by the same vector."""
     angle = np.random.default_rng([scene.seed, _RNG_MAP]).uniform(-math.pi, math.pi)
     off = scene.mismatch.map_offset
     dx, dy = off * math.cos(angle), off * math.sin(angle)

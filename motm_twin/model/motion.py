@@ -1,7 +1,7 @@
 """Motion of a base with two driven wheels: the one integrator of poses, for kernels and for Python.
 
-A base that drives with constant speed v [m/s] and yaw rate w [rad/s] moves on an arc. While both change evenly its arc
-is that of their means, to the second order in the time; that is what plans are made of.
+A base at constant speed v [m/s] and yaw rate w [rad/s] moves on an arc. While both change linearly, its arc
+is that of their means, to second order in time; plans are made of such steps.
 """
 
 import math
@@ -13,7 +13,7 @@ from numba import njit
 from motm_twin.model.exact import wrap_angle
 from motm_twin.model.geometry import Array
 
-TINY = 1e-9  # [rad] a turn that is less is none
+TINY = 1e-9  # [rad] smaller turns count as none
 
 # Without reference counts: numba counts every array of a tuple at every call, which made a search node 30 times
 # slower. Such a kernel cannot allocate; its arrays belong to the caller.
@@ -39,7 +39,7 @@ def arc(x: float, y: float, heading: float, v: float, w: float, dt: float) -> tu
 def step(
     x: float, y: float, heading: float, v: float, w: float, v_end: float, w_end: float, dt: float
 ) -> tuple[float, float, float]:
-    """Pose after dt [s] in which v and w change evenly to v_end and w_end: straight in the mean direction.
+    """Pose after dt [s] in which v and w change linearly to v_end and w_end: straight in the mean direction.
 
     For steps of at most 0.3 s, as in plans. The heading is not wrapped.
     """
@@ -57,7 +57,7 @@ def drive(pose: Array, v: float, w: float, dt: float) -> Array:
 def command_pose(pose: Array, twist: Array, lag: float) -> Array:
     """Pose from which the next command acts on a base that answers with a first-order lag [s]; twist as measured.
 
-    Its point p + lag v moves by the command u alone (p' = v and lag v' = u - v), and is where the base comes to rest
-    with u = 0. Planned from there, the way to rest is what the base needs; it comes by the lag after the plan.
+    Its point p + lag v moves by the command u alone (p' = v and lag v' = u - v), and is where the base stops
+    with u = 0. Planned from there, the stopping distance is right; the base follows the plan by the lag.
     """
     return drive(pose, float(twist[0]), float(twist[1]), lag)

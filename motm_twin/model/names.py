@@ -1,13 +1,13 @@
-"""Names that users wrote: hints at near ones, and the error of a wrong method."""
+"""Names in user input: hints at similar ones, and the error of an unknown method."""
 
 import difflib
 from collections.abc import Iterable
 
-LOOKED_AT = 64  # characters of the wrong name; longer ones are compared slowly, and are no slip of the pen
+LOOKED_AT = 64  # characters of a wrong name that is compared; longer ones are slow to compare, and no typos
 
 
 def hint(wrong: str, names: Iterable[str]) -> str:
-    """The names that were probably meant, as a question; when none is near, all that there are."""
+    """The names that were probably meant, as a question; all names when none is similar."""
     known = list(names)
     near = difflib.get_close_matches(wrong[:LOOKED_AT], known, 3)
     if near:

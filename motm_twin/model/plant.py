@@ -1,4 +1,4 @@
-"""The robot as the control loop sees it: a Plant with three verbs, what it reports, and what it is told."""
+"""The robot as the control loop sees it: a Plant with three verbs, its observations and its commands."""
 
 import math
 from typing import Protocol
@@ -38,7 +38,7 @@ class Detection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the robot reports at one instant. Scan and detections are the newest ones, each with its own stamp."""
+    """The robot's report at one instant. Scan and detections are the newest ones, each with its own stamp."""
 
     time: float  # [s]
     pose: Array  # localised base pose in the world [m, m, rad], shape (3,)
@@ -55,7 +55,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Actuation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the robot is told, held until the next one."""
+    """A command to the robot, held until the next one."""
 
     twist: Array  # base forward speed and yaw rate [m/s, rad/s], shape (2,)
     joint_velocity: Array  # arm joint rates [rad/s], shape (7,)
@@ -74,11 +74,11 @@ class Plant(Protocol):
     """A robot: simulated, external or recorded. Control cannot tell which."""
 
     def observe(self) -> Observation:
-        """What the sensors say now."""
+        """The newest observation."""
         ...
 
     def command(self, actuation: Actuation) -> None:
-        """Set what the robot does from now on."""
+        """Set the command from now on."""
         ...
 
     def step(self, dt: float) -> None:
@@ -98,7 +98,7 @@ class BodyTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Contact(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """One contact episode with one thing, as the referee saw it."""
+    """One contact episode with one thing, as judged by the referee."""
 
     time: float  # [s] when it began
     body: str  # that touched first: base, panda_link5, panda_hand, held:<cube>, ..., or a cube that the robot moved
@@ -112,7 +112,7 @@ class Contact(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class CutIn(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The robot moved into the area that an agent needs to stop."""
+    """The robot moved into an agent's stopping area."""
 
     time: float  # [s]
     agent: str

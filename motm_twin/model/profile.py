@@ -43,7 +43,7 @@ class BaseLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class ArmSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the arm stands on the base and how fast its joints follow. Joint limits are in ``frankie.urdf``."""
+    """Mount of the arm on the base, and lag of its joints. Joint limits are in ``frankie.urdf``."""
 
     mount_x: float = 0.15  # [m] arm base in the base frame
     mount_y: float = 0.0
@@ -85,15 +85,13 @@ class GripperCamera(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class RobotProfile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Everything that planning, control and simulation must know about the robot."""
+    """Robot data for planning, control and simulation."""
 
     name: str = "frankie"
     footprint: Footprint = Footprint()
     base: BaseLimits = BaseLimits()
     arm: ArmSpec = ArmSpec()
-    has_arm: bool = (
-        True  # without one, `arm`, `gripper` and `camera` mean nothing, and all its numbers stay as they are
-    )
+    has_arm: bool = True  # without one, `arm`, `gripper` and `camera` have no meaning, and its joints stay as they are
     gripper: Gripper = Gripper()
     lidar: Lidar = Lidar()
     camera: GripperCamera = GripperCamera()

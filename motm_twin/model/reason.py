@@ -1,4 +1,4 @@
-"""Reasons: why the robot stands, is slowed, waits, goes where it goes, or does without something.
+"""Reasons why the robot stands, is slowed, waits, drives to a place, or lacks something.
 
 Code reads the fields of a `Reason`; people read its sentence, which is made here and nowhere else.
 """
@@ -9,7 +9,7 @@ import msgspec
 
 
 class Kind(StrEnum):
-    """Kinds of reasons. The first ones are also the kinds of findings of the robot's check of itself."""
+    """Kinds of reasons. The first ones are also the kinds of findings of the robot's self-check."""
 
     SCAN_BAD = "scan_bad"
     SCAN_OLD = "scan_old"
@@ -136,7 +136,7 @@ class Reason(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Kinds and things of it, without numbers: two reasons with one key are the same reason."""
+        """Kinds and names without numbers: two reasons with the same key count as one."""
         return (self.kind, self.subject, *(() if self.cause is None else self.cause.key))
 
 
@@ -249,7 +249,7 @@ _SENTENCES = {
 
 
 def own(sentence: str, subject: str = "") -> Reason:
-    """Reason of a method of your own, in your words."""
+    """Reason of a user's own method, in free text."""
     return Reason(kind=Kind.OWN, subject=subject, other=sentence)
 
 

@@ -164,10 +164,10 @@ robot. The paper detects cubes of one colour, and gives no rates.
 
 
 class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
-    """What of robot and world is otherwise than the robot is told, for a whole run; 0: nothing. It does not know."""
+    """Mismatch between reality and the robot's model for a whole run; 0: none. The robot is not told."""
 
     command_delay: float = 0.0  # [s] after which base, arm and gripper act on a command
-    base_lag: float = 0.0  # [s] more of the base's velocity loop than in its profile
+    base_lag: float = 0.0  # [s] additional lag of the base's velocity loop
     base_scale: float = 0.0  # share by which the base drives and turns faster than told
     hand_eye: float = 0.0  # [m] by which the camera is elsewhere on the hand; direction of the seed
     map_offset: float = 0.0  # [m] by which map, bins and first ideas of the objects are off; direction of the seed
@@ -178,13 +178,13 @@ DETECTIONS = ("anonymous", "named")
 
 
 class TimedFault(FaultFields, frozen=True, kw_only=True):
-    """A fault of `model.faults` that comes by itself at a time of the run."""
+    """A fault of `model.faults` at a time of the run."""
 
     at: float  # [s]
 
 
 class Faults(msgspec.Struct, frozen=True, kw_only=True):
-    """What goes wrong with grasps that stand well, who meddles, and what fails when. The robot is not told."""
+    """Grasp failures, moved cubes, and timed faults. The robot is not told."""
 
     grasp_misses: int = 0  # of each object, the first so many grasps: the fingers close on nothing
     grasp_slips: int = 0  # of each object, so many after those: it slips when it is lifted

@@ -1,4 +1,4 @@
-"""Does a resolved scene make sense? Every refusal names the place in the file, what is wrong and what to do."""
+"""Checks of a resolved scene. Every refusal names the place in the file, what is wrong and what to do."""
 
 import math
 

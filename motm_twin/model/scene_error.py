@@ -1,4 +1,4 @@
-"""The one way in which a scene file is refused: a single message with file, line, place and what to do."""
+"""Refusal of a scene file: a single message with file, line, place and what to do."""
 
 import difflib
 from collections.abc import Iterable

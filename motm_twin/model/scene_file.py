@@ -16,7 +16,7 @@ __all__ = ["SceneError", "SceneListing", "check_all", "list_scenes", "load_scene
 
 
 class SceneListing(msgspec.Struct, frozen=True, kw_only=True):
-    """What a person chooses a scene by."""
+    """Name, title and variants, to choose a scene by."""
 
     name: str
     title: str

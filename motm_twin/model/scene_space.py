@@ -1,4 +1,4 @@
-"""Is there room? The start is free, agents do not drive through furniture, and every target can be reached.
+"""Checks of free space: the start is free, agents do not drive through furniture, and every target can be reached.
 
 Reach is a necessary condition only: the base as its inscribed disc, the arm as a sphere round its shoulder. A scene
 refused here is impossible; one that passes may still be hard.
@@ -118,13 +118,13 @@ def _waypoint(node: Node, point: Point) -> Node:
 
 
 def reach(scene: Scene, z: float) -> float:
-    """How far from the arm's axis [m] the gripper gets at a height z [m]; 0 when it does not."""
+    """Reach [m] of the gripper from the arm's axis at a height z [m]; 0 when out of reach."""
     dz = z - (scene.robot.arm.mount_z + SHOULDER)
     return math.sqrt(ARM_REACH**2 - dz**2) if abs(dz) < ARM_REACH else 0.0
 
 
 def free_space(scene: Scene) -> Any:
-    """Where the base frame can get to from the start, for the disc inscribed in the footprint."""
+    """Places that the base frame can reach from the start, for the disc inscribed in the footprint."""
     body = scene.robot.footprint
     radius = min(body.width / 2.0, body.length / 2.0 - abs(body.offset_x))
     walls = unary_union([outline(solid.shape) for solid in blocking(scene, ROBOT_TOP)])

@@ -1,4 +1,4 @@
-"""Is every value of a scene file of the right kind? Walks the tree along the types of ``scene_format.py``.
+"""Type checks of a scene file: walks the tree along the types of ``scene_format.py``.
 
 msgspec would refuse the same values; this walk says where they stand, what is allowed, and which key was meant.
 """
@@ -34,7 +34,7 @@ def check_types(node: Node, struct: type) -> None:
 
 
 def show(value: Any) -> str:
-    """A value as it is quoted in a message: short, and without its insides."""
+    """A value as quoted in a message: short, without nested values."""
     if value is None:
         return "nothing"
     if isinstance(value, dict):

@@ -33,7 +33,7 @@ class Stateful(Generic[S]):
 
 @runtime_checkable
 class HasState(Protocol):
-    """Whatever can be copied and restored, be it one `Stateful` or several together."""
+    """Anything that can be copied and restored: one `Stateful` or several together."""
 
     def snapshot(self) -> Any:
         """A deep copy of the state."""

@@ -1,4 +1,4 @@
-"""What a twin needs of its robot beyond the three verbs: ground truth and edits, as far as the robot has them."""
+"""Interface of a twin's robot beyond the three verbs: ground truth and edits, where the robot has them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -17,10 +17,10 @@ class WorldRehearsal(Protocol):
 
 
 class TwinPlant(Plant, Protocol):
-    """What a twin needs of its robot. One that can not do something raises ValueError, and truth is None."""
+    """A twin's robot. Unsupported requests raise ValueError, and truth is None."""
 
     def truth(self) -> Truth | None:
-        """Ground truth, of a robot that has one."""
+        """Ground truth, if the robot has one."""
         ...
 
     def rehearsal(self) -> WorldRehearsal:
@@ -32,11 +32,11 @@ class TwinPlant(Plant, Protocol):
         ...
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """Tell the referee, if there is one, the task list of now."""
+        """Give the referee, if there is one, the current task list."""
         ...
 
     def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
-        """Tell the referee, if there is one, where the robot was told that pieces of furniture stand."""
+        """Give the referee, if there is one, the announced places of furniture."""
         ...
 
 
@@ -47,7 +47,7 @@ class ExternalPlant(TwinPlant, Protocol):
 
     @property
     def shared(self) -> bool:
-        """Its time passes only as far as it is granted."""
+        """Its time passes only as granted."""
         ...
 
     def begin(self, scene: Scene) -> None:
@@ -55,7 +55,7 @@ class ExternalPlant(TwinPlant, Protocol):
         ...
 
     def ready(self) -> bool:
-        """Whether there is a robot to observe."""
+        """True when there is a robot to observe."""
         ...
 
     def text(self) -> str:
@@ -63,5 +63,5 @@ class ExternalPlant(TwinPlant, Protocol):
         ...
 
     def interrupted(self) -> bool:
-        """Whether control was away since the last call."""
+        """True when control was interrupted since the last call."""
         ...

@@ -13,13 +13,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.period import one_core
 from motm_twin.perf.report import grid, load_average, machine, write
 from motm_twin.planning.types import SearchBudget
 from motm_twin.server_process import SEARCH_SECONDS
-from motm_twin.sessions.made_with import made_with
+from motm_twin.sessions.session import made_with
 from motm_twin.twin import Twin
 
 NAME = "anytime"

@@ -19,9 +19,8 @@ from motm_twin.bus.commands import AddObstacle, Command, HandOver, MoveBody, Rec
 from motm_twin.bus.messages import TickMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.perf import bus_participants
-from motm_twin.perf.processes import act, cpu_seconds, restart, ticks, wait_for
+from motm_twin.perf.processes import Worker, act, cpu_seconds, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
-from motm_twin.perf.worker import Worker
 
 READER = "readers"
 LONGEST = 75.0  # [s] of one measurement: within one run of Experiment 1
@@ -124,7 +123,7 @@ def _sink(twin: Measured, seconds: float) -> tuple[Values, Values]:
 
 
 def _jam(twin: Measured) -> int:
-    """Run at 8x until what nobody reads fills the buffers; on how many links bytes wait."""
+    """Run at 8x until unread messages fill the buffers; returns the number of links with waiting bytes."""
     restart(twin.client, playing=True)
     act(twin.client, Speed(factor=JAM_SPEED))
     time.sleep(JAM_SECONDS)
@@ -166,7 +165,7 @@ def effect(twin: Measured, seconds: float) -> dict[str, Values]:
 
 
 def _do(client: TwinClient, command: Command) -> int:
-    """Have it done; the last period before it. Raises RuntimeError."""
+    """Send a command; returns the last period before it. Raises RuntimeError."""
     answer = client.command(command)
     if not answer.ok:
         raise RuntimeError(f"{command!r} was refused: {answer.reason}")

@@ -1,23 +1,33 @@
-"""Participants of the bus benchmark: a sender of bare Zenoh; readers that note times, look seldom, or never read."""
+"""Participants of the bus benchmark: a bare Zenoh sender; fast, slow and stuck readers; a server with a clock in it."""
 
 import contextlib
+import functools
 import itertools
 import threading
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import zenoh
 
 from motm_twin.bus.client import TwinClient
+from motm_twin.bus.commands import Load
 from motm_twin.bus.connection import LOOPBACK, free_port, open_client, open_server
-from motm_twin.perf.worker import Works
+from motm_twin.bus.interfaces import TwinSetup
+from motm_twin.bus.library import FileLibrary
+from motm_twin.bus.server import TwinServer
+from motm_twin.perf.processes import Works
+from motm_twin.planning.types import SearchBudget
+from motm_twin.program import share_arenas
+from motm_twin.server_process import SEARCH_SECONDS, make_twin
 
 KEY = "motm-bench/bare"
 
 
 class Bare:
-    """A publisher that is declared as that of the ticks is (`bus.latest_values`)."""
+    """A publisher declared like that of the ticks (`bus.queries`)."""
 
     def __init__(self) -> None:
         port = free_port()
@@ -102,7 +112,7 @@ class Readers:
 
     def received(self) -> list[int]:
         """Number of messages that each session of `follow` has received."""
-        return [next(counter) for counter in self._counts]  # counts the question too: nobody minds one more
+        return [next(counter) for counter in self._counts]  # counts the question too, which does not matter
 
     def ages(self, endpoint: str, twin: str, pauses: list[float], seconds: float, clock: float) -> dict[str, Any]:
         """Ages [s] of what readers get that look every so often [s], by a ring of one sample and by `TwinClient`."""
@@ -176,3 +186,60 @@ def readers() -> tuple[dict[str, str], Works]:
     them = Readers()
     works = ("listen", "delays", "payloads", "follow", "jam", "received", "ages")
     return {}, {name: getattr(them, name) for name in works}
+
+
+class TimedSink:
+    """Times of the loop's calls of the publisher, in the loop's own thread."""
+
+    def __init__(self, server: TwinServer) -> None:
+        self._took: list[tuple[float, float]] = []  # [s] per call of `tick`: by the clock, and of the processor
+        self._lock = threading.Lock()
+        server.tick = self._timed(server.tick)
+
+    def taken(self) -> list[tuple[float, float]]:
+        """Times [s] since the last question: what passed, and what the thread computed, not waiting for its turn."""
+        with self._lock:
+            taken, self._took = self._took, []
+        return taken
+
+    def _timed(self, call: Callable[..., None]) -> Callable[..., None]:
+        def timed(*arguments: Any, **named: Any) -> None:
+            began, computed = time.perf_counter(), time.thread_time()
+            call(*arguments, **named)
+            took = time.perf_counter() - began, time.thread_time() - computed
+            with self._lock:
+                self._took.append(took)
+
+        return timed
+
+
+def clock_offset(server: TwinServer) -> float:
+    """Server time minus monotonic time [s], which all processes of a machine share; the best of some readings."""
+    readings = []
+    for _ in range(20):
+        before = time.monotonic()
+        status = server.loop.status()
+        after = time.monotonic()
+        readings.append((after - before, status.server_time - (before + after) / 2))
+    return min(readings)[1]
+
+
+def timed_twin(scene: str, data: str) -> tuple[dict[str, Any], Works]:
+    """Role of a paused twin server; ``data``: folder of recordings."""
+    share_arenas()
+    library = FileLibrary(scene)
+    server = TwinServer(
+        TwinSetup(
+            library=library,
+            make_twin=functools.partial(make_twin, budget=SearchBudget(seconds=SEARCH_SECONDS)),
+            first=Load(scene=library.own_name),
+            playing=False,
+        ),
+        data=Path(data),
+    )
+    sink = TimedSink(server)
+    server.start()
+    while server.loop.status().state == "loading":
+        time.sleep(0.05)
+    hello = {"endpoint": server.endpoint, "clock": clock_offset(server), "state": server.loop.status().text}
+    return hello, {"sink": sink.taken, "close": server.close}

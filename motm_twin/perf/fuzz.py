@@ -1,6 +1,6 @@
 """Malformed messages, repeatable by a seed: commands and queries of a twin, and the keys of an external robot.
 
-Every one is made so that it can not be right by chance: what is only mutated has long expired.
+None can be valid by chance: merely mutated ones have long expired.
 """
 
 import json
@@ -19,11 +19,10 @@ from motm_twin.control.tick import Tick
 from motm_twin.external.checks import NAMES
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.model.scene_file import load_scene
-from motm_twin.perf.external_trial import external_robot
-from motm_twin.perf.processes import wait_for
+from motm_twin.perf.processes import external_robot, wait_for
 from motm_twin.twin import Twin
 
-LONG_AGO = 1.0  # [s] no few changed characters make a time in the next minute of it
+LONG_AGO = 1.0  # [s] so far off that a few changed characters never make it a valid time
 SOON = 30.0  # [s]
 BIG = 4_000_000  # bytes
 
@@ -250,7 +249,7 @@ class Fuzzer:
         return Message("query", "query", self._draw.choice(self._others), self._bytes(200), parameters)
 
     def _put(self) -> Message:
-        """Values that nobody but the twin may say; and values for keys that take none."""
+        """Values on keys that only the twin publishes, and on keys that take none."""
         key = self._draw.choice([*self._state, self._keys.command(self._name())])
         kind = "delete" if self._draw.random() < 0.1 else "put"
         return Message("put", kind, key, self._bytes() if kind == "put" else b"")
@@ -279,7 +278,7 @@ def _wrong_values(name: str, field: str) -> list[Any]:
 
 
 def _dump(value: Any) -> bytes:
-    """JSON, also of whole numbers that Python does not write for fear of their length."""
+    """JSON, including integers too long for Python's default limit."""
     holes: list[str] = []
 
     def hole(number: int) -> str:

@@ -1,29 +1,126 @@
 """Growth of the period with the world: obstacles, beams, map, agents, candidates, targets, viewers.
 
-One respect grows at a time, from Experiment 1. Every point is a whole run with the referee, alone on one core, kernels
-compiled; the period is measured from observation to command, in processor time: what else the machine does does not
-count, so that the points can be compared.
+The worlds are made from Experiment 1 and grow in one respect at a time. Every point is a whole run with the referee,
+alone on one core, kernels compiled. The period is measured from observation to command in processor time, so that
+other load on the machine does not count.
 """
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from motm_twin.model.period import PERIOD
-from motm_twin.model.scene import Scene
-from motm_twin.perf import growth_scenes as scenes
+from motm_twin.model.scene import Agent, Bin, Box, Pick, Place, Scene, SceneObject, Solid
+from motm_twin.model.scene_file import load_scene
 from motm_twin.perf import page
 from motm_twin.perf.period import WARM_UP, one_core
 from motm_twin.perf.processes import served
 from motm_twin.perf.report import grid, load_average, machine, spread, write
 from motm_twin.planning.parameters import PlacementParameters, PlanningParameters
 from motm_twin.twin import Twin
+
+WORK = (-3.0, -4.5, 8.0, 5.0)  # [m] x_min, y_min, x_max, y_max of the task: nothing is added there
+APART = 0.9  # [m] between pieces of furniture that are added: the base passes
+SIZES = (0.5, 1.4)  # [m] of their sides
+TABLE_TOP = 0.78  # [m]
+
+
+def base_scene() -> Scene:
+    """Experiment 1, trial 1."""
+    return load_scene("exp1", "trial1")
+
+
+def with_obstacles(scene: Scene, count: int, side: float) -> Scene:
+    """A square map of that side [m] round the task, with so many pieces of furniture on it, all in the robot's map."""
+    rng = np.random.default_rng([count, round(side)])
+    x0, y0 = 0.5 * (WORK[0] + WORK[2]), 0.5 * (WORK[1] + WORK[3])
+    bounds = (x0 - 0.5 * side, y0 - 0.5 * side, x0 + 0.5 * side, y0 + 0.5 * side)
+    spots = _spots(bounds, count, rng)
+    solids = tuple(
+        Solid(
+            name=f"desk_{k}",
+            shape=Box(centre=(x, y), size=tuple(rng.uniform(*SIZES, 2).tolist()), yaw=float(rng.uniform(0.0, math.pi))),
+            z_min=0.0,
+            z_max=0.75,
+            mapped=True,
+            group=f"desk_{k}",
+        )
+        for k, (x, y) in enumerate(spots)
+    )
+    return msgspec.structs.replace(scene, solids=scene.solids + solids, bounds=bounds)
+
+
+def _spots(
+    bounds: tuple[float, float, float, float], count: int, rng: np.random.Generator
+) -> list[tuple[float, float]]:
+    """So many cells of a grid over the map that are clear of the task and of the border; raises when there are fewer.
+
+    They are spread over the map, as on the floor of an office: few of many are near the robot, and none of few.
+    """
+    step = SIZES[1] * math.sqrt(2.0) + APART
+    xs = np.arange(bounds[0] + step, bounds[2] - step, step)
+    ys = np.arange(bounds[1] + step, bounds[3] - step, step)
+    cells = [
+        (float(x), float(y))
+        for x in xs
+        for y in ys
+        if not (WORK[0] - step < x < WORK[2] + step and WORK[1] - step < y < WORK[3] + step)
+    ]
+    if len(cells) < count:
+        raise ValueError(f"{count} pieces of furniture do not fit: there is room for {len(cells)} on this map")
+    chosen = rng.permutation(len(cells))[:count]
+    return [cells[k] for k in chosen]
+
+
+def with_beams(scene: Scene, beams: int) -> Scene:
+    """A lidar of so many beams."""
+    lidar = msgspec.structs.replace(scene.robot.lidar, beams=beams)
+    return msgspec.structs.replace(scene, robot=msgspec.structs.replace(scene.robot, lidar=lidar))
+
+
+def with_agents(scene: Scene, count: int) -> Scene:
+    """A hall with so many agents that drive round squares of 2 m beside the task and beyond it."""
+    hall = with_obstacles(scene, 0, 50.0)
+    places = sorted(
+        (
+            (float(x), float(y))
+            for x in np.arange(-20.0, 24.0, 3.5)
+            for y in np.arange(-20.0, 21.0, 3.5)
+            if not (WORK[0] - 1.5 < x < WORK[2] + 1.5 and WORK[1] - 0.5 < y < WORK[3] + 0.5)
+        ),
+        key=lambda at: math.hypot(at[0] - 2.5, at[1]),
+    )[:count]
+    agents = tuple(
+        Agent(
+            name=f"temi_{k}",
+            start=(x - 1.0, y - 1.0, 0.0),
+            waypoints=((x - 1.0, y - 1.0), (x + 1.0, y - 1.0), (x + 1.0, y + 1.0), (x - 1.0, y + 1.0)),
+        )
+        for k, (x, y) in enumerate(places)
+    )
+    return msgspec.structs.replace(hall, agents=agents)
+
+
+def with_targets(scene: Scene, targets: int) -> Scene:
+    """So many targets: half of them cubes along both edges of the table, the others the bins in turn."""
+    cubes = targets // 2
+    along = np.linspace(3.1, 5.3, math.ceil(cubes / 2)) if cubes > 1 else np.array([3.65])
+    places = [(float(x), y) for x in along for y in (1.47, 2.07)][:cubes]
+    objects = tuple(SceneObject(name=f"cube_{k}", position=(x, y, TABLE_TOP + 0.02)) for k, (x, y) in enumerate(places))
+    bins: tuple[Bin, ...] = scene.bins
+    tasks = tuple(
+        task for k in range(cubes) for task in (Pick(object=f"cube_{k}"), Place(bin=bins[k % len(bins)].name))
+    )
+    return msgspec.structs.replace(scene, objects=objects, tasks=tasks)
+
 
 NAME = "growth"
 TITLE = "Growth: the period against the size of the world"
@@ -63,34 +160,32 @@ def _candidates(positions: int) -> PlanningParameters | None:
 
 
 def sweeps() -> tuple[Sweep, ...]:
-    """All of them; the first point of the first is Experiment 1 as it is shipped."""
-    base = scenes.base_scene
+    """All sweeps; the first point of the first is Experiment 1 as shipped."""
+    base = base_scene
     return (
         Sweep(name="shipped", unit="", points=(Point(count=1, make=base),)),
         Sweep(
             name="obstacles on 200 m",
             unit="",
-            points=tuple(
-                Point(count=n, make=lambda n=n: scenes.with_obstacles(base(), n, OFFICE)) for n in (10, 100, 1000)
-            ),
+            points=tuple(Point(count=n, make=lambda n=n: with_obstacles(base(), n, OFFICE)) for n in (10, 100, 1000)),
         ),
         Sweep(
             name="side of the map",
             unit="m",
             points=(
                 Point(count=10, make=base),
-                *(Point(count=m, make=lambda m=m: scenes.with_obstacles(base(), 10, m)) for m in (50.0, 200.0)),
+                *(Point(count=m, make=lambda m=m: with_obstacles(base(), 10, m)) for m in (50.0, 200.0)),
             ),
         ),
         Sweep(
             name="lidar beams",
             unit="",
-            points=tuple(Point(count=n, make=lambda n=n: scenes.with_beams(base(), n)) for n in (180, 721, 2880)),
+            points=tuple(Point(count=n, make=lambda n=n: with_beams(base(), n)) for n in (180, 721, 2880)),
         ),
         Sweep(
             name="agents",
             unit="",
-            points=tuple(Point(count=n, make=lambda n=n: scenes.with_agents(base(), n)) for n in (1, 4, 16, 64)),
+            points=tuple(Point(count=n, make=lambda n=n: with_agents(base(), n)) for n in (1, 4, 16, 64)),
         ),
         Sweep(
             name="candidates",
@@ -103,7 +198,7 @@ def sweeps() -> tuple[Sweep, ...]:
             points=tuple(
                 Point(
                     count=n,
-                    make=lambda n=n: scenes.with_targets(base(), n),
+                    make=lambda n=n: with_targets(base(), n),
                     periods=None if n <= WHOLE else MINUTE,
                 )
                 for n in (2, 12, 50, 100)
@@ -154,7 +249,7 @@ def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: P
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     found: dict[str, list[dict[str, Any]]] = {}
     with one_core():
-        measured(Point(count=0, make=scenes.base_scene), most=WARM_UP)
+        measured(Point(count=0, make=base_scene), most=WARM_UP)
         for sweep in sweeps():
             points = sweep.points[:2] if quick else sweep.points
             for point in points:
@@ -182,7 +277,7 @@ def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: P
 
 def _again(point: Point, found: dict[str, list[dict[str, Any]]]) -> dict[str, Any] | None:
     """Values of Experiment 1 as shipped, when this point is nothing else."""
-    if "shipped" not in found or point.planning is not None or point.make() != scenes.base_scene():
+    if "shipped" not in found or point.planning is not None or point.make() != base_scene():
         return None
     return {**found["shipped"][0], "count": point.count}
 

@@ -79,7 +79,7 @@ class PageReader:
         self._thread.join(2.0)
 
     def abort(self) -> None:
-        """Break off in the middle, without a word."""
+        """Drop the connection without closing it."""
         self._socket.socket.shutdown(socket.SHUT_RDWR)
         self.close()
 

@@ -1,10 +1,17 @@
-"""A served twin to measure, `motm-twin serve` as a user starts it: its processes, and how a benchmark drives it."""
+"""Processes of a benchmark: `motm-twin serve` as a user starts it, workers, and a robot in another program.
 
+A worker takes part in a benchmark and does what JSON lines on its standard input say, one by one:
+``python -m motm_twin.perf.processes ROLE [ARGUMENT ...]``. It says hello when it is ready, and ends with its input.
+"""
+
+import importlib
+import json
 import os
 import secrets
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,9 +21,19 @@ from typing import Any
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Command, HandOver, Pause, Play, Reset, Speed
-from motm_twin.bus.connection import LOOPBACK, free_port
+from motm_twin.bus.connection import LOOPBACK, free_port, open_server
 from motm_twin.bus.health import page_answers
 from motm_twin.bus.messages import TickMessage
+from motm_twin.bus.processes import leave
+from motm_twin.control.tick import Tick
+from motm_twin.external.emulator import LinkSpec
+from motm_twin.external.plant import ZenohPlant
+from motm_twin.external.robot_link import RobotLink
+from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.methods.registry import find_method
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_scene
+from motm_twin.trial import run_scene
 from motm_twin.ui.page_server import VARIABLE, page_url
 
 START = 300.0  # [s] for the first start on a busy machine: kernels are compiled
@@ -75,7 +92,7 @@ class Served:
 def served(scene: str, *options: str) -> Iterator[Served]:
     """Serve a scene on free ports until the end of the block."""
     port, zenoh_port, token = free_port(), free_port(), secrets.token_urlsafe(32)
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", scene, "--port", str(port)]
+    command = [sys.executable, "-m", "motm_twin", "serve", scene, "--port", str(port)]
     process = subprocess.Popen(  # noqa: S603 - our own program
         [*command, "--zenoh-port", str(zenoh_port), *options],
         stdout=subprocess.DEVNULL,
@@ -158,3 +175,156 @@ def now(client: TwinClient) -> TickMessage:
     if tick is None:
         raise RuntimeError("the twin has not run yet")
     return tick
+
+
+ROLES = {  # name: module and function, which is given the arguments and gives the greeting and the works by name
+    "bare": ("motm_twin.perf.bus_participants", "bare"),
+    "readers": ("motm_twin.perf.bus_participants", "readers"),
+    "twin": ("motm_twin.perf.bus_participants", "timed_twin"),
+    "fleet": ("motm_twin.perf.scale", "fleet"),
+    "attackers": ("motm_twin.perf.soak_worker", "attackers"),
+}
+WORKER_START = 300.0  # [s] until a worker is ready: the first twin compiles its kernels
+ANSWER = 120.0  # [s] until a worker has answered
+WORKER_STOP = 5.0  # [s]
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+Works = dict[str, Callable[..., Any]]
+
+
+def one_thread(**more: str) -> dict[str, str]:
+    """The environment, in which numeric libraries compute in one thread unless it says otherwise."""
+    return {**dict.fromkeys(THREADS, "1"), **os.environ, **more}
+
+
+class Worker:
+    """A process that plays one of `ROLES`. ``with`` starts it, and ends it for certain."""
+
+    def __init__(self, role: str, *arguments: object) -> None:
+        self._name = role
+        words = [sys.executable, "-m", "motm_twin.perf.processes", role, *map(str, arguments)]
+        pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(words, env=one_thread(), **pipes)  # noqa: S603 - our own module
+        self._hello: Any = None
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self.process.pid
+
+    @property
+    def hello(self) -> Any:
+        """Greeting of the worker when it was ready. Raises RuntimeError when it ended before."""
+        if self._hello is None:
+            self._hello = self._line(WORKER_START)
+        return self._hello
+
+    def send(self, do: str, **details: Any) -> None:
+        """Let it begin something; `answer` waits for the end."""
+        assert self.hello is not None
+        assert self.process.stdin is not None
+        print(json.dumps({"do": do, **details}), file=self.process.stdin, flush=True)
+
+    def answer(self, timeout: float = ANSWER) -> Any:
+        """Answer to the last request. Raises RuntimeError."""
+        answer = self._line(timeout)
+        if "error" in answer:
+            raise RuntimeError(f"{self._name}: {answer['error']}")
+        return answer["ok"]
+
+    def ask(self, do: str, timeout: float = ANSWER, **details: Any) -> Any:
+        """`send`, then `answer`."""
+        self.send(do, **details)
+        return self.answer(timeout)
+
+    def close(self) -> None:
+        """End the process."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        try:
+            self.process.wait(WORKER_STOP)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+    def __enter__(self) -> "Worker":
+        """Already running."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End it."""
+        self.close()
+
+    def _line(self, timeout: float) -> Any:
+        """The next line; a worker that is silent for so long is killed."""
+        assert self.process.stdout is not None
+        late = threading.Timer(timeout, self.process.kill)
+        late.start()
+        try:
+            line = self.process.stdout.readline()
+        finally:
+            late.cancel()
+        if not line:
+            raise RuntimeError(f"{self._name} ended, or said nothing for {timeout:.0f} s")
+        return json.loads(line)
+
+
+def main() -> None:
+    """Play the role that the command line names, until standard input ends."""
+    role, *arguments = sys.argv[1:]
+    module, function = ROLES[role]
+    hello, works = getattr(importlib.import_module(module), function)(*arguments)
+    _say(hello)
+    for line in sys.stdin:
+        wish = json.loads(line)
+        try:
+            _say({"ok": works[wish.pop("do")](**wish)})
+        except Exception as error:
+            _say({"error": f"{type(error).__name__}: {error}"})
+    leave(0)
+
+
+def _say(answer: Any) -> None:
+    print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()
+
+
+@contextmanager
+def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> Iterator[ZenohPlant]:
+    """A reference robot in a process of its own, and the plant that drives it once it has come up."""
+    port = free_port()
+    session = open_server(port)
+    arguments = ["exp1", "--endpoint", f"tcp/{LOOPBACK}:{port}", "--clock", clock, "--child"]
+    for name in ("latency", "jitter", "loss", "outage", "every", "seed"):
+        arguments += [f"--{'link-seed' if name == 'seed' else name}", str(getattr(link, name))]
+    process = subprocess.Popen(  # noqa: S603 - our own module
+        [sys.executable, "-m", "motm_twin.cli.robot", *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+    )
+    robot = RobotLink(session, "frankie")
+    try:
+        yield ZenohPlant(robot, scene)
+    finally:
+        process.terminate()
+        process.wait(30.0)
+        robot.close()
+        session.close()
+
+
+def run_external(
+    name: str,
+    variant: str | None,
+    link: LinkSpec,
+    on_tick: Callable[[Tick], None] | None = None,
+    method: str = DEFAULT_METHOD,
+) -> dict[str, Any]:
+    """A trial; the dictionary of `motm_twin.trial.run_scene`."""
+    scene = load_scene(name, variant)
+    with external_robot(scene, link) as plant:
+        return run_scene(scene, on_tick=on_tick, plant=plant, method=find_method(method))

@@ -93,12 +93,12 @@ class Report:
     values: Values = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
-    skipped: dict[str, str] = field(default_factory=dict)  # limits that are not judged, and why not
+    skipped: dict[str, str] = field(default_factory=dict)  # limits that are not judged, with the reason
     series: dict[str, list[float]] = field(default_factory=dict)  # written, not printed
 
 
 def measure(steps: Steps, report: Report, console: Console) -> None:
-    """Take all steps. One that fails is noted: the other numbers are still worth a table."""
+    """Take all steps. A failed one is noted and does not stop the others."""
     for number, (name, step) in enumerate(steps, 1):
         try:
             step()

@@ -24,14 +24,13 @@ from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, require_fre
 from motm_twin.bus.credentials import FILE, own_credentials
 from motm_twin.perf import bus, fuzz
 from motm_twin.perf.bus import Measured
-from motm_twin.perf.processes import act, memory_mb, restart, ticks, wait_for
+from motm_twin.perf.processes import Worker, act, memory_mb, one_thread, restart, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, Values, conclude, measure, percentiles
-from motm_twin.perf.worker import Worker, one_thread
 from motm_twin.sessions.session import Session
 
 WORKER = "attackers"
 PARALLEL = 8  # clients at a time
-RUNS, LEVEL = 12, 1.0  # at most so many runs before, until the last two have added no more than this [MB]
+RUNS, LEVEL = 12, 1.0  # maximum number of warm-up runs, until the last two add no more than this [MB]
 WARM = 100  # clients before memory is looked at
 KILLED_EACH = 20  # clients of a process that is killed
 KILLED_SHARE = 0.1  # of all clients
@@ -41,7 +40,7 @@ BLOCK = 10.0  # [s] of one look at the period
 BLOCKS = ("without", "elsewhere", "attacked", "attacked", "elsewhere", "without")  # in turn: who gets the messages
 UP = 120.0  # [s] for a server to be there on a busy machine
 DOWN = 10.0  # [s] for it to end
-MARK = "MOTM_SOAK"  # environment variable that tells our processes from others
+MARK = "MOTM_SOAK"  # environment variable that marks our processes
 
 Say = Callable[[str], None]
 
@@ -220,7 +219,16 @@ def _start_and_stop(folder: Path, zenoh_port: int, *, early: bool) -> tuple[floa
     """Time [s] until it was there, and until it had ended."""
     mark = secrets.token_hex(8)
     environment = one_thread(**{MARK: mark, "TMPDIR": str(folder)})
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--headless", "--zenoh-port", str(zenoh_port)]
+    command = [
+        sys.executable,
+        "-m",
+        "motm_twin",
+        "serve",
+        "exp1",
+        "--headless",
+        "--zenoh-port",
+        str(zenoh_port),
+    ]
     began = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, cwd=folder, env=environment)  # noqa: S603 - ours
     try:

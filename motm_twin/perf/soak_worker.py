@@ -16,7 +16,7 @@ from motm_twin.bus.commands import Answer
 from motm_twin.bus.connection import LOOPBACK, open_client, open_member
 from motm_twin.bus.keys import Keys
 from motm_twin.perf.fuzz import Fuzzer, Message
-from motm_twin.perf.worker import Works
+from motm_twin.perf.processes import Works
 
 OPEN = 100  # queries that wait for an answer at most
 TIMEOUT = 10.0  # [s] for an answer

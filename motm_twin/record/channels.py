@@ -1,4 +1,4 @@
-"""The topics of a recording: what is stored under which name, with which JSON Schema."""
+"""The topics of a recording, with their JSON Schemas."""
 
 import functools
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from motm_twin.bus import messages as bus
-from motm_twin.bus.observations import ObservationsMessage
+from motm_twin.bus.encode import ObservationsMessage
 from motm_twin.model.scene import Scene
 from motm_twin.record import foxglove_schemas as drawn
 from motm_twin.sessions.session import Session
@@ -19,7 +19,7 @@ MaybeNumber = float | None
 
 
 class RecordedSession(msgspec.Struct, frozen=True, kw_only=True):
-    """The session of a run as the server gave it: everything that repeats the run until then."""
+    """The session of a run as sent by the server: everything that repeats the run until then."""
 
     version: str = RECORDED_SESSION_VERSION
     run: int
@@ -42,7 +42,7 @@ class RecordedGrid(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlotsMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """The numbers of a period that are worth a curve; what is not there is left out."""
+    """The numbers of a period to plot; missing ones are left out."""
 
     version: str = PLOTS_VERSION
     time: float  # [s] simulated
@@ -135,8 +135,8 @@ def _encoded(topic: str) -> bytes:
 def schema_of(struct: Any) -> dict[str, Any]:
     """JSON Schema of one of our messages, in a form that Foxglove and Lichtblick take.
 
-    They read ``type`` and ``properties`` only, refuse references there, and know no null and no lists of lists. So the
-    fields that they understand stand in front, and the whole schema follows under ``allOf``, which they pass over.
+    They read only ``type`` and ``properties``, refuse references there, and know no null or lists of lists. So the
+    fields that they understand come first, and the whole schema follows under ``allOf``, which they ignore.
     """
     (whole,), definitions = msgspec.json.schema_components([struct], ref_template="#/$defs/{name}")
     name = whole["$ref"].rsplit("/", 1)[-1]

@@ -1,4 +1,4 @@
-"""From our messages and the scene to those that Foxglove and Lichtblick draw.
+"""Conversion of our messages and scenes to messages that Foxglove and Lichtblick draw.
 
 Frames: ``world``, and the links of the robot. Lengths [m], angles [rad]; times are those of the server, as on the bus.
 """
@@ -183,7 +183,7 @@ def bodies(tick: TickMessage) -> Json:
 
 
 def candidates(placement: PlacementMessage, server_time: float) -> Json:
-    """Base poses, cheap ones yellow, dear ones violet, rejected ones grey, the chosen one large."""
+    """Base poses: cheap ones yellow, expensive ones violet, rejected ones grey, the chosen one large."""
     known = [cost for cost in placement.cost if cost is not None]
     least, most = min(known, default=0.0), max(known, default=1.0)
     spheres = []
@@ -229,7 +229,7 @@ def _heading(points: list[list[float]], at: int) -> float:
 
 
 def _scale(part: float) -> Colour:
-    """0 (cheap) to 1 (dear)."""
+    """0 (cheap) to 1 (expensive)."""
     low, high, rest = (_CHEAP, _MIDDLE, 2.0 * part) if part < 0.5 else (_MIDDLE, _DEAR, 2.0 * part - 1.0)
     r, g, b, a = (round(one + (other - one) * rest, 3) for one, other in zip(low, high, strict=True))
     return r, g, b, a
@@ -295,7 +295,7 @@ def _solid(at: Json, solid: Solid, number: int) -> Json:
 
 
 def _walls(prism: Prism, z_min: float, z_max: float, tint: Colour) -> Json:
-    """The upright faces of a prism: its top would need a triangulation, and is seen well enough without."""
+    """The upright faces of a prism, without a top, which would need triangulation."""
     count = len(prism.corners)
     points = [point(x, y, z) for x, y in prism.corners for z in (z_min, z_max)]
     indices: list[int] = []

@@ -45,7 +45,7 @@ class _SessionText(msgspec.Struct):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One period; the scene and the map that were in force are those of the frames of these numbers."""
+    """One period, with the numbers of the frames that hold its scene and map."""
 
     run: RunKey
     first: int
@@ -107,7 +107,7 @@ class Frames:
             part = self._decode(entry.data)
             last = self._open[0] if self._open else None
             if part.preview or (last is not None and part.key == last.key and part.index <= last.index):
-                return  # no period that was, or one that is there
+                return  # a preview, or a repeated period
             self._close()
             self._methods.setdefault(part.key, self._method)
             self._open = part, [(ch.TICK.topic, entry.data, None), *self._before]

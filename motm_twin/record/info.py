@@ -7,9 +7,9 @@ import msgspec
 from rich.markup import escape
 from rich.table import Table
 
-from motm_twin.console import table_console
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.period import PERIOD
+from motm_twin.program import table_console
 from motm_twin.record.reader import Health, read
 from motm_twin.record.recording import load_recording
 
@@ -54,7 +54,7 @@ class Info(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def info(path: str | Path) -> Info:
-    """Read a recording through. Raises SessionError for what is none."""
+    """Read a whole recording. Raises SessionError for a file that is none."""
     counts: dict[str, list[float]] = {}
     schemas: dict[str, str] = {}
     health, first, last = Health(), 0, 0

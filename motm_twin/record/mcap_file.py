@@ -1,4 +1,4 @@
-"""Writes an MCAP file so that hardly anything is lost, whatever ends the program: small chunks, each forced to disk."""
+"""Writes MCAP files that survive a crash with little loss: small chunks, each forced to disk."""
 
 import os
 import struct
@@ -26,7 +26,7 @@ class RecordingFailed(Exception):
 
 
 class _Raw:
-    """The file below the writer: nothing is buffered, and a write is whole or raises OSError.
+    """The file below the writer: unbuffered; a write is complete or raises OSError.
 
     A written chunk survives the end of this program; a thread forces it to the disk, so that it survives the end of the
     machine as well. A slow disk then delays nothing.
@@ -177,7 +177,7 @@ class McapFile:
             raise RecordingFailed(f"{self.path}: {error.strerror or error}") from error
 
     def _end_early(self) -> None:
-        """Half a chunk is of no use, and a full disk can do with the room; a few bytes make the rest a whole file."""
+        """Drop a half-written chunk, which also frees space on a full disk; a few bytes make the rest a whole file."""
         with suppress(OSError):
             self._raw.cut(self._whole)
             if not self._whole:

@@ -1,6 +1,6 @@
-"""Plays a recording: says on the bus again what was said, under new numbers of runs, as if a twin did it now.
+"""Plays a recording: sends its messages again on the bus, with new run numbers, as if a twin ran now.
 
-It looks like a twin that refuses to be changed. Going back and forth is a branch: readers keep the past they share.
+It acts like a twin that refuses changes. A jump in time is a branch: readers keep the shared past.
 """
 
 import math
@@ -35,7 +35,7 @@ from motm_twin.record.frames import Frame, Frames, Sent
 
 IDLE = 0.1  # [s] between looks at the clock while time stands
 LATE = 0.5  # [s] behind, it does not catch up
-FILLED = 600  # periods before its end that a leap forward sends all, so that readers can look back at them: 30 s
+FILLED = 600  # periods before its end that a leap forward sends, so that readers can look back 30 s
 _STAMPED = (ch.ROBOT.topic, ch.SCAN.topic, ch.METRICS.topic, ch.EVENT.topic)
 _ALLOWED = "this is a recording: it takes play, pause, step, speed, reset (to its start) and branch (to a period)"
 
@@ -146,7 +146,7 @@ class Player:
 
     def _method_of(self, frame: Frame) -> MethodChoice:
         name = self._frames.method(frame)
-        unknown = MethodChoice(name=name, title=name, summary="")  # of a file of whoever recorded it
+        unknown = MethodChoice(name=name, title=name, summary="")  # the file is untrusted
         return next((choice for choice in self._choices if choice.name == name), unknown)
 
     def _answer(self, envelope: Envelope, arrived: float, reply: Callable[[str, int], None]) -> None:

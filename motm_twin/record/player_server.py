@@ -15,12 +15,11 @@ import zenoh
 from motm_twin.bus.connection import LOOPBACK, PortTaken, free_port, open_server
 from motm_twin.bus.events import EventLog
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
-from motm_twin.bus.latest_values import LatestValues
 from motm_twin.bus.messages import NumberedEvent
 from motm_twin.bus.processes import Reporter, leave, stop_event
-from motm_twin.bus.queries import Answering, Quiet
+from motm_twin.bus.queries import Answering, LatestValues, Quiet
 from motm_twin.bus.server import HEARTBEAT, ServerClock
-from motm_twin.exit_codes import BAD_INPUT
+from motm_twin.program import BAD_INPUT
 from motm_twin.record import channels as ch
 from motm_twin.record.frames import Frames
 from motm_twin.record.player import AS_IT_WAS, Playback, Player

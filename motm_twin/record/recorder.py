@@ -1,4 +1,4 @@
-"""Records one twin: a Zenoh subscriber of its own, never in the loop. Whatever it meets, the robot goes on.
+"""Records one twin as an independent Zenoh subscriber, outside the loop: its failures never stop the robot.
 
 As a program: ``python -m motm_twin.record.recorder --out run.mcap``.
 """
@@ -18,7 +18,7 @@ from motm_twin.bus.connection import LOOPBACK, direct, open_member
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.client.discover import NoTwin, require_answer
-from motm_twin.exit_codes import BAD_INPUT, FAILED, OK
+from motm_twin.program import BAD_INPUT, FAILED, OK
 from motm_twin.record.channels import CHANNELS
 from motm_twin.record.mcap_file import McapFile, RecordingFailed
 from motm_twin.record.stream import Stream
@@ -30,9 +30,9 @@ LAST_SESSION = 0.7  # [s] to wait for the session at the end
 SESSION_INTERVAL = 30.0  # [s] between two sessions, whose state hashes a rerun compares
 ASK_INTERVAL = 1.0  # [s] between two at least
 ASK_TIMEOUT = 5.0  # [s]
-WAITING_MOST = 20_000  # payloads, half a minute at eight times real time; then the disk is too slow for ever
+WAITING_MOST = 20_000  # payloads: half a minute at eight times real time; a longer backlog never shrinks
 Asked = Callable[[], None]
-LISTENS = 1.0  # [s] at most until the twin knows that it is recorded; what came meanwhile is recorded too
+LISTENS = 1.0  # [s] limit until the twin knows of the recorder; messages until then are recorded too
 
 
 class Recorder:
@@ -99,7 +99,7 @@ class Recorder:
             self._take(time.monotonic() + WAIT, ending=True)
 
     def _take(self, until: float, *, ending: bool = False) -> None:
-        """Write what arrives, and come back soon, in a flood too: the chunk wants to be closed, a session asked for."""
+        """Write arriving messages for a short while, even in a flood: chunks must be closed and sessions requested."""
         while (left := min(WAIT, until - time.monotonic())) > 0.0:
             if not ending and self._stream.wants_session and time.monotonic() >= self._asked_at + ASK_INTERVAL:
                 return

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import msgspec
 
+from motm_twin.bus.encode import ObservationsMessage
 from motm_twin.bus.messages import StatusMessage
-from motm_twin.bus.observations import ObservationsMessage
 from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import Edit
 from motm_twin.model.scene import Scene

@@ -1,20 +1,19 @@
-"""A session once more: the same scene, edits and searches give the same state, bit for bit."""
+"""Repeats a session: the same scene, edits and searches give the same state, bit for bit."""
 
 import math
 from collections.abc import Iterator
 
 import msgspec
 
+from motm_twin.completion import Completion
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
-from motm_twin.finish import Finish
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.names import hint
 from motm_twin.model.state import state_hash
 from motm_twin.model.twin_plant import ExternalPlant
 from motm_twin.sessions.branches import Log
-from motm_twin.sessions.made_with import differences, made_with
-from motm_twin.sessions.session import Session, SessionError
+from motm_twin.sessions.session import Session, SessionError, differences, made_with
 from motm_twin.twin import Twin
 
 TRACK_PERIODS = 20  # periods between two poses of a track: one second
@@ -35,7 +34,7 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
     parts: dict[str, str]  # part of the twin: first digits of its own hash
     track: Track  # true base pose after each second
     first_sign: str  # where the rerun parted from the recording, one sentence; "" when it did not
-    differences: tuple[str, ...]  # what is not here as it was where the session was made
+    differences: tuple[str, ...]  # differences from the origin of the session
 
 
 def begin(session: Session, plant: ExternalPlant | None = None, method: Method | None = None) -> Twin:
@@ -72,7 +71,7 @@ def player(session: Session, *, until: int | None = None, method: Method | None 
 
 def rerun(session: Session, method: Method | None = None) -> Rerun:
     """Run a session again and compare; ``method`` as of `begin`. Raises SessionError when it cannot be run."""
-    tracker, finish, twin, time = Tracker(), Finish(), None, 0.0
+    tracker, finish, twin, time = Tracker(), Completion(), None, 0.0
     for twin, tick in player(session, method=method):  # noqa: B007 - the last one is used
         tracker.add(tick)
         finish.add(tick)
@@ -95,7 +94,7 @@ def rerun(session: Session, method: Method | None = None) -> Rerun:
 
 
 def updated(session: Session, again: Rerun) -> Session:
-    """The session with what its rerun gave: to be saved only by somebody who wants the change of behaviour."""
+    """The session with the results of its rerun, to be saved when a change of behaviour is intended."""
     return msgspec.structs.replace(
         session, state_hash=again.state_hash, parts=again.parts, track=again.track, made_with=made_with()
     )

@@ -1,6 +1,6 @@
-"""A recording once more: every run is computed again and compared with every period that was recorded.
+"""Reruns a recording: every run is computed again and compared with every recorded period.
 
-The robot of a run that another program drove reports what was recorded (`RecordedPlant`).
+In place of an external robot, a `RecordedPlant` reports what was recorded.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -9,8 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from motm_twin.bus.encode import seconds, tick_message
-from motm_twin.bus.observations import DetectionSample, ObservationsMessage, Sample, ScanSample
+from motm_twin.bus.encode import DetectionSample, ObservationsMessage, Sample, ScanSample, seconds, tick_message
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.model.edits import Announce, WorldEdit
@@ -20,8 +19,7 @@ from motm_twin.model.scene import PlanarPose, Scene, Task
 from motm_twin.record.recording import Recording, Run, observations_of, ticks_of
 from motm_twin.record.replay import begin
 from motm_twin.sessions.branches import Log
-from motm_twin.sessions.made_with import differences
-from motm_twin.sessions.session import Session, SessionError, check_session
+from motm_twin.sessions.session import Session, SessionError, check_session, differences
 
 # Of the wall clock, of the server, of what somebody asked to be explained, or what edits tell already: no part of the
 # run itself.
@@ -35,7 +33,7 @@ Json = dict[str, Any]
 
 
 class RecordedPlant:
-    """A robot that reports what was recorded, whatever it is told. Takes edits of the world without an effect."""
+    """A robot that reports what was recorded. Commands and edits of the world have no effect."""
 
     mirror = False
     shared = True
@@ -71,24 +69,24 @@ class RecordedPlant:
         return self._samples[self._at]
 
     def command(self, actuation: Actuation) -> None:
-        """Without an effect: what the robot did is known."""
+        """No effect: the robot's motion is recorded."""
 
     def step(self, dt: float) -> None:
         """On to the next sample."""
         self._at += 1
 
     def truth(self) -> None:
-        """Nobody knows."""
+        """Unknown."""
 
     def rehearsal(self) -> "RecordedPlant":
-        """Every edit that was accepted is again."""
+        """Accepts every edit again."""
         return self
 
     def accept(self, edit: WorldEdit) -> None:
         """As above."""
 
     def apply(self, edit: WorldEdit) -> None:
-        """Its effect is in what the robot saw."""
+        """No effect: it is in the recorded observations."""
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
         """There is no referee."""
@@ -250,7 +248,7 @@ def _from_the_start(messages: Iterable[ObservationsMessage]) -> Iterator[Observa
 
 
 def _known_end(session: Session, robot: RecordedPlant | None) -> tuple[int, str]:
-    """The period before which everything that was seen and done is known, and why no further."""
+    """The period up to which all inputs are known, and why no further."""
     unknown = [(session.periods, "some before them are missing in the file")]
     if robot is not None:
         unknown.append((robot.periods, f"what the robot saw in period {robot.periods} is missing in the file"))

@@ -1,4 +1,4 @@
-"""Holistic control: one quadratic program moves base and arm so that the hand goes to the target; no base planner.
+"""Holistic control: one quadratic program moves base and arm to bring the hand to the target; no base planner.
 
 Haviland, Suenderhauf and Corke, "A Holistic Approach to Reactive Mobile Manipulation" (RA-L 2022), with the numbers of
 their published example. With the hand's error ``e = |dx| + |dy| + |dz|``, the base direction ``theta`` of the hand, and
@@ -48,8 +48,8 @@ from motm_twin.planning.types import (
 )
 from motm_twin.rivals.motm2022 import TangentController, TangentParameters, TangentPlacement, TangentState
 
-_RESTING = (Phase.STOW, Phase.CARRY)  # the arm is not on its way to anything: neither is the base
-_STEPS = 6.0  # arm steps of acceleration by which the base may be ahead of what the monitor let through last
+_RESTING = (Phase.STOW, Phase.CARRY)  # the arm has no target: the base stands too
+_STEPS = 6.0  # arm steps of acceleration by which the base may lead the monitor's last output
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,22 +76,22 @@ class HolisticParameters:
 
 
 class AtOnce:
-    """The hand leaves as soon as there is a target: it takes the base with it."""
+    """The hand starts as soon as there is a target, and takes the base with it."""
 
     def transit_duration(self, distance: float, speed: float, time_to_range: float) -> float:
-        """Seconds [s] that the target is away; never None."""
+        """Time [s] to the target; never None."""
         return time_to_range
 
 
 class WholeBody:
-    """Ways of the paper's arm when the program moves the base as well; the phases of a grasp stay."""
+    """Motions of the paper's arm when the program moves the base as well; the grasp phases stay."""
 
     def __init__(self, profile: RobotProfile, parameters: ArmParameters, holistic: HolisticParameters) -> None:
         """``parameters``: of the grasp phases and of the arm's obstacle avoidance."""
         self._base, self._p, self._h = profile.base, parameters, holistic
 
     def inputs(self, state: ManipulatorState, inputs: ArmInputs) -> ArmInputs:
-        """The base goes on from its last twist; without a goal it does what is wanted of it."""
+        """The base continues from its last twist; without a goal it follows the requested one."""
         room = inputs.dt * np.array([self._base.linear_acceleration, self._base.yaw_acceleration])
         last = np.clip(state.twist, inputs.base_twist - _STEPS * room, inputs.base_twist + _STEPS * room)
         wanted = np.clip(inputs.base_twist, last - room, last + room) if inputs.goal.kind == "none" else last
@@ -100,7 +100,7 @@ class WholeBody:
     def motion(
         self, state: ManipulatorState, view: View, inputs: ArmInputs, parameters: ArmParameters, numbers: Numbers
     ) -> Motion:
-        """On the way: straight for the point above the target, however far it is."""
+        """In transit: straight towards the point above the target, however far it is."""
         if state.phase != Phase.TRANSIT:
             return hand_motion(state, view, inputs, parameters, numbers)
         h, point = self._h, self._hover(view)
@@ -118,7 +118,7 @@ class WholeBody:
         return point
 
     def _rotation(self, state: ManipulatorState, view: View) -> Array:
-        """Down, as over the target; tilted outwards where the reach needs it."""
+        """Pointing down, as over the target; tilted outwards where the reach requires it."""
         p = self._p
         outward = math.atan2(view.target[1] - view.mount[1], view.target[0] - view.mount[0])
         reach, largest = (p.place_reach, p.place_tilt) if view.goal.kind == "place" else (p.pick_reach, p.pick_tilt)
@@ -159,7 +159,7 @@ def _direction(view: View) -> float:
 
 
 class HolisticPlacement:
-    """There is no place to stand: the hand leads. Points to drive to are placed as by MotM of 2022."""
+    """No base placement: the hand leads. Points to drive to are placed as by MotM of 2022."""
 
     def __init__(self, profile: RobotProfile) -> None:
         self._drives = TangentPlacement(profile, TangentParameters())
@@ -186,7 +186,7 @@ class HolisticPlacement:
 
 
 class HolisticBase:
-    """Drives to points; while the hand leads there is nothing to plan, only to tell how far the target is."""
+    """Drives to points; while the hand leads it plans nothing and only reports the time to the target."""
 
     def __init__(self, profile: RobotProfile, planning: PlanningParameters) -> None:
         self._drives = TangentController(profile, planning)
@@ -194,7 +194,7 @@ class HolisticBase:
         self._model = ReachModel(profile, planning.reach)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
-        """No acceleration of its own towards a pick or a place: the program of the arm has the base."""
+        """No acceleration of its own towards a pick or a place: the arm's program moves the base."""
         target = problem.target
         if target is None or target.kind == "drive":
             return self._drives.plan(problem, placement, budget)
@@ -227,7 +227,7 @@ class HolisticBase:
 
 
 def whole_body_placement(materials: Materials, candidates: Rule) -> PlacementStrategy:
-    """No place to stand."""
+    """No base placement."""
     return HolisticPlacement(materials.parts.known.robot)
 
 

@@ -43,7 +43,7 @@ from motm_twin.planning.types import (
 _STEP = 0.1  # [s] of the prediction
 _NODE = 3  # steps between two nodes of the plan that is shown and that the arm reads
 _HORIZON = 80  # steps
-_AFTER = 18  # steps predicted beyond the arrival: a whole job
+_AFTER = 18  # steps predicted beyond arrival: a whole job
 SIDES = (1.0, -1.0)  # target on the left: counter-clockwise round it; on the right
 
 
@@ -54,8 +54,8 @@ class TangentParameters:
     radius: float = 0.6  # [m] r_C, MotM: closest approach of the base to the target
     k_alpha: float = 4.0  # MotM
     k_beta: float = 2.2  # MotM
-    swing: float = 0.4  # [rad] own: beta turns the base away from xi_C by no more than this; more only costs time
-    near: float = 0.25  # [m] own: rho from which on the base goes round the circle, and smallest rho that divides
+    swing: float = 0.4  # [rad] own: limit of the turn away from xi_C by beta; more only costs time
+    near: float = 0.25  # [m] own: rho below which the base follows the circle, and smallest divisor rho
     loyalty: float = 0.2  # [rad] own: the other tangent must be this much nearer to the heading
 
 
@@ -84,7 +84,7 @@ def tangent(pose: Array, centre: Array, radius: float, side: float) -> Tangent:
 
 
 def departure(centre: Array, radius: float, side: float, onward: Array) -> float | None:
-    """Angle [rad] on the circle at which a base that goes round it heads for the point (2,) onward; None: it cannot."""
+    """Angle [rad] on the circle at which the base heads for the next point (2,); None: it never does."""
     dx, dy = float(onward[0] - centre[0]), float(onward[1] - centre[1])
     distance = math.hypot(dx, dy)
     return None if distance <= radius else math.atan2(dy, dx) - side * math.acos(radius / distance)
@@ -175,7 +175,7 @@ def path_round(line: Tangent, centre: Array, radius: float, side: float, onward:
 
 
 class TangentController:
-    """Constant forward speed, and the yaw rate of the law above; as braking distances go, it knows of none."""
+    """Constant forward speed and the yaw rate of the law above, regardless of braking distances."""
 
     def __init__(
         self, profile: RobotProfile, planning: PlanningParameters, parameters: TangentParameters | None = None
@@ -185,7 +185,7 @@ class TangentController:
         self._reach = ReachModel(profile, planning.reach)
 
     def plan(self, problem: BaseProblem, placement: Placement, budget: SearchBudget) -> BasePlan:
-        """This period's acceleration, and where the law will lead; ``budget`` is not needed: nothing is searched."""
+        """Acceleration of this period, and the predicted motion; ``budget`` is unused: nothing is searched."""
         target = problem.target
         if target is None:
             return self._rest(problem)

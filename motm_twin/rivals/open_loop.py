@@ -1,4 +1,4 @@
-"""Open loop: the paper's method plans the whole task beforehand, and that plan is carried out, whatever happens.
+"""Open loop: the paper's method plans the whole task beforehand, and the plan is executed blindly.
 
 The base tracks the planned trajectory by its localised pose, the arm the planned joint positions, the gripper the
 planned times. With the error (e_x, e_y, e_h) of the pose in the robot's frame and the planned twist (v_r, w_r):
@@ -6,8 +6,8 @@ planned times. With the error (e_x, e_y, e_h) of the pose in the robot's frame a
     v = v_r cos e_h + k_x e_x,    w = w_r + k_y v_r sin(e_h) / e_h e_y + k_h e_h
 
 (Kanayama et al., "A stable tracking control method for an autonomous mobile robot", ICRA 1990, in the form of Samson).
-No camera, no lidar, no other plan; the monitor stops this robot as any other. Errors of localisation, of what was
-believed of the cubes, and of whatever is not as it was rehearsed end up in the grasp.
+No camera, no lidar, no replanning; the monitor stops this robot like any other. Errors of localisation, of believed
+cube positions, and any deviation from the rehearsal end up in the grasp.
 """
 
 import math
@@ -46,7 +46,7 @@ SHOWN, STRIDE = 60, 3  # periods of the plan ahead that a Tick shows, every so m
 
 @dataclass
 class ScriptState:
-    """The plan, and how far it is carried out."""
+    """The plan and its progress."""
 
     at: int = 0  # period, or arm step, that is next
     plan: Rehearsed | None = None
@@ -55,14 +55,14 @@ class ScriptState:
 
 
 class Script:
-    """The plan of a run: rehearsed when it is first looked at, and again when a person changes the task list."""
+    """The plan of a run: rehearsed on first use, and again when a person changes the task list."""
 
     def __init__(self, rehearse: Rehearse, steps: int) -> None:
         """``steps`` of a period."""
         self._rehearse, self._steps = rehearse, steps
 
     def plan(self, state: ScriptState) -> Rehearsed:
-        """The plan of now."""
+        """The current plan."""
         if state.plan is None:
             state.plan = self._rehearse(state.edits)
         return state.plan
@@ -146,7 +146,7 @@ class OpenLoopState(ManipulatorState):
     """State of the arm and of the plan behind it."""
 
     script: ScriptState = field(default_factory=ScriptState)
-    due: list[str] = field(default_factory=list)  # outcomes that the task list was not ready for yet
+    due: list[str] = field(default_factory=list)  # outcomes ahead of the task list
 
 
 class OpenLoopArm(Manipulator):
@@ -191,7 +191,7 @@ class OpenLoopArm(Manipulator):
         self.script.retasked(self._state.script, edit)
 
     def _outcome(self, plan: Rehearsed, goal: str, n: int, *, over: bool) -> str:
-        """Outcome that the plan has by now, as soon as the task list is at it."""
+        """Outcome that the plan has reached, once the task list has, too."""
         state = self._state
         if not over:
             state.due += [outcome for at, outcome in plan.outcomes if at == n]
@@ -205,7 +205,7 @@ class OpenLoopArm(Manipulator):
 
 
 def tracking_twist(pose: Array, planned_pose: Array, planned_twist: Array) -> Array:
-    """Twist (v, w) that leads from a pose (3,) to where the plan is now, which moves at the planned twist (2,)."""
+    """Twist (v, w) that leads from a pose (3,) to the plan's current pose, given its planned twist (2,)."""
     e_x, e_y = to_frame(pose, planned_pose[:2])
     e_h = wrap_angle(float(planned_pose[2] - pose[2]))
     v_r, w_r = planned_twist

@@ -29,7 +29,7 @@ DEG = math.pi / 180.0
 class StationaryParameters:
     """Parameters of standing poses: candidates, costs, and when a pose is close enough."""
 
-    manipulability_weight: float = 5.0  # [s] more than the best pose for one without any: none of 0 to 40 s is quicker
+    manipulability_weight: float = 5.0  # [s] more for no manipulability: no value from 0 to 40 s is faster
     onward_weight: float = 1.0  # of the way on to the next target, in `sequential`: a second is a second on both ways
     arm_clearance: float = 0.13  # [m] to either side of the arm: 0.07 m of forearm, and where it begins to be slowed
     over_cost: float = 100.0  # [s] of a pose with less, to an obstacle outside the map: only when there is no other
@@ -37,15 +37,15 @@ class StationaryParameters:
     headings: int = 16  # at each position, as many as `motm` has where it tries any heading
     radius_step: float = 0.05  # [m] between rings of candidates, as the paper's rings have here
     next_headings: int = 8  # of a next target's poses, at the best position of each direction: half, to save time
-    equal_share: float = 0.01  # of the best manipulability: less than that is no difference
+    equal_share: float = 0.01  # of the best manipulability: smaller differences are ignored
     fixed_poses: int = 7  # Paper, Sec. VI, after Reister et al.
-    fixed_inset: float = 0.10  # [m] from the edge of a table, where things stand that an arm shall reach
-    moved: float = 0.15  # [m] by which the target has moved when the choice is made anew: what is believed errs by 0.1
+    fixed_inset: float = 0.10  # [m] from the edge of a table: where objects to be reached stand
+    moved: float = 0.15  # [m] motion of the target that triggers a new choice: beliefs are off by 0.1
     park_distance: float = 0.15  # [m] from the chosen pose at which the base may rest: as near as STAA* comes here
     park_share: float = 0.90  # of the manipulability of the chosen pose that it must have there: or it drives on
     park_slack: float = 0.02  # [m] inside the reach, because localisation errs by 1 cm
     goal_distance: float = 0.06  # [m] to which the search must come, and
-    goal_heading: float = 10.0 * DEG  # [rad], once the base has become slow too far away: else it would stay there
+    goal_heading: float = 10.0 * DEG  # [rad], once the base has become slow too far away: it would stay there otherwise
     slow_v: float = 0.10  # [m/s] and
     slow_w: float = 0.30  # [rad/s] below which a base near its pose creeps
     patience: float = 3.0  # [s] standing on the way, where the map shows one and there is none, until another pose,
@@ -63,18 +63,18 @@ class ParkingState:
 
     target: tuple[str, str] | None = None
     phase: str = DRIVING
-    exact: bool = False  # the base has become slow at the pose and still does not serve: it has to come nearer
+    exact: bool = False  # the base has become slow at the pose without reaching the target: it must come closer
 
 
 def stopping_base(parameters: PlanningParameters) -> PlanningParameters:
-    """The same base controller, but one whose search ends at the chosen pose instead of passing it."""
+    """The same base controller, with a search that ends at the chosen pose instead of passing it."""
     return dataclasses.replace(
         parameters, staa=dataclasses.replace(parameters.staa, termination="reach_goal", drive_on=False)
     )
 
 
 class ParkingController(Stateful[ParkingState]):
-    """STAA* to the chosen pose, then the shortest stop there is, as soon as that ends near enough to it."""
+    """STAA* towards the chosen pose, then the shortest possible stop, as soon as it ends close enough."""
 
     def __init__(
         self, parts: PlannerParts, graphs: GraphCache, *, overlap: bool, parameters: StationaryParameters | None = None,
@@ -151,7 +151,7 @@ class ParkingController(Stateful[ParkingState]):
     def _may_stop(self, problem: BaseProblem, placement: Placement, target: Target) -> bool:
         """Does the shortest stop from here end near enough to the chosen pose, and with as good a reach?
 
-        A base that has become slow near enough is content with any reach: creeping takes longer than a longer arm.
+        A base that has become slow close enough accepts any reach: creeping takes longer than a longer arm motion.
         """
         p, goal = self.stationary, np.asarray(placement.goal)
         ahead = p.park_distance + problem.twist[0] ** 2 / (2.0 * self._limits.linear_acceleration) + 0.05
@@ -216,7 +216,7 @@ class ParkingController(Stateful[ParkingState]):
         )
 
     def _arriving(self, plan: BasePlan) -> BasePlan:
-        """The plan of a base on its way, with the time until it stands instead of that until it is in reach."""
+        """The plan of an approaching base, with the time until it stands instead of the time to reach."""
         if not self._overlap or not math.isfinite(plan.t_h):
             return self._without_arm(plan)
         brake = self._limits.forward_speed / (2.0 * self._limits.linear_acceleration)
@@ -227,7 +227,7 @@ class ParkingController(Stateful[ParkingState]):
         return msgspec.structs.replace(plan, time_to_range=math.inf)
 
 
-_NEVER = -1.0  # [m/s] no hand is as slow as this
+_NEVER = -1.0  # [m/s] no hand is this slow
 
 
 class FingersWait:

@@ -1,6 +1,6 @@
 """All postures of the Panda that bring the hand to a pose, in closed form, with joint 7 as the free parameter.
 
-Shoulder and wrist are spherical, but joint 7 stands 88 mm beside the wrist's centre. So: joint 7 gives the wrist's
+Shoulder and wrist are spherical, but joint 7 is offset 88 mm from the wrist's centre. So joint 7 gives the wrist's
 centre, its distance from the shoulder gives joint 4, the direction of the shoulder joints 5 and 6 (two ways), and what
 is left of the rotation is that of the shoulder (two ways).
 """
@@ -123,7 +123,7 @@ YAWS = 18  # of the hand to the azimuth, over a quarter turn: a cube's faces rep
 _QUARTER = 0.5 * math.pi
 _JOINT7_STEPS = 25  # over its range: 14 deg apart
 _OVER_BASE = 0.20  # [m] from the mount's axis within which the arm is over its own base: the front is so far away
-_OVER_SURFACE = 0.02  # [m] that elbow, forearm and wrist keep over what carries the object
+_OVER_SURFACE = 0.02  # [m] clearance of elbow, forearm and wrist over the object's support
 _COLUMN_RADIUS, _COLUMN_TOP = 0.10, 0.42  # [m] of the arm's own column
 _EDGE = 1e-6  # [m] of rounding
 
@@ -185,7 +185,7 @@ def hand_rotation(radius: float, yaw: float, task: Task) -> Array | None:
 @functools.lru_cache(maxsize=32)
 def reachability_map(task: Task) -> ReachabilityMap:
     """The map for one task, about a second of computing; the same task gives the same object."""
-    yaws = YAWS if task.kind == "pick" else 1  # what is let go has no faces to be taken by
+    yaws = YAWS if task.kind == "pick" else 1  # a release has no faces to grasp
     value = np.zeros((len(RADII), yaws, AZIMUTHS))
     posture = np.full((*value.shape, 7), np.nan)
     low, high = _joint_range()
@@ -205,7 +205,7 @@ def reachability_map(task: Task) -> ReachabilityMap:
 
 
 def _joint_range() -> tuple[Array, Array]:
-    """Limits that the arm's control keeps: a little inside the joints', elbow never straight, wrist never folded."""
+    """Limits kept by the arm's control: slightly inside the joints', elbow never straight, wrist never folded."""
     qp = ArmParameters().qp
     low, high = Q_MIN + qp.damper_stop, Q_MAX - qp.damper_stop
     low[5] = max(low[5], qp.wrist_limit)
@@ -249,7 +249,7 @@ def _fill(
 
 @njit(cache=True)
 def _is_clear(q: Array, surface: float, balls: ArmBalls) -> bool:
-    """Is the arm over what carries the object, wherever it is not over its own base, and off its own column?"""
+    """True when the arm clears the object's support, except over its own base, and its own column."""
     T = fk_arm(q)
     for i in range(balls.frame.shape[0]):
         f = balls.frame[i]
@@ -272,7 +272,7 @@ _ROUNDED = 2  # decimals [m] of heights: tables of nearly the same height share 
 class TargetReach:
     """Manipulability at base poses for the objects and bins that are known beforehand.
 
-    Heights and yaws are those known beforehand too: the base is told where a target is in the plane only.
+    Heights and yaws are those known beforehand too: the base is told only planar target positions.
     """
 
     def __init__(self, known: KnownWorld, parameters: PlanningParameters) -> None:
@@ -300,7 +300,7 @@ class TargetReach:
         return reachability_map(Task(kind, round(z - z_0, _ROUNDED), round(surface - z_0, _ROUNDED)))
 
     def share(self, poses: Array, target: Target) -> Array:
-        """Manipulability at base poses (m, 3), as a share of the best there is for the target; 0: out of reach."""
+        """Manipulability at base poses (m, 3), as a share of the target's best; 0: out of reach."""
         if not len(poses):
             return np.zeros(0)
         reach = self.of(target.kind, target.name)
@@ -309,7 +309,7 @@ class TargetReach:
         return reach.at(radius, azimuth, yaw) / reach.best
 
     def good_share(self, poses: Array, target: Target) -> Array:
-        """`share` where the target is well within what the base holds for the reach of the arm, else 0."""
+        """`share` where the target is well within the assumed reach of the arm, else 0."""
         return np.where(self._reach.reached_from(poses, target, slack=self._slack), self.share(poses, target), 0.0)
 
     def azimuth(self, poses: Array, target: Target) -> Array:

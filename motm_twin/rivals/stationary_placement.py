@@ -1,4 +1,4 @@
-"""Base placement of a robot that stops to manipulate: once per target, by manipulability and by the way there.
+"""Base placement of a robot that stops to manipulate: once per target, by manipulability and path cost.
 
     C_i = w_m (1 - m_i / m_max) + C_iC + w_N C_iN
 
@@ -51,7 +51,7 @@ class Terms(NamedTuple):
 
     current: bool
     onward: bool
-    nearest_at_bins: bool = False  # at a bin nothing counts but the way to it
+    nearest_at_bins: bool = False  # at a bin only the path counts
 
 
 PoseSet = tuple[Array, IntArray, str]  # poses (m, 3), their directions about the target, and how they are called
@@ -66,7 +66,7 @@ class StationaryState(PlacementState):
     at: Array | None = None  # [m] where the target was when it was made
     over: bool = False  # the arm had to be over a seen obstacle when it was made
     still_since: float | None = None  # [s] since when the base stands, but not at the chosen pose
-    refused: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))  # [m] poses that it did not get to
+    refused: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))  # [m] poses that it failed to reach
 
 
 class Rated(NamedTuple):
@@ -94,7 +94,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         self.arm_reach = TargetReach(parts.known, parts.parameters)
         self._terms, self._first = terms, first
         self._state = StationaryState()
-        self._last: Searched | None = None  # only to explain the choice; None: it was the paper's
+        self._last: Searched | None = None  # only to explain the choice; None: the paper's own choice
 
     def place(self, problem: BaseProblem) -> Placement:
         """The choice made before as long as it serves, else a new one."""
@@ -125,12 +125,12 @@ class StationaryPlacement(Stateful[StationaryState]):
         return self.paper.paths(index) if self._last is None else self._last.paths(index)
 
     def _over_seen(self, poses: Array, target: Target, world: WorldMap) -> NDArray[np.bool_]:
-        """Would the arm be over an obstacle outside the map? It counts as tall, and the arm would be held back."""
+        """True when the arm would be over an obstacle outside the map, which counts as tall and would block it."""
         points = world.seen_points[world.seen_static]
         return self.arm_reach.clear_of(poses, target, points) < self.stationary.arm_clearance
 
     def _stuck(self, state: StationaryState, decided: Placement, problem: BaseProblem, target: Target) -> bool:
-        """Has the base been standing for long, but not at its place? The map may show a way where there is none."""
+        """True when the base has stood for long away from its place: the map may show a path where there is none."""
         p = self.stationary
         there = np.hypot(*(problem.pose[:2] - decided.goal[:2])) <= p.park_distance + p.park_slack
         parked = there and self.model.reach.reached_from(problem.pose[None], target)[0]
@@ -141,7 +141,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         return state.still_since is not None and problem.time - state.still_since > p.patience
 
     def _others(self, problem: BaseProblem) -> Placement:
-        """The paper's placement, which is loyal to the last choice."""
+        """The paper's placement, with its hysteresis for the last choice."""
         placement, chosen = self.paper.decide(problem, self._chosen())
         self._state, self._last = StationaryState(target=chosen.target, goal=chosen.goal), None
         return placement
@@ -151,7 +151,7 @@ class StationaryPlacement(Stateful[StationaryState]):
         return PlacementState(target=self._state.target, goal=self._state.goal)
 
     def _still_serves(self, decided: Placement, problem: BaseProblem, target: Target) -> bool:
-        """Is the chosen pose free, and the target where it was, or at least in reach?"""
+        """True while the chosen pose is free, and the target unmoved or at least in reach."""
         at = self._state.at
         if at is None or np.hypot(*(target.position[:2] - at)) > self.stationary.moved:
             return False

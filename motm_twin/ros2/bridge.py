@@ -1,4 +1,4 @@
-"""The bridge: reads what the twin publishes, says it in ROS 2, and hands on what ROS 2 programs want of the robot."""
+"""The bridge: publishes the twin's messages in ROS 2, and passes requests of ROS 2 programs on to the twin."""
 
 import threading
 from collections import Counter, deque
@@ -24,11 +24,10 @@ from motm_twin.bus.messages import (
 from motm_twin.model.scene import Scene
 from motm_twin.ros2 import convert
 from motm_twin.ros2 import forms as topics
-from motm_twin.ros2.forms import Form
+from motm_twin.ros2.forms import Form, Outlets
 from motm_twin.ros2.markers import Markers
-from motm_twin.ros2.outlets import Outlets
+from motm_twin.ros2.requests import Requests
 from motm_twin.ros2.robot_model import RobotModel
-from motm_twin.ros2.wishes import Wishes
 
 WAITING = 100  # messages of the twin that may wait; a bridge that can not keep up skips the oldest
 LOOK = 0.1  # [s] between looks at the scene when nothing comes
@@ -39,22 +38,22 @@ Report = Callable[[str], None]
 
 
 class Bridge:
-    """One twin in one ROS 2 graph. Nothing here is in the way of the control loop."""
+    """One twin in one ROS 2 graph, never blocking the control loop."""
 
     def __init__(
         self, twin: zenoh.Session, ros: zenoh.Session, client: TwinClient, form: Form, meshes: str, report: Report
     ) -> None:
         """``twin`` and ``ros`` may be one session; ``report`` is told what was refused, one sentence each."""
         self.sent: Counter[str] = Counter()  # messages by topic
-        self.unreadable: Counter[str] = Counter()  # messages that were none, by key or topic
+        self.unreadable: Counter[str] = Counter()  # malformed messages, by key or topic
         self._client, self._meshes, self._report = client, meshes, report
         self._scene: Scene | None = None
         self._model: RobotModel | None = None
         self._markers = Markers()
         self._waiting: deque[tuple[Callable[..., None], str, tuple[bytes, ...]]] = deque(maxlen=WAITING)
-        self._told: set[str] = set()  # keys on which the twin has said something by itself
+        self._told: set[str] = set()  # keys on which the twin has published
         self._come, self._closed = threading.Event(), False
-        self._wishes = Wishes(client, self._refuse)
+        self._requests = Requests(client, self._refuse)
         self._outlets = Outlets(ros, form, self._accept)
         self._twin, self._keys = twin, Keys(client.keys.twin)
         keys = self._keys
@@ -74,7 +73,7 @@ class Bridge:
         self._closed = True
         self._come.set()
         self._thread.join()
-        self._wishes.close()
+        self._requests.close()
         for leave in self._leave:
             leave()
         for subscriber in self._subscribers:
@@ -84,13 +83,13 @@ class Bridge:
     def _direct(self, handle: Callable[..., None]) -> zenoh.handlers.Callback:
         def take(sample: zenoh.Sample) -> None:
             key = str(sample.key_expr)
-            if "*" not in key:  # else it is not the twin who speaks
+            if "*" not in key:  # otherwise it is not from the twin
                 self._tell(handle, key, sample.payload.to_bytes())
 
         return direct(take)
 
     def _tell(self, handle: Callable[..., None], key: str, *payloads: bytes) -> None:
-        """The twin says something by itself: what it was asked for before is old from now on."""
+        """Handle a published message: earlier answers to queries are outdated now."""
         self._told.add(key)
         self._put(handle, key, *payloads)
 
@@ -107,7 +106,7 @@ class Bridge:
                 handle, key, payloads = self._waiting.popleft()
                 try:
                     handle(*payloads)
-                except Exception as error:  # whatever a message holds: the next one may be fine
+                except Exception as error:  # one bad message must not stop the next
                     self.unreadable[key] += 1
                     self._report(f"{key}: {type(error).__name__}: {error}")
 
@@ -131,7 +130,7 @@ class Bridge:
         self._publish(topics.TF_STATIC, convert.tf_message(self._model.static(), 0.0))
 
     def _ask_for_the_last(self) -> None:
-        """A twin that is paused says nothing by itself."""
+        """Query the last values: a paused twin publishes nothing."""
         keys = self._keys
         handlers = {keys.robot: self._robot, keys.scan: self._scan, keys.tick: self._tick, keys.grid: self._grid}
         for key, handle in handlers.items():
@@ -170,7 +169,7 @@ class Bridge:
 
     def _accept(self, topic: topics.Topic, payload: bytes) -> None:
         """In Zenoh's thread."""
-        self._wishes.put(topic, payload)
+        self._requests.put(topic, payload)
 
     def _refuse(self, topic: topics.Topic, text: str, *, unreadable: bool) -> None:
         if unreadable:

@@ -11,13 +11,13 @@ from motm_twin.bus.connection import LOOPBACK, open_member
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.processes import Reporter, leave, stop_event
 from motm_twin.bus.zenoh_config import ConfigError
-from motm_twin.exit_codes import BAD_INPUT
+from motm_twin.program import BAD_INPUT
 from motm_twin.ros2.bridge import Bridge
 from motm_twin.ros2.forms import BRIDGE, DISTROS, FORMS, RMW, BridgeForm, Form, RmwForm
 from motm_twin.ros2.robot_model import FILES
 
 CLOSING = 15.0  # [s] that closing may take: its peers may be gone
-QUIET = 5.0  # [s] before the same sentence is said again
+QUIET = 5.0  # [s] before the same sentence is repeated
 
 
 def main() -> None:
@@ -70,14 +70,14 @@ _FORM_NAMES = {BRIDGE: "zenoh-bridge-ros2dds", RMW: "rmw_zenoh"}
 
 
 class Seldom:
-    """Says a sentence, and the same one again only after `QUIET` [s]."""
+    """Prints a sentence, and repeats it only after `QUIET` [s]."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
         self._said: dict[str, float] = {}
 
     def __call__(self, text: str) -> None:
-        """Say it, unless it was said just now."""
+        """Print it, unless it was printed just now."""
         now = time.monotonic()
         self._said = {old: at for old, at in self._said.items() if now - at < QUIET}
         if text not in self._said:

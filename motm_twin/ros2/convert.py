@@ -12,7 +12,7 @@ from motm_twin.ros2.cdr import Message
 from motm_twin.ros2.robot_model import BASE, FINGERS, LIDAR, Quaternion, RobotModel, Transform, turned
 
 MAP, ODOM = "map", "odom"
-_PLANAR = 1e-9  # variance of what a base on wheels does not do: height, roll, pitch
+_PLANAR = 1e-9  # variance of motions that a wheeled base lacks: height, roll, pitch
 _POSE_SD = (0.02, 0.02, 0.01)  # [m, m, rad] of odometry over a scene: a scale error of 0.3 % over some metres
 _TWIST_SD = (0.002, 0.002)  # [m/s, rad/s] of the measured twist
 _OCCUPIED, _FREE_STEPS = 255, 254  # of a cell of the twin's grid

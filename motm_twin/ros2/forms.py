@@ -1,4 +1,4 @@
-"""The topics of the bridge, and the two forms in which they travel on Zenoh: of zenoh-bridge-ros2dds and rmw_zenoh.
+"""The topics of the bridge in the two forms that travel on Zenoh (zenoh-bridge-ros2dds, rmw_zenoh), and their tokens.
 
 Formats: rmw_zenoh `docs/design.md` and `liveliness_utils.cpp`; zenoh-plugin-ros2dds `liveliness_mgt.rs`; type hashes of
 messages, which rmw_zenoh puts into its keys since Iron: REP 2016, "RIHS01".
@@ -8,12 +8,18 @@ import hashlib
 import json
 import re
 import struct
+import time
+from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple, Protocol
 
-from motm_twin.ros2.definitions import DEFINITIONS, NONE, SEQUENCE, Field, dds_name, fields
+import zenoh
+import zenoh.ext
 
-UNSUPPORTED = "TypeHashNotSupported"  # what rmw_zenoh of Humble, which has no hashes, writes instead
+from motm_twin.bus.connection import direct
+from motm_twin.ros2.cdr import DEFINITIONS, NONE, SEQUENCE, Field, Message, dds_name, encode, fields
+
+UNSUPPORTED = "TypeHashNotSupported"  # written by rmw_zenoh of Humble, which has no hashes
 _BASIC = {
     "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
     "float32": 10, "float64": 11, "bool": 15, "string": 17,
@@ -129,7 +135,7 @@ class Form(Protocol):
         ...
 
     def own_tokens(self) -> list[str]:
-        """Tokens that say that this program is there."""
+        """Tokens of the presence of this program."""
         ...
 
     def token(self, topic: Topic, kind: str, number: int) -> str:
@@ -221,3 +227,67 @@ def _has_hashes(distro: str) -> bool:
 
 def _mangled(name: str) -> str:
     return name.replace("/", "%") or "%"
+
+
+class Outlet:
+    """One published topic."""
+
+    def __init__(self, session: zenoh.Session, form: Form, topic: Topic, number: int) -> None:
+        self._form, self._topic, self._sequence = form, topic, 0
+        self._name = form.token(topic, PUBLISHER, number)
+        self._publisher = (
+            _latched(session, form, topic) if topic.latched else session.declare_publisher(form.key(topic))
+        )
+        self._token = session.liveliness().declare_token(self._name)
+
+    def put(self, message: Message) -> None:
+        """Send a message to the subscribers; a slow one misses it rather than block. Raises CdrError."""
+        payload = encode(self._topic.message, message)
+        self._sequence += 1
+        attachment = self._form.attachment(self._name, self._sequence, time.time_ns())
+        self._publisher.put(payload, attachment=attachment)
+
+    def close(self) -> None:
+        """Withdraw it."""
+        self._token.undeclare()
+        self._publisher.undeclare()
+
+
+class Outlets:
+    """All topics: what is published, and what is accepted."""
+
+    def __init__(self, session: zenoh.Session, form: Form, accept: Callable[[Topic, bytes], None]) -> None:
+        """``accept`` is called in Zenoh's thread with the bytes of every message that comes: it must be quick."""
+        liveliness = session.liveliness()
+        self._tokens = [liveliness.declare_token(token) for token in form.own_tokens()]
+        self._outlets = {topic: Outlet(session, form, topic, number) for number, topic in enumerate(PUBLISHED)}
+        self._subscribers = []
+        for number, topic in enumerate(ACCEPTED, len(PUBLISHED)):
+            self._subscribers.append(session.declare_subscriber(form.key(topic), _handler(topic, accept)))
+            self._tokens.append(liveliness.declare_token(form.token(topic, SUBSCRIBER, number)))
+
+    def put(self, topic: Topic, message: Message) -> None:
+        """Publish a message."""
+        self._outlets[topic].put(message)
+
+    def close(self) -> None:
+        """Withdraw everything."""
+        for declared in (*self._tokens, *self._subscribers):
+            declared.undeclare()
+        for outlet in self._outlets.values():
+            outlet.close()
+
+
+def _latched(session: zenoh.Session, form: Form, topic: Topic) -> zenoh.ext.AdvancedPublisher:
+    """Keeps the last messages for late joiners with Zenoh's advanced publisher, as both forms do since 2025."""
+    return zenoh.ext.declare_advanced_publisher(
+        session,
+        form.key(topic),
+        cache=zenoh.ext.CacheConfig(max_samples=topic.depth),
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
+        publisher_detection=True,
+    )
+
+
+def _handler(topic: Topic, accept: Callable[[Topic, bytes], None]) -> zenoh.handlers.Callback:
+    return direct(lambda sample: accept(topic, sample.payload.to_bytes()))

@@ -32,7 +32,7 @@ Rgba = dict[str, float]
 
 
 class Markers:
-    """Keeps the number of every marker as long as the scene lasts, and deletes those whose thing is gone."""
+    """Keeps marker numbers for the whole scene, and deletes markers of removed things."""
 
     def __init__(self) -> None:
         self._scene: Scene | None = None
@@ -141,7 +141,7 @@ def _goal(placement: PlacementMessage) -> list[Message]:
 
 
 def _cost_colours(costs: Sequence[float | None]) -> list[Rgba]:
-    """Cheap is bright, dear is dark, as on the page; rejected is grey."""
+    """Cheap is bright, expensive is dark, as on the page; rejected is grey."""
     cost = np.array([np.nan if value is None else value for value in costs], dtype=float)
     known = cost[np.isfinite(cost)]
     span = max(float(np.ptp(known)), 1e-6) if known.size else 1.0

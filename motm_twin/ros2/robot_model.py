@@ -1,4 +1,4 @@
-"""The robot as ROS 2 programs want it: a URDF with frames for the sensors, and its transforms from joint values."""
+"""The robot for ROS 2 programs: a URDF with frames of the sensors, and transforms from joint values."""
 
 import math
 import xml.etree.ElementTree as ET

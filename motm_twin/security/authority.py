@@ -1,4 +1,4 @@
-"""A certificate authority of one's own: a key pair that signs the certificates of a server and of its clients."""
+"""A private certificate authority: a key pair that signs the certificates of a server and its clients."""
 
 import datetime
 import ipaddress
@@ -56,7 +56,7 @@ class Authority:
 
     @property
     def key(self) -> bytes:
-        """PEM; the secret of secrets: who has it can be anybody."""
+        """PEM; keep it secret: whoever has it can impersonate anybody."""
         return _pem(self._key)
 
     def issue(self, name: str, *, days: int, hosts: Sequence[str] = ()) -> Identity:

@@ -1,6 +1,8 @@
-"""A folder with everything that a twin and those who connect to it from other machines need, one file for each.
+"""A folder with all that a twin and its clients on other machines need, one file each; and their rights over Zenoh.
 
-The files of clients hold their certificates and secrets inside: they are handed over whole, by a safe way.
+The files of clients hold their certificates and secrets inside: they are handed over whole, by a safe way. Rights are
+Zenoh's access control: what is not allowed here is denied. Rules name messages as they pass the server: ``ingress``
+comes from the client, ``egress`` goes to it.
 """
 
 import base64
@@ -8,15 +10,132 @@ import json
 import os
 import re
 import secrets
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import yaml
 
+from motm_twin.bus.credentials import USER
 from motm_twin.bus.zenoh_config import SHIPPED
 from motm_twin.security.authority import Authority, Identity
-from motm_twin.security.rights import ROLES, access_control, identity, router_access_control
+
+STATE = (
+    "tick",
+    "grid",
+    "scene",
+    "status",
+    "robot",
+    "scan",
+    "observations",
+    "event",
+    "metrics",
+    "session",
+    "schema/**",
+    "alive",
+)
+READABLE = tuple(f"motm/*/{key}" for key in STATE)
+COMMANDS = ("motm/*/cmd/**",)
+OF_THE_TWIN = ("motm/*/plant/command", "motm/*/plant/grant")  # which a robot only hears
+ASKED_BY_THE_TWIN = ("motm/*/plant/reset", "motm/*/plant/edit", "motm/*/plant/tasks")
+# No wildcard matches key chunks that begin with @. Those of ROS 2: tokens of its two forms, and what advanced
+# publishers (latched topics) keep and say of themselves.
+ROS2 = ("@/*/@ros2_lv/**", "@ros2_lv/**", "**/@adv/**")
+ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
+TOLD = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
+EVERYTHING = [*ASKING, *TOLD]
+ROLES = ("viewer", "driver", "robot", "twin")
+
+# Names by role; a robot has the name of the twin that it belongs to, a twin at a router its own.
+Named = dict[str, Sequence[str]]
+
+
+def identity(role: str, name: str) -> str:
+    """The common name, or user name, that somebody connects with."""
+    return f"{role}-{name}"
+
+
+def access_control(people: Named, *, by: str) -> dict[str, Any]:
+    """The setting ``access_control`` for these people.
+
+    ``by``: "cert_common_names" or "usernames", how they are known. Programs with the password of the user that serves
+    may do everything over the loopback interface.
+    """
+    rules = [
+        _rule("everything", ["ingress", "egress"], EVERYTHING, ["**", *ROS2]),
+        *_of_people(),
+        _rule("forge", ["ingress"], TOLD, (*READABLE, *COMMANDS, *OF_THE_TWIN), permission="deny"),  # only the server
+        _rule("ask a robot", ["ingress"], ["query"], ASKED_BY_THE_TWIN, permission="deny"),
+    ]
+    subjects: list[dict[str, Any]] = [
+        {"id": "here", "interfaces": ["lo"], "link_protocols": ["tcp"], "usernames": [USER]}
+    ]
+    policies = [{"subjects": ["here"], "rules": ["everything", "forge", "ask a robot"]}]
+    _grant(people, by, rules, subjects, policies)
+    return _denying(rules, subjects, policies)
+
+
+def router_access_control(people: Named, *, by: str) -> dict[str, Any]:
+    """The same for a router: each twin publishes on its own keys; the others have the same rights as at a twin."""
+    rules = [*_of_people(), _rule("be asked", ["egress"], ASKING, ["motm/**"])]
+    subjects: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    _grant(people, by, rules, subjects, policies)
+    for twin in people.get("twin", ()):
+        known = identity("twin", twin)
+        rules.append(_rule(known, ["ingress", "egress"], EVERYTHING, [f"motm/{twin}/**"]))
+        subjects.append({"id": known, by: [known]})
+        policies.append({"subjects": [known], "rules": [known, "be asked"]})
+    return _denying(rules, subjects, policies)
+
+
+def _of_people() -> list[dict[str, Any]]:
+    return [
+        _rule("ask", ["ingress"], ASKING, READABLE),
+        _rule("be told", ["egress"], TOLD, READABLE),
+        _rule("command", ["ingress"], ["query"], COMMANDS),
+        _rule("be answered", ["egress"], ["reply", "declare_queryable"], COMMANDS),
+    ]
+
+
+def _grant(
+    people: Named, by: str, rules: list[dict[str, Any]], subjects: list[dict[str, Any]], policies: list[dict[str, Any]]
+) -> None:
+    """Add viewers, drivers and robots."""
+    for role, granted in (
+        ("viewer", ["ask", "be told"]),
+        ("driver", ["ask", "be told", "command", "be answered"]),
+    ):
+        if people.get(role):
+            subjects.append({"id": role, by: [identity(role, name) for name in people[role]]})
+            policies.append({"subjects": [role], "rules": granted})
+    for twin in people.get("robot", ()):
+        known = identity("robot", twin)
+        rules.append(_rule(known, ["ingress", "egress"], EVERYTHING, [f"motm/{twin}/plant/**"]))
+        rules.append(_rule(f"{known} obeys", ["ingress"], ["put", "delete"], OF_THE_TWIN, permission="deny"))
+        rules.append(_rule(f"{known} answers", ["ingress"], ["query"], ASKED_BY_THE_TWIN, permission="deny"))
+        subjects.append({"id": known, by: [known]})
+        policies.append({"subjects": [known], "rules": [known, f"{known} obeys", f"{known} answers"]})
+
+
+def _denying(
+    rules: list[dict[str, Any]], subjects: list[dict[str, Any]], policies: list[dict[str, Any]]
+) -> dict[str, Any]:
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _rule(
+    name: str, flows: list[str], messages: list[str], keys: Sequence[str], *, permission: str = "allow"
+) -> dict[str, Any]:
+    return {"id": name, "permission": permission, "flows": flows, "messages": messages, "key_exprs": list(keys)}
+
 
 PEOPLE_VERSION = "motm.security/2"
 DAYS = 365
@@ -120,7 +239,7 @@ class Folder:
         return made
 
     def add(self, role: str, name: str, *, days: int = DAYS) -> Path:
-        """Let one more connect; the file for it. Takes effect when the server starts again. Raises SecurityError."""
+        """Admit one more client; returns its file. Takes effect when the server restarts. Raises SecurityError."""
         people = self._known()
         if role == "twin" and not people.names.get("twin"):
             raise SecurityError(f"{self.path} is of a twin, not of a router: make a new folder with --twin")
@@ -134,7 +253,7 @@ class Folder:
         return made
 
     def remove(self, role: str, name: str) -> None:
-        """Take all rights from one, from the next start of the server on. Raises SecurityError."""
+        """Revoke all rights of a client, from the next start of the server on. Raises SecurityError."""
         people = self._known()
         if name not in people.names.get(role, []):
             known = ", ".join(f"{role} {name}" for role, names in people.names.items() for name in names)
@@ -215,7 +334,7 @@ class Folder:
         return word
 
     def _write(self, name: str, data: bytes, mode: int) -> None:
-        """The new file or the old one, never half of it, and never readable by others on the way."""
+        """Write atomically, never readable by others."""
         target, temporary = self.path / name, self.path / f".{name}.new"
         temporary.unlink(missing_ok=True)
         with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:

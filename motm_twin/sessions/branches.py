@@ -1,4 +1,4 @@
-"""Going back in a run: snapshots of the last two minutes, and the log in between. What came after is set aside once."""
+"""Going back in a run: snapshots of the last two minutes, and the log in between. The later part is set aside."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -89,9 +89,9 @@ class Branches:
             self._kept.append((index, twin.snapshot()))
 
     def branch(self, twin: Twin, index: int) -> None:
-        """Put the twin back to the start of period ``index``: what came after is set aside, its log too.
+        """Take the twin back to the start of period ``index``; the later part is set aside with its log.
 
-        Edits that wait, and those that were applied in period ``index`` itself, are forgotten. Raises ValueError for
+        Waiting edits, and those applied in period ``index`` itself, are dropped. Raises ValueError for
         a period that is out of range.
         """
         if not self._kept:
@@ -108,9 +108,9 @@ class Branches:
             log.advance(twin, period)
 
     def undo(self, twin: Twin) -> None:
-        """Put the twin to the end of the run that the last branch has set aside, and set aside the run of now instead.
+        """Take the twin to the end of the run that the last branch set aside, and set aside the current run instead.
 
-        Edits that wait are forgotten. Raises ValueError when no run is set aside.
+        Waiting edits are dropped. Raises ValueError when no run is set aside.
         """
         aside = self._aside
         if aside is None:
@@ -121,6 +121,6 @@ class Branches:
         self._kept.extend(aside.kept)
 
     def _whole(self, twin: Twin) -> _Aside | None:
-        """The run of now; None after a period that broke off, from which there is no way on."""
+        """The current run; None after a failed period, which cannot be continued."""
         state = twin.snapshot()
         return None if state["broken"] is not None else _Aside(twin.index, state, tuple(self._kept))

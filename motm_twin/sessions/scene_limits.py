@@ -1,4 +1,4 @@
-"""The limits of the scene format, for the resolved scene inside a session: the same limits, the same sense."""
+"""Limits of the scene format, applied to the resolved scene inside a session."""
 
 import math
 import re
@@ -33,7 +33,7 @@ _NAME = scene_format.Name
 
 
 def check_scene(scene: Scene) -> None:
-    """Raise SceneError for the first thing that no scene file could have said."""
+    """Raise SceneError for the first value that no scene file could have given."""
     _check_counts(scene)
     _check_ranges(scene)
     scene_check.check_scene(scene, _places(scene))

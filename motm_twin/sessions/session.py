@@ -1,13 +1,17 @@
-"""A session: everything that repeats a run bit for bit. Kept as one JSON file.
+"""A session: everything that repeats a run bit for bit, as one JSON file; and the origin of a run.
 
 The file is data and nothing else: names in it are never opened, imported or run. What does not fit is refused with a
 `SessionError` that says where and why.
 """
 
+import functools
+import hashlib
 import itertools
 import os
+import platform
 import re
 import tempfile
+from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,12 +22,62 @@ from motm_twin.methods import UNNAMED_METHOD
 from motm_twin.model.edits import EDITS, Edit, ParameterValue
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_error import SceneError
-from motm_twin.sessions.made_with import made_with
+
+PACKAGES = (
+    "motm-twin", "numpy", "scipy", "numba", "llvmlite", "pin", "coal", "shapely", "daqp", "osqp", "qpsolvers",
+)  # fmt: skip
+SOURCE = "source"  # key of the hash of this package's source; earlier files have none
+PACKAGE = Path(__file__).parents[1]
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "not installed as a package"
+    found["system"] = " ".join(part for part in (platform.system(), platform.machine(), *platform.libc_ver()) if part)
+    found["processor"] = _processor()
+    found[SOURCE] = source_hash(PACKAGE)
+    return found
+
+
+def source_hash(package: Path) -> str:
+    """First 12 digits of the SHA-256 over names and contents of all Python files of a package."""
+    whole = hashlib.sha256()
+    for name in sorted(file.relative_to(package).as_posix() for file in package.rglob("*.py")):
+        content = (package / name).read_bytes()
+        whole.update(f"{name} {len(content)}\n".encode() + content)
+    return whole.hexdigest()[:12]
+
+
+def made_with() -> dict[str, str]:
+    """Versions, by name, of everything that can change a number or its last bit."""
+    return dict(_versions())
+
+
+def _processor() -> str:
+    """The vector instructions of numpy, which determine its order of summation."""
+    found = np.show_config(mode="dicts")["SIMD Extensions"]  # type: ignore[index] - a dict in this mode
+    return " ".join([*found.get("baseline", []), *found.get("found", [])])
+
+
+def differences(recorded: dict[str, str]) -> tuple[str, ...]:
+    """One phrase for each difference: "numpy 2.3.0 there, 2.4.6 here"."""
+    here = made_with()
+    names = [*here, *(name for name in recorded if name not in here)]
+    pairs = [(name, recorded.get(name, "nothing"), here.get(name, "nothing")) for name in names if name != SOURCE]
+    then, now = recorded.get(SOURCE, here[SOURCE]), here[SOURCE]
+    other = () if then == now else (f"recorded with another motm_twin ({then} → {now})",)
+    return (*other, *(f"{name} {there} there, {now} here" for name, there, now in pairs if there != now))
+
 
 SESSION_VERSION = "motm.session/1"
 MCAP_MAGIC = b"\x89MCAP"  # with which every recording begins
 MAX_BYTES = 50 * 1024 * 1024
-MAX_VALUES = 1_000_000  # numbers, texts, lists and objects; an hour of dragging has half of it
+MAX_VALUES = 1_000_000  # numbers, texts, lists and objects; twice an hour of dragging
 MAX_PERIODS = 20 * 7 * 86_400  # a week
 MAX_EXPANSIONS = 10_000
 MAX_TEXT = 2_000  # characters of the title
@@ -48,7 +102,7 @@ class LoggedEdit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Cut(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A search that the clock ended: the period, and the expansions after which it did."""
+    """A search that the clock ended: its period and number of expansions."""
 
     index: int
     expansions: int
@@ -68,7 +122,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     edits: tuple[LoggedEdit, ...] = ()
     cuts: tuple[Cut, ...] = ()
     periods: int = 0
-    state_hash: str = ""  # "" when that state was never seen whole: the next period broke off
+    state_hash: str = ""  # "" when the state is unknown: the next period failed
     parts: dict[str, str] = {}  # part of the twin: first digits of its own hash, to tell which one differs
     track: tuple[tuple[float, float, float], ...] = ()  # true base pose after each second, to tell where a rerun parts
 
@@ -167,7 +221,7 @@ def _check_version(raw: Any) -> None:
 
 
 def _refuse_unknown(raw: Any, known: Any, place: str) -> None:
-    """A key that this program would ignore may be what makes the run another one."""
+    """Refuse unknown keys: an ignored one might change the run."""
     if isinstance(raw, dict) and isinstance(known, dict):
         for key, item in raw.items():
             if key not in known:
@@ -220,7 +274,7 @@ def _text(value: Any) -> str:
 def plain(edit: E) -> E:
     """The edit with numbers and texts of Python, as if it were read from a session; raises ValueError when it is none.
 
-    A run that is recorded and one that is repeated then have the same values, to the type.
+    A recorded run and its repetition then have the same values and types.
     """
     if not isinstance(edit, EDITS):
         raise ValueError(f"{type(edit).__name__} is no edit: use one of {', '.join(kind.__name__ for kind in EDITS)}")

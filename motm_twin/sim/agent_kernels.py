@@ -1,4 +1,4 @@
-"""Compiled parts of the agents' behaviour: how far the way ahead is free, and a way round."""
+"""Compiled parts of the agents' behaviour: free distance ahead, and detours."""
 
 import math
 
@@ -35,7 +35,7 @@ def bearing_to(pose: Array, x: float, y: float) -> float:
 
 @njit(cache=True)
 def _stoppable(room: float) -> float:
-    """Speed [m/s] from which an agent stops within the room [m], with a little to spare."""
+    """Speed [m/s] from which an agent stops within the room [m], with a small reserve."""
     return math.sqrt(2.0 * 0.8 * ACCELERATION * max(0.0, room))
 
 
@@ -54,7 +54,7 @@ def steer(
 ) -> tuple[Array, float, float, float]:
     """One substep towards (x, y): pose, forward speed, yaw rate, and what is left of ``free`` [m].
 
-    No faster than it can stop in ``free`` straight ahead and, in bends and on a way round, in ``gap`` on any side.
+    Its speed lets it stop within ``free`` straight ahead and, in bends and on detours, within ``gap`` on any side.
     """
     bearing = bearing_to(pose, x, y)
     free = max(0.0, free - v * dt)
@@ -81,7 +81,7 @@ def steer(
 def shadow_corners(
     pose: Array, v: float, w: float, times: Array, length: float, width: float, offset_x: float
 ) -> Array:
-    """Rectangles [m] of the robot's base, counter-clockwise, where it drives to within times [s], shape (4 k, 2)."""
+    """Predicted rectangles [m] of the robot's base at times [s], counter-clockwise, shape (4 k, 2)."""
     corners = np.empty((4 * times.shape[0], 2))
     for i in range(times.shape[0]):
         ahead = times[i]
@@ -108,10 +108,10 @@ def look_about(
     robot_first: Index,
     robot_discs: Array,
 ) -> tuple[float, float]:
-    """How far [m] agent ``own`` can drive straight on, at most ``reach``, and the gap [m] on its tightest side.
+    """Free distance [m] straight ahead of agent ``own``, at most ``reach``, and the gap [m] on its tightest side.
 
-    Everything keeps a ``margin`` from it but the robot, which keeps ``keep``. ``fixed`` discs, shape (d, 3), and those
-    where each agent is expected, shape (agents, times, 3).
+    It keeps ``margin`` from everything but the robot, from which it keeps ``keep``. ``fixed`` discs, (d, 3), and those
+    predicted for each agent, shape (agents, times, 3).
     """
     count, others = fixed.shape[0], expected.shape[0] - 1
     discs = np.empty((count + others * expected.shape[1], 3))
@@ -137,8 +137,8 @@ def free_ahead(
 ) -> float:
     """Distance [m] that a disc of radius ``body`` can drive straight on with a margin, at most ``reach``.
 
-    Something within the margin already does not stop a motion past it, which comes hardly nearer; something within the
-    body (or where it is expected to be) only lets a motion pass that clearly leads away.
+    Something already within the margin does not stop a motion that passes it. Something within the body, or predicted
+    there, only lets a motion pass that clearly leads away.
     """
     free = reach
     for i in range(first.shape[0] - 1 + discs.shape[0]):
@@ -159,7 +159,7 @@ def _gap_to(x: float, y: float, i: int, corners: Array, first: Index, discs: Arr
 def _free_of(
     pose: Array, body: float, margin: float, reach: float, i: int, corners: Array, first: Index, discs: Array
 ) -> float:
-    """`free_ahead` for obstacle i alone: what is nearer on another side must not hide it."""
+    """`free_ahead` for obstacle i alone: a nearer one on another side must not hide it."""
     radius = body + margin
     c, s = math.cos(pose[2]), math.sin(pose[2])
     gap = _gap_to(pose[0], pose[1], i, corners, first, discs)
@@ -172,7 +172,7 @@ def _free_of(
             return travelled
         if ahead < least and ahead < gap - _SAME:
             return travelled
-        if ahead < radius - _SAME and ahead < gap - _TOWARDS * step:  # else head-on it comes nearer look by look
+        if ahead < radius - _SAME and ahead < gap - _TOWARDS * step:  # otherwise it would creep closer head-on
             return travelled
         travelled += step
         gap = ahead
@@ -183,7 +183,7 @@ def _free_of(
 def way_round(
     start: Array, goal: Array, radius: float, cell: float, window: float, corners: Array, first: Index, discs: Array
 ) -> Array:
-    """Points [m] of a shortest way on a grid for a disc, shape (n, 2); empty when there is none.
+    """Points [m] of a shortest path on a grid for a disc, shape (n, 2); empty when there is none.
 
     The grid is a square of half width ``window`` about the start; a goal outside is replaced by the free cell nearest
     to it. Dijkstra over eight neighbours; the left of the way to the goal costs more, so that two who meet both pass

@@ -1,6 +1,6 @@
-"""Temis, persons and other moving obstacles: round their waypoints for ever, yielding or blind. No randomness.
+"""Temis, persons and other dynamic obstacles on endless rounds of waypoints, yielding or blind. Deterministic.
 
-A person may put more of them into the world, which stand until they are sent to a point.
+Agents that a person adds stand still until they are sent to a point.
 """
 
 import math
@@ -18,16 +18,16 @@ from motm_twin.sim.solids import Solids
 
 MARGIN = 0.10  # [m] kept from everything ahead
 ROBOT_KEEP = 0.2  # [m] kept from the robot in addition
-MARGIN_ROUND = 0.07  # [m] the same on a way round, which was searched with more
+MARGIN_ROUND = 0.07  # [m] the same on a detour, which was searched with a larger margin
 MARGINS_SEARCHED = (0.16, 0.10)  # [m] a way round is searched with the first, else the second
-EXPECT = (0.0, 0.4, 0.8)  # [s] ahead at which other agents are expected on their course
+EXPECT = (0.0, 0.4, 0.8)  # [s] ahead at which other agents are predicted
 LOOK_AHEAD = 1.2  # [m]
 ARRIVED = 0.15  # [m] from a waypoint
-AT_REST = 0.03  # [m] from a point where an agent shall stand
+AT_REST = 0.03  # [m] from a point where an agent is to stand
 PATH_STEP = 0.15  # [m] within which a point of a way round is passed
-PATIENCE = 2.5  # [s] of waiting before the first way round; +0.7 s per agent, so that two do not do the same at once
+PATIENCE = 2.5  # [s] of waiting before the first detour; +0.7 s per agent, so that two do not mirror each other
 STAGGER = 0.7  # [s]
-GIVE_UP = 15.0  # [s] of waiting after which an agent no longer wants to go where it was sent
+GIVE_UP = 15.0  # [s] of waiting after which an agent gives up the point it was sent to
 AGAIN = 1.5  # [s] between further attempts
 GRID = 0.1  # [m] of the search for a way round
 WINDOW = 3.0  # [m] about the agent that the search covers
@@ -42,17 +42,17 @@ class AgentState:
     """One agent."""
 
     agent: Agent
-    rank: int  # among all agents: staggers what they do
+    rank: int  # among all agents: staggers their detours
     pose: Array  # x, y, heading, shape (3,)
     v: float = 0.0  # [m/s]
     w: float = 0.0  # [rad/s]
     waypoint: int = 0
     free: float = math.inf  # [m] ahead
-    gap: float = math.inf  # [m] to whatever is nearest, on any side, at the last look
+    gap: float = math.inf  # [m] to the nearest thing on any side, at the last look
     waiting: float = 0.0  # [s]
-    next_attempt: float = 0.0  # [s] of waiting at which a way round is searched
-    detour: Array = field(default_factory=lambda: np.zeros((0, 2)))  # points of a way round still to pass
-    squeezing: bool = False  # the way round was found only close to the robot
+    next_attempt: float = 0.0  # [s] of waiting at which a detour is searched
+    detour: Array = field(default_factory=lambda: np.zeros((0, 2)))  # points of a detour still to pass
+    squeezing: bool = False  # the detour was found only close to the robot
     added: bool = False  # by a person
     held: bool = False  # by a person
     frozen: bool = False
@@ -61,7 +61,7 @@ class AgentState:
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """Where it wants to go: to where it was sent, else round its waypoints."""
+        """Points to drive to: its errand, else its waypoints."""
         return self.agent.waypoints if self.errand is None else (self.errand,)
 
     def stop(self) -> None:
@@ -122,7 +122,7 @@ class Agents:
 
     @staticmethod
     def _expected(states: Sequence[AgentState], slides: Mapping[str, Point]) -> Array:
-        """Discs of all agents as they are and where they drive or slide to, shape (n, times, 3)."""
+        """Discs of all agents now and predicted, shape (n, times, 3)."""
         expected = []
         for state in states:
             x, y, heading = state.pose.tolist()
@@ -150,7 +150,7 @@ class Agents:
         robot: "RobotShadow",
         obstacles: Solids,
     ) -> None:
-        """See what is ahead and beside, and wait or look for a way round; ``own``: index among the ``agents``."""
+        """Look ahead and to the sides, and wait or search a detour; ``own``: index among the ``agents``."""
         agent, rounding = state.agent, len(state.detour) > 0
         margin = MARGIN_ROUND if rounding else MARGIN
         keep = margin if rounding and state.squeezing else margin + ROBOT_KEEP
@@ -187,9 +187,9 @@ class Agents:
 
     @staticmethod
     def _search(state: AgentState, others: Array, robot: "RobotShadow", obstacles: Solids) -> None:
-        """Take a way round to the next waypoint that can be reached, if there is one; first well clear of the robot.
+        """Take a detour to the next reachable waypoint, if there is one; try one well clear of the robot first.
 
-        Or to where the agent was sent, or as near to it as can be.
+        An errand is approached as closely as possible.
         """
         waypoints, sent = state.points, state.errand is not None
         first = np.concatenate([obstacles.first, obstacles.first[-1] + np.array([4])])
@@ -209,7 +209,7 @@ class Agents:
                     return
 
     def _goal(self, state: AgentState) -> Point:
-        """Point to drive to now; passes points of a way round and waypoints that are reached."""
+        """Point to drive to now; advances past reached points of a detour and waypoints."""
         waypoints = state.agent.waypoints
         x, y, _ = state.pose.tolist()
         while len(state.detour) > 0:
@@ -237,7 +237,7 @@ class Agents:
             return
         yielding, rounding = agent.behaviour == "yield", len(state.detour) > 0
         free, gap = (state.free, state.gap) if yielding else (math.inf, math.inf)
-        if state.errand is not None and not agent.waypoints:  # not faster than it can stop there
+        if state.errand is not None and not agent.waypoints:  # slow enough to stop there
             free = min(free, math.hypot(state.errand[0] - state.pose[0], state.errand[1] - state.pose[1]))
         state.pose, state.v, state.w, left = steer(
             state.pose, state.v, state.w, x, y, agent.speed, free, gap, rounding, self.dt
@@ -252,7 +252,7 @@ class Agents:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotShadow:
-    """The robot in the plane as agents see it: its base now and where it will be, and its arm."""
+    """The robot in the plane as agents see it: its base now and predicted, and its arm."""
 
     corners: Array  # rectangles [m], the base as it stands first, shape (4 k, 2)
     first: NDArray[np.int64]  # shape (k + 1,)

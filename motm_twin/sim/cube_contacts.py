@@ -1,4 +1,4 @@
-"""Contacts of cubes: those of the fingers that belong to grasping and letting go, and of cubes with each other."""
+"""Contacts of cubes with fingers that grasp or release them, and with each other."""
 
 import math
 from collections.abc import Collection, Iterator, Sequence
@@ -26,7 +26,7 @@ def poses_of(objects: Sequence[ObjectState]) -> tuple[Pose, ...]:
 
 
 def between_pads(hand: Array, width: float, cube: Array) -> bool:
-    """A finger that touches this cube is grasping it or letting it go: its centre is between the pads.
+    """A touching finger is grasping or releasing this cube: the cube's centre is between the pads.
 
     ``hand``: its transform; ``width`` [m] between the pads; ``cube``: x, y, z, yaw, shape (4,).
     """
@@ -34,7 +34,7 @@ def between_pads(hand: Array, width: float, cube: Array) -> bool:
 
 
 def stands_on(hand: Array, width: float, cube: Array, side: float, normal: Array) -> bool:
-    """A fingertip presses on a cube between the pads from above, over more than it slides off from.
+    """A fingertip presses on a cube between the pads from above, too far in to slide off.
 
     ``normal`` of the touch, shape (3,).
     """
@@ -45,12 +45,12 @@ def stands_on(hand: Array, width: float, cube: Array, side: float, normal: Array
 
 
 def _aside(hand: Array, cube: Array) -> float:
-    """Where the centre of a cube is along the closing axis [m]."""
+    """Position of a cube's centre along the closing axis [m]."""
     return float(transposed_times(hand[:3, :3], cube[:3] - hand[:3, 3])[1])
 
 
 class Shove(NamedTuple):
-    """Where objects are to be looked for after a substep."""
+    """Places at which objects are checked after a substep."""
 
     places: tuple[Pose, ...]  # of one that was pushed where it stood before: there the fingers met it
     pushed: tuple[str, ...]
@@ -60,7 +60,7 @@ class Shove(NamedTuple):
 def shoved(
     objects: Sequence[ObjectState], now: tuple[Pose, ...], before: tuple[Pose, ...], loose: Collection[str]
 ) -> Shove:
-    """What happened to objects that were elsewhere before; ``loose``: those that were held or fell then."""
+    """Displacement of objects since the last substep; ``loose``: those that were held or falling then."""
     if now == before:
         return Shove(now, (), ())
     if len(now) != len(before):
@@ -77,7 +77,7 @@ def shoved(
 
 
 class Meeting(NamedTuple):
-    """Two cubes that overlap: the one that came, the one that lay there, and how deep [m]."""
+    """Two overlapping cubes: the one that moved, the one that lay there, and the depth [m]."""
 
     comes: str
     lies: str
@@ -88,13 +88,13 @@ class CubePairs:
     """Looks for cubes that overlap."""
 
     def __init__(self) -> None:
-        """Room for the answers of the distance library."""
+        """Buffers for the distance library."""
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
         self._boxes: dict[float, coal.Box] = {}
 
     def meetings(self, objects: Sequence[ObjectState], now: tuple[Pose, ...], shove: Shove) -> Iterator[Meeting]:
-        """Each of the moved cubes where it is now, against every other where that is to be looked for."""
+        """Overlaps of each moved cube, at its place now, with every other at its place to check."""
         for i, comes in enumerate(objects):
             if comes.name not in shove.moved or comes.state == "held":
                 continue

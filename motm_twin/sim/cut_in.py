@@ -16,16 +16,16 @@ from motm_twin.sim.agent_kernels import ACCELERATION
 from motm_twin.sim.agents import AgentState
 from motm_twin.sim.referee_geometry import RobotShapes
 
-REACTION = 1.0  # [s] that an agent, a person say, needs before it brakes
-AGENT_MOVES = 0.1  # [m/s] from which an agent is one that can be cut in on
-DEEPER = 0.02  # [m] into the area at the agent's last chance to stop, from which the robot has taken that chance away
-PARTED = 1.0  # [s] outside the area after which an entry is another one
+REACTION = 1.0  # [s] before an agent, such as a person, brakes
+AGENT_MOVES = 0.1  # [m/s] from which an agent can be cut in on
+DEEPER = 0.02  # [m] into the area at the agent's last chance to stop that takes this chance away
+PARTED = 1.0  # [s] outside the area after which a new entry counts separately
 LOOKS = 5  # substeps between two looks
 _UPRIGHT = np.eye(3)
 
 
 class Area(NamedTuple):
-    """Where an agent is, x, y [m] and course [rad], and how far it gets before it stands [m]."""
+    """Position x, y [m] and course [rad] of an agent, and its stopping distance [m]."""
 
     x: float
     y: float
@@ -38,7 +38,7 @@ class InWay(NamedTuple):
 
     cut_in: bool  # by its own motion
     last: float  # [s] when it was seen there
-    chance: Area  # the area when the robot got in: had the agent braked then, it would have gone no further
+    chance: Area  # the area when the robot entered: the agent's travel, had it braked then
     depth: float  # [m] of the robot in that area then
 
 
@@ -67,7 +67,7 @@ class StoppingAreas:
     def look(
         self, ways: dict[str, InWay], agents: Sequence[AgentState], now: float, placed: Array, before: Array | None
     ) -> list[CutIn]:
-        """Update who has the robot in its way; the cut-ins that begin now [s].
+        """Update the agents that have the robot in their way; returns the cut-ins that begin now [s].
 
         Transforms of the robot's shapes now and at the last look, shape (n, 4, 4); None: what it did since is not its
         own motion. The robot cuts in when it moves into the area, or into what was the area when the agent came near.

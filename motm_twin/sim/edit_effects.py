@@ -1,4 +1,4 @@
-"""What an edit does to the simulated world: between two substeps, after `world_edits` has checked it."""
+"""Effects of edits on the simulated world, applied between substeps; waiting edits are tried on a copy."""
 
 import math
 from collections.abc import Callable
@@ -23,18 +23,16 @@ from motm_twin.model.edits import (
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.scene import Agent
 from motm_twin.sim.agents import AgentState, start_agent
-from motm_twin.sim.blame import Shift
-from motm_twin.sim.bodies import added_agent, capped, placed
+from motm_twin.sim.bodies import added_agent, capped, placed, put_down
 from motm_twin.sim.faults import inject
 from motm_twin.sim.gripper import Gripper
-from motm_twin.sim.layout import Furnishings, as_obstacle, same_pose
-from motm_twin.sim.localisation import Localisation
+from motm_twin.sim.layout import Furnishings, Scenery, as_obstacle, build_scenery, same_pose
 from motm_twin.sim.objects import ObjectWorld, carry, riders
 from motm_twin.sim.plant_state import PlantState
-from motm_twin.sim.put_down import put_down
-from motm_twin.sim.scenery import Scenery, build_scenery
+from motm_twin.sim.responsibility import Shift
+from motm_twin.sim.sensors import Localisation
 from motm_twin.sim.slides import FASTEST
-from motm_twin.sim.world_edits import pushed_pose
+from motm_twin.sim.world_edits import check_edit, pushed_pose
 
 SLOWEST_THROW = 0.05  # [m/s] below which a released body just stands
 Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of the arm's frames in the world (11, 4, 4)
@@ -44,7 +42,7 @@ Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of t
 class Effect:
     """What the referee must know of an edit."""
 
-    moved: dict[str, Shift] = field(default_factory=dict)  # solids, bins and agents that a person has really moved
+    moved: dict[str, Shift] = field(default_factory=dict)  # solids, bins and agents moved by more than jitter
     disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing
     pushed: bool = False  # the robot was
 
@@ -58,7 +56,7 @@ class Effects:
         self.objects = objects
 
     def apply(self, state: PlantState, scenery: Scenery, edit: WorldEdit) -> tuple[Effect, Scenery]:
-        """Change the state as a checked edit says; the scenery goes from that of the layout before to that after."""
+        """Apply a checked edit to the state; returns its effect and the new scenery."""
         effect = Effect()
         match edit:
             case AddObstacle():
@@ -89,14 +87,14 @@ class Effects:
         return effect, scenery
 
     def scenery(self, state: PlantState, known: Scenery | None = None) -> Scenery:
-        """The scenery of a state; the known one when it still holds."""
+        """The scenery of a state; the known one while it is valid."""
         tallest = max((item.agent.height for item in state.agents), default=0.0)
         if known is not None and known.tallest == tallest and known.layout == state.layout:
             return known
         return build_scenery(self.furnishings, state.layout, tallest)
 
     def _fall(self, state: PlantState, scenery: Scenery) -> tuple[str, ...]:
-        """Let fall what nothing carries any more."""
+        """Let unsupported objects fall."""
         fallen = []
         for item in state.objects:
             if item.state not in ("held", "falling"):
@@ -155,14 +153,14 @@ class Effects:
         before: tuple[float, float, float],
         after: tuple[float, float, float],
     ) -> tuple[Array, Array]:
-        """Take along what stands on a body; its poses as arrays."""
+        """Carry along objects that stand on a body; its poses as arrays."""
         here, there = np.array(before, dtype=float), np.array(after, dtype=float)
         if before != after:
             carry(riders(state.objects, scenery.solids, self.furnishings.parts(name)), here, there)
         return here, there
 
     def loosened(self, state: PlantState, name: str) -> AddObstacle:
-        """The obstacle of this name; a loose solid of the scene becomes one."""
+        """The obstacle of this name; a loose solid of the scene is turned into one."""
         item = state.layout.obstacle(name)
         if item is None:
             item = as_obstacle(self.furnishings.loose[name])
@@ -239,3 +237,27 @@ def _turned(before: float, heading: float | None) -> float:
 def _send(agent: AgentState, edit: SendAgent) -> None:
     agent.errand, agent.frozen = (edit.x, edit.y), False
     agent.stop()
+
+
+class Rehearsal:
+    """Accepted edits tried on a copy of a paused world. Invalid once that world has changed or moved on."""
+
+    def __init__(self, effects: Effects, state: PlantState, scenery: Scenery) -> None:
+        """The state is copied when the first edit is tried."""
+        self._effects, self._state, self._scenery = effects, state, scenery
+        self._copied = False
+        self._due: WorldEdit | None = None  # accepted last; the last one of all need never be tried
+
+    def accept(self, edit: WorldEdit) -> None:
+        """Take an edit after those that were accepted before; raises ValueError when the world will not take it."""
+        self._catch_up()
+        check_edit(self._effects.furnishings, self._state, self._scenery, edit)
+        self._due = edit
+
+    def _catch_up(self) -> None:
+        if self._due is None:
+            return
+        if not self._copied:
+            self._state, self._copied = self._state.rehearsal(), True
+        edit, self._due = self._due, None
+        _, self._scenery = self._effects.apply(self._state, self._scenery, edit)

@@ -1,6 +1,6 @@
-"""Sensors, wheels and joints that fail for a while, as a person, a scene or a test wants it (`model.faults`).
+"""Temporary faults of sensors, wheels and joints, requested by a person, a scene or a test (`model.faults`).
 
-A fault changes what is reported or what is obeyed, and nothing else: noise that is drawn goes on as without it.
+A fault changes reports or obedience only: the noise drawn is the same as without it.
 """
 
 import math
@@ -14,21 +14,20 @@ from motm_twin.model.faults import KINDS, FaultFields
 from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.plant import Detection, Observation, Scan
 from motm_twin.model.scene import Scene, TimedFault
-from motm_twin.sim.lidar import LidarState
-from motm_twin.sim.localisation import LocalisationState
 from motm_twin.sim.objects import ObjectState
+from motm_twin.sim.sensors import LidarState, LocalisationState
 
 _RNG_FAULT, _RNG_NOISE = 0xFA1C0DE, 0xFA1C0015E
-_PLAIN_NOISE = 0.01  # [m] of a lidar without noise, which is made larger, too
-_GHOST_SD = 0.005  # [m] that a ghost promises
+_PLAIN_NOISE = 0.01  # [m] base value for a noise-free lidar
+_GHOST_SD = 0.005  # [m] reported for a ghost
 _OF_CAMERA = frozenset(("camera_swap", "camera_lost", "camera_ghost"))
 Frame = tuple[float, Array, Array]  # stamp [s], true pose and odometry of the camera's newest frame
-Reported = tuple[int, Array, Array, Array, Array, Array, float, bool]  # substep, and the motion that is told of it
+Reported = tuple[int, Array, Array, Array, Array, Array, float, bool]  # substep, and the motion reported for it
 
 
 @dataclass
 class ActiveFault:
-    """A fault that lasts."""
+    """An active fault."""
 
     began: int  # substep
     until: int  # substep at which it is over
@@ -39,14 +38,14 @@ class ActiveFault:
 
 @dataclass
 class FaultState:
-    """Faults that last, and what they hold back."""
+    """Active faults, and the reports they hold back."""
 
     on: dict[str, ActiveFault] = field(default_factory=dict)
     reports: list[Reported] = field(default_factory=list)  # of a state that comes late, oldest first
-    told: Reported | None = None  # what the robot says of its motion while that comes late
+    told: Reported | None = None  # the robot's report of its motion while reports are late
 
     def active(self, fault: str) -> bool:
-        """This fault lasts."""
+        """This fault is active."""
         return fault in self.on
 
 
@@ -84,7 +83,7 @@ class FaultEffects:
         self._timed = [(round(one.at / substep), _edit_of(one)) for one in scene.faults.inject or ()]
 
     def timed(self, state: FaultState, now: int) -> None:
-        """Inject what the scene wants at substep ``now``."""
+        """Inject the scene's faults due at substep ``now``."""
         for at, edit in self._timed:
             if at == now:
                 inject(state, edit, now, self._substep, self._seed)
@@ -108,7 +107,7 @@ class FaultEffects:
         return x, y
 
     def sweep(self, state: FaultState, lidar: LidarState, previous: Scan | None, now: int) -> None:
-        """Make of the newest sweep what comes of it: it may be another, or come later."""
+        """Apply faults to the newest sweep: it may be altered or delayed."""
         scan = lidar.scan
         assert scan is not None
         ranges = scan.ranges
@@ -143,7 +142,7 @@ class FaultEffects:
     def detections(
         self, state: FaultState, found: tuple[Detection, ...], objects: list[ObjectState], eye: Array, frame: Frame
     ) -> tuple[Detection, ...]:
-        """Make of the newest detections what the camera says; ``eye`` (3,) [m] in the world."""
+        """Apply faults to the newest detections; ``eye`` (3,) [m] in the world."""
         free = [item for item in objects if item.state != "held"]
         if not free or not state.on.keys() & _OF_CAMERA:
             return found
@@ -158,13 +157,13 @@ class FaultEffects:
         return found if ghost is None else (_ghost(ghost, near[0], frame), *found)
 
     def base(self, state: FaultState, twist: Array) -> tuple[Array, float, float]:
-        """What the wheels do of a commanded twist (2,), their additional lag [s], and the share that moves the base."""
+        """The twist (2,) that the wheels track, their additional lag [s], and the share that moves the base."""
         lag, slip = state.on.get("base_lag"), state.on.get("wheel_slip")
         told = np.zeros(2) if state.active("base_stuck") else twist
         return told, 0.0 if lag is None else lag.value, 1.0 if slip is None else 1.0 - slip.value
 
     def rates(self, state: FaultState, told: Array) -> Array:
-        """Joint rates (7,) [rad/s] that the arm goes for."""
+        """Joint rates (7,) [rad/s] that the arm tracks."""
         stuck = state.on.get("joint_stuck")
         if stuck is None:
             return told
@@ -173,7 +172,7 @@ class FaultEffects:
         return told
 
     def report(self, state: FaultState, now: Observation, substep: int) -> None:
-        """Keep what the robot would say of its motion at a substep, and choose what it does say, when that is late."""
+        """Store the motion report of a substep, and select the one reported while reports are late."""
         late = state.on.get("state_delay")
         if late is None:
             return
@@ -187,7 +186,7 @@ class FaultEffects:
         state.told = state.reports[0]
 
     def late(self, state: FaultState, now: Observation, substep: int) -> Observation:
-        """The observation with the motion that has come so far."""
+        """The observation with the newest motion report that has arrived."""
         told = state.told
         if told is None:
             return now

@@ -1,4 +1,4 @@
-"""Whether a cube stands between the fingers well enough, and what the closing pads do to it."""
+"""Grasp rule, and cubes pushed by fingers and by each other. Quasi-static: by geometry only."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -6,8 +6,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from motm_twin.model.exact import dot, times, transposed_times
-from motm_twin.model.geometry import Array
-from motm_twin.sim.objects import ObjectState
+from motm_twin.model.geometry import Array, from_frame, to_frame
+from motm_twin.sim.kernels import polygon_distance
+from motm_twin.sim.objects import SUPPORT_SLACK, ObjectState
+from motm_twin.sim.solids import Solids
 
 # ``shared/data/experiment1.json``, grasp_rule: each must hold during the whole closing time
 OFFSET_PER_AXIS = 0.015  # [m] of the cube's centre from the tool centre point, along each axis of the hand
@@ -15,8 +17,8 @@ YAW_MISFIT = math.radians(15.0)  # between the closing axis and the nearest face
 RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
 TILT = math.radians(30.0)  # of the tool axis from straight down
 
-EDGE = 0.003  # [m] of a cube under the tip of a finger that comes down, from which the tip does not slide off
-FROM_ABOVE = 2e-4  # [m] that a finger may be deeper below the top of a cube than it has just come down
+EDGE = 0.003  # [m] of cube under a descending fingertip beyond which the tip does not slide off
+FROM_ABOVE = 2e-4  # [m] of tolerance between a finger's depth below a cube's top and its descent in this substep
 
 PUSH_PER_STEP = 0.005  # [m] by which a finger shifts a cube within one substep, at most
 QUARTER_TURN = 0.5 * math.pi
@@ -66,13 +68,13 @@ def centre_between_pads(tcp: Array, rotation: Array, item: ObjectState, width: f
 
 
 def near(tcp: Sequence[float], position: Array) -> bool:
-    """Whether a finger may reach a cube at a position [m], shape (3,)."""
+    """A finger may reach a cube at this position [m], shape (3,)."""
     x, y, z = position.tolist()
     return max(abs(x - tcp[0]), abs(y - tcp[1]), abs(z - tcp[2])) <= NEARBY
 
 
 def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
-    """Shift a cube on its support out of the way of the fingers; whether it was touched.
+    """Shift a cube on its support out of the way of the fingers; True when it was touched.
 
     By geometry only, at most `PUSH_PER_STEP` in a substep. A cube squeezed by both pads slips out along x of the hand.
     """
@@ -92,7 +94,7 @@ def push(rotation: Array, hand: Array, item: ObjectState, width: float) -> bool:
 
 
 def under(rotation: Array, hand: Array, item: ObjectState, width: float, *, sunk: float) -> bool:
-    """A finger stands on a cube: it came down on it by ``sunk`` [m] in this substep; inf: it did before."""
+    """A finger stands on a cube after coming down by ``sunk`` [m] in this substep; inf: it stood there already."""
     local = transposed_times(rotation, item.position - hand)
     for out, deep in _overlaps(rotation, local, item, width):
         if deep < sunk + FROM_ABOVE and (sunk == math.inf or math.hypot(out[0], out[1]) > EDGE):
@@ -136,3 +138,72 @@ def separation(offset: Array, half_x: float, half_y: float, half: float, face: A
         if depth < best:
             best, way = depth, math.copysign(depth, along) * np.array(axis)
     return way
+
+
+_LEVEL = 0.1  # [m] between the centres of cubes that may touch each other
+_MOST = 40  # cubes moved by one push: more are wedged
+_ROUNDING = 1e-9  # [m] of overlap that is none
+_CONTACT = 1e-4  # [m] by which touching cubes may overlap
+
+
+def make_room(item: ObjectState, objects: Sequence[ObjectState], solids: Solids) -> list[ObjectState] | None:
+    """Push aside cubes that a shifted cube overlaps, recursively; the moved ones, or None when furniture blocks them.
+
+    In that case only the shifted cube has moved.
+    """
+    level = [other for other in objects if _pushable(other) and abs(other.position[2] - item.position[2]) < _LEVEL]
+    before = {other.name: other.position for other in level}
+    moved, queue = [item], [item]
+    while queue and len(moved) < _MOST:
+        mover = queue.pop(0)
+        for other in level:
+            if other is mover or other is item:
+                continue
+            if abs(other.position[2] - mover.position[2]) >= 0.5 * (other.side + mover.side) - SUPPORT_SLACK:
+                continue
+            shift = _aside(other, mover)
+            if shift is not None:
+                other.position = other.position + np.array([shift[0], shift[1], 0.0])
+                queue.append(other)
+                moved.append(other)
+    if not queue and not any(_in_solid(one, solids) for one in moved):
+        return moved
+    for other in level:
+        if other is not item:
+            other.position = before[other.name]
+    return None
+
+
+def _pushable(item: ObjectState) -> bool:
+    return item.state in ("resting", "dropped")
+
+
+def _aside(item: ObjectState, mover: ObjectState) -> Array | None:
+    """The shortest shift (2,) [m] that moves one cube off another; None when they are apart."""
+    offset = transposed_times(mover.rotation, item.position - mover.position)
+    face = transposed_times(mover.rotation, item.rotation[:, 0])
+    half = 0.5 * mover.side - _CONTACT
+    out = separation(offset[:2], half, half, 0.5 * item.side, face[:2] / math.hypot(face[0], face[1]))
+    if out is None or math.hypot(out[0], out[1]) < _ROUNDING:
+        return None
+    return times(mover.rotation[:2, :2], out)
+
+
+def _in_solid(item: ObjectState, solids: Solids) -> bool:
+    """The cube overlaps furniture beside it."""
+    half, low, high = 0.5 * item.side - _CONTACT, item.bottom + SUPPORT_SLACK, item.bottom + item.side - SUPPORT_SLACK
+    corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+    points = from_frame(np.array([item.position[0], item.position[1], item.yaw]), corners)
+    for i in np.flatnonzero((solids.z[:, 0] < high) & (solids.z[:, 1] > low)):
+        first, last = int(solids.first[i]), int(solids.first[i + 1])
+        if any(polygon_distance(x, y, solids.corners, first, last) == 0.0 for x, y in points.tolist()):
+            return True
+        local = to_frame(np.array([item.position[0], item.position[1], item.yaw]), solids.corners[first:last])
+        if bool((np.abs(local).max(axis=1) < half).any()):
+            return True
+    for i in np.flatnonzero((solids.disc_z[:, 0] < high) & (solids.disc_z[:, 1] > low)):
+        x, y, radius = solids.discs[i].tolist()
+        local = to_frame(np.array([item.position[0], item.position[1], item.yaw]), np.array([x, y]))
+        if math.hypot(*np.maximum(np.abs(local) - half, 0.0).tolist()) < radius:
+            return True
+    return False

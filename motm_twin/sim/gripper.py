@@ -1,4 +1,4 @@
-"""The parallel gripper: pads that close and open in time, and the cube they may hold."""
+"""The parallel gripper: pads that take time to close and open, and the cube they may hold."""
 
 import math
 from collections.abc import Sequence
@@ -13,6 +13,7 @@ from motm_twin.model.state import LATER
 from motm_twin.sim.grasp import (
     RELATIVE_SPEED,
     centre_between_pads,
+    make_room,
     near,
     push,
     under,
@@ -21,7 +22,6 @@ from motm_twin.sim.grasp import (
     yaw_misfit,
 )
 from motm_twin.sim.objects import ObjectState, ObjectWorld
-from motm_twin.sim.shoving import make_room
 from motm_twin.sim.solids import Solids
 
 SLIP_HEIGHT = 0.01  # [m] of lifting after which a cube that slid between the closing pads slips out
@@ -36,7 +36,7 @@ class GripperState:
     phase: str = "open"  # open | closing | closed | opening
     began: float = 0.0  # [s] when the phase began
     start_width: float = 0.0  # [m] then
-    candidate: str = ""  # cube that has been well between the pads since closing began
+    candidate: str = ""  # cube that has met the grasp rule since closing began
     slid: bool = False  # the candidate moved too fast relative to the hand at some time
     held: str = ""
     held_from_z: float = 0.0  # [m] height at which the cube was taken
@@ -51,7 +51,7 @@ class GripperState:
 class Gripper:
     """Grasps by geometry: the rule of `grasp` must hold from the command to the firm hold.
 
-    What slides too fast is held loosely and slips when lifted; what stands badly is squeezed out; a miss closes to 0.
+    A cube that slides too fast is held loosely and slips when lifted; a misaligned one is squeezed out.
     """
 
     def __init__(self, spec: GripperSpec, objects: ObjectWorld, dt: float) -> None:
@@ -66,7 +66,7 @@ class Gripper:
 
     @staticmethod
     def moving(state: GripperState) -> bool:
-        """Whether the fingers move."""
+        """True while the fingers move."""
         return state.phase in ("closing", "opening")
 
     def command(
@@ -102,7 +102,7 @@ class Gripper:
         *,
         stuck: bool = False,
     ) -> None:
-        """One substep that ends at ``now`` [s] with the hand where the arguments say; ``stuck`` fingers stand."""
+        """One substep that ends at ``now`` [s] with the hand at the given pose; ``stuck`` fingers do not move."""
         by_name = {item.name: item for item in cubes} if state.held or self.moving(state) else {}
         if state.held:
             self._carry(state, rotation, hand, tcp_velocity, by_name[state.held])
@@ -132,7 +132,7 @@ class Gripper:
         cubes: Sequence[ObjectState],
         solids: Solids,
     ) -> None:
-        """A finger stands on a cube, or pushes it and what is behind it; or furniture is behind it, and all stays."""
+        """Let a finger stand on a cube or push it with the cubes behind it; nothing moves when furniture is behind."""
         stood = item.name in state.under
         if under(rotation, hand, item, state.width, sunk=math.inf if stood else max(0.0, sunk)):
             if not stood:
@@ -153,7 +153,7 @@ class Gripper:
 
     @staticmethod
     def lose(state: GripperState, name: str) -> None:
-        """Somebody takes this cube out of the fingers: they close on nothing, unless they open."""
+        """A person takes this cube out of the fingers, which then close on nothing unless they are opening."""
         if name not in (state.held, state.candidate):
             return
         state.held = state.candidate = ""
@@ -163,13 +163,13 @@ class Gripper:
 
     @staticmethod
     def hold(state: GripperState, rotation: Array, hand: Array, item: ObjectState) -> None:
-        """Put the held cube to where the hand has it."""
+        """Move the held cube along with the hand."""
         item.position = hand + times(rotation, state.position_in_hand)
         item.rotation = product(rotation, state.rotation_in_hand)
         item.yaw = math.atan2(item.rotation[1, 0], item.rotation[0, 0])
 
     def _closed(self, state: GripperState, now: float) -> tuple[bool, float]:
-        """Whether the pads have closed firmly on a cube, and the share of their way to it behind them."""
+        """True when the pads have closed firmly on a cube, and the share of their travel done."""
         done = now - state.began >= self.spec.closing_time - EPSILON
         return done, 1.0 if done else (now - state.began) / self.spec.closing_time
 
@@ -220,7 +220,7 @@ class Gripper:
         cubes: Sequence[ObjectState],
         solids: Solids,
     ) -> None:
-        """The pads shift the candidate, and that pushes aside what is beside it; without room it is not taken."""
+        """Centre the candidate between the pads, pushing its neighbours aside; without room it is not grasped."""
         before = item.position, item.yaw
         centre_between_pads(tcp, rotation, item, state.width)
         if item.position is before[0] and item.yaw == before[1]:

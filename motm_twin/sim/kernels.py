@@ -1,4 +1,4 @@
-"""Compiled geometry of the simulated sensors and bodies: distances, rays and lines of sight among prisms and discs."""
+"""Compiled geometry of sensors and bodies: distances, gaps, rays and lines of sight among prisms and discs."""
 
 import math
 
@@ -90,7 +90,7 @@ def cast_rays(origin: Array, angle: float, step: float, n: int, segments: Array,
 
 @njit(cache=True)
 def _segments_cross(a: Array, b: Array, corners: Array, begin: int, end: int) -> bool:
-    """Whether the plane segment a-b touches a convex polygon (Cyrus-Beck)."""
+    """The plane segment a-b touches a convex polygon (Cyrus-Beck)."""
     enter, leave = 0.0, 1.0
     dx, dy = b[0] - a[0], b[1] - a[1]
     for i in range(begin, end):
@@ -122,7 +122,7 @@ def _clip_heights(a: Array, b: Array, low: float, high: float) -> tuple[float, f
 
 @njit(cache=True)
 def sight_blocked(a: Array, b: Array, corners: Array, first: Index, z: Array, discs: Array, disc_z: Array) -> bool:
-    """Whether a prism or cylinder stands between the points a and b, shapes (3,)."""
+    """A prism or cylinder stands between the points a and b, shapes (3,)."""
     for i in range(first.shape[0] - 1):
         t0, t1 = _clip_heights(a, b, z[i, 0], z[i, 1])
         if t0 <= t1 and _segments_cross(a + t0 * (b - a), a + t1 * (b - a), corners, first[i], first[i + 1]):
@@ -160,3 +160,58 @@ def segment_distance(a: Array, b: Array, c: Array, d: Array) -> float:
         s = 0.0 if uu == 0.0 else min(1.0, max(0.0, dot(u, end) / uu))
         best = min(best, norm(end - s * u))
     return best
+
+
+_GRAZE = 1e-9  # [m] of overlap that rounding makes
+
+
+@njit(cache=True)
+def _between(a: Array, b: Array) -> float:
+    """Largest gap [m] along an edge normal of convex polygon a; negative: overlap along every one of them."""
+    best = -np.inf
+    for i in range(a.shape[0]):
+        j = (i + 1) % a.shape[0]
+        nx, ny = a[j, 1] - a[i, 1], a[i, 0] - a[j, 0]
+        length = math.hypot(nx, ny)
+        if length == 0.0:
+            continue
+        nearest = np.inf
+        for k in range(b.shape[0]):
+            nearest = min(nearest, ((b[k, 0] - a[i, 0]) * nx + (b[k, 1] - a[i, 1]) * ny) / length)
+        best = max(best, nearest)
+    return best
+
+
+@njit(cache=True)
+def gaps(body: Array, radius: float, corners: Array, first: Index, discs: Array) -> Array:
+    """Gap [m] between a body and each polygon, then each disc; negative where they overlap, shape (p + d,).
+
+    The body is a convex counter-clockwise polygon (k, 2), or with one corner a disc of ``radius`` [m] about it. A
+    positive gap between two polygons may be less than their distance.
+    """
+    polygons = first.shape[0] - 1
+    found = np.empty(polygons + discs.shape[0])
+    for i in range(polygons):
+        if body.shape[0] == 1:
+            found[i] = polygon_distance(body[0, 0], body[0, 1], corners, first[i], first[i + 1]) - radius
+        else:
+            other = corners[first[i] : first[i + 1]]
+            found[i] = max(_between(body, other), _between(other, body))
+    for k in range(discs.shape[0]):
+        if body.shape[0] == 1:
+            away = math.hypot(body[0, 0] - discs[k, 0], body[0, 1] - discs[k, 1]) - radius
+        else:
+            away = polygon_distance(discs[k, 0], discs[k, 1], body, 0, body.shape[0])
+        found[polygons + k] = away - discs[k, 2]
+    return found
+
+
+def entered(before: Array, after: Array) -> NDArray[np.int64]:
+    """Indices of things that a motion makes a body overlap, or overlap more than before; shape (k,)."""
+    return np.flatnonzero((after < -_GRAZE) & (after < before - _GRAZE))
+
+
+def compile_gaps() -> None:
+    """Compile at start-up, not at the first throw."""
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    gaps(square, 0.0, square, np.array([0, 4], dtype=np.int64), np.zeros((1, 3)))

@@ -1,4 +1,4 @@
-"""Where furniture and loose bodies stand now: the scene's own places, and what a person has changed of them.
+"""Layout of furniture and loose bodies: the scene's own places, changed by persons; and the arrays made of it.
 
 Three kinds of bodies stand on the floor and do not drive. *Obstacles* were added by a person. *Loose* ones are single
 boxes and cylinders of the scene that no map knows; once moved they are obstacles too. Everything else that stands on
@@ -6,35 +6,37 @@ the floor is *furniture*, moved as whole pieces with their bins.
 """
 
 import math
+from dataclasses import dataclass
 
 import msgspec
 
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.furniture import Piece, moved_bin, moved_solid, pieces, rigid
+from motm_twin.model.geometry import Array
 from motm_twin.model.plant import BodyTruth
 from motm_twin.model.scene import Bin, Box, Cylinder, PlanarPose, Scene, Solid
 from motm_twin.model.scene_shapes import outline
-from motm_twin.sim.solids import Parts, fixed_parts
+from motm_twin.sim.solids import Parts, Solids, fixed_parts, with_obstacles
 
-STILL = 1e-4  # [m] that a body held by a hand may shift and yet stand still
+STILL = 1e-4  # [m] of jitter within which a hand-held body counts as still
 STILL_TURN = 1e-3  # [rad]
 
 
 class Layout(msgspec.Struct, frozen=True, kw_only=True):
-    """What a person has changed of the furniture and of loose bodies; empty at the start."""
+    """Changes by persons to furniture and loose bodies; empty at the start."""
 
     obstacles: tuple[AddObstacle, ...] = ()  # boxes and cylinders: added, or loose ones that were moved
     taken: tuple[str, ...] = ()  # loose solids of the scene that are among the obstacles now
     moved: tuple[tuple[str, PlanarPose], ...] = ()  # pieces of furniture: x, y of the reference, turn
     removed: tuple[str, ...] = ()  # pieces, loose solids and agents of the scene that are gone
-    announced: tuple[tuple[str, PlanarPose], ...] = ()  # where the robot was told that pieces of furniture stand
+    announced: tuple[tuple[str, PlanarPose], ...] = ()  # announced places of furniture
 
     def obstacle(self, name: str) -> AddObstacle | None:
         """The obstacle of this name, if there is one."""
         return next((item for item in self.obstacles if item.name == name), None)
 
     def with_obstacle(self, item: AddObstacle) -> "Layout":
-        """With an obstacle added, or put in the place of the one of the same name."""
+        """The layout with an obstacle added, or replacing the one of the same name."""
         if self.obstacle(item.name) is None:
             return msgspec.structs.replace(self, obstacles=(*self.obstacles, item))
         others = tuple(item if old.name == item.name else old for old in self.obstacles)
@@ -70,7 +72,7 @@ class Furnishings:
         return msgspec.structs.replace(layout, moved=tuple({**dict(layout.moved), name: pose}.items()))
 
     def fixed(self, layout: Layout) -> Parts:
-        """Furniture, loose solids but those taken, and bins, where they are now; kept while only obstacles change."""
+        """Furniture, untaken loose solids and bins at their present places; cached while only obstacles change."""
         key = (layout.taken, layout.moved, layout.removed, layout.announced)
         if self._fixed is None or self._fixed[0] != key:
             self._fixed = (key, fixed_parts(*self._standing(layout)))
@@ -132,6 +134,32 @@ def as_obstacle(solid: Solid) -> AddObstacle:
 
 
 def same_pose(a: PlanarPose, b: PlanarPose) -> bool:
-    """Whether a body that went from one pose to the other was really moved: not by a hand that only keeps holding."""
+    """The poses are equal up to the jitter of a hand that only keeps holding the body."""
     turn = math.remainder(a[2] - b[2], 2.0 * math.pi)
     return math.hypot(a[0] - b[0], a[1] - b[1]) < STILL and abs(turn) < STILL_TURN
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenery:
+    """Everything that does not move by itself."""
+
+    layout: Layout
+    solids: Solids
+    in_the_way: Solids  # obstacles at the height of the tallest agent
+    tallest: float  # [m]
+    lidar_segments: Array  # at the lidar's height, shape (s, 4)
+    lidar_discs: Array  # shape (d, 3)
+
+
+def build_scenery(furnishings: Furnishings, layout: Layout, tallest: float) -> Scenery:
+    """Arrays of the world for a layout, with agents up to ``tallest`` [m]."""
+    solids = with_obstacles(furnishings.fixed(layout), layout.obstacles)
+    lidar_z = furnishings.scene.robot.lidar.z
+    return Scenery(
+        layout=layout,
+        solids=solids,
+        in_the_way=solids.below(tallest),
+        tallest=tallest,
+        lidar_segments=solids.segments_at(lidar_z),
+        lidar_discs=solids.discs_at(lidar_z),
+    )

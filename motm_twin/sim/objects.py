@@ -1,4 +1,4 @@
-"""Cubes: at rest, held by the gripper, or falling. Kinematic: what lands stays where it lands."""
+"""Cubes: at rest, held by the gripper, or falling. Kinematic: a cube stays where it lands."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -15,7 +15,7 @@ from motm_twin.sim.solids import Solids
 GRAVITY = 9.81  # [m/s^2]
 FLOOR_LEVEL = 0.05  # [m] a support below this is the floor: what lies there is "dropped"
 BESIDE = 1e-4  # [m] by which cubes that lie side by side may overlap
-SUPPORT_SLACK = 0.005  # [m] by which a support may stick into an object from below and still carry it
+SUPPORT_SLACK = 0.005  # [m] by which a support may penetrate an object from below and still carry it
 
 
 @dataclass
@@ -53,10 +53,10 @@ def start_objects(objects: Sequence[SceneObject]) -> list[ObjectState]:
 
 
 class Support(NamedTuple):
-    """What would carry an object from below."""
+    """Support of an object from below."""
 
     height: float  # [m] of its top
-    bin: str  # that it belongs to, '' for none
+    bin: str  # bin that the support belongs to, '' for none
     carrier: str  # solid, bin or object, 'floor' for none
 
 
@@ -69,7 +69,7 @@ class ObjectWorld:
 
     @staticmethod
     def support(item: ObjectState, objects: Sequence[ObjectState], solids: Solids, *, firm: bool = False) -> Support:
-        """What would carry the object from below; ``firm``: not by a corner of another object only."""
+        """Support of the object from below; ``firm``: not merely a corner of another object."""
         x, y = float(item.position[0]), float(item.position[1])
         limit = item.bottom + SUPPORT_SLACK
         best, where, carrier = 0.0, "", "floor"
@@ -120,7 +120,7 @@ class ObjectWorld:
 
 
 def over_each_other(one: ObjectState, other: ObjectState, *, firm: bool) -> bool:
-    """Seen from above, two upright cubes overlap by more than what lies side by side may.
+    """Two upright cubes overlap in plan by more than cubes side by side may.
 
     ``firm``: the circles in them do.
     """
@@ -138,13 +138,13 @@ def over_each_other(one: ObjectState, other: ObjectState, *, firm: bool) -> bool
 
 
 def over(box: Bin, item: ObjectState) -> bool:
-    """Whether the centre of an object is over a bin."""
+    """The centre of an object is over a bin."""
     local = to_frame(np.array([*box.centre, box.yaw]), item.position)
     return max(abs(local[0]), abs(local[1])) <= 0.5 * box.side
 
 
 def keep_inside(box: Bin, item: ObjectState) -> None:
-    """Slide down along the walls: what is over the rim ends up inside, and no longer moves sideways there."""
+    """Slide an object down the walls: one over the rim ends up inside and stops moving sideways."""
     frame = np.array([*box.centre, box.yaw])
     local = to_frame(frame, item.position)
     turn = item.yaw - box.yaw

@@ -1,6 +1,6 @@
 """The simulated robot and its world as a Plant.
 
-Kinematic only: nothing is stopped or pushed by contact except cubes by the fingers, and what a person throws. A base
+Kinematic only: contact stops or pushes nothing except cubes at the fingers and thrown bodies. A base
 that is driven into a box goes on through it, and the referee records the contact.
 """
 
@@ -19,30 +19,21 @@ from motm_twin.model.plant import Actuation, Observation, Truth
 from motm_twin.model.profile import ArmSpec
 from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
+from motm_twin.sim.actuators import Arm, ArmState, Base, BaseState, ControlErrors
 from motm_twin.sim.agent_kernels import shadow_corners
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
-from motm_twin.sim.arm import Arm, ArmState
-from motm_twin.sim.base import Base, BaseState
-from motm_twin.sim.camera import Camera, CameraState
-from motm_twin.sim.control_errors import ControlErrors
-from motm_twin.sim.edit_effects import Effects
+from motm_twin.sim.edit_effects import Effects, Rehearsal
 from motm_twin.sim.faults import FaultEffects, expire
-from motm_twin.sim.grasp_faults import gripper_with
+from motm_twin.sim.grasp_faults import CubeMover, gripper_with
 from motm_twin.sim.gripper import GripperState
-from motm_twin.sim.layout import Furnishings, Layout
-from motm_twin.sim.lidar import Lidar, LidarState
-from motm_twin.sim.localisation import Localisation
-from motm_twin.sim.meddling import Meddler
+from motm_twin.sim.kernels import compile_gaps
+from motm_twin.sim.layout import Furnishings, Layout, Scenery, build_scenery
 from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
-from motm_twin.sim.overlap import compile_gaps
-from motm_twin.sim.plant_state import PlantState
+from motm_twin.sim.plant_state import PlantState, truth_of
 from motm_twin.sim.referee import Referee
 from motm_twin.sim.referee_state import World
-from motm_twin.sim.rehearsal import Rehearsal
-from motm_twin.sim.scenery import Scenery, build_scenery
-from motm_twin.sim.slides import RobotObstruction
-from motm_twin.sim.throws import slide_body
-from motm_twin.sim.truth import truth_of
+from motm_twin.sim.sensors import Camera, CameraState, Lidar, LidarState, Localisation
+from motm_twin.sim.slides import RobotObstruction, slide_body
 from motm_twin.sim.world_edits import check_edit
 
 SUBSTEP = 0.01  # [s]
@@ -73,7 +64,7 @@ class _MountedArm:
 
 
 class SimulatedPlant(Stateful[PlantState]):
-    """A robot in a scene: `observe`, `command`, `step`; and for people and programs `apply` and `truth`."""
+    """A robot in a scene: `observe`, `command`, `step`; `apply` and `truth` for persons and programs."""
 
     def __init__(self, scene: Scene, arm_start: Array = READY) -> None:
         """A plant at the start of the scene; arm_start [rad], shape (7,)."""
@@ -99,7 +90,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
         self._furnishings = Furnishings(scene)
         self._effects = Effects(self._furnishings, self._object_world, self._frames, SUBSTEP)
-        self._meddler = Meddler(scene)
+        self._cube_mover = CubeMover(scene)
         self._faults = FaultEffects(scene, SUBSTEP)
         compile_gaps()
         self._start(arm_start)
@@ -140,12 +131,12 @@ class SimulatedPlant(Stateful[PlantState]):
         return self._state.substep * SUBSTEP
 
     def observe(self) -> Observation:
-        """What the sensors say now."""
+        """Sensor readings now."""
         s = self._state
         return self._faults.late(s.faults, self._reported(), s.substep)
 
     def _reported(self) -> Observation:
-        """The same, unless what the robot says of its motion comes late."""
+        """The observation, with late motion reports applied."""
         s = self._state
         return Observation(
             time=self.time,
@@ -161,7 +152,7 @@ class SimulatedPlant(Stateful[PlantState]):
         )
 
     def command(self, actuation: Actuation) -> None:
-        """Set what the robot does from now on, or from when a late command has come."""
+        """Set the command that acts from now on, or once a late command has arrived."""
         s = self._state
         if self._command_delay:
             s.commands = (*s.commands, (s.substep + self._command_delay, actuation))
@@ -176,7 +167,7 @@ class SimulatedPlant(Stateful[PlantState]):
         for _ in range(count):
             self._substep()
         s = self._state
-        for edit in self._meddler.attempts(s.objects, s.base.pose, self._scenery.solids):
+        for edit in self._cube_mover.attempts(s.objects, s.base.pose, self._scenery.solids):
             if self._taken(edit):
                 break
 
@@ -186,11 +177,11 @@ class SimulatedPlant(Stateful[PlantState]):
         self._show(self._effects.scenery(self._state, self._scenery), self._state.agents)
 
     def rehearsal(self) -> Rehearsal:
-        """Try edits that are to be applied one after another; throw it away before `apply`, `step` or `restore`."""
+        """Try pending edits one after another; discard it before `apply`, `step` or `restore`."""
         return Rehearsal(self._effects, self._state, self._scenery)
 
     def apply(self, edit: WorldEdit) -> None:
-        """Change the world as a person does; raises ValueError when it cannot be."""
+        """Apply an edit of a person; raises ValueError when it is impossible."""
         s = self._state
         check_edit(self._furnishings, s, self._scenery, edit)
         effect, scenery = self._effects.apply(s, self._scenery, edit)
@@ -209,11 +200,11 @@ class SimulatedPlant(Stateful[PlantState]):
         return True
 
     def expect_tasks(self, tasks: Sequence[Task]) -> None:
-        """Tell the referee the task list of now: it counts objects that end up where this list puts them."""
+        """Give the referee the current task list: it counts objects that end up where this list puts them."""
         self._referee.expect(self._state.referee, tasks)
 
     def expect_map(self, announced: Mapping[str, PlanarPose]) -> None:
-        """Tell the referee where the robot was told that pieces of furniture stand: there the map has them."""
+        """Give the referee the announced places of furniture, where the robot's map has it."""
         s = self._state
         s.layout = msgspec.structs.replace(s.layout, announced=tuple(announced.items()))
         self._show(self._effects.scenery(s, self._scenery), s.agents)
@@ -262,7 +253,7 @@ class SimulatedPlant(Stateful[PlantState]):
         self._referee.step(s.referee, world)
 
     def _slide(self) -> tuple[Mapping[str, Point], tuple[str, ...]]:
-        """Move what was thrown; velocities in this substep, and the objects that went along."""
+        """Move thrown bodies; their velocities in this substep, and the objects carried along."""
         s = self._state
         shapes = self._referee.robot
         robot = RobotObstruction(shapes, shapes.place(s.base.pose, s.arm.q, s.gripper.width))
@@ -331,7 +322,7 @@ class SimulatedPlant(Stateful[PlantState]):
         return RobotShadow(corners=corners, first=_SHADOW_FIRST, discs=discs)
 
     def _show(self, scenery: Scenery, agents: Sequence[AgentState]) -> None:
-        """Use what is derived of the state: a cache, so it is no part of it."""
+        """Update what is derived from the state: a cache, not part of it."""
         self._scenery = scenery
         self._bodies = tuple((item.agent.name, item.agent.radius, item.agent.height) for item in agents)
 

@@ -1,4 +1,4 @@
-"""Whether the plant keeps its own promises: limits of speed and acceleration, no teleporting."""
+"""Checks that the plant keeps its limits of speed and acceleration, and does not teleport."""
 
 import math
 

@@ -15,18 +15,24 @@ from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import Contact
 from motm_twin.model.scene import PlanarPose, Scene, Task
-from motm_twin.sim.blame import UNMOVED, Shift, appeared, remembered, shifted
-from motm_twin.sim.counts import Counts
 from motm_twin.sim.cube_contacts import FINGERS, CubePairs, Shove, array_of, between_pads, poses_of, shoved, stands_on
 from motm_twin.sim.cut_in import LOOKS, StoppingAreas
-from motm_twin.sim.episodes import contact_of, take_ended
 from motm_twin.sim.kernels import clearance
 from motm_twin.sim.objects import ObjectState, right_bins
 from motm_twin.sim.plant_check import PlantCheck
-from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, update_gaps
-from motm_twin.sim.referee_state import RefereeState, World
-from motm_twin.sim.responsibility import NO_TRAIL, TOUCH, followed, stopping_time
-from motm_twin.sim.self_contacts import self_pairs, update_self_gaps
+from motm_twin.sim.referee_geometry import HELD, RobotShapes, Surroundings, self_pairs, update_gaps, update_self_gaps
+from motm_twin.sim.referee_state import Counts, RefereeState, World, contact_of, take_ended
+from motm_twin.sim.responsibility import (
+    NO_TRAIL,
+    TOUCH,
+    UNMOVED,
+    Shift,
+    appeared,
+    followed,
+    remembered,
+    shifted,
+    stopping_time,
+)
 from motm_twin.sim.verdict import Encounter, Verdicts
 
 SUPPORT_CLEAR = 0.005  # [m] after which a held cube no longer rests on what it was taken from, and as deep in it

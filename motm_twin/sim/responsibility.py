@@ -1,24 +1,194 @@
-"""Whose doing a contact is, by what each of the two did: the robot's, when its own motion brought it about.
+"""Responsibility for a contact: the robot's, or that of a person who moved the other body or pushed the robot.
 
-Asked of the motion of the touching point in all directions, with the other where it is now; never of the normal of the
-shallowest overlap, which points sideways where a body scrapes and backwards where it is deep inside.
+A person's motion excuses a contact that it explains: had the body (or the robot) stayed where it was, the two would be
+apart now. A hand that trembles, or puts a body back where it was, explains nothing.
+
+The robot's own motion is judged at the touching point, in all directions, with the other body where it is now. The
+normal of the shallowest overlap is not used: it points sideways where a body scrapes, and backwards deep inside one.
 """
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import coal
 import numpy as np
 
 from motm_twin.model.exact import dot, norm, product, times
-from motm_twin.model.geometry import Array
+from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import BaseLimits
-from motm_twin.sim.without import Placed
+from motm_twin.model.scene import PlanarPose
+
+PERSON = 0.5  # [s] after a person moved a body or the robot within which a new contact may be their doing
+REACTION = 0.1  # [s] reaction time: from a scan to a command that acts
+FORGOTTEN = 10.0  # [s] after which a motion is irrelevant; longer than any base takes to stop
+OWN_MOTION = 0.03  # [m] that a person's motion must part the two by to explain their contact; less when as far as
+JITTER = 0.01  # [m] the robot went itself in PERSON, but never less than this: a hand that holds something trembles
+TURN_REACH = 0.3  # [m] from its centre: how far a turn moves a body
+MERGED = 0.1  # [s] of a drag that make one step
+NOT_BY_PUSH = ("base", "floor")  # what the robot does not run into by being pushed
+
+
+class Shift(NamedTuple):
+    """What an edit did to a body: from where to where; None: it was not in the world."""
+
+    before: PlanarPose | None
+    after: PlanarPose | None
+    kind: tuple[float | str, ...] = ()  # shape and size of what came or went
+
+
+class Step(NamedTuple):
+    """Part of a drag: when it began and ended [s], from where to where."""
+
+    began: float
+    time: float
+    before: PlanarPose
+    after: PlanarPose
+
+
+class Gone(NamedTuple):
+    """A body that a person took out of the world: when [s], where it stood, shape and size."""
+
+    time: float
+    pose: PlanarPose
+    kind: tuple[float | str, ...]
+
+
+class Motion(NamedTuple):
+    """Recent moves by persons of a body or of the robot."""
+
+    came: float = -math.inf  # [s] when it was added or slid as thrown: no earlier place
+    steps: tuple[Step, ...] = ()
+    anchor: PlanarPose | None = None  # its place when it last moved by more than jitter
+    moved: float = -math.inf  # [s] then
+    gone: Gone | None = None
+
+
+UNMOVED = Motion()
+
+
+def appeared(time: float) -> Motion:
+    """Motion of a body that appeared in the world or came from far away."""
+    return Motion(came=time, moved=time)
+
+
+def shifted(motion: Motion, time: float, shift: Shift) -> Motion:
+    """The motion after an edit at a time [s]."""
+    before, after = shift.before, shift.after
+    if after is None:
+        return motion if before is None else motion._replace(gone=Gone(time, before, shift.kind))
+    if before is None:
+        gone = motion.gone
+        if gone is None or time - gone.time > PERSON or gone.kind != shift.kind:
+            return appeared(time)
+        before = gone.pose  # put back before anybody could have made use of its absence
+    steps = tuple(step for step in motion.steps if time - step.time <= FORGOTTEN)
+    last = steps[-1] if steps else None
+    follows = last is not None and last.after == before
+    anchor = motion.anchor if follows and motion.anchor is not None else before
+    if follows and last is not None and time - last.began < MERGED:
+        steps = (*steps[:-1], last._replace(time=time, after=after))
+    else:
+        steps = (*steps, Step(time, time, before, after))
+    motion = motion._replace(steps=steps, anchor=anchor, gone=None)
+    return motion if _way(anchor, after) < JITTER else motion._replace(anchor=after, moved=time)
+
+
+def _way(a: PlanarPose, b: PlanarPose) -> float:
+    turn = abs(math.remainder(a[2] - b[2], 2.0 * math.pi))
+    return math.hypot(a[0] - b[0], a[1] - b[1]) + TURN_REACH * turn
+
+
+def remembered(motions: Mapping[str, Motion], now: float) -> dict[str, Motion]:
+    """Motions that can still explain a contact."""
+    return {name: motion for name, motion in motions.items() if now - _last(motion) <= FORGOTTEN}
+
+
+def _last(motion: Motion) -> float:
+    ended = motion.steps[-1].time if motion.steps else -math.inf
+    return max(motion.came, ended, -math.inf if motion.gone is None else motion.gone.time)
+
+
+def in_time(now: float, when: float) -> bool:
+    """A contact that begins now may be due to a person who moved something at ``when`` [s]."""
+    return now - when <= PERSON
+
+
+def undone(motion: Motion, now: float) -> Iterator[Array]:
+    """Planar transforms, world frame, shape (3,), that take a body back to where it stood before it was moved.
+
+    One for each step of its way that is recent enough (`in_time`), the newest first.
+    """
+    back = np.zeros(3)
+    for step in reversed(motion.steps):
+        back = compose(compose(np.array(step.before), inverse(np.array(step.after))), back)
+        if in_time(now, step.time):
+            yield back
+
+
+def explains(gap: float, closing: float) -> bool:
+    """A motion explains a contact if without it there would be this gap [m].
+
+    ``closing`` [m/s]: speed at which the robot itself approaches the other.
+    """
+    return gap >= min(OWN_MOTION, max(JITTER, closing * PERSON))
+
+
+def braking_time(limits: BaseLimits) -> float:
+    """Time [s] a base takes to stop from its full speed; so long a contact stays the person's doing while it lasts."""
+    straight = max(limits.forward_speed, limits.reverse_speed) / limits.linear_acceleration
+    return min(max(straight, limits.yaw_rate / limits.yaw_acceleration) + limits.velocity_lag + REACTION, FORGOTTEN)
+
+
+def still_persons_doing(motion: Motion, began: float, now: float, braking: float) -> bool:
+    """A contact that began [s] as the person's doing still is, shortly after the body was moved."""
+    before = max((step.time for step in motion.steps if step.time <= began), default=-math.inf)
+    return now - max(motion.moved, motion.came, before) <= braking
+
+
+Placed = tuple[coal.CollisionGeometry, coal.Transform3s]
+
+
+class Counterfactual:
+    """Distance of a contact's two bodies had persons not moved them."""
+
+    def __init__(self) -> None:
+        """Room for the answers of the distance library."""
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+
+    def persons_doing(
+        self, motions: tuple[Motion, Motion], now: float, *, robot: Placed, other: Placed, closing: float
+    ) -> bool:
+        """A contact that begins now [s] is due to a person who moved the other body or the robot.
+
+        ``motions``: of the other body, and of the robot; ``closing`` [m/s]: the robot's approach speed.
+        """
+        of_other, of_robot = motions
+        if any(in_time(now, motion.came) for motion in motions):
+            return True
+        pairs = [(robot, (other[0], _transformed(back, other[1]))) for back in undone(of_other, now)]
+        pairs += [((robot[0], _transformed(back, robot[1])), other) for back in undone(of_robot, now)]
+        return any(explains(self._gap(*pair), closing) for pair in pairs)
+
+    def _gap(self, robot: Placed, other: Placed) -> float:
+        self._result.clear()
+        return coal.distance(*robot, *other, self._request, self._result)
+
+
+def _transformed(planar: Array, transform: coal.Transform3s) -> coal.Transform3s:
+    """The transform after a planar motion in the world."""
+    c, s = math.cos(planar[2]), math.sin(planar[2])
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    shift = np.array([planar[0], planar[1], 0.0])
+    return coal.Transform3s(product(turn, transform.getRotation()), times(turn, transform.getTranslation()) + shift)
+
 
 TOUCH = 1e-5  # [m] of penetration that counts as contact
 MOVES = 1e-3  # [m/s] of the touching point from which a part of the robot moves
-PARTS = 0.2  # share of its own way that must go into parting for a motion to be one that leads apart
-FURTHEST = 3.0  # [m] a way out of an overlap is searched
+PARTS = 0.2  # share of a motion that must increase the distance for it to count as parting
+FURTHEST = 3.0  # [m] up to which a way out of an overlap is searched
 STRIDE = 0.005  # [m] at least, between two looks along such a way
 TRAIL_PERIOD = 0.05  # [s] between two places that are remembered
 NO_TRAIL = np.zeros((0, 13))
@@ -37,7 +207,7 @@ class Touch:
 
 
 class Responsibility:
-    """Judges touches; knows nothing of persons."""
+    """Judges touches by the robot's own motion; knows nothing of persons."""
 
     def __init__(self, dt: float) -> None:
         """Substeps of dt [s]."""
@@ -46,10 +216,10 @@ class Responsibility:
         self._shifted = coal.Transform3s()
 
     def by_own_motion(self, touch: Touch, *, begins: bool) -> bool:
-        """The robot's motion in this substep brings a contact about, or leads along it or further into it.
+        """The robot's motion in this substep causes a contact, or leads along it or further into it.
 
-        Motion that parts the two is none of that, nor is the shortest way out of an overlap that is there already. Nor
-        is motion by which the robot does not gain on the other, which follows it or drives away.
+        Motion that parts the two does not count, nor does the shortest way out of an existing overlap. Nor
+        does motion that does not gain on the other, which follows the robot or drives away.
         """
         speed = norm(touch.velocity)
         apart = self._gap((touch.robot[0], touch.unmoved), touch.other)
@@ -65,7 +235,7 @@ class Responsibility:
         return self._gap(robot, other) < -TOUCH
 
     def _leads_out(self, touch: Touch, direction: Array) -> bool:
-        """Going on in this direction the part gets clear of the other sooner than by going back."""
+        """Moving on in this direction clears the other sooner than moving back."""
         ahead = behind = 0.0
         while max(ahead, behind) < FURTHEST:
             forward = ahead <= behind
@@ -100,7 +270,7 @@ def stopping_time(limits: BaseLimits, twist: Array, dq: Array) -> float:
 
 
 def followed(trail: Array, now: Array) -> Array:
-    """The trail with one more place, without those from which the robot could have stopped before now.
+    """The trail with one more place, minus those from which the robot could have stopped before now.
 
     A place: time [s], pose (3,), joints (7,), width between the pads [m], stopping time [s]; shape (k, 13).
     """

@@ -13,21 +13,23 @@ import numpy as np
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Point
 from motm_twin.sim.agents import AgentState
-from motm_twin.sim.bodies import Outline
-from motm_twin.sim.overlap import entered, gaps
+from motm_twin.sim.bodies import Outline, disc_outline, obstacle_outline, placed
+from motm_twin.sim.kernels import entered, gaps
+from motm_twin.sim.objects import carry, riders
+from motm_twin.sim.plant_state import PlantState
 from motm_twin.sim.referee_geometry import RobotShapes, prism
 from motm_twin.sim.solids import Solids
 
 FRICTION = 2.0  # [m/s^2] by which a sliding body gets slower
-FASTEST = 3.0  # [m/s] of a throw; what is thrown faster is slowed to this
-STRIDE = 0.002  # [m] between two looks for what a sliding body meets
+FASTEST = 3.0  # [m/s] cap on the speed of a throw
+STRIDE = 0.002  # [m] between two collision checks of a sliding body
 
 
 class Obstruction:
-    """What a body of some height can meet: polygons first, then discs, by name."""
+    """Obstacles for a sliding body of some height: polygons first, then discs, by name."""
 
     def __init__(self, solids: Solids, agents: Sequence[AgentState], *, height: float, without: str = "") -> None:
-        """Solids and agents below ``height`` [m], except the one that is called ``without``."""
+        """Solids and agents below ``height`` [m], except the one named ``without``."""
         low = solids.below(height)
         discs = [[s.pose[0], s.pose[1], s.agent.radius] for s in agents]
         self.names = (*low.names, *low.disc_names, *(s.agent.name for s in agents))
@@ -41,7 +43,7 @@ class Obstruction:
         return found
 
     def entered(self, body: Outline, ways: Sequence[Array]) -> tuple[int, str]:
-        """How many of the ways [m] (each from the start) are free one after the other, and what the next one enters."""
+        """Number of free displacements [m] in a row (each from the start), and the obstacle that the next enters."""
         before = self.gaps(body)
         for count, way in enumerate(ways):
             after = self.gaps(body.shifted(way))
@@ -56,7 +58,7 @@ class RobotObstruction:
     """The robot as a sliding body meets it, with the referee's own shapes."""
 
     def __init__(self, robot: RobotShapes, placed: Array) -> None:
-        """Shapes, and where they are, shape (n, 4, 4); the slot of a held cube, last, is left out."""
+        """Shapes and their transforms, shape (n, 4, 4); the slot of a held cube, last, is left out."""
         self._shapes = robot.shapes[:-1]
         self._transforms = [coal.Transform3s(T[:3, :3], T[:3, 3]) for T in placed[:-1]]
 
@@ -72,7 +74,7 @@ class RobotObstruction:
         return found
 
     def touched(self, body: Outline, ways: Sequence[Array]) -> tuple[int, bool]:
-        """How many of the ways are gone until the body has touched the robot, and whether it has."""
+        """Number of displacements until the body touches the robot, and whether it does."""
         if not ways:
             return 0, False
         before = self.gaps(body, np.zeros(2))
@@ -87,7 +89,7 @@ class RobotObstruction:
 
 
 def _solid(body: Outline) -> tuple[coal.CollisionGeometry, Array]:
-    """A body as a shape, and the place [m] of its frame, shape (3,)."""
+    """A body as a shape, and the position [m] of its frame, shape (3,)."""
     if len(body.corners) == 1:
         return coal.Cylinder(body.radius, body.height), np.array([*body.corners[0], 0.5 * body.height])
     return prism(body.corners, 0.0, body.height), np.zeros(3)
@@ -96,7 +98,7 @@ def _solid(body: Outline) -> tuple[coal.CollisionGeometry, Array]:
 def slide(
     body: Outline, velocity: Point, world: Obstruction, robot: RobotObstruction, dt: float
 ) -> tuple[Array, Point]:
-    """The way [m] that a sliding body goes in a substep, shape (2,), and its velocity [m/s] at the end."""
+    """Displacement [m] of a sliding body in a substep, shape (2,), and its velocity [m/s] at the end."""
     speed = math.hypot(*velocity)
     later = max(0.0, speed - FRICTION * dt)
     way = 0.5 * (speed + later) * dt * np.array(velocity) / speed
@@ -107,3 +109,29 @@ def slide(
     if gone < strides or touched or later == 0.0:
         return (ways[gone - 1] if gone else np.zeros(2)), (0.0, 0.0)
     return way, (velocity[0] * later / speed, velocity[1] * later / speed)
+
+
+def slide_body(state: PlantState, solids: Solids, name: str, robot: RobotObstruction, dt: float) -> list[str]:
+    """Move a sliding body for dt [s], with what stands on it: its names. ``solids`` are those of the state's layout."""
+    agent = next((item for item in state.agents if item.agent.name == name), None)
+    item = state.layout.obstacle(name)
+    if agent is not None:
+        x, y = float(agent.pose[0]), float(agent.pose[1])
+        body = disc_outline(x, y, agent.agent.radius, agent.agent.height)
+    else:
+        assert item is not None
+        body = obstacle_outline(item)
+    world = Obstruction(solids, state.agents, height=body.height, without=name)
+    way, state.slides[name] = slide(body, state.slides[name], world, robot, dt)
+    if state.slides[name] == (0.0, 0.0):
+        del state.slides[name]
+    if agent is not None:
+        agent.pose = agent.pose + np.append(way, 0.0)
+    elif item is not None and way.any():
+        after = placed(item, item.x + float(way[0]), item.y + float(way[1]), item.heading)
+        here, there = np.array([item.x, item.y, item.heading]), np.array([after.x, after.y, after.heading])
+        riding = riders(state.objects, solids, (name,))
+        carry(riding, here, there)
+        state.layout = state.layout.with_obstacle(after)
+        return [one.name for one in riding]
+    return []

@@ -43,7 +43,7 @@ class Solids:
         return self.discs[(self.disc_z[:, 0] <= z) & (z <= self.disc_z[:, 1])]
 
     def below(self, height: float) -> "Solids":
-        """Only what someone of this height [m] standing on the floor can run into."""
+        """Solids that reach into the lowest ``height`` [m] above the floor."""
         low, low_discs = self.z[:, 0] < height, self.disc_z[:, 0] < height
         counts = np.diff(self.first)
         return Solids(

@@ -1,4 +1,4 @@
-"""From touches to episodes with one verdict each: the robot's doing, or that of a person, an agent or nobody."""
+"""From touches to contact episodes with one verdict each: caused by the robot, a person, an agent or nobody."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,26 @@ import coal
 from motm_twin.model.exact import dot, norm, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import BaseLimits
-from motm_twin.sim.blame import NOT_BY_PUSH, UNMOVED, Motion, braking_time, still_persons_doing
 from motm_twin.sim.cube_contacts import Meeting
 from motm_twin.sim.cut_in import cuts_in
-from motm_twin.sim.episodes import Episode
 from motm_twin.sim.referee_geometry import HELD, RobotShapes
-from motm_twin.sim.referee_state import RefereeState, World
-from motm_twin.sim.responsibility import MOVES, Responsibility, Touch, carried_along
-from motm_twin.sim.without import Placed, Without
+from motm_twin.sim.referee_state import Episode, RefereeState, World
+from motm_twin.sim.responsibility import (
+    MOVES,
+    NOT_BY_PUSH,
+    UNMOVED,
+    Counterfactual,
+    Motion,
+    Placed,
+    Responsibility,
+    Touch,
+    braking_time,
+    carried_along,
+    still_persons_doing,
+)
 
-AGAINST = 0.2  # cosine of the angle between two motions, negative, from which one leads against the other
-ROLLS_OUT = 0.002  # [m] that a base may still roll, by the lag of its drive, when it has braked for a person's doing
+AGAINST = 0.2  # minus the cosine of the angle between two motions from which one opposes the other
+ROLLS_OUT = 0.002  # [m] that a base may roll on, by drive lag, after braking because of a person
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +42,7 @@ class Encounter:
     point: Array  # between the nearest points of the two [m], shape (3,)
     frame: int = -1  # part of the robot that the other is fixed to; -1: none
     other_velocity: Array  # [m/s] of the other at the point, shape (3,)
-    falls: bool = False  # an object that falls by the robot's doing
+    falls: bool = False  # an object that falls because of the robot
 
 
 class Verdicts:
@@ -43,7 +52,7 @@ class Verdicts:
         """Shapes of the robot and limits of its base; substeps of dt [s]."""
         self._braking = braking_time(limits)
         self._robot, self._dt = robot, dt
-        self._responsibility, self._without = Responsibility(dt), Without()
+        self._responsibility, self._counterfactual = Responsibility(dt), Counterfactual()
         self._unmoved, self._earlier = coal.Transform3s(), coal.Transform3s()
         self._hand = robot.bodies.index("panda_hand") if "panda_hand" in robot.bodies else -1
 
@@ -62,7 +71,7 @@ class Verdicts:
             state.episodes[met.other] = episode
         elif person and not episode.by_person:
             episode.by_person, episode.was_excused, episode.excused_from = True, True, world.time
-        elif episode.by_person:  # for as long as the robot needs to stop; then it goes on into what stands still
+        elif episode.by_person:  # until the robot could have stopped; after that it pushes on into something at rest
             motions = _motions(state, met)
             episode.by_person = any(
                 still_persons_doing(each, episode.excused_from, world.time, self._braking) for each in motions
@@ -84,7 +93,7 @@ class Verdicts:
         episode.caused |= by_robot and not episode.by_person
 
     def _touch(self, state: RefereeState, placed: Array, met: Encounter) -> Touch:
-        """The touch, with the part's own motion: as seen from what the other is fixed to."""
+        """The touch, with the part's motion relative to the frame that the other is fixed to."""
         before = state.placed_before[met.i]
         if met.frame >= 0:
             before = carried_along(before, state.placed_before[met.frame], placed[met.frame])
@@ -104,9 +113,9 @@ class Verdicts:
     def _by_robot(
         self, state: RefereeState, world: World, placed: Array, met: Encounter, touch: Touch, *, begins: bool
     ) -> bool:
-        """The robot brought the contact about: now, or by where it went before, or by what it let fall.
+        """The robot caused the contact: now, by its earlier motion, or by an object that it dropped.
 
-        While something that came to the robot goes on through it, the robot's motion counts only against that.
+        While a body that hit the robot passes through it, only the robot's motion against that body counts.
         """
         if met.falls:
             return True
@@ -118,7 +127,7 @@ class Verdicts:
         return cuts_in(state.in_way, met.other, world.time) or self._came_just_now(state, world, placed, met)
 
     def _came_just_now(self, state: RefereeState, world: World, placed: Array, met: Encounter) -> bool:
-        """The other comes, but had the robot stayed where it could last have stopped, they would not touch."""
+        """The other moves, but they would not touch had the robot stopped at its last chance."""
         trail = state.trail
         if not len(trail) or world.time - trail[0, 0] > trail[0, -1] + 1e-9 or trail[0, -1] == 0.0:
             return False
@@ -130,19 +139,19 @@ class Verdicts:
         return not self._responsibility.touches((met.robot[0], self._earlier), met.against)
 
     def _by_person(self, state: RefereeState, world: World, met: Encounter, closing: float) -> bool:
-        return self._without.persons_doing(
+        return self._counterfactual.persons_doing(
             _motions(state, met), world.time, robot=met.robot, other=met.against, closing=closing
         )
 
 
 def _against(touch: Touch) -> bool:
-    """The robot drives against what moves; or that rests, and so does not go on through it."""
+    """The robot drives against a moving body, or the body is at rest."""
     speed, other = norm(touch.velocity), norm(touch.other_velocity)
     return other <= MOVES or dot(touch.velocity, touch.other_velocity) < -AGAINST * speed * other
 
 
 def _motions(state: RefereeState, met: Encounter) -> tuple[Motion, Motion]:
-    """What persons did to what was met, and to the robot as far as it concerns a contact with that."""
+    """Motions by persons of the body in contact, and of the robot where relevant to this contact."""
     if met.frame >= 0:
         return UNMOVED, UNMOVED
     return state.edits.get(met.other, UNMOVED), UNMOVED if met.other in NOT_BY_PUSH else state.pushed

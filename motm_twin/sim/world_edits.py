@@ -1,4 +1,4 @@
-"""What a person may change in the simulated world: every edit is checked here before it is applied."""
+"""Checks of every edit of the simulated world, before it is applied."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -19,20 +19,18 @@ from motm_twin.model.edits import (
 )
 from motm_twin.model.geometry import wrap_angle
 from motm_twin.model.names import hint
-from motm_twin.sim.bodies import Outline, disc_outline
-from motm_twin.sim.layout import STILL, STILL_TURN, Furnishings
+from motm_twin.sim.bodies import Outline, disc_outline, put_down, robot_outline, square_outline
+from motm_twin.sim.kernels import entered, gaps
+from motm_twin.sim.layout import STILL, STILL_TURN, Furnishings, Scenery
 from motm_twin.sim.objects import riders
-from motm_twin.sim.overlap import entered, gaps
 from motm_twin.sim.plant_state import PlantState
-from motm_twin.sim.put_down import put_down, robot_outline, square_outline
-from motm_twin.sim.scenery import Scenery
 from motm_twin.sim.slides import Obstruction
 from motm_twin.sim.solids import NOTHING
 
-MOST_BODIES = 100  # that persons may have added
-_PUSH_LOOKS = 10  # places on the way of a push that are looked at
-_TOUCHED = 0.01  # [m] about a point in which somebody else must not be
-_QUOTED = 40  # characters of a wrong name that are shown
+MOST_BODIES = 100  # that persons may add
+_PUSH_LOOKS = 10  # poses checked along a push
+_TOUCHED = 0.01  # [m] about a point that must be free of others
+_QUOTED = 40  # characters of a wrong name that are quoted
 
 
 class EditError(ValueError):
@@ -66,7 +64,7 @@ def check_edit(furnishings: Furnishings, state: PlantState, scenery: Scenery, ed
 
 
 class Names:
-    """Names of what is in the world now."""
+    """Names of the bodies in the world now."""
 
     def __init__(self, furnishings: Furnishings, state: PlantState) -> None:
         """Agents, obstacles, loose solids and pieces that are there."""
@@ -80,7 +78,7 @@ class Names:
     def require(
         name: str, names: Iterable[str], kind: str = "an agent, a loose obstacle or a piece of furniture"
     ) -> None:
-        """Raise `EditError` for a name that is not among the names; says which were meant, or all."""
+        """Raise `EditError` for an unknown name; says which were meant, or all."""
         known = sorted(names)
         if name not in known:
             raise EditError(f"{_quoted(name)} is not {kind} here; {hint(name, known)}")

@@ -1,6 +1,6 @@
 """`motm-twin bench barn`: worlds of the BARN challenge as scene files, or worlds like them from seeds.
 
-As in the challenge a run begins with the first 0.1 m and succeeds within 1 m of the goal in 100 s without a contact.
+As in the challenge, time starts after 0.1 m, and a run succeeds within 1 m of the goal in 100 s without a contact.
 Its metric is OT / clip(AT, 2 OT, 8 OT), 0 without success: AT is its time, OT = (length of the way) / 2 m/s. A
 converted file says OT in a comment, as ``optimal time 5.6259 s``. Without one it is of the shortest way for a disc of
 the inscribed radius of the footprint, which is shorter than the grid paths of the challenge, and no easier.
@@ -19,8 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.generate.barn import CONTROLLER, LIMIT, NOMINAL
-from motm_twin.methods.fast import FAST
-from motm_twin.methods.registry import find_method
+from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.profile import DEG, BaseLimits, Lidar
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.model.scene_file import load_scene

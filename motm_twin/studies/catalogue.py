@@ -1,13 +1,13 @@
 """Experiments by name: the paper's, ablations and sweeps, further scenes, and errors of all kinds.
 
-`grasp_delay`: the tasks of Failure Recovery for On-The-Move Mobile Manipulation (arXiv 2305.08351), each grasp late or
-failing. All methods know the cube's place beforehand, since a plan has to; every other error is there. The times that
-are published are in `measures.published`.
+`grasp_delay`: tasks of Failure Recovery for On-The-Move Mobile Manipulation (arXiv 2305.08351), with each grasp late or
+failing. All methods know the cube's place beforehand, since a plan must; all other errors are present. Published times
+are in `measures.published`.
 
-`robustness`: one error at a time, added to a world that has none. The trials are of one pick where the way turns, so
-that success is that of a grasp.
+`robustness`: one error at a time, in a world without any other. Each trial is one pick where the path turns, so
+that success means a successful grasp.
 
-`mismatch`: what robot and world do otherwise than the robot is told, on top of the usual noise, in Experiment 1.
+`mismatch`: deviations of robot and world from the robot's model, on top of the usual noise, in Experiment 1.
 """
 
 import math
@@ -17,9 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from motm_twin.generate.scenes import is_generated, name_of, parse_name
-from motm_twin.methods.fast import FAST
-from motm_twin.methods.modifications import ABLATIONS, MOTM
-from motm_twin.methods.registry import METHODS, find_method
+from motm_twin.methods.registry import ABLATIONS, FAST, METHODS, MOTM, find_method
 from motm_twin.model.names import MethodError, hint
 from motm_twin.model.scene_file import listing
 from motm_twin.model.scene_load import load_document
@@ -97,7 +95,7 @@ def mismatch_specs(methods: Sequence[str], trials: int | None) -> Iterable[Trial
 def _levels(
     scene: str, variant: str, levels: Mapping[str, tuple[float, ...]], methods: Sequence[str], trials: int | None
 ) -> Iterable[TrialSpec]:
-    """Seeds last: an early end has all levels of some seeds."""
+    """Trials of all levels, seed by seed: an early end has all levels of some seeds."""
     for seed in range(trials or SEEDS):
         for method in methods:
             for name, values in levels.items():
@@ -157,7 +155,7 @@ ALL = "all"
 PUBLISHED = 10  # arrangements of Experiment 1 in the paper, "trial1" to "trial10"
 MOST_TRIALS = 1_000_000
 NAMES_OF_ABLATIONS = tuple(method.name for method in ABLATIONS)
-NOT_COMPARED = (*NAMES_OF_ABLATIONS, "open_loop")  # it executes a plan blindly: the other side of robustness only
+NOT_COMPARED = (*NAMES_OF_ABLATIONS, "open_loop")  # executes a plan blindly: only for contrast in robustness
 
 SWEEPS: dict[str, tuple[float, ...]] = {  # parameter of `control.tuning`: values besides the shipped one
     "next_weight": (0.0, 0.5, 2.0, 3.0),

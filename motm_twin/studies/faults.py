@@ -1,6 +1,6 @@
-"""Faults of sensors and robot: each kind in the paper's experiments, injected where it matters, and what came of it.
+"""Fault bench: each kind of fault in the paper's experiments, injected where it matters, and its effect.
 
-Nothing may be hit by the robot's doing, the cause must be found within a second, and the work goes on when it ends.
+The robot must cause no contact, find the cause within a second, and resume work when the fault ends.
 """
 
 import math
@@ -15,10 +15,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.tick import Tick
-from motm_twin.finish import Finish
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import InjectFault
 from motm_twin.model.faults import KINDS
 from motm_twin.model.geometry import from_frame
@@ -141,7 +141,7 @@ class Watch:
         return InjectFault(fault=self.kind, seconds=LASTS)
 
     def look(self, tick: Tick, kinds: Iterable[str]) -> None:
-        """Note what the robot has found in this period."""
+        """Note the robot's findings of this period."""
         now = set(kinds)
         last = self.seen[-1] if self.seen else None
         lasts = last is not None and tick.time <= last.at + LASTS + 3.0
@@ -163,7 +163,7 @@ def run_trial(scene: str, kind: str, seed: int, method: str = FAST.name) -> dict
         loaded = msgspec.structs.replace(loaded, detections="named")
     twin, watch = Twin(loaded, method=find_method(method)), Watch(kind)
     edit: InjectFault | None = None
-    finish = Finish()
+    finish = Completion()
     while True:
         if edit is not None:
             twin.post(edit)
@@ -228,7 +228,7 @@ def bench_faults(
 
 
 def _written(out: Path, results: list[dict[str, Any]], *, whole: bool) -> None:
-    """Write what there is: a bench that takes hours may be stopped."""
+    """Write the results so far: a bench that takes hours may be stopped."""
     reached = whole and all(map(good, results))
     write_report(out, NAME, TITLE, whole=whole, reached=reached, trials=results)
     (out / f"{NAME}.md").write_text(markdown(HEAD, rows_of(results)) + "\n", encoding="utf-8")

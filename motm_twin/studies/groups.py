@@ -14,11 +14,10 @@ from rich.table import Table
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.perf.report import Limit, goal_table, grid, machine, number, write
 from motm_twin.studies.pool import Lost, local_pool, outcomes
-from motm_twin.studies.spec import TrialSpec, job_of
-from motm_twin.studies.trial import broken, run_job
+from motm_twin.studies.spec import TrialSpec, broken, job_of, run_job
 
 Result = dict[str, Any]  # of one trial: what `motm-twin run --json` prints
-APPROACH = 0.02  # [m/s] a contact point faster than this towards the other moves into it
+APPROACH = 0.02  # [m/s] approach speed of a contact point that counts as driving into the other
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,7 +248,7 @@ def run_one(trial: Trial) -> Result:
     result = {**result, **result["wall"]} if "tick_ms" in result["wall"] else failed(trial, result["reason"])
     if trial.link is None:
         return result
-    from motm_twin.perf.external_trial import run_external
+    from motm_twin.perf.processes import run_external
 
     outside = run_external(trial.scene, trial.variant, trial.link, method=spec.method)
     return {**outside, "in_process_s": result["time_s"], "link": msgspec.to_builtins(trial.link)}

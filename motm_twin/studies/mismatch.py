@@ -1,7 +1,7 @@
 """Mismatch between reality and the robot's model: objects placed and task times in Experiment 1.
 
 One row for each of `robustness.MISMATCHES`, all on the same arrangements and seeds. Every trial is an experiment's
-(`studies.run`), kept on disk and gone on with after Ctrl-C.
+(`studies.run`), kept on disk and resumed after Ctrl-C.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.perf.report import grid, machine, markdown, write_report
 from motm_twin.studies.catalogue import MISMATCH_SEEDS, MISMATCHES, SHAKEN, experiment
 from motm_twin.studies.run import Result, run_or_stop
@@ -21,7 +21,7 @@ from motm_twin.studies.summary import completed
 
 NAME = "mismatch"
 TITLE = "What robot and world do otherwise than the robot is told, and the usual noise: Experiment 1"
-LOST = 1 / 60  # share of the objects that may be left; of `SHAKEN` all: it is shown for what limits it
+LOST = 1 / 60  # share of objects that may be left; `SHAKEN` is not judged
 HEAD = ("mismatch", "trials", "placed", "contacts", "caused", "mean time", "most grasps")
 
 
@@ -78,7 +78,7 @@ def rows_of(results: Sequence[Result]) -> list[dict[str, Any]]:
 
 
 def good(row: dict[str, Any]) -> bool:
-    """A row places all objects but one in sixty; of `SHAKEN` nothing is asked."""
+    """A row places all objects but one in sixty; `SHAKEN` is not judged."""
     left = row["places"] - row["placed"]
     return row["mismatch"] == SHAKEN or left <= LOST * row["places"]
 

@@ -1,23 +1,29 @@
-"""Calls on many processes, here or on a cluster: results as they come, and no call is lost with the process it ran in.
+"""Calls on many processes, here or on a cluster: results as they come, no call lost with its process; efficiency.
 
-A process that dies (killed, out of memory, a crash in compiled code, a machine that is gone) takes with it every call
-that was under way. These are begun again. Which of them was to blame cannot be seen, so after two losses a call
-is run alone, and only one that dies alone is given up. Calls must give the same again for the same arguments.
+A process that dies (killed, out of memory, a crash in compiled code, a machine that is gone) takes its current calls
+with it. They are begun again. Which of them was to blame cannot be seen, so after two losses a call runs alone, and
+only one that dies alone is given up. The same arguments must give the same result.
 """
 
+import math
 import os
 import threading
+import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
+from rich.console import Console
 
 from motm_twin.interrupts import deaf
+from motm_twin.perf.report import Limit, Report, conclude
+from motm_twin.studies.spec import Job, TrialSpec, job_of, run_job
 
 BACKENDS = ("loky", "ray")
 PATIENCE = 2  # losses after which a call is run alone: a machine that is gone is no call's fault
@@ -35,7 +41,7 @@ class Pool:
 
 @dataclass(frozen=True)
 class Lost:
-    """In place of a result: the process died, also when nothing else ran."""
+    """Placeholder for a result: the process died, even when nothing else ran."""
 
     reason: str
 
@@ -63,7 +69,7 @@ def outcomes(
 ) -> Iterator[tuple[int, Any]]:
     """``(index, call(items[index]))`` of all items as they are done, in any order; `Lost` where it was given up.
 
-    ``told`` hears in one sentence when processes were lost. What ``call`` raises is raised here.
+    ``told`` is called with a sentence when processes were lost. Exceptions of ``call`` are raised here.
     """
     waiting, losses = list(range(len(items))), Counter[int]()
     while waiting:
@@ -104,7 +110,7 @@ def _round(
         parallel = joblib.Parallel(return_as="generator_unordered", **options)
         with deaf() if pool.backend == "loky" else nullcontext():  # Ray's are deaf anyway
             results: Any = parallel(calls())
-    with warnings.catch_warnings():  # that calls are given up after Ctrl-C or a crash is what is wanted
+    with warnings.catch_warnings():  # giving up calls after Ctrl-C or a crash is intended
         warnings.filterwarnings("ignore", message=".*tasks which were still being processed")
         try:
             yield from results
@@ -201,3 +207,62 @@ def _idle_first() -> type:
                 return super().submit(func, done)
 
     return IdleFirst
+
+
+NAME = "efficiency"
+TITLE = "Trials of Experiment 1 on one process, two, and so on"
+LIMITS = {"lost": Limit(name="efficiency lost on all processes", unit="%", limit=10.0, decimals=1)}
+ROUNDS = 3  # trials per process: the last ones do not end together, which costs up to one trial's spread
+MILLION = 1_000_000
+HOUR = 3600.0  # [s]
+
+
+def bench_efficiency(out: Path, workers: int, console: Console) -> bool:
+    """Measure and print; True when at most 10 % are lost on ``workers`` processes. Nothing else may run meanwhile."""
+    console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
+    report = Report()
+    specs = [TrialSpec("exp1", "random", seed) for seed in range(ROUNDS)]
+    rates: dict[int, float] = {}
+    for count in counts(workers):
+        rates[count] = trials_per_hour(specs, count)
+        share = rates[count] / (count * rates[1])
+        report.details[f"{count} processes"] = {
+            "trials_per_hour": rates[count],
+            "trials_per_core_hour": rates[count] / count,
+            "efficiency": share,
+            "days_for_a_million": MILLION / rates[count] / 24.0,
+        }
+        console.print(f"  {count} processes: {rates[count]:.0f} trials/h, efficiency {100 * share:.1f} %", markup=False)
+    report.values["lost"] = 100.0 * (1.0 - rates[workers] / (workers * rates[1])) if rates else math.nan
+    return conclude(NAME, TITLE, LIMITS, report, out, console)
+
+
+def counts(workers: int) -> Iterator[int]:
+    """1, 2, 4, ... and ``workers``."""
+    count = 1
+    while count < workers:
+        yield count
+        count *= 2
+    yield workers
+
+
+def trials_per_hour(specs: Sequence[TrialSpec], processes: int) -> float:
+    """Trials done per hour of wall time by processes that are warm: each process runs every spec once.
+
+    Every process runs the same trials as often, so that the work per process is the same for any number of them.
+    """
+    jobs = [job_of(spec) for spec in specs]
+    pool, there = local_pool(processes), max(2, processes)  # a pool has at least two processes; one may wait
+    _all(jobs[:1] * there, local_pool(there))  # imports, and kernels from the cache
+    began = time.perf_counter()
+    done = _all([job for job in jobs for _ in range(processes)], pool)
+    return done * HOUR / (time.perf_counter() - began)
+
+
+def _all(jobs: list[Job], pool: Pool) -> int:
+    """Run them; returns their number. Raises RuntimeError for a broken one: its time would mean nothing."""
+    for index, outcome in outcomes(run_job, jobs, pool):
+        if isinstance(outcome, Lost) or not outcome.result["success"]:
+            reason = outcome.reason if isinstance(outcome, Lost) else outcome.result["reason"]
+            raise RuntimeError(f"{jobs[index].scene.name} seed {jobs[index].scene.seed}: {reason}")
+    return len(jobs)

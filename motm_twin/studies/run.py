@@ -1,5 +1,11 @@
-"""Runs experiments: trials in the store are not run again, and a broken trial is kept with its reason."""
+"""Runs experiments and keeps finished trials on disk: a trial in the store is not run again.
 
+One JSON line per trial, flushed to disk before the next one counts. A line that a crash cut off is dropped; everything
+before it holds. One process writes at a time. A broken trial is kept with its reason.
+"""
+
+import fcntl
+import os
 import signal
 import threading
 from collections import Counter
@@ -14,11 +20,90 @@ import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from motm_twin.sessions.made_with import SOURCE, made_with
+from motm_twin.sessions.session import SOURCE, Session, made_with, save_session
 from motm_twin.studies.pool import Lost, make_pool, outcomes
-from motm_twin.studies.spec import Experiment, Job, jobs_of
-from motm_twin.studies.store import Record, Store
-from motm_twin.studies.trial import Outcome, given_up, run_job
+from motm_twin.studies.spec import Experiment, Job, Outcome, TrialSpec, given_up, jobs_of, run_job
+
+TRIALS = "trials.jsonl"
+RESULTS = "results.jsonl"
+SESSIONS = "sessions"
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of the store."""
+
+    key: str  # of `Job.key`
+    spec: TrialSpec
+    result: dict[str, Any]  # with its "wall": what a clock measured
+    session: str = ""  # of a trial without success, for `motm-twin rerun`: file beside the store
+    made_with: dict[str, str]  # where it was run
+
+
+class Store:
+    """The trials of one experiment in a folder of their own, which is made when it is not there."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.path = folder / TRIALS
+
+    def read(self) -> dict[str, Record]:
+        """Records by key; of two with the same key the newer one."""
+        if not self.path.is_file():
+            return {}
+        found = (_decoded(line) for line in self.path.read_bytes().split(b"\n"))
+        return {record.key: record for record in found if record is not None}
+
+    def __enter__(self) -> Self:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._file = self.path.open("a+b")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._file.close()
+            raise ValueError(
+                f"{self.path}: another run writes to it now; wait for it, or give another --out"
+            ) from error
+        self._cut_half_line()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def append(self, record: Record) -> None:
+        """Add a record; when this returns it is on the disk."""
+        self._file.write(msgspec.json.encode(record) + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def keep_session(self, key: str, session: Session | None) -> str:
+        """Save the session of a trial that went wrong; its name relative to the folder, "" for none."""
+        if session is None:
+            return ""
+        name = f"{SESSIONS}/{key}.json"
+        (self.folder / SESSIONS).mkdir(exist_ok=True)
+        save_session(session, self.folder / name)
+        return name
+
+    def write_results(self, results: list[dict[str, Any]]) -> None:
+        """All results in the experiment's order, without what a clock measured: equal runs give equal files."""
+        lines = [{key: value for key, value in result.items() if key != "wall"} for result in results]
+        text = b"".join(msgspec.json.encode(line, order="sorted") + b"\n" for line in lines)
+        temporary = self.folder / f".{RESULTS}"
+        temporary.write_bytes(text)
+        temporary.replace(self.folder / RESULTS)
+
+    def _cut_half_line(self) -> None:
+        data = self.path.read_bytes()
+        if data and not data.endswith(b"\n"):
+            self._file.truncate(data.rfind(b"\n") + 1)
+
+
+def _decoded(line: bytes) -> Record | None:
+    try:
+        return msgspec.json.decode(line, type=Record) if line else None
+    except msgspec.MsgspecError:
+        return None  # cut off, or written by another version: the trial is run again
+
 
 HOUR, MINUTE = 3600, 60  # [s]
 
@@ -104,7 +189,7 @@ class Results:
     out: Path
     trials: dict[str, list[Result]]
     computed: int = 0  # trials that were run now; the others were in the store
-    notes: list[str] = field(default_factory=list)  # what whoever reads the results should know
+    notes: list[str] = field(default_factory=list)  # notes for readers of the results
 
     def of(self, name: str, **fields: Any) -> list[Result]:
         """Results of an experiment in which these fields have these values, as ``of("exp1", method="motm")``."""
@@ -134,7 +219,7 @@ def run(
 ) -> Results:
     """Run what is not in ``out``/<experiment>/trials.jsonl yet; the results of all.
 
-    After Ctrl-C or SIGTERM (KeyboardInterrupt) or a crash the same call goes on where it ended. ``retry_failed`` runs
+    After Ctrl-C, SIGTERM (KeyboardInterrupt) or a crash the same call resumes. ``retry_failed`` runs
     trials again that were without success. ``backend`` "ray" needs the extra ``cluster``; ``address`` is the cluster's.
     ``about``: what is kept with every trial that is run now, beside what it was made with.
     Raises ValueError for a spec that cannot be run, before any trial begins.
@@ -178,7 +263,7 @@ def kept_text(out: Path, names: Iterable[str]) -> str:
 
 @contextmanager
 def _sigterm_as_ctrl_c() -> Iterator[None]:
-    """Whoever is told to end ends the processes that work for it, too."""
+    """Turn SIGTERM into Ctrl-C, so that worker processes end, too."""
     if threading.current_thread() is not threading.main_thread():  # signals are not for this one
         yield
         return
@@ -220,7 +305,7 @@ def _keep(
     bar: Bar,
     about: Mapping[str, str],
 ) -> None:
-    """Write a finished trial down, and say what was not as it should be."""
+    """Store a finished trial, and report problems."""
     lost = isinstance(outcome, Lost)
     whole = given_up(task.job, outcome.reason, source) if isinstance(outcome, Lost) else outcome
     if whole.source != source and not results.notes:

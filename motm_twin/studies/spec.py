@@ -1,11 +1,13 @@
-"""A trial: a scene, a seed, a method, and changes of either. An experiment: a list of trials.
+"""A trial: a scene, a seed, a method, changes of either, and its outcome. An experiment is a list of trials.
 
 Changes are dotted names of a resolved scene, as ``noise.lidar_range_sd`` or ``agents.temi_1.speed``. Units are those of
-the resolved scene (`model.scene`): m, rad, s. Lists are entered by the name of an entry, or by ``*`` for all of them. A
-value has to be what a scene file could have said, and so has the whole scene afterwards.
+the resolved scene (`model.scene`): m, rad, s. Lists are indexed by an entry's name, or by ``*`` for all entries. Each
+value, and the scene afterwards, must be one that a scene file could have given.
 """
 
 import hashlib
+import time
+import traceback
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,16 @@ from typing import Any
 import msgspec
 
 from motm_twin.control.method import Method
-from motm_twin.control.tuning import check
+from motm_twin.control.tick import Tick
+from motm_twin.control.tuning import check, parameter
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.perf.report import machine
 from motm_twin.sessions.scene_limits import check_scene
-from motm_twin.sessions.session import SessionError
+from motm_twin.sessions.session import SOURCE, Session, SessionError, made_with
 
 
 def changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
@@ -47,7 +51,7 @@ def _set(owner: Any, path: list[str], value: Any, whole: str) -> Any:
     if rest:
         return msgspec.structs.replace(owner, **{here: _set(getattr(owner, here), rest, value, whole)})
     try:
-        # through JSON's types: what a stored line says is what a caller may say
+        # through JSON's types: a stored line and a caller may say the same
         converted = msgspec.convert(msgspec.to_builtins(value), fields[here].type)
     except msgspec.ValidationError as error:
         raise ValueError(f"change {whole!r}: {error}") from error
@@ -143,3 +147,108 @@ def method_of(job: Job) -> Method:
 def _text_of(method: str) -> str:
     file, colon, _ = method.rpartition(":")
     return Path(file).read_text(encoding="utf-8") if colon else ""
+
+
+WALL = ("tick_ms", "realtime_factor")  # measured by a clock: differ from run to run
+PERIODS_PER_S = 20
+MACHINE = "machine"  # key of where a trial was run, beside what it was made with
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """Result of a trial as a worker sends it."""
+
+    result: dict[str, Any]
+    made_with: dict[str, str]  # what the worker ran it with
+    session: Session | None  # of a trial without success
+
+    @property
+    def source(self) -> str:
+        """Hash of the source that the worker had."""
+        return self.made_with[SOURCE]
+
+
+def run_job(job: Job) -> Outcome:
+    """Run a trial to its end; never raises for what goes wrong inside it."""
+    from motm_twin.trial import run_scene  # the whole twin: only where a trial is run
+
+    periods = 0
+
+    def on_tick(tick: Tick) -> None:
+        nonlocal periods
+        periods = tick.index + 1
+
+    began = time.perf_counter()
+    try:
+        result = run_scene(job.scene, on_tick=on_tick, method=method_of(job), parameters=dict(job.spec.parameters))
+    except Exception as error:  # one broken trial must not cost the others
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
+        result = broken(job, reason, time_s=periods / PERIODS_PER_S)
+    result = parted(job, result, time.perf_counter() - began)
+    session = None if result["success"] else session_of(job, periods, result.get("state_hash", ""))
+    return Outcome(result=result, made_with={**made_with(), MACHINE: machine()}, session=session)
+
+
+def given_up(job: Job, reason: str, source: str) -> Outcome:
+    """The outcome of a trial whose process died: its session is as long as the scene allows, without a hash."""
+    periods = round(job.scene.time_limit * PERIODS_PER_S)
+    return Outcome(
+        result=parted(job, broken(job, reason), 0.0),
+        made_with={**made_with(), SOURCE: source, MACHINE: machine()},
+        session=session_of(job, periods, ""),
+    )
+
+
+def parted(job: Job, result: dict[str, Any], seconds: float) -> dict[str, Any]:
+    """A result with its spec, and wall-clock measurements in a separate part."""
+    rest = {key: value for key, value in result.items() if key not in WALL}
+    wall = {key: result[key] for key in WALL if key in result}
+    spec = {"method": job.spec.method, "parameters": dict(job.spec.parameters), "changes": dict(job.spec.changes)}
+    return {**rest, **spec, "wall": {**wall, "seconds": round(seconds, 3)}}
+
+
+def session_of(job: Job, periods: int, state_hash: str) -> Session:
+    """A session with which `motm-twin rerun` repeats the trial."""
+    method = method_of(job)
+    start = {**method.parameters, **job.spec.parameters}
+    return Session(
+        title=f"{job.scene.title}, {job.spec.method}",
+        scene=job.scene,
+        method=method.name,
+        parameters={name: value for name, value in start.items() if value != parameter(name).default},
+        periods=periods,
+        state_hash=state_hash,
+    )
+
+
+def broken(job: Job, reason: str, *, time_s: float = 0.0) -> dict[str, Any]:
+    """The placeholder result of a broken trial."""
+    picks = sum(type(task).__name__ == "Pick" for task in job.scene.tasks)
+    return {
+        "scene": job.scene.name,
+        "variant": job.scene.variant,
+        "seed": job.scene.seed,
+        "success": False,
+        "time_s": time_s,
+        "reference_tour_s": None,
+        "picks_done": 0,
+        "picks_attempted": 0,
+        "picks_total": picks,
+        "places_done": 0,
+        "places_total": picks,
+        "drops": 0,
+        "dropped": [],
+        "contacts": [],
+        "contacts_caused_by_robot": 0,
+        "cut_ins": [],
+        "min_base_clearance_m": None,
+        "min_arm_clearance_m": None,
+        "min_ee_obstacle_m": None,
+        "path_length_m": 0.0,
+        "mean_closing_base_speed_mps": None,
+        "encounters": 0,
+        "plant_faults": [],
+        "reason": reason,
+        "state_hash": "",
+        "measures": None,
+    }

@@ -12,7 +12,7 @@ from motm_twin.measures.interval import STANDS, Sampler
 from motm_twin.measures.measures import part_of
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import Scene
-from motm_twin.studies.paper.style import (
+from motm_twin.studies.paper.part import (
     BLACK,
     GREEN,
     GREY,

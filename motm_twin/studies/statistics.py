@@ -1,6 +1,6 @@
 """Statistics of samples: means, medians, paired differences and proportions, each with its 95 % interval.
 
-Nothing here knows what a trial is. Intervals of means are Student's t; `bootstrap` is for what has no formula, and is
+Independent of trials. Intervals of means are Student's t; `bootstrap` is for statistics without a formula, and is
 seeded, so that it gives the same interval every time.
 """
 
@@ -17,7 +17,7 @@ from motm_twin.model.geometry import Array
 K = TypeVar("K")
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
-SEED = 20260101  # of the bootstrap: any fixed number does
+SEED = 20260101  # of the bootstrap: any fixed number will do
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from motm_twin.measures.published import Published, published
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import MOTM
 from motm_twin.perf.report import grid
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import reasons, row_of
@@ -94,9 +94,9 @@ def _row(name: tuple[str, str, str], results: list[Result], groups: dict[tuple[s
 
 
 def completed(result: Result) -> bool:
-    """All objects in their bins (or grasped, where that is all), so that the time is one of the whole task.
+    """All objects are in their bins (or grasped, where that is the task), so that the time covers the whole task.
 
-    Contacts do not matter here: they are counted beside the times, and success is more than this. Everywhere a time is
+    Contacts are counted separately, and success requires more. Every time shown is
     that of a completed trial, in `bench` and in the report.
     """
     kind = "place" if result["places_total"] else "pick"

@@ -1,7 +1,7 @@
 """Things put where the robot is or goes: before the moving base, onto its goal, and onto its hand.
 
-From a touch the base brakes with all it has, and then only leaves what it is in; it does not circle round a goal that
-is taken; and the arm moves no further into what stands where it is.
+On touch the base brakes fully, and then only moves out of the overlap; it does not circle round a goal that
+is occupied; and the arm moves no further into an obstacle that it overlaps.
 """
 
 import math
@@ -32,7 +32,7 @@ SCENE = "playground"
 METHODS = ("fast", "motm", "staa")
 GAPS = (-0.04, 0.0, 0.02, 0.05, 0.10)  # [m] between the front of the base and the box
 SPEEDS = (0.1, 0.25, 0.5, 1.0)  # [m/s] of the base
-OVER = 0.02  # [m] more than the stopping way that the base may go on while it touches
+OVER = 0.02  # [m] beyond the stopping distance that the base may travel in contact
 REVERSALS = 3  # most of them before a taken goal
 GOALS = (  # name, shape, size [m]
     ("box 0.3 m", "box", 0.3),
@@ -45,7 +45,7 @@ GOALS = (  # name, shape, size [m]
 PHASES = (Phase.TRANSIT, Phase.FINAL, Phase.LIFT, Phase.CARRY, Phase.RELEASE)
 STAYS = 14.0  # [s] that a box stays on the hand
 _PUT_AT = 40  # period in which the base has its speed, but for quick ones
-_LAG = 0.05  # [s] a period: what is put is seen in the next
+_LAG = 0.05  # [s] a period: a placed body is seen in the next
 _BOX_LENGTH = 1.5  # [m] along the way: more than a quick base needs to stop
 _MOVES = 0.03  # [m/s]
 _OUT = 0.6  # [m] from the middle of the base: the hand is beside it

@@ -1,7 +1,7 @@
 """Task times against numbers to reach: `fast` is judged, and the paper's method stands beside it.
 
-The paper's experiments, a quicker robot, and scenes that the code was not made for. Every trial is an experiment's
-(`studies.run`), kept on disk and gone on with after Ctrl-C.
+The paper's experiments, a faster robot, and scenes that the code was not tuned on. Every trial is an experiment's
+(`studies.run`), kept on disk and resumed after Ctrl-C.
 """
 
 import math
@@ -13,8 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from motm_twin.measures.measures import PARTS
-from motm_twin.methods.fast import FAST
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import FAST, MOTM
 from motm_twin.perf.report import Wanted, enough, grid, machine, wanted_rows, wanted_table, write_report
 from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import experiment

@@ -44,7 +44,7 @@ _GROUND = np.array(
 
 
 def scale(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Viridis reversed: 0 (cheap) is bright yellow, 1 (dear) is dark violet; shape (n,) to (n, 3)."""
+    """Viridis reversed: 0 (cheap) is bright yellow, 1 (expensive) is dark violet; shape (n,) to (n, 3)."""
     return _interpolate(_VIRIDIS, 1.0 - values)
 
 
@@ -59,7 +59,7 @@ def css(colour: Rgb) -> str:
 
 
 def viridis_css() -> str:
-    """The candidate scale as a CSS gradient from cheap to dear."""
+    """The candidate scale as a CSS gradient from cheap to expensive."""
     stops = ", ".join(css(tuple(int(c) for c in colour)) for colour in _VIRIDIS[::-1])  # type: ignore[arg-type]
     return f"linear-gradient(90deg, {stops})"
 

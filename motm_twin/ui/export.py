@@ -1,7 +1,7 @@
 """The last seconds as one HTML file that plays without a server: ``python -m motm_twin.ui.export INPUT OUTPUT``.
 
-A process of its own draws the periods of the history as the page draws them, into a private Viser server that nobody
-is told of, and keeps what that would have sent. So the page goes on undisturbed meanwhile.
+A separate process draws the periods of the history as the page does, into a private Viser server, and keeps what that
+would have sent. The page is not disturbed.
 """
 
 import html
@@ -30,7 +30,7 @@ from motm_twin.ui.scene.scene_view import SceneView
 
 RATE = 20.0  # [Hz] frames of the recording, at most one per period
 TIMEOUT = 180.0  # [s] for the whole export
-NICENESS = 10  # more than the viewer's: nobody waits for it with a hand on the mouse
+NICENESS = 10  # more than the viewer's: it is not interactive
 LAST = 1.0  # [s] for which the last frame stays
 _PROGRESS = "progress "
 
@@ -115,7 +115,7 @@ def _draw_elsewhere(source: Path, result: Path, progress: Callable[[float], None
 
 
 class _NoTwin:
-    """The client of no twin: nobody looks at a recording while it is drawn, and nobody commands it."""
+    """A client without a twin: a recording has no visitors and takes no commands."""
 
     sender, endpoint, alive = "export", "", False
 

@@ -1,8 +1,8 @@
 """The last two minutes: every period as it was sent, so that the page can look back while the robot goes on.
 
-Payloads are kept compressed (about 3 kB each) and read again only when somebody looks at them; the numbers of the plots
-and the list of events are read once, when a period arrives. A branch keeps the past that it shares and sets aside what
-will not come to pass, until the branch is undone; a reset or another scene (or server) begins anew.
+Payloads are kept compressed (about 3 kB each) and decoded only when looked at; the numbers of the plots
+and the list of events are read once, when a period arrives. A branch keeps the shared past and sets aside the rest
+until the branch is undone; a reset or another scene (or server) starts afresh.
 """
 
 import bisect
@@ -101,7 +101,7 @@ def sample(part: Part) -> Sample:
 
 
 class Span(NamedTuple):
-    """The periods that can be looked at: first and last one, and their times [s]."""
+    """Range of available periods: the first and last, and their times [s]."""
 
     first: int
     last: int
@@ -127,7 +127,7 @@ class _Map:
 
 @dataclass(frozen=True)
 class _Tail:
-    """The end of a run that is set aside: the point where the branch left it, and all from there on."""
+    """The part of a run that a branch has set aside: everything from the branching point on."""
 
     run: int
     index: int
@@ -153,9 +153,9 @@ class History:
         self._shown_map: tuple[_Map, Grid] | None = None
 
     def add(self, payload: bytes) -> None:
-        """Take a tick as it came. A lower or equal period takes the place of what is there from it on.
+        """Take a raw tick. A lower or equal period replaces everything from it on.
 
-        A preview is left out: it is no period that was. Raises ValueError when the tick is of another version.
+        Previews are left out. Raises ValueError for a tick of another version.
         """
         part = self._read_part(payload)
         if part.version != TICK_VERSION:
@@ -172,7 +172,7 @@ class History:
             self._shorten()
 
     def add_grid(self, cells: bytes, info: bytes) -> None:
-        """Take a grid as it came; one that equals the last is not kept twice. Raises ValueError (other version)."""
+        """Take a raw grid, unless it equals the last. Raises ValueError (other version)."""
         read = msgspec.json.decode(info, type=GridInfo)
         if read.version != GRID_VERSION:
             raise ValueError(f"the history holds {GRID_VERSION!r}, not {read.version!r}")
@@ -194,9 +194,9 @@ class History:
                 self._map_bytes -= len(self._maps.pop(0).cells)
 
     def at(self, index: int) -> TickMessage | None:
-        """The period of this index, or the nearest before it that is kept, or the oldest; None when there is none.
+        """The period of this index, else the nearest kept one before it, else the oldest; None when there is none.
 
-        Asked for the same period again, it gives the same object.
+        Repeated calls return the same object.
         """
         with self._lock:
             entry = self._find(index)
@@ -213,7 +213,7 @@ class History:
         return None if entry is None else zlib.decompress(entry.payload)
 
     def grid_at(self, index: int) -> Grid | None:
-        """The grid that was in force in this period."""
+        """The grid in force in this period."""
         with self._lock:
             entry = self._find(index)
             number = -1 if entry is None else bisect.bisect_right(self._maps, entry.time + 1e-9, key=_STAMP) - 1
@@ -226,7 +226,7 @@ class History:
 
     @property
     def span(self) -> Span | None:
-        """The periods that can be looked at; None before the first one."""
+        """Range of available periods; None before the first one."""
         with self._lock:
             if not self._entries:
                 return None
@@ -270,7 +270,7 @@ class History:
         return self._entries[max(0, bisect.bisect_right(self._entries, index, key=_INDEX) - 1)]
 
     def _turn(self, part: Part) -> None:
-        """Another run: a branch, or its undoing, goes on from the past it shares; anything else has none."""
+        """Start another run: a branch or its undoing continues from the shared past; anything else has none."""
         if (part.run, part.began) == (self._run, self._began):
             return
         newer = part.run > self._run
@@ -337,13 +337,13 @@ def _same(a: _Map, b: _Map) -> bool:
 
 
 class Looking(Protocol):
-    """Holds the period that is looked at; None is the newest."""
+    """Holds the period shown; None is the newest."""
 
     at: int | None
 
 
 class Playback:
-    """Moves ``view.at`` through the history. Everybody sees the same picture."""
+    """Moves ``view.at`` through the history, for all visitors."""
 
     def __init__(self, view: Looking) -> None:
         self._view = view
@@ -389,7 +389,7 @@ class Playback:
         self._view.at = None if at >= span.last and periods > 0 else min(at, span.last)
 
     def advance(self, span: Span | None, now: float | None = None) -> None:
-        """Let the picture move on; call it often. It ends where the newest period is."""
+        """Advance the playback; call it often. It ends at the newest period."""
         now = time.monotonic() if now is None else now
         if not self.playing or span is None or self._view.at is None:
             self._speed = 0.0 if self._view.at is None else self._speed

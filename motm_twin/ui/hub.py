@@ -1,7 +1,7 @@
 """Shared by all parts of the page: its visitors, the view, and the way from a widget to the twin.
 
-One 3D scene is drawn for everybody, as the driver has arranged it; each visitor has an own panel and camera. Any number
-of visitors may look; only the driver (of the twin's lease) can change something, and every callback is checked here.
+One 3D scene is drawn for everybody, as the driver has arranged it; each visitor has a panel and a camera. Any number
+of visitors may look; only the driver, who holds the twin's lease, can change anything; every callback is checked here.
 """
 
 import asyncio
@@ -44,9 +44,9 @@ NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
 PATIENT = (HandOver, Inspect, Load, Pause, Play, Reset, Seed, Speed, TakeWheel)  # hold for whatever is being loaded
 LOOK = 0.1  # [s] between looks at what the server is doing
-ASKED = (Load, Pause, Play, Reset, Seed, Speed)  # of them what a person has pressed, and is told about
-PROMPT, PATIENCE = 5.0, 20.0  # [s] until the twin must have answered, for what is meant now, and for the `PATIENT`
-KEEP_WHEEL = 3.0  # [s] what a driver does on the page alone keeps the wheel as well, told this often
+ASKED = (Load, Pause, Play, Reset, Seed, Speed)  # of them, those that a person has clicked, with notes
+PROMPT, PATIENCE = 5.0, 20.0  # [s] for the twin to answer, for immediate commands and for the `PATIENT`
+KEEP_WHEEL = 3.0  # [s] between renewals of the lease by actions on the page alone
 Act = Callable[[Any, "Visitor"], object]
 
 
@@ -63,7 +63,7 @@ class Visitor:
     _noting: threading.Lock = field(default_factory=threading.Lock)
 
     def show(self, note: viser.NotificationHandle, text: str) -> None:
-        """A new note is on the page: one that says the same goes, and the oldest, so that they never pile up."""
+        """Add a note; an equal one and the oldest are removed, so that notes never pile up."""
         with self._noting:
             same = [entry for entry in self.notes if entry[1] == text]
             kept = [entry for entry in self.notes if entry[1] != text]
@@ -73,7 +73,7 @@ class Visitor:
             old.remove()
 
     def rename(self, text: str) -> None:
-        """Take a name a person has typed, as far as it can be shown; an empty one changes nothing."""
+        """Take a name that a person has typed, cleaned for display; an empty one changes nothing."""
         self.name = clean_name(text) or self.name
 
 
@@ -84,9 +84,9 @@ class View:
     layers: dict[str, bool] = field(default_factory=lambda: {name: name not in OFF_AT_FIRST for name in LAYERS})
     picked: int | None = None  # candidate whose costs and paths are shown
     staa_path: bool = False  # path of unmodified STAA*
-    selected: str = ""  # body, cube or piece of furniture that the next action is about
+    selected: str = ""  # body, cube or piece of furniture selected for the next action
     sending: str = ""  # agent that goes where the floor is clicked next
-    placing: str = ""  # body that was just added: it is put where the floor is clicked next
+    placing: str = ""  # body just added: moved to the next click on the floor
     at: int | None = None  # period that is shown; None: the newest
 
 
@@ -101,7 +101,7 @@ class Shown:
     newest: TickMessage | None
     live: bool
     view: View
-    grid: Grid | None = None  # that was in force in the shown period
+    grid: Grid | None = None  # in force in the shown period
 
     @property
     def behind(self) -> float:
@@ -134,7 +134,7 @@ class Hub:
 
     @property
     def span(self) -> Span | None:
-        """Periods that can be looked back at: those kept here, as far as the twin can branch from them."""
+        """Range of periods to look back at: those kept here that the twin can also branch from."""
         span, status = None if self.history is None else self.history.span, self.client.status()
         if span is None or status is None:
             return span
@@ -156,7 +156,7 @@ class Hub:
         return visitor
 
     def leave(self, client: viser.ClientHandle) -> Visitor | None:
-        """The visitor that is gone: asks for nothing, and if it drove, the wheel is free."""
+        """Forget a visitor who left, with its requests; if it drove, its lease ends."""
         visitor = self._visitors.pop(client.client_id, None)
         if visitor is None:
             return None
@@ -185,30 +185,30 @@ class Hub:
     # the wheel
 
     def drives(self, visitor: Visitor) -> bool:
-        """True for the driver, and for everybody while there is none."""
+        """True for the driver, and for everybody while nobody drives."""
         status = self.client.status()
         return status is None or status.driver in ("", visitor.sender)
 
     def is_driver(self, visitor: Visitor) -> bool:
-        """True for the visitor who holds the wheel."""
+        """True for the visitor who drives."""
         status = self.client.status()
         return status is not None and status.driver == visitor.sender
 
     def refusal(self, visitor: Visitor) -> str:
-        """Reason why this visitor may not change anything now; "" when he may."""
+        """Reason why this visitor may not change anything now; "" if they may."""
         if not self.drives(visitor):
             status = self.client.status()
             return f"{status.driver_name if status else 'somebody else'} is driving"
         return "" if self.view.at is None else LOOKING_BACK
 
     def live(self, visitor: Visitor) -> bool:
-        """True while the newest period is shown; else the visitor is told that nothing of it can be changed."""
+        """True while the newest period is shown; else the visitor is told that the past cannot be changed."""
         if self.view.at is not None:
             self.tell(visitor, LOOKING_BACK)
         return self.view.at is None
 
     def ask(self, visitor: Visitor) -> None:
-        """Ask the driver for the wheel."""
+        """Ask the driver to hand over."""
         status = self.client.status()
         self._asking[visitor.sender] = visitor
         if status is None or not status.driver:
@@ -220,7 +220,7 @@ class Hub:
             self.tell(visitor, f"{status.driver_name} drives from elsewhere; the wheel is free after 10 s of silence")
 
     def asks(self, visitor: Visitor) -> bool:
-        """True while this visitor waits for the wheel."""
+        """True while this visitor waits for a hand-over."""
         return visitor.sender in self._asking
 
     def asker(self) -> Visitor | None:
@@ -233,7 +233,7 @@ class Hub:
         return next(iter(list(self._asking.values())), None)
 
     def keep_wheel(self, visitor: Visitor) -> None:
-        """Take a wheel that is free for somebody who does something, or keep it through what changes only the page."""
+        """Take a free lease for an active visitor, or renew it for actions that change only the page."""
         quiet = time.monotonic() - visitor.sent > KEEP_WHEEL
         if quiet and self.client.alive and not visitor.gone:
             self.send(visitor, TakeWheel())
@@ -241,7 +241,7 @@ class Hub:
     # commands
 
     def send(self, visitor: Visitor | None, command: Command) -> None:
-        """Have a command sent soon; a refusal is told to the visitor."""
+        """Queue a command; the visitor is told of a refusal."""
         if visitor is not None:
             visitor.sent = time.monotonic()
         try:
@@ -250,7 +250,7 @@ class Hub:
             self.tell(visitor, "too many commands at once")
 
     def command(self, visitor: Visitor | None, command: Command) -> Answer:
-        """Send a command and wait for the answer; a refusal is told to the visitor. Not for Viser's own thread.
+        """Send a command and wait for the answer; the visitor is told of a refusal. Not for Viser's own thread.
 
         A loading server answers nothing: commands that hold for any scene wait until it is done.
         """
@@ -261,7 +261,7 @@ class Hub:
                 self.tell(visitor, "the twin is still loading: this comes next")
             while self.loading() and not self._stop.wait(LOOK):
                 pass
-        with self._speaking:  # nobody speaks for a visitor once the wheel was given back for it
+        with self._speaking:  # no commands for a visitor whose lease was given back
             if visitor is None:
                 answer = self.client.command(command, timeout)
             elif visitor.gone and not isinstance(command, HandOver):
@@ -300,7 +300,7 @@ class Hub:
     # callbacks
 
     def watching(self, act: Act) -> Callable:
-        """A callback anybody may trigger: kept in order, errors shown on the page. ``act(event, visitor)``."""
+        """Wrap a callback that anybody may trigger: in order, errors shown on the page. ``act(event, visitor)``."""
 
         async def callback(event: Any) -> None:
             visitor = self._visitors.get(getattr(event, "client_id", None))  # type: ignore[arg-type]
@@ -316,7 +316,7 @@ class Hub:
         return callback
 
     def driving(self, act: Act) -> Callable:
-        """A callback only for the driver; others are told who drives."""
+        """Wrap a callback only for the driver; others are told who drives."""
 
         def checked(event: Any, visitor: Visitor) -> object:
             if not self.drives(visitor):
@@ -330,9 +330,9 @@ class Hub:
 
 
 def clean_name(text: str) -> str:
-    """A person's name as others may see it: printable, one line, at most `NAME_MAX` characters, or "" for nothing.
+    """A person's name for display: printable, one line, at most `NAME_MAX` characters; "" for none.
 
-    Signs that turn the direction of writing, and the like, are no printable characters.
+    Characters that turn the direction of writing are not printable.
     """
     words = "".join(letter if letter.isprintable() else " " for letter in text).split()
     return " ".join(words)[:NAME_MAX].strip()

@@ -1,15 +1,17 @@
-"""The server of the page: Viser's, with a door for those who may load it and open its websocket.
+"""The server of the page: Viser's, with a door for those who may load it, and scripts for keys and reconnection.
 
 Viser has no login and checks no origin, so its listener is wrapped here. The names in Host and Origin are checked, so
-that no other web page can reach the twin through the visitor's browser, and none may show it in a frame; with
-a token, nothing is served without it. The public tunnel that Viser offers is switched off for good.
+that no other web page can reach the twin through the visitor's browser, and none may show it in a frame. With a token,
+nothing is served without it. Viser's public tunnel is off for good.
 
-One page must not cost the others theirs: their number is limited, and the data that each may send. A page sends its
-camera sixty times a second at most, and a picture of some megabytes when it is asked for one. Faster messages wait in
-the browser: they are read later, by TCP's own control of the flow.
+One page must not cost the others theirs: the number of pages is limited, and the data that each may send. A page sends
+its camera at most sixty times a second, and a picture of some megabytes when asked for one. Faster messages wait in the
+browser, held back by TCP flow control.
 """
 
 import asyncio
+import functools
+import gzip
 import hmac
 import http
 import ipaddress
@@ -30,15 +32,130 @@ from websockets.http11 import Request, Response
 
 from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.bus.private_folder import folder, own_secret
-from motm_twin.memory import give_back
-from motm_twin.ui.page_scripts import with_scripts
+from motm_twin.program import give_back
+
+# Keys work wherever the focus is, except in text fields, and a tap is a click.
+#
+# Viser listens for keys at the top of the document, but its tabs and handles keep Space and Enter to themselves, its
+# checkboxes and closed lists count as fields, and Space also presses the button that was clicked last. The script takes
+# plain keys before any widget does and hands them to the document; Enter, Tab and the arrows stay with the widgets, and
+# Escape with what lies over the page. A window of ours with a Close button is closed by Escape, and by a click beside
+# it; under it only H does what it always does.
+#
+# Browsers capture a finger to the canvas from its first touch on, which Viser takes for a gesture in
+# progress, so that no tap would be a click. The script releases the capture.
+KEYS = """<script>
+(() => {
+  const noText = /^(checkbox|radio|range|button|submit|reset|file|color)$/;
+  const closedList = (e) => e.getAttribute("aria-haspopup") === "listbox" && e.getAttribute("aria-expanded") !== "true";
+  const typing = (e) => e.isContentEditable || e.tagName === "TEXTAREA" || e.tagName === "SELECT" ||
+    (e.tagName === "INPUT" && !noText.test(e.type) && !closedList(e));
+  const covers = "[role=dialog], [role=listbox]";
+  const covered = () => [...document.querySelectorAll(covers)].some((e) => e.checkVisibility());
+  const closing = () => [...document.querySelectorAll("[role=dialog] button")].find(
+    (e) => e.textContent.trim() === "Close" && e.checkVisibility());
+  const take = (event) => {
+    const at = event.target;
+    const close = closing();
+    if (event.isTrusted && close && event.key !== "Tab" && event.key.toLowerCase() !== "h") {
+      if (event.type === "keyup") return;
+      event.stopImmediatePropagation();
+      if (event.key === "Escape") close.click();
+      return;
+    }
+    if (!event.isTrusted || !(at instanceof Element) || typing(at) || event.ctrlKey || event.altKey || event.metaKey)
+      return;
+    if (event.type === "keydown" && event.key === "Enter" && at.type === "checkbox") at.click();
+    if (event.key.length !== 1 && event.key !== "Delete" && (event.key !== "Escape" || covered())) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (event.repeat && event.key === " ") return;
+    const { key, code, shiftKey, repeat } = event;
+    const again = { key, code, shiftKey, repeat, bubbles: true, cancelable: true };
+    document.body.dispatchEvent(new KeyboardEvent(event.type, again));
+  };
+  addEventListener("keydown", take, true);
+  addEventListener("keyup", take, true);
+  addEventListener("pointerdown", (event) => {
+    const at = event.target, close = closing();
+    if (close && !at.closest("[role=dialog]")) close.click();
+    if (event.pointerType === "mouse" || !(at instanceof HTMLCanvasElement)) return;
+    if (at.hasPointerCapture(event.pointerId)) at.releasePointerCapture(event.pointerId);
+  }, true);
+})();
+</script>"""
+
+
+# Viser's page tries to connect anew once a second, and gives up the attempt before. After some that have failed, a
+# browser waits up to 5 s before it makes another (Chromium's throttle of websockets), so that all are given up before
+# they are made: the page of a server that was away for half a minute never came back. The script lets an attempt end
+# (Viser ends it after 5 s) before the next begins. While there is no connection a line over the scene says so; Viser
+# only fades its panel.
+RECONNECT = """<script>
+(() => {
+  const words = "Connection to the server lost. This page reconnects by itself while it is in front.";
+  const line = document.createElement("div");
+  line.setAttribute("role", "status");
+  line.textContent = words;
+  line.style.cssText = "position:fixed;top:12px;left:12px;z-index:10000;padding:6px 12px;border-radius:6px;" +
+    "background:#b91c1c;color:#fff;font:14px system-ui,sans-serif;max-width:calc(100vw - 48px)";
+  const known = new WeakSet(), trying = new WeakSet();
+  let connected = false;
+  const heard = (worker, type) => {
+    if (type !== "connected" && type !== "closed") return;
+    trying.delete(worker);
+    if (type === "connected") line.remove();
+    else if (connected) document.body.append(line);
+    connected ||= type === "connected";
+  };
+  const post = Worker.prototype.postMessage;
+  Worker.prototype.postMessage = function (data, ...rest) {
+    const type = data?.type;
+    if (type === "set_server" || type === "retry") {
+      if (!known.has(this)) {
+        known.add(this);
+        this.addEventListener("message", (event) => heard(this, event.data?.type));
+      }
+      if (type === "retry" && trying.has(this)) return;
+      trying.add(this);
+    }
+    return post.call(this, data, ...rest);
+  };
+})();
+</script>"""
+
+
+SCRIPTS = (KEYS, RECONNECT)
+
+
+def with_scripts(response: Response | None) -> Response | None:
+    """Insert the scripts into an answer that is the page; other answers stay as they are."""
+    if response is None or not response.headers.get("Content-Type", "").startswith("text/html"):
+        return response
+    zipped = response.headers.get("Content-Encoding") == "gzip"
+    body = _inserted(bytes(response.body or b""), zipped)
+    headers = Headers((name, value) for name, value in response.headers.raw_items() if name != "Content-Length")
+    headers["Content-Length"] = str(len(body))
+    return Response(response.status_code, response.reason_phrase, headers, body)
+
+
+@functools.lru_cache(maxsize=2)
+def _inserted(body: bytes, zipped: bool) -> bytes:
+    """The page with the scripts at the start of its head. Raises ValueError for a page without one."""
+    page = gzip.decompress(body) if zipped else body
+    before, head, after = page.partition(b"<head>")
+    if not head:
+        raise ValueError("Viser's page has no <head> for our scripts: this Viser is not the pinned one")
+    page = before + head + "".join(SCRIPTS).encode() + after
+    return gzip.compress(page, mtime=0) if zipped else page
+
 
 VARIABLE = "MOTM_TOKEN"
 FILE = "page-token"  # in the user's private folder
 COOKIE = "motm_token"  # and the port, as a browser sends the cookies of one port to all others of a name
 HEALTH_PATH = "/healthz"
 MIN_TOKEN = 32  # characters; 128 bits when they are hexadecimal
-CLOSED = {  # headers of every answer: no page shows this one, and its address is told to none
+CLOSED = {  # headers of every answer: no framing, no referrer
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
@@ -49,15 +166,15 @@ VISITORS = 50  # pages at once, unless another number is wished for
 MESSAGES, BURST = 300.0, 600.0  # [1/s] of one page, and at once
 BYTES, BYTES_BURST = 2e6, 16e6  # [1/s] of one page, and at once
 LARGEST = 8 * 1024 * 1024  # bytes of a message
-QUEUED = 4  # messages of one page that wait to be read
+QUEUED = 4  # unread messages of one page
 TIDY = 0.5  # [s] after a page has left, memory is given back for it and for those that have left since
 TRY_LATER = 1013  # code with which a websocket is closed
 
 
 def chosen_token(given: str | None, *, none: bool) -> str | None:
-    """The token to ask for: the one that is given or in MOTM_TOKEN, else the user's own; None when ``none`` is wanted.
+    """The required token: the given one or that in MOTM_TOKEN, else the user's own; None with ``none``.
 
-    Raises ValueError for both wishes at once, OSError when the user's own can not be kept.
+    Raises ValueError when both are given, OSError when the user's own cannot be stored.
     """
     if given is not None and none:
         raise ValueError("--token and --no-token exclude each other")
@@ -87,7 +204,7 @@ def check_token(host: str, token: str | None) -> None:
 
 
 class Allowance:
-    """A bucket that fills steadily: what is taken beyond it must wait."""
+    """A token bucket: whoever takes more than it holds must wait."""
 
     def __init__(self, rate: float, most: float, now: float) -> None:
         """``rate`` [1/s], up to ``most``; ``now`` [s] monotonic."""
@@ -101,7 +218,7 @@ class Allowance:
 
 
 class PageLimit:
-    """Counts the open pages, and slows those down that send too much."""
+    """Counts open pages, and slows down those that send too much."""
 
     def __init__(self, most: int = VISITORS) -> None:
         """``most``: pages at once."""
@@ -109,15 +226,15 @@ class PageLimit:
 
     @property
     def full(self) -> bool:
-        """Nobody else may come now."""
+        """No further page may open now."""
         return self.here >= self.most
 
     def text(self) -> str:
-        """Reason why nobody else may come."""
+        """Reason why no further page may open."""
         return f"{self.most} pages of this twin are open already: close one, or start it with --visitors"
 
     def bounded(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-        """A handler of websockets that lets `most` in, and reads from each no faster than it may send."""
+        """A websocket handler for at most `most` pages, each read no faster than its allowance."""
 
         async def handle(connection: Any) -> None:
             if self.full:
@@ -134,7 +251,7 @@ class PageLimit:
         return handle
 
     def _tidy_soon(self) -> None:
-        """Also after pages that broke off before they had a panel: most of their memory was taken by then."""
+        """Schedule a clean-up, also after pages that broke off before they had a panel."""
         if not self._untidy:
             self._untidy = True
             asyncio.get_running_loop().call_later(TIDY, self._tidy)
@@ -203,7 +320,7 @@ class Guard:
         return _response(http.HTTPStatus.SERVICE_UNAVAILABLE, self._limit.text(), {"Retry-After": "10"})
 
     def _serves(self, host: str) -> bool:
-        """The page goes by this name. An address is nobody's domain, which could be led here."""
+        """The page may be asked for under this name; an IP address always passes: it is nobody's domain."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
@@ -259,7 +376,7 @@ def page_url(host: str, port: int, token: str | None) -> str:
 
 
 def _no_tunnel(*_: object, **__: object) -> None:
-    """Takes the place of the request for a public address."""
+    """Replacement for Viser's request for a public address."""
 
 
 def _closed(response: Response | None) -> Response | None:

@@ -1,6 +1,6 @@
 """The viewer: a Zenoh client that draws ticks with Viser and posts commands.
 
-A process of its own, which can be started, stopped and restarted at any time; the twin does not notice. Alone:
+A separate process, which can be started, stopped and restarted at any time without affecting the twin. Alone:
 ``python -m motm_twin.ui.viewer --endpoint tcp/127.0.0.1:7447 --port 8080``.
 """
 
@@ -22,8 +22,7 @@ from motm_twin.bus.connection import LOOPBACK
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.messages import NumberedEvent, TickMessage
 from motm_twin.bus.processes import Reporter, leave, stop_event
-from motm_twin.exit_codes import BAD_INPUT
-from motm_twin.memory import freeze_setup, share_arenas
+from motm_twin.program import BAD_INPUT, freeze_setup, share_arenas
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.page_server import VARIABLE, VISITORS, chosen_token, open_page, page_url
@@ -144,7 +143,7 @@ class HistoryWriter:
 
 
 def tell_events(client: TwinClient, tell: Callable[[str, str], None]) -> Callable[[], None]:
-    """Have texts and titles of events told that no period shows, such as a refusal by the robot; returns the end."""
+    """Show events that no period has, such as a refusal by the robot, as notes; returns the function that ends this."""
     decode = msgspec.json.Decoder(NumberedEvent).decode
 
     def take(payload: bytes) -> None:  # in Zenoh's thread: a note is only queued for the page
@@ -167,7 +166,7 @@ def main() -> None:
     given = os.environ.pop(VARIABLE, None) or None  # no child of this program needs it
     os.nice(NICENESS)
     share_arenas()
-    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no news
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # a browser that hangs up is no error
     try:
         token = chosen_token(None if options.no_token else given, none=options.no_token)
         server = open_page(options.host, options.port, token, options.name, visitors=options.visitors)

@@ -1,4 +1,4 @@
-"""Comparisons (what if): a run once more in other processes, as it was and with other parameters, for everybody to see.
+"""Comparisons (what if): a run repeated in other processes, unchanged and with other parameters, for all visitors.
 
 ``python -m motm_twin.record.what_if`` computes both and writes JSON lines; here they are read and kept.
 """
@@ -36,7 +36,7 @@ Mover = tuple[float, float, float, float]  # a Temi or a person: x, y, radius, h
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True):
-    """The robot of one run at one moment, and who else is about there."""
+    """The robot of one run at one moment, and other dynamic bodies there."""
 
     time: float  # [s] simulated
     pose: tuple[float, float, float]
@@ -79,7 +79,7 @@ class _Line(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Other:
-    """A robot of another run, at one moment."""
+    """A robot of a compared run, at one moment."""
 
     label: str
     pose: tuple[float, float, float]
@@ -132,7 +132,7 @@ class Runs:
         return {run: samples[-1].time for run, samples in self._samples.items() if samples}
 
     def common(self) -> float:
-        """Time [s] up to which both runs can be shown: a run that has ended stands where it did."""
+        """Time [s] up to which both runs can be shown: an ended run keeps its last pose."""
         open_runs = [run for run in RUNS if run not in self.outcomes]
         reached = self.reached()
         return min((reached.get(run, 0.0) for run in open_runs), default=max(reached.values(), default=0.0))

@@ -16,7 +16,6 @@ from fake_twin import fake_server
 from rich.console import Console
 from waiting import until, until_paused
 
-from motm_twin import cli_serve
 from motm_twin.bus import credentials
 from motm_twin.bus import private_folder as running
 from motm_twin.bus.client import TwinClient
@@ -24,6 +23,7 @@ from motm_twin.bus.commands import Step
 from motm_twin.bus.connection import free_port, open_client, open_member, open_server
 from motm_twin.bus.credentials import FILE, client_file, forget, known_at, own_credentials
 from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE, ConfigError
+from motm_twin.cli import serve as cli_serve
 from motm_twin.client import connect
 from motm_twin.client.discover import NoTwin, running_twins
 

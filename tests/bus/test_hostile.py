@@ -11,8 +11,7 @@ from waiting import until
 from motm_twin.bus.commands import Speed, Step
 from motm_twin.bus.connection import open_client, open_member
 from motm_twin.perf import bus, soak
-from motm_twin.perf.processes import act, restart
-from motm_twin.perf.worker import Worker
+from motm_twin.perf.processes import Worker, act, restart
 
 pytestmark = pytest.mark.timeout(600)
 

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motm_twin.bus.commands import Refused
-from motm_twin.bus.lease import SILENCE, Lease
+from motm_twin.bus.driver import SILENCE, Lease
 
 SENDERS = ("ann", "bob", "cid")
 

@@ -13,8 +13,7 @@ from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Load, Reset, Seed
 from motm_twin.bus.library import FileLibrary, MethodLibrary
 from motm_twin.measures.reference_tour import reference_tour_s
-from motm_twin.methods.modifications import MOTM, STAA
-from motm_twin.methods.registry import METHODS
+from motm_twin.methods.registry import METHODS, MOTM, STAA
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.model.names import MethodError
 from motm_twin.model.scene_file import load_scene

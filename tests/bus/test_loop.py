@@ -48,7 +48,7 @@ from motm_twin.bus.commands import (
 )
 from motm_twin.bus.live import MAX_ADDED
 from motm_twin.bus.loop import STANDING_INTERVAL
-from motm_twin.finish import SETTLE_PERIODS
+from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.model.scene import DriveTo
 
 
@@ -193,14 +193,14 @@ def test_a_refused_command_and_an_inspection_take_no_wheel():
 
 
 def test_a_change_of_driver_is_told_and_lets_go_of_what_was_held(monkeypatch):
-    monkeypatch.setattr("motm_twin.bus.lease.SILENCE", 0.2)
+    monkeypatch.setattr("motm_twin.bus.driver.SILENCE", 0.2)
     with Running() as running:
         before = running.sink.states
         assert running.ask(MoveBody(name="temi1", x=0.0, y=0.0)) == ""
         until(lambda: ReleaseBody(name="temi1") in running.twins[0].queue, "nobody let go")
         until(lambda: running.sink.states >= before + 2, "not told who has the wheel, or not that it is free")
         assert running.loop.status().driver == ""
-        monkeypatch.setattr("motm_twin.bus.lease.SILENCE", 60.0)  # or the wheel may be free again before we look
+        monkeypatch.setattr("motm_twin.bus.driver.SILENCE", 60.0)  # or the wheel may be free again before we look
         assert running.ask(MoveBody(name="temi1", x=1.0, y=0.0), sender="bob", name="Bob") == ""
         assert running.loop.status().driver_name == "Bob"
 

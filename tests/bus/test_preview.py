@@ -6,7 +6,7 @@ import pytest
 
 from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, MoveBody, SendAgent
 from motm_twin.bus.live import LiveTwin
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import MOTM
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin

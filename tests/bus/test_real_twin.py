@@ -32,8 +32,8 @@ from motm_twin.bus.commands import (
     UndoBranch,
 )
 from motm_twin.bus.library import FileLibrary
+from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.control.tuning import parameter
-from motm_twin.finish import SETTLE_PERIODS
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record.replay import rerun

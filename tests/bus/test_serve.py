@@ -32,7 +32,16 @@ READY = 240.0  # [s] the first start compiles, on a machine that may be busy
 @contextmanager
 def serving(*options, zenoh_port=None):
     zenoh_port = zenoh_port or free_port()
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--zenoh-port", str(zenoh_port), *options]
+    command = [
+        sys.executable,
+        "-m",
+        "motm_twin",
+        "serve",
+        "exp1",
+        "--zenoh-port",
+        str(zenoh_port),
+        *options,
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
             yield process, zenoh_port
@@ -168,7 +177,7 @@ def test_a_taken_port_is_exit_code_2_with_advice(option):
         holder.bind(("127.0.0.1", 0))
         holder.listen()
         ports = {"--port": str(free_port()), "--zenoh-port": str(free_port()), option: str(holder.getsockname()[1])}
-        command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1"]
+        command = [sys.executable, "-m", "motm_twin", "serve", "exp1"]
         ended = subprocess.run(
             [*command, *(word for pair in ports.items() for word in pair)],
             capture_output=True, text=True, timeout=60, check=False,
@@ -189,7 +198,18 @@ def test_a_taken_port_is_exit_code_2_with_advice(option):
     ],
 )
 def test_bad_input_is_exit_code_2_with_a_sentence(options, words):
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--zenoh-port", "0", "--port", "0", *options]
+    command = [
+        sys.executable,
+        "-m",
+        "motm_twin",
+        "serve",
+        "exp1",
+        "--zenoh-port",
+        "0",
+        "--port",
+        "0",
+        *options,
+    ]
     environment = {name: value for name, value in os.environ.items() if name != "MOTM_TOKEN"}
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
     assert ended.returncode == 2

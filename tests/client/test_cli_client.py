@@ -15,8 +15,8 @@ from motm_twin.bus.commands import AddObstacle, InsertTask, Load, Pause, SetPara
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.credentials import own_credentials
 from motm_twin.bus.private_folder import Running, note
+from motm_twin.cli.send import parse
 from motm_twin.client import connect
-from motm_twin.client.send import parse
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene import DriveTo
 
@@ -31,7 +31,7 @@ def server(tmp_path_factory):
 
 def call(server, *arguments, **variables):
     where = [] if server is None else ["--endpoint", server.endpoint]
-    command = [sys.executable, "-m", "motm_twin.cli", *arguments, *where]
+    command = [sys.executable, "-m", "motm_twin", *arguments, *where]
     environment = {**os.environ, **variables}
     return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, env=environment)
 
@@ -142,7 +142,16 @@ def test_watch_prints_the_newest_value_of_every_key(server):
 
 
 def test_watch_prints_every_event_until_it_is_ended(server):
-    command = [sys.executable, "-m", "motm_twin.cli", "watch", "event", "--json", "--endpoint", server.endpoint]
+    command = [
+        sys.executable,
+        "-m",
+        "motm_twin",
+        "watch",
+        "event",
+        "--json",
+        "--endpoint",
+        server.endpoint,
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, connect(server.endpoint) as twin:
         lines = []
         reader = threading.Thread(target=lambda: lines.extend(process.stdout))

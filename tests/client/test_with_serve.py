@@ -11,7 +11,7 @@ from waiting import until
 
 from motm_twin.client import NoTwin, connect, running_twins
 
-SERVE = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--headless", "--zenoh-port", "0"]
+SERVE = [sys.executable, "-m", "motm_twin", "serve", "exp1", "--headless", "--zenoh-port", "0"]
 
 
 def found(name):
@@ -37,7 +37,10 @@ def test_a_served_twin_is_found_by_its_name_driven_and_gone_after_the_end(tmp_pa
                     break
             twin.hand_over()
         listed = subprocess.run(
-            [sys.executable, "-m", "motm_twin.cli", "twins", "--json"], capture_output=True, text=True, check=False
+            [sys.executable, "-m", "motm_twin", "twins", "--json"],
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert name in [json.loads(line)["twin"] for line in listed.stdout.splitlines()]
     finally:

@@ -17,7 +17,7 @@ from motm_twin.control.motion_check import (
 )
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
-from motm_twin.sim.base import Base, BaseState
+from motm_twin.sim.actuators import Base, BaseState
 
 DT, PROFILE, SETTINGS = 0.01, RobotProfile(), MotionSettings()
 

@@ -197,7 +197,7 @@ def test_every_example_ends_with_one_sentence():
     for example in EXAMPLES.glob("*.py"):
         text = example.read_text(encoding="utf-8")
         if "\ndef main(" in text and "motm_twin" in re.findall(r"^(?:from|import) (\w+)", text, re.M):
-            assert "\n@one_sentence()\ndef main(" in text, example.name
+            assert "\n@clean_exit()\ndef main(" in text, example.name
 
 
 def test_without_gymnasium_the_policies_say_what_to_install(tmp_path):

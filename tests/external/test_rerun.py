@@ -22,15 +22,16 @@ from recordings import changed
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import AddObstacle, Load, Pause, Play, Reset, SetParameter
 from motm_twin.bus.connection import open_member
+from motm_twin.bus.encode import ObservationsMessage
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
-from motm_twin.bus.observations import ObservationsMessage
 from motm_twin.bus.server import RobotChoice, TwinServer
+from motm_twin.cli import rerun as cli_rerun
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.edits import Announce
 from motm_twin.planning.types import SearchBudget
 from motm_twin.record import channels as ch
-from motm_twin.record import cli_rerun, rerun_file
+from motm_twin.record import rerun_file
 from motm_twin.record.info import info
 from motm_twin.record.mcap_file import McapFile
 from motm_twin.record.reader import read

@@ -9,8 +9,8 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from motm_twin import cli_scene
 from motm_twin.bus.library import FileLibrary
+from motm_twin.cli import scene as cli_scene
 from motm_twin.generate.pieces import dial
 from motm_twin.generate.scenes import generate, name_of, parse_name
 from motm_twin.model.scene import DriveTo, Pick, Scene

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from shapely.geometry import LineString, Polygon
 
-from motm_twin import cli_scene
+from motm_twin.cli import scene as cli_scene
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.model.known import known_world
 from motm_twin.model.profile import RobotProfile

@@ -9,11 +9,11 @@ from rich.console import Console
 
 from motm_twin.bus.commands import COMMAND_NAMES, Envelope, Refused
 from motm_twin.bus.gate import CommandGate
+from motm_twin.cli import bench as command
 from motm_twin.perf import bus, soak
 from motm_twin.perf.bus import _effects, _paired
 from motm_twin.perf.fuzz import EXAMPLES, Fuzzer
 from motm_twin.perf.report import Limit, Report, conclude, measure, percentiles
-from motm_twin.studies import bench as command
 
 LIMITS = {
     "a": Limit(name="a number", unit="ms", limit=2.0, decimals=1),

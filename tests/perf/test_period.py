@@ -8,10 +8,10 @@ import pytest
 from rich.console import Console
 
 from motm_twin.model.scene_file import load_scene
-from motm_twin.perf import growth, growth_scenes, period
+from motm_twin.perf import growth, period
 from motm_twin.perf.growth import sweeps
+from motm_twin.perf.period import bench_solvers
 from motm_twin.perf.report import wanted_table
-from motm_twin.perf.solvers import bench_solvers
 from motm_twin.twin import Twin
 
 
@@ -41,7 +41,7 @@ def test_a_scene_that_never_ends_has_its_own_tasks_first():
 
 
 def test_furniture_is_added_beside_the_task_and_all_of_it_is_in_the_map():
-    scene = growth_scenes.with_obstacles(growth_scenes.base_scene(), 100, 200.0)
+    scene = growth.with_obstacles(growth.base_scene(), 100, 200.0)
     added = [solid for solid in scene.solids if solid.name.startswith("desk_")]
     assert len(added) == 100
     assert scene.bounds[2] - scene.bounds[0] == pytest.approx(200.0)
@@ -49,15 +49,15 @@ def test_furniture_is_added_beside_the_task_and_all_of_it_is_in_the_map():
         x, y = solid.shape.centre
         assert not (-3.0 < x < 8.0 and -4.5 < y < 5.0)
     with pytest.raises(ValueError, match="do not fit"):
-        growth_scenes.with_obstacles(growth_scenes.base_scene(), 1000, 20.0)
+        growth.with_obstacles(growth.base_scene(), 1000, 20.0)
 
 
 def test_every_sweep_begins_small_and_grows():
     for sweep in sweeps():
         counts = [point.count for point in sweep.points]
         assert counts == sorted(counts)
-    assert len(growth_scenes.with_targets(growth_scenes.base_scene(), 100).tasks) == 100
-    assert len(growth_scenes.with_agents(growth_scenes.base_scene(), 64).agents) == 64
+    assert len(growth.with_targets(growth.base_scene(), 100).tasks) == 100
+    assert len(growth.with_agents(growth.base_scene(), 64).agents) == 64
 
 
 def test_the_quick_bench_of_growth_runs_and_prints_every_respect(tmp_path):
@@ -69,7 +69,7 @@ def test_the_quick_bench_of_growth_runs_and_prints_every_respect(tmp_path):
 
 def test_a_large_floor_gives_the_same_plan_as_the_room_alone():
     """What is far away changes nothing: neither the map of the period nor the plan."""
-    scene = growth_scenes.with_obstacles(growth_scenes.base_scene(), 0, 60.0)
+    scene = growth.with_obstacles(growth.base_scene(), 0, 60.0)
     room = msgspec.structs.replace(scene, bounds=(-12.5, -12.75, 17.5, 13.25))
     large, small = Twin(scene), Twin(room)
     for _ in range(5):

@@ -36,7 +36,7 @@ KERNELS: dict[str, tuple[str, tuple[str, ...]]] = {
 KNOWN = {
     "control/loop.py:ControlLoop.period",
     "gym/env.py:MotmEnv.__init__",
-    "sim/camera.py:Camera.frame",
+    "sim/sensors.py:Camera.frame",
     "sim/gripper.py:Gripper.step",
 }
 

@@ -10,17 +10,15 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from motm_twin.bus.commands import Refused
 from motm_twin.bus.data_folder import DataFolder
-from motm_twin.bus.encode import tick_message
-from motm_twin.bus.observations import ObservationEncoder
-from motm_twin.console import plain_console, printable, table_console
+from motm_twin.bus.encode import ObservationEncoder, tick_message
+from motm_twin.cli.rerun import rerun_file
+from motm_twin.program import plain_console, printable, table_console
 from motm_twin.record import channels as ch
-from motm_twin.record.cli_rerun import rerun_file
 from motm_twin.record.frames import Frames
 from motm_twin.record.info import info, show
 from motm_twin.record.mcap_file import McapFile
-from motm_twin.record.reader import FREE_MESSAGES, MAX_NAMES, read
+from motm_twin.record.reader import FREE_MESSAGES, MAX_NAMES, read, recover
 from motm_twin.record.recording import load_recording
-from motm_twin.record.recover import recover
 from motm_twin.record.rerun_file import RecordedPlant
 from motm_twin.sessions import session as session_module
 from motm_twin.sessions.session import SessionError, decode_session, encode_session, load_session, save_session

@@ -3,8 +3,7 @@
 import msgspec
 import pytest
 
-from motm_twin.bus.encode import tick_message
-from motm_twin.bus.observations import ObservationEncoder, ObservationsMessage
+from motm_twin.bus.encode import ObservationEncoder, ObservationsMessage, tick_message
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record.rerun_file import RecordedPlant

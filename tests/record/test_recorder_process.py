@@ -14,7 +14,7 @@ from waiting import until
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
 from motm_twin.bus.connection import free_port
-from motm_twin.bus.latest_values import LatestValues
+from motm_twin.bus.queries import LatestValues
 from motm_twin.record.channels import STATUS
 from motm_twin.record.info import info
 from motm_twin.record.mcap_file import McapFile, RecordingFailed

@@ -15,15 +15,14 @@ from motm_twin.bus.commands import AddObstacle, Branch, Load, MoveBody, SetParam
 from motm_twin.bus.encode import tick_message
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.server import TwinServer
+from motm_twin.cli.record import recover as recover_command
+from motm_twin.cli.rerun import rerun_file
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene_file import load_scene
 from motm_twin.record import channels as ch
-from motm_twin.record.cli_record import recover as recover_command
-from motm_twin.record.cli_rerun import rerun_file
 from motm_twin.record.info import info, show
-from motm_twin.record.reader import Health, read
+from motm_twin.record.reader import Health, read, recover
 from motm_twin.record.recording import load_recording
-from motm_twin.record.recover import recover
 from motm_twin.record.rerun_file import _differing, rerun_run
 from motm_twin.sessions.session import SessionError
 

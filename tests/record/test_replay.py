@@ -5,8 +5,16 @@ import pytest
 
 from motm_twin.model.edits import MoveBody
 from motm_twin.record.replay import TRACK_PERIODS, player, rerun, updated
-from motm_twin.sessions.made_with import SOURCE, differences, made_with, source_hash
-from motm_twin.sessions.session import LoggedEdit, SessionError, decode_session, encode_session
+from motm_twin.sessions.session import (
+    SOURCE,
+    LoggedEdit,
+    SessionError,
+    decode_session,
+    differences,
+    encode_session,
+    made_with,
+    source_hash,
+)
 
 replace = msgspec.structs.replace
 

@@ -13,13 +13,12 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from motm_twin.cli.what_if import BothRuns
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record import what_if_run
-from motm_twin.record.cli_what_if import BothRuns
 from motm_twin.record.replay import rerun
-from motm_twin.record.what_if_run import AS_IT_WAS, CHANGED, Outcome, Sample, parse_changes, run_one, start_period
+from motm_twin.record.what_if import AS_IT_WAS, CHANGED, Outcome, Sample, parse_changes, run_one, start_period
 from motm_twin.sessions.session import LoggedEdit, Session, SessionError, save_session
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
@@ -181,7 +180,7 @@ def test_a_run_whose_tasks_are_given_up_ends_with_their_reasons(session):
 
 
 def test_a_run_that_gets_nowhere_ends_with_the_reason(session, monkeypatch):
-    monkeypatch.setattr(what_if_run, "PATIENCE", 5.0)
+    monkeypatch.setattr("motm_twin.record.what_if.PATIENCE", 5.0)
     _, end = ends(fenced(session), {})
     assert not end.success
     assert "nothing was achieved for 5 s during drive_to" in end.reason

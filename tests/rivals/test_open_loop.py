@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from motm_twin.control.method import ArmParts, PlannerParts
-from motm_twin.methods.modifications import MOTM
+from motm_twin.dry_run import nominal_scene
+from motm_twin.methods.registry import MOTM
 from motm_twin.model.edits import InsertTask
 from motm_twin.model.known import known_world
 from motm_twin.model.motion import drive
 from motm_twin.model.names import MethodError
 from motm_twin.model.scene import Bin, DriveTo, Faults, Pick, Place
 from motm_twin.model.scene_file import load_scene
-from motm_twin.rehearse import nominal_scene
 from motm_twin.rivals.open_loop import OPEN_LOOP, docking_twist, tracking_twist
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from motm_twin.ros2.cdr import CdrError, decode, encode
-from motm_twin.ros2.definitions import DEFINITIONS, NONE, SEQUENCE, fields
+from motm_twin.ros2.cdr import DEFINITIONS, NONE, SEQUENCE, CdrError, decode, encode, fields
 from motm_twin.ros2.forms import type_hash
 
 STORES = {"humble": get_typestore(Stores.ROS2_HUMBLE), "jazzy": get_typestore(Stores.ROS2_JAZZY)}

@@ -102,7 +102,7 @@ def test_the_ros_side_may_be_another_router():
 
 def test_serve_starts_it_beside_the_twin():
     port = free_port()
-    command = [sys.executable, "-m", "motm_twin.cli", "serve", "exp1", "--headless", "--zenoh-port", str(port)]
+    command = [sys.executable, "-m", "motm_twin", "serve", "exp1", "--headless", "--zenoh-port", str(port)]
     with subprocess.Popen([*command, "--ros2", "bridge"], stdout=subprocess.PIPE, text=True) as serve:
         try:
             heard(port, "tf")

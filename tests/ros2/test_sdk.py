@@ -9,7 +9,7 @@ from ear import JAZZY, until
 
 from motm_twin.bus.credentials import own_credentials
 from motm_twin.ros2 import forms as topics
-from motm_twin.ros2.definitions import DEFINITIONS
+from motm_twin.ros2.cdr import DEFINITIONS
 from motm_twin.ros2.forms import PUBLISHED, type_hash
 
 sdk = pytest.importorskip("zenoh_ros2_sdk", reason="zenoh-ros2-sdk is not installed", exc_type=ImportError)

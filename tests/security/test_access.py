@@ -19,8 +19,7 @@ from waiting import until, until_paused
 from motm_twin.bus import zenoh_config as config
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import free_port, open_member, open_server
-from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, BridgeForm, RmwForm
-from motm_twin.ros2.outlets import Outlets
+from motm_twin.ros2.forms import ACCEPTED, PUBLISHED, BridgeForm, Outlets, RmwForm
 from motm_twin.security.folder import Folder, People
 
 NAMES = {"viewer": ["ann"], "driver": ["bob"], "robot": ["mine"]}

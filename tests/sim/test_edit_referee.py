@@ -12,8 +12,8 @@ from sim_scenes import box, scene
 from motm_twin.model.edits import AddObstacle, FreezeBody, MoveBody, PushRobot, ReleaseBody, RemoveBody
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.scene import Agent
-from motm_twin.sim.blame import PERSON, braking_time
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.responsibility import PERSON, braking_time
 from motm_twin.sim.world_edits import EditError
 
 BRAKING = braking_time(BaseLimits())  # [s]

@@ -8,8 +8,8 @@ from sim_scenes import box, experiment, scene, temis
 from motm_twin.model.edits import AddObstacle, MoveBody, ReleaseBody, RemoveBody
 from motm_twin.model.scene import Agent, Noise, SceneObject
 from motm_twin.model.state import state_hash
-from motm_twin.sim.localisation import Localisation
 from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.sim.sensors import Localisation
 
 
 def drive_about(plant, seconds, seed=0):

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from motm_twin.control.method import paper_planner
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import MOTM
 
 
 def _dies(parts):

@@ -6,10 +6,10 @@ import json
 import pytest
 from rich.console import Console
 
+from motm_twin.cli.bench import main
 from motm_twin.generate.barn import barn
 from motm_twin.model.scene_file import SceneError, load_scene
 from motm_twin.studies.barn import bench_barn, limits_of, metric, optimal_time, worlds
-from motm_twin.studies.bench import main
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from motm_twin.studies import bench as command
+from motm_twin.cli import bench as command
 from motm_twin.studies import groups
-from motm_twin.studies.efficiency import counts, trials_per_hour
 from motm_twin.studies.groups import GROUPS, Trial, failed, run_group
+from motm_twin.studies.pool import counts, trials_per_hour
 from motm_twin.studies.spec import TrialSpec
 
 

@@ -8,26 +8,24 @@ import pytest
 from rich.console import Console
 
 from motm_twin.methods.registry import METHODS
-from motm_twin.sessions.made_with import SOURCE, made_with
+from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies import catalogue
 from motm_twin.studies.paper import (
     data,
     goals,
     modifications,
-    reductions,
     report,
     robustness,
     snapshots,
     tables,
     time_figures,
 )
-from motm_twin.studies.paper.data import Store
+from motm_twin.studies.paper.data import Store, origin
 from motm_twin.studies.paper.episode import Episode, Moment, watch_trial
 from motm_twin.studies.paper.part import Drawn, Missing, save
 from motm_twin.studies.paper.parts import NAMES, PARTS, Context, make_part
 from motm_twin.studies.paper.plan import TEN
 from motm_twin.studies.paper.report import write
-from motm_twin.studies.paper.stored import origin
 from motm_twin.studies.spec import TrialSpec, job_of
 
 
@@ -91,7 +89,7 @@ def test_box_plots_show_published_numbers_only_where_there_are_any():
 
 
 def test_reductions_are_paired_and_the_published_one_stands_beside_them():
-    part = reductions.draw(Store({"exp1": [*OURS, *THEIRS]}))
+    part = time_figures.draw_reductions(Store({"exp1": [*OURS, *THEIRS]}))
     assert isinstance(part, Drawn)
     (row,) = part.rows
     assert row["reduction"] == pytest.approx(0.5, abs=1e-9)
@@ -330,7 +328,7 @@ def test_results_to_cite_name_version_source_seeds_parameters_and_machine():
 
 
 def test_every_figure_comes_with_png_svg_csv_and_json(tmp_path):
-    part = reductions.draw(Store({"exp1": [*OURS, *THEIRS]}))
+    part = time_figures.draw_reductions(Store({"exp1": [*OURS, *THEIRS]}))
     assert isinstance(part, Drawn)
     save(part, tmp_path)
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json", ".png", ".svg"]

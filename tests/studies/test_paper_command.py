@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from motm_twin.sessions.made_with import SOURCE, made_with
-from motm_twin.studies.paper import cli_paper, plan
-from motm_twin.studies.paper.cli_paper import paper
+from motm_twin.cli import paper as cli_paper
+from motm_twin.cli.paper import paper
+from motm_twin.sessions.session import SOURCE, made_with
+from motm_twin.studies.paper import plan
+from motm_twin.studies.paper.data import keys, missing, stored
 from motm_twin.studies.paper.parts import NAMES, PARTS, needed
-from motm_twin.studies.paper.stored import keys, missing, stored
 from motm_twin.studies.settings import PaperSettings
 from motm_twin.studies.spec import Experiment, TrialSpec
 

@@ -5,21 +5,21 @@ import pytest
 
 from motm_twin.bus.commands import STEPS
 from motm_twin.perf.processes import served
-from motm_twin.studies.paper import layout_figures, planner_figures, snapshots
+from motm_twin.studies.paper import planning_figures, snapshots
 from motm_twin.studies.paper.ground import first_period
 
 
 def test_the_bezier_figure_has_the_numbers_of_the_paper():
-    found = planner_figures.numbers()
+    found = planning_figures.numbers()
     assert round(found["bezier_length_m"], 2) == 4.35
     assert round(found["bezier_time_s"], 1) == 8.7
     assert round(found["path_rtr_s"], 1) == 9.2
-    assert planner_figures.draw_bezier().figure is not None
+    assert planning_figures.draw_bezier().figure is not None
 
 
 def test_with_rotation_cost_the_global_path_takes_the_other_side_and_turns_less():
     here = first_period("exp1", "trial1")
-    ours, staa = (planner_figures.measured(path, here) for path in planner_figures.paths(here).values())
+    ours, staa = (planning_figures.measured(path, here) for path in planning_figures.paths(here).values())
     assert staa["length_m"] < ours["length_m"]
     assert ours["turning_deg"] < staa["turning_deg"] - 180.0
     assert ours["path_rtr_s"] < staa["path_rtr_s"]
@@ -27,7 +27,7 @@ def test_with_rotation_cost_the_global_path_takes_the_other_side_and_turns_less(
 
 def test_another_drop_location_changes_the_chosen_base_pose():
     here = first_period("exp1", "trial1")
-    (one, _), (two, _) = (layout_figures.placed(here, drop) for drop in ("drop1", "drop2"))
+    (one, _), (two, _) = (planning_figures.placed(here, drop) for drop in ("drop1", "drop2"))
     assert np.hypot(*(one.goal[:2] - two.goal[:2])) > 0.5
     assert len(one.poses) == 72
     for placement in (one, two):
@@ -35,7 +35,7 @@ def test_another_drop_location_changes_the_chosen_base_pose():
 
 
 def test_the_layout_has_the_twelve_slots_and_both_boxes():
-    rows = layout_figures.draw_layout().rows
+    rows = planning_figures.draw_layout().rows
     assert sum(row["what"] == "slot" for row in rows) == 12
     assert {(row["x_m"], row["y_m"]) for row in rows if row["what"] == "box of 1a"} == {(2.7, 1.7), (3.9, 0.96)}
 

@@ -12,20 +12,17 @@ from motm_twin.perception.movers import MoverParameters
 from motm_twin.studies import summary
 from motm_twin.studies.paper import (
     data,
-    episode_figures,
-    layout_figures,
-    planner_figures,
-    reductions,
+    planning_figures,
     report,
     tables,
     time_figures,
 )
+from motm_twin.studies.paper import episode as watched
 from motm_twin.studies.paper.data import Store
 from motm_twin.studies.paper.episode import Episode, Moment
 from motm_twin.studies.paper.goals import LINE
-from motm_twin.studies.paper.part import Drawn, Missing
+from motm_twin.studies.paper.part import ORANGE, Drawn, Missing, styled
 from motm_twin.studies.paper.plan import TEN
-from motm_twin.studies.paper.style import ORANGE, styled
 from motm_twin.studies.spec import TrialSpec
 from motm_twin.studies.statistics import proportion
 
@@ -142,7 +139,7 @@ def test_completed_is_the_same_in_bench_and_in_the_report_and_both_captions_say_
     assert (row.success.value, row.contacts) == (0.0, 0)
     assert data.completed is summary.completed
     store = Store({"exp1": [touched, result("irm")]})
-    draws = (tables.draw_results, reductions.draw, time_figures.draw_box_plots)
+    draws = (tables.draw_results, time_figures.draw_reductions, time_figures.draw_box_plots)
     captions = [summary.CAPTION, *(drawn(draw(store)).caption for draw in draws)]
     for caption in captions:
         assert summary.COMPLETED in caption
@@ -163,7 +160,7 @@ def marks(part):
 
 def test_a_reduction_against_a_rival_with_contacts_is_open_and_said_to_compare_with_nothing():
     rivals = [*ten("motm2022", time_s=200.0, hits=8), *ten("irm", time_s=100.0)]
-    part = drawn(reductions.draw(Store({"exp1": [*ten(), *rivals]})))
+    part = drawn(time_figures.draw_reductions(Store({"exp1": [*ten(), *rivals]})))
     rows = {row["rival"]: row for row in part.rows}
     assert (rows["motm2022"]["contacts"], rows["motm2022"]["comparable"]) == (80, False)
     assert (rows["irm"]["contacts"], rows["irm"]["comparable"]) == (0, True)
@@ -180,17 +177,21 @@ def test_a_reduction_against_a_rival_with_contacts_is_open_and_said_to_compare_w
 
 
 def test_contacts_of_our_own_and_only_those_in_the_trials_compared_make_a_mark_open():
-    part = drawn(reductions.draw(Store({"exp1": [*ten()[:9], result(variant="trial10", hits=1), *ten("irm")]})))
+    part = drawn(
+        time_figures.draw_reductions(Store({"exp1": [*ten()[:9], result(variant="trial10", hits=1), *ten("irm")]}))
+    )
     assert (part.rows[0]["own_contacts"], part.rows[0]["comparable"]) == (1, False)
     lost = result("irm", "trial10", hits=4, places_done=0)
-    part = drawn(reductions.draw(Store({"exp1": [*ten(), *ten("irm")[:9], lost]})))
+    part = drawn(time_figures.draw_reductions(Store({"exp1": [*ten(), *ten("irm")[:9], lost]})))
     assert (part.rows[0]["pairs"], part.rows[0]["contacts"], part.rows[0]["comparable"]) == (9, 0, True)
     assert summary.TOUCHED not in part.notes[0]
 
 
 def test_reductions_are_within_a_group():
     rival = [result("fast", variant="random", seed=seed, time_s=125.0) for seed in range(5)]
-    part = drawn(reductions.draw(Store({**MIXED, "exp1": [*MIXED["exp1"], *ten("fast", time_s=160.0), *rival]})))
+    part = drawn(
+        time_figures.draw_reductions(Store({**MIXED, "exp1": [*MIXED["exp1"], *ten("fast", time_s=160.0), *rival]}))
+    )
     shares = {(row["experiment"], row["rival"]): row["reduction"] for row in part.rows}
     assert shares["1, published arrangements", "fast"] == pytest.approx(0.5)
     assert shares["1, random", "fast"] == pytest.approx(0.2)
@@ -220,15 +221,15 @@ def episode(distances=(1.0,) * 100, **measures):
 
 
 def test_the_distance_figure_says_what_is_cut_off_and_what_is_not_seen():
-    caption = drawn(episode_figures.draw_distance(episode([1.0] * 50 + [3.0] * 30 + [None] * 20))).caption
+    caption = drawn(watched.draw_distance(episode([1.0] * 50 + [3.0] * 30 + [None] * 20))).caption
     assert "Distances above 2 m are cut off (30 % of the time)" in caption
     assert "where no obstacle is seen there is no line (20 %)" in caption
-    caption = drawn(episode_figures.draw_distance(episode([1.0] * 50 + [3.0] * 50))).caption
+    caption = drawn(watched.draw_distance(episode([1.0] * 50 + [3.0] * 50))).caption
     assert "no obstacle is seen" not in caption
 
 
 def test_the_region_below_d_s_is_red_and_differs_from_the_orange_one_in_grey_too():
-    part = drawn(episode_figures.draw_distance(episode()))
+    part = drawn(watched.draw_distance(episode()))
     below, influence = part.figure.axes[0].patches[:2]
     shown = [_on_white(patch) for patch in (below, influence)]
     red, green, blue = shown[0]
@@ -255,14 +256,14 @@ CUTS = [
 
 
 def test_the_cut_in_that_came_nearest_is_drawn_a_second_before_it_began():
-    part = drawn(episode_figures.draw_cutting_in(episode(cut_ins=CUTS)))
+    part = drawn(watched.draw_cutting_in(episode(cut_ins=CUTS)))
     assert part.facts["shown"] == {"time_s": pytest.approx(3.0), "agent": "temi_1"}
     assert "at 4.00 s would touch the robot within 0.60 m and 1.5 s" in part.caption
     assert [row["least_gap_m"] for row in part.rows] == [0.50, 0.20]
 
 
 def test_where_nobody_was_cut_in_on_the_report_says_so():
-    part = episode_figures.draw_cutting_in(episode())
+    part = watched.draw_cutting_in(episode())
     assert isinstance(part, Missing)
     assert "in none of the completed trials" in part.reason
     assert part.larger
@@ -276,7 +277,7 @@ def test_what_is_static_is_said_as_the_loop_has_it():
 
 
 def test_the_caption_of_the_global_path_spells_the_search_as_its_authors_do():
-    caption = planner_figures.draw_global_path().caption
+    caption = planning_figures.draw_global_path().caption
     assert "Without (STAA*): " in caption
     assert "With rotation cost: " in caption
 
@@ -287,8 +288,8 @@ def _letters(box):
 
 
 def test_names_of_places_lie_on_no_edge_and_on_no_other_name():
-    part = drawn(layout_figures.draw_layout())
-    axes, places = part.figure.axes[0], layout_figures.slots()
+    part = drawn(planning_figures.draw_layout())
+    axes, places = part.figure.axes[0], planning_figures.slots()
     with styled():
         canvas = FigureCanvasAgg(part.figure)
         canvas.draw()

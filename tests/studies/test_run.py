@@ -15,9 +15,8 @@ from rich.console import Console
 
 from motm_twin.sessions.session import load_session
 from motm_twin.studies.pool import Lost, make_pool, outcomes
-from motm_twin.studies.run import TimeLeft, left_text, run
+from motm_twin.studies.run import Store, TimeLeft, left_text, run
 from motm_twin.studies.spec import Experiment, TrialSpec
-from motm_twin.studies.store import Store
 
 HERE = Path(__file__).parent
 SCENE = str(HERE / "half_a_metre.yaml")
@@ -134,7 +133,7 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(end, tmp_path):
     program = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # ignored in a background job
         "from motm_twin.studies.catalogue import EXPERIMENTS, Entry;"
-        "from motm_twin.studies.bench import main; from motm_twin.studies.spec import TrialSpec;"
+        "from motm_twin.cli.bench import main; from motm_twin.studies.spec import TrialSpec;"
         f"EXPERIMENTS['exp1'] = {entry};"
         f"sys.exit(main(['exp1', '--methods', 'motm', '--out', {str(tmp_path)!r}]))"
     )

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from motm_twin.cli.bench import changes_of
 from motm_twin.methods.registry import METHODS
 from motm_twin.model.scene import EARLIER_NOISE
 from motm_twin.model.scene_file import load_scene
-from motm_twin.studies.bench import changes_of
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment, methods_of
 from motm_twin.studies.spec import TrialSpec, job_of, jobs_of
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from motm_twin.studies.bench import main
+from motm_twin.cli.bench import main
 from motm_twin.studies.summary import published_beside, rows, summary_table
 
 SCENE = Path(__file__).parent / "half_a_metre.yaml"

@@ -165,7 +165,7 @@ def test_memory_is_given_back_after_pages_have_left(page, monkeypatch, loaded):
 def test_what_is_free_goes_back_to_the_system():
     """In a process of its own: 60 MB in pieces, of which the last one stays."""
     code = (
-        "import ctypes; from motm_twin.memory import give_back\n"
+        "import ctypes; from motm_twin.program import give_back\n"
         "mb = lambda: int(open('/proc/self/statm').read().split()[1]) * 4096 / 1e6\n"
         "pieces = [bytearray(60_000) for _ in range(1000)]; last = bytearray(60_000); full = mb()\n"
         "loop = [pieces]; loop.append(loop); del pieces, loop\n"

@@ -136,7 +136,7 @@ def rerun_is_equal(path, periods):
     """The saved session, run again without a page, ends in the same state."""
     session = msgspec.json.decode(path.read_bytes(), type=Session)
     assert (session.periods, bool(session.state_hash)) == (periods, True)
-    command = [sys.executable, "-m", "motm_twin.cli", "rerun", str(path), "--json", "-"]
+    command = [sys.executable, "-m", "motm_twin", "rerun", str(path), "--json", "-"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     assert session.state_hash in result.stdout

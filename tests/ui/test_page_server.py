@@ -15,9 +15,9 @@ from websockets.asyncio.client import connect
 
 from motm_twin.bus.connection import PortTaken, free_port
 from motm_twin.perf.page_reader import PageReader
-from motm_twin.ui.page_scripts import SCRIPTS
 from motm_twin.ui.page_server import (
     LOOPBACK,
+    SCRIPTS,
     Guard,
     LoopEvent,
     check_token,

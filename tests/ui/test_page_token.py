@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from motm_twin.bus import private_folder as running
-from motm_twin.cli_serve import OK, _Supervisor, serve, serve_recording
-from motm_twin.settings import PageSettings, ReplaySettings, ServeSettings
+from motm_twin.cli.serve import OK, _Supervisor, serve, serve_recording
+from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.ui.page_server import FILE, VARIABLE, check_token, chosen_token, own_token
 
 GIVEN = "0123456789abcdefghijklmnopqrstuv"

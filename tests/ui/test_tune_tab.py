@@ -7,7 +7,7 @@ from motm_twin.bus.commands import SetParameter
 from motm_twin.bus.library import MethodLibrary
 from motm_twin.bus.messages import MethodChoice
 from motm_twin.control.tuning import PARAMETERS, PRESETS, check, parameter
-from motm_twin.methods.fast import FAST
+from motm_twin.methods.registry import FAST
 from motm_twin.ui.panel.tune_tab import (
     DEFAULTS,
     HOLD,

@@ -9,7 +9,7 @@ from page import until
 
 from motm_twin.control.tuning import PARAMETERS, check
 from motm_twin.model.scene_file import load_scene
-from motm_twin.record.what_if_run import parse_changes
+from motm_twin.record.what_if import parse_changes
 from motm_twin.sessions.session import encode_session
 from motm_twin.twin import Twin
 from motm_twin.ui.panel.tune_tab import begun_since, result

@@ -1,21 +1,42 @@
-"""One trial, watched: what the gripper is near to, what it does about it, and who passes in front of whom."""
+"""One trial of Experiment 2 in detail: gripper distance (Sec. V) and cutting in (Sec. VIII-1), with figures."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from matplotlib.patheffects import Normal, Stroke
 
 from motm_twin.control.arm.parameters import AvoidanceParameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.tick import Tick
 from motm_twin.measures import Measures
-from motm_twin.model.geometry import from_frame
+from motm_twin.measures.agents import CUT_DISTANCE, CUT_TIME
+from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.kinematics import Frankie
+from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
-from motm_twin.sessions.made_with import SOURCE, made_with
-from motm_twin.studies.paper.part import write_json
+from motm_twin.model.scene_file import load_scene
+from motm_twin.sessions.session import SOURCE, made_with
+from motm_twin.studies.paper import ground
+from motm_twin.studies.paper.data import command_of
+from motm_twin.studies.paper.part import (
+    BLACK,
+    BLUE,
+    ONE_COLUMN,
+    ORANGE,
+    TWO_COLUMNS,
+    Drawn,
+    Missing,
+    Part,
+    figure,
+    styled,
+    write_json,
+)
 from motm_twin.studies.spec import TrialSpec, job_of, method_of
 
 DIGITS = 4
@@ -131,3 +152,208 @@ def watch_trial(spec: TrialSpec, folder: Path, source: str) -> Episode:
 
 def _rounded(values: Any) -> Any:
     return tuple(round(float(value), DIGITS) for value in values)
+
+
+DISTANCE_NAME, DISTANCE_TITLE = "gripper_distance", "Distance from gripper to the nearest seen obstacle"
+SHOWN = 2.0  # [m] of the axis
+DEEP_RED = "#C1121F"  # the region of the paper is red; that of `style` is nearer to orange, and beside it looks like it
+STRETCH_HEADER = (
+    "From [s]", "For [s]", "Least distance [m]", "To", "Gripper moved there [m]", "It moved here [m]", "Cause",
+)  # fmt: skip
+JUMP = 0.10  # [m] by which the distance falls in a period when something comes into view
+
+
+def draw_distance(episode: Episode) -> Drawn:
+    """The distance over time; nothing is drawn where nothing is seen."""
+    p = AvoidanceParameters()
+    distance = np.array([math.nan if each.distance is None else each.distance for each in episode.moments])
+    close = episode.measures["below_d_s"]
+    seen = int(np.isfinite(distance).sum())
+    excess = ("approach_excess_mps", "advance_excess_mps")
+    return Drawn(
+        name=DISTANCE_NAME,
+        title=DISTANCE_TITLE,
+        caption=(
+            f"Experiment 2 with four Temis, seed {episode.spec.seed}. As the robot itself sees it: horizontally, from "
+            "the gripper's centre to the cells that the lidar found outside the map. "
+            f"{_gaps(distance)} Triangles: stretches in which the referee's true distance is below d_s ({len(close)}), "
+            "with their causes in the table."
+        ),
+        command=command_of(episode.spec),
+        n=f"one trial, {len(episode.moments)} periods, in {seen} of them an obstacle is seen",
+        rows=[
+            {"time_s": each.time, "distance_m": each.distance, "static": each.static, "task": each.task,
+             "phase": each.phase}
+            for each in episode.moments
+        ],
+        facts={
+            "d_s": p.d_s, "d_i": p.d_i, "xi": p.xi, "stretches_below_d_s": close,
+            **{name: episode.measures[name] for name in excess},
+        },
+        header=STRETCH_HEADER,
+        cells=[_stretch(each) for each in close],
+        figure=_distance_figure(episode, distance, p),
+        notes=[_line(episode)],
+    )  # fmt: skip
+
+
+def _distance_figure(episode: Episode, distance: Array, p: AvoidanceParameters) -> Figure:
+    """The line, broken where it jumps, on the two regions of Sec. V."""
+    time = np.array([each.time for each in episode.moments])
+    jumps = np.flatnonzero(np.abs(np.diff(distance)) > JUMP) + 1
+    below, influence = f"below $d_s$ = {p.d_s} m", f"region of influence, below $d_i$ = {p.d_i} m"
+    with styled():
+        fig = figure(TWO_COLUMNS, 56.0)
+        axes = fig.add_subplot()
+        axes.axhspan(0.0, p.d_s, facecolor=DEEP_RED, alpha=0.8, hatch="////", edgecolor="white", lw=0.0, label=below)
+        axes.axhspan(p.d_s, p.d_i, facecolor=ORANGE, alpha=0.35, lw=0.0, label=influence)
+        axes.plot(
+            np.insert(time, jumps, time[jumps]),
+            np.insert(distance, jumps, math.nan),
+            "-",
+            color=BLUE,
+            lw=1.1,
+            label="distance",
+            path_effects=[Stroke(linewidth=2.6, foreground="white"), Normal()],  # seen on the red, also in grey
+        )
+        for stretch in episode.measures["below_d_s"]:
+            at = stretch["time"] + 0.5 * stretch["duration_s"]
+            axes.plot(at, 0.03, "^", mfc=BLACK, mec="white", mew=0.6, ms=5, clip_on=False, zorder=3)
+        axes.set_xlim(0.0, float(time[-1]))
+        axes.set_ylim(0.0, SHOWN)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("distance [m]")
+        fig.legend(loc="outside upper center", ncols=3)
+    return fig
+
+
+def _stretch(each: dict[str, Any]) -> tuple[str, ...]:
+    """A stretch below d_s as a row of the table."""
+    numbers = (each[name] for name in ("time", "duration_s", "min_m"))
+    moved = (each[name] for name in ("gripper_moved_m", "other_moved_m"))
+    cause = each["cause"] + (", beside what stands: its d_s gives way" if each["static"] else "")
+    return (*(f"{one:.2f}" for one in numbers), each["other"], *(f"{one:.2f}" for one in moved), cause)
+
+
+def _gaps(distance: Array) -> str:
+    """Reason of gaps in the line."""
+    above, none = float(np.mean(distance > SHOWN)), float(np.mean(np.isnan(distance)))
+    said = f"Distances above {SHOWN:g} m are cut off ({100 * above:.0f} % of the time)"
+    said += f", and where no obstacle is seen there is no line ({100 * none:.0f} %)" if none else ""
+    return said + f"; the line is broken where it jumps by more than {JUMP} m, because another one comes into view."
+
+
+def _line(episode: Episode) -> str:
+    """Largest speeds above the damper line, in a sentence."""
+    most, forward = episode.measures["approach_excess_mps"], episode.measures["advance_excess_mps"]
+    if most is None:
+        return "The gripper was never below d_i of anything that moves."
+    return (
+        f"Below d_i of what moves, the gripper's own true approach speed (over 50 ms) was at most {most:.3f} m/s "
+        "above the damper "
+        f"line, and at most {forward:.3f} m/s above it or above 0 where it asks to retreat."
+    )
+
+
+CUTTING_IN_NAME, CUTTING_IN_TITLE = "cutting_in", "Cutting in front of a moving obstacle"
+BEFORE_S = 1.0  # [s] the moment shown is before the cut-in
+HISTORY_S, HISTORY_STEP_S = 3.0, 0.75  # [s] of the Temi's way
+PLAN_STEP = 3  # every third node of the plan
+RADIUS = 0.25  # [m] of a Temi, for its outline only
+
+
+def draw_cutting_in(episode: Episode) -> Part:
+    """The closest cut-in of the episode, a second before it."""
+    found = episode.measures["cut_ins"]
+    if not found:
+        return Missing(
+            name=CUTTING_IN_NAME,
+            title=CUTTING_IN_TITLE,
+            larger=True,
+            reason="in none of the completed trials of motm in Experiment 2 the robot cut in front of anybody; the one "
+            f"that was recorded has seed {episode.spec.seed}",
+        )
+    cut = min(found, key=lambda each: each.get("least_gap_m", each["gap_m"]))
+    crossing = round(cut["time"] / PERIOD)
+    index = max(0, crossing - round(BEFORE_S / PERIOD))
+    here = episode.moments[index]
+    return Drawn(
+        name=CUTTING_IN_NAME,
+        title=CUTTING_IN_TITLE,
+        caption=(
+            f"Experiment 2, seed {episode.spec.seed}, at {here.time:.2f} s. Nothing is predicted: the plan leads in "
+            f"front of the Temi, which at {cut['time']:.2f} s would touch the robot within {cut['gap_m']:.2f} m and "
+            f"{cut['gap_s']:.1f} s. A cut-in: by its own motion, not by the agent's turning, the base gets in front of "
+            f"an agent that drives, within {CUT_DISTANCE:g} m and {CUT_TIME:g} s of being touched while they close. "
+            f"This trial has {len(found)}; no completed one has more."
+        ),
+        command=command_of(episode.spec),
+        n=f"one trial, {len(found)} cut-ins",
+        rows=[
+            {"time_s": each["time"], **{name: value for name, value in each.items() if name != "time"}}
+            for each in found
+        ],
+        facts={
+            "shown": {"time_s": here.time, "agent": cut["agent"]},
+            "pose": here.pose,
+            "plan": here.plan,
+            "agents": here.agents,
+        },
+        figure=_cutting_in_figure(episode, cut, index, crossing),
+    )
+
+
+def _cutting_in_figure(episode: Episode, cut: dict[str, Any], index: int, crossing: int) -> Figure:
+    """The period ``index``, the plan of the robot, and both at the cut-in in period ``crossing``."""
+    here, there = episode.moments[index], episode.moments[crossing]
+    scene = load_scene(episode.spec.scene, episode.spec.variant, episode.spec.seed)
+    with styled():
+        fig = figure(ONE_COLUMN, 78.0)
+        axes = fig.add_subplot()
+        ground.setting(axes, scene)
+        if here.target is not None:
+            ground.cubes(axes, [here.target], "#C00000", 14.0)
+        ground.path(axes, np.array(here.path), "#E3000F", width=1.2)
+        for pose in here.plan[PLAN_STEP::PLAN_STEP]:
+            ground.robot(axes, np.array(pose), scene.robot.footprint, alpha=0.25)
+        ground.robot(axes, np.array(here.pose), scene.robot.footprint)
+        for k, agent in enumerate(here.agents):
+            chosen = agent[0] == cut["agent"]
+            steps = range(round(HISTORY_S / HISTORY_STEP_S), 0, -1) if chosen else range(0)
+            for step in steps:
+                past = episode.moments[max(0, index - round(step * HISTORY_STEP_S / PERIOD))].agents[k]
+                ground.temi(axes, past[1], past[2], RADIUS, colour=ORANGE, alpha=0.5 - 0.09 * step)
+            ground.temi(axes, agent[1], agent[2], RADIUS, colour=ORANGE if chosen else "#DDDDDD")
+        ground.robot(axes, np.array(there.pose), scene.robot.footprint, fill=False)
+        axes.add_patch(_swept(episode, crossing, cut))
+        axes.plot(there.pose[0], there.pose[1], "x", color="black", ms=7, mew=1.8, zorder=9)
+        ground.metres(axes, *_window(here, there, cut["agent"]))
+        axes.plot([], [], "o", mfc=ORANGE, mec="black", label="Temi (transparent: its last 3 s)")
+        axes.plot([], [], "s", mfc=BLUE, mec="black", label="Frankie (transparent: its plan)")
+        axes.plot([], [], "x", color="black", mew=1.8, ls="", label="Frankie 1 s later, when the cut-in begins")
+        axes.plot([], [], "-", color=ORANGE, lw=1.0, label="what the Temi then sweeps before it would touch it")
+        fig.legend(loc="outside lower center", ncols=1)
+    return fig
+
+
+def _swept(episode: Episode, crossing: int, cut: dict[str, Any]) -> Polygon:
+    """The way of the Temi from where it is at the cut-in until it would touch the robot."""
+    (at,), (then,) = (
+        [np.array(each[1:3]) for each in episode.moments[index].agents if each[0] == cut["agent"]]
+        for index in (crossing, crossing + 1)
+    )
+    along = (then - at) / np.hypot(*(then - at))
+    side, end = RADIUS * np.array([-along[1], along[0]]), (RADIUS + cut["gap_m"]) * along
+    corners = [at + side, at + end + side, at + end - side, at - side]
+    return Polygon(corners, facecolor="none", edgecolor=ORANGE, lw=1.0, ls="-", zorder=8)
+
+
+def _window(here: Moment, crossing: Moment, agent: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """A square round robot, Temi and crossing."""
+    points = [here.pose[:2], crossing.pose[:2], *(each[1:3] for each in here.agents if each[0] == agent)]
+    if here.target is not None:
+        points.append(here.target)
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    half = max(1.5, 0.5 * float((high - low).max()) + 0.8)
+    x, y = 0.5 * (low + high)
+    return (x - half, x + half), (y - half, y + half)

@@ -1,4 +1,4 @@
-"""The numbers that the experiments are to reach, beside what was measured; none is judged without its trials."""
+"""Target numbers of the experiments beside the measured ones; none is judged without its trials."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ class Found(NamedTuple):
     good: bool
     said: str  # with its interval
     n: int  # trials
-    final: bool = False  # no further trial can make it good
+    final: bool = False  # no further trial can change the verdict
 
 
 Measure = Callable[[Store, str], Found | None]  # None: there are no trials
@@ -139,7 +139,7 @@ def _longer_at_most(choose: Choose, alone: Choose, limit: float) -> Measure:
 
 
 def _decimals(value: float, limit: float, *, good: bool) -> int:
-    """One, or as many as it takes that what is missed does not read as the limit."""
+    """Decimals to print: one, or as many as it takes to tell a missed value from the limit."""
     apart = (decimals for decimals in (1, 2, 3) if good or f"{value:.{decimals}f}" != f"{limit:.{decimals}f}")
     return next(apart, 4)
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.patheffects import Normal, Stroke
 
-from motm_twin.methods.modifications import MOTM
+from motm_twin.methods.registry import MOTM
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld, known_world
 from motm_twin.model.profile import Footprint
@@ -19,7 +19,7 @@ from motm_twin.model.scene_file import load_scene
 from motm_twin.perception.distance import proximity_cost
 from motm_twin.perception.footprints import outline
 from motm_twin.perception.world_map import WorldMap
-from motm_twin.studies.paper.style import BLACK, BLUE, GREY, OCCUPANCY
+from motm_twin.studies.paper.part import BLACK, BLUE, GREY, OCCUPANCY
 from motm_twin.twin import Twin
 
 INFLATION, BLUR = 0.6, 0.2  # [m] of STAA*'s grid

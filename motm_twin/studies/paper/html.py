@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else: pictures and data are in it, nothing is loaded."""
+"""The report as one self-contained HTML file, with pictures and data."""
 
 import base64
 import html

@@ -8,9 +8,20 @@ from motm_twin.methods.registry import METHODS
 from motm_twin.studies import statistics
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
-from motm_twin.studies.paper.part import Drawn, Missing, Part
+from motm_twin.studies.paper.part import (
+    BLACK,
+    BLUE,
+    ONE_COLUMN,
+    ORANGE,
+    RED,
+    TWO_COLUMNS,
+    Drawn,
+    Missing,
+    Part,
+    figure,
+    styled,
+)
 from motm_twin.studies.paper.plan import LITERAL, SWEEPS, swept_scenes
-from motm_twin.studies.paper.style import BLACK, BLUE, ONE_COLUMN, ORANGE, RED, TWO_COLUMNS, figure, styled
 from motm_twin.studies.paper.tables import group_of
 from motm_twin.studies.statistics import Estimate
 
@@ -55,7 +66,7 @@ def compared(store: Store) -> list[Without]:
 
 
 def draw_ablations(store: Store) -> Part:
-    """A dot with its interval for each modification, and what can be said of it."""
+    """A dot with its interval for each modification, and the verdict."""
     found = compared(store)
     if not found:
         return Missing(
@@ -161,7 +172,7 @@ SCENES = {  # title, marker, line, colour, share of the axis by which it is move
 
 
 def points(store: Store, experiment: str) -> list[dict]:
-    """For each scene and value: how much slower than the shipped one, by trial, with its interval."""
+    """For each scene and value: the slowdown against the shipped one, by trial, with its interval."""
     name = SWEEPS[experiment][0]
     return [row for scene in swept_scenes(name) for row in _of_scene(store, experiment, name, scene)]
 

@@ -10,19 +10,17 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from motm_twin.sessions.made_with import SOURCE, made_with
+from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.paper import (
     data,
-    episode_figures,
-    layout_figures,
     modifications,
-    planner_figures,
-    reductions,
+    planning_figures,
     robustness,
     snapshots,
     tables,
     time_figures,
 )
+from motm_twin.studies.paper import episode as watched
 from motm_twin.studies.paper.data import Store
 from motm_twin.studies.paper.episode import Episode, watch_trial
 from motm_twin.studies.paper.part import Missing, Part
@@ -171,7 +169,7 @@ SWEPT = (
 PARTS: tuple[Source, ...] = (
     Source("results", "comparison", COMPARED, lambda c: tables.draw_results(c.store)),
     Source("box_plots", "comparison", (Need("exp1"), Need("exp1a")), lambda c: time_figures.draw_box_plots(c.store)),
-    Source("reductions", "comparison", COMPARED, lambda c: reductions.draw(c.store)),
+    Source("reductions", "comparison", COMPARED, lambda c: time_figures.draw_reductions(c.store)),
     Source(
         "time_split",
         "comparison",
@@ -190,20 +188,20 @@ PARTS: tuple[Source, ...] = (
         "gripper_distance",
         "temis",
         WATCHED,
-        _watched(episode_figures.DISTANCE_NAME, episode_figures.DISTANCE_TITLE, episode_figures.draw_distance),
+        _watched(watched.DISTANCE_NAME, watched.DISTANCE_TITLE, watched.draw_distance),
     ),
     Source("snapshots", "temis", WATCHED, _pages),
     Source(
         "cutting_in",
         "temis",
         WATCHED,
-        _watched(episode_figures.CUTTING_IN_NAME, episode_figures.CUTTING_IN_TITLE, episode_figures.draw_cutting_in),
+        _watched(watched.CUTTING_IN_NAME, watched.CUTTING_IN_TITLE, watched.draw_cutting_in),
     ),
     Source("robustness", "robust", (Need("robustness"),), lambda c: robustness.draw_robustness(c.store)),
     Source("grasp_delay", "robust", (Need("grasp_delay"),), lambda c: robustness.draw_grasp_delay(c.store)),
-    Source("layout", "method", (), lambda _: layout_figures.draw_layout()),
-    Source("global_path", "method", (), lambda _: planner_figures.draw_global_path()),
-    Source("bezier", "method", (), lambda _: planner_figures.draw_bezier()),
-    Source("base_placement", "method", (), lambda _: layout_figures.draw_placement()),
+    Source("layout", "method", (), lambda _: planning_figures.draw_layout()),
+    Source("global_path", "method", (), lambda _: planning_figures.draw_global_path()),
+    Source("bezier", "method", (), lambda _: planning_figures.draw_bezier()),
+    Source("base_placement", "method", (), lambda _: planning_figures.draw_placement()),
 )
 NAMES = tuple(source.name for source in PARTS)

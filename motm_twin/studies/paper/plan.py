@@ -98,7 +98,7 @@ def full() -> Plan:
 
 
 def quick() -> Plan:
-    """The whole way in five minutes. Its numbers say little, and the report says so."""
+    """A complete run in five minutes. Its numbers say little, and the report says so."""
     one, few = TEN[:1], ("motm", "fast", "irm", "sequential")
     return Plan(
         name="quick",

@@ -10,13 +10,12 @@ from motm_twin.control.tuning import PARAMETERS
 from motm_twin.measures.gripper import STATIC_AFTER
 from motm_twin.methods.registry import METHODS
 from motm_twin.perception.movers import MoverParameters
-from motm_twin.sessions.made_with import SOURCE
+from motm_twin.sessions.session import SOURCE
 from motm_twin.studies.paper import data, goals, html
-from motm_twin.studies.paper.data import Result, Store
+from motm_twin.studies.paper.data import COMMAND, MACHINE, NOT_RECORDED, PLAN, Origin, Result, Store, current_origin
 from motm_twin.studies.paper.html import Section, paragraphs, table, text
 from motm_twin.studies.paper.part import Drawn, Missing, Part, save, write_json
 from motm_twin.studies.paper.parts import PARTS, SECTIONS, Context, make_part
-from motm_twin.studies.paper.stored import COMMAND, MACHINE, NOT_RECORDED, PLAN, Origin, current_origin
 from motm_twin.studies.paper.tables import group_of
 
 VERSION = "motm-twin"  # of this package, in what a trial was made with

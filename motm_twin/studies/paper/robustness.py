@@ -9,8 +9,7 @@ from motm_twin.studies import statistics
 from motm_twin.studies.catalogue import DELAY
 from motm_twin.studies.paper import data
 from motm_twin.studies.paper.data import Result, Store
-from motm_twin.studies.paper.part import Drawn, Missing, Part
-from motm_twin.studies.paper.style import BLACK, RED, TWO_COLUMNS, figure, look, styled
+from motm_twin.studies.paper.part import BLACK, RED, TWO_COLUMNS, Drawn, Missing, Part, figure, look, styled
 from motm_twin.studies.statistics import Estimate
 
 COLUMNS = 3  # panels beside each other
@@ -43,7 +42,7 @@ def varied(result: Result) -> dict[str, float]:
 def sweeps_of(results: list[Result]) -> dict[str, dict[str, dict[float, list[Result]]]]:
     """Results by what is varied (scene and name), method, and value.
 
-    Without any error all sweeps of a scene are the same: that trial is run once, and stands at 0 in each of them.
+    Without errors all sweeps of a scene are equal: that trial is run once, and is the value at 0 of each.
     """
     found: dict[str, dict[str, dict[float, list[Result]]]] = {}
     plain: dict[tuple[str, str], dict[int, Result]] = {}  # scene and method: seed

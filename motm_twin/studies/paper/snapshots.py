@@ -12,11 +12,10 @@ from motm_twin.bus.commands import STEPS, Pause, Reset, Step
 from motm_twin.model.period import PERIOD
 from motm_twin.perf.page_reader import browser
 from motm_twin.perf.processes import act, served, wait_for
-from motm_twin.sessions.made_with import SOURCE, made_with
+from motm_twin.sessions.session import SOURCE, made_with
 from motm_twin.studies.paper.data import command_of
 from motm_twin.studies.paper.episode import Episode, Moment
-from motm_twin.studies.paper.part import Drawn, Missing, Part
-from motm_twin.studies.paper.style import TWO_COLUMNS, figure, styled
+from motm_twin.studies.paper.part import TWO_COLUMNS, Drawn, Missing, Part, figure, styled
 from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
 
 NAME, TITLE = "snapshots", "Arm and base avoid a Temi: the page at four moments"

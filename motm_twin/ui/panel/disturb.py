@@ -60,7 +60,7 @@ class Thing:
 
 
 def things(scene: Scene, tick: TickMessage) -> dict[str, Thing]:
-    """Everything that can be selected, by name: what moves first, then what was added, furniture, and cubes."""
+    """Everything that can be selected, by name: agents first, then added bodies, furniture and cubes."""
     found = [Thing(body.name, "agent", body.state == "frozen") for body in tick.agents]
     for body in tick.obstacles:
         found.append(Thing(body.name, kind_of(body.kind), body.state == "frozen"))
@@ -140,7 +140,7 @@ def pushed(tick: TickMessage, way: str) -> PushRobot:
 
 
 def cleared(scene: Scene, tick: TickMessage) -> list[Command]:
-    """Everything that was added goes, frozen agents go on, moved furniture stands where it was."""
+    """Remove added bodies, release frozen agents, and put moved furniture back."""
     own = {agent.name for agent in scene.agents}
     added = [*tick.obstacles, *(body for body in tick.agents if body.name not in own)]
     commands: list[Command] = [RemoveBody(name=body.name) for body in added]
@@ -177,7 +177,7 @@ def free_place(
     look_at: Point | None = None,
     sees: Callable[[Point], bool] = lambda _: True,
 ) -> FreePlace:
-    """The first free place in sight: on the way of the robot, round it, or in the middle of the view.
+    """The first visible free place: on the robot's path, round it, or in the middle of the view.
 
     ``way``: the robot's path [m], from where it is; ``look_at``: floor point [m] in the middle of the view; ``sees``:
     true for a point where a body can be seen. When no free place can be seen, the first free one is taken, and

@@ -91,7 +91,7 @@ class DisturbTab(Block):
         self._faults.content = faults(shown.newest.faults)
 
     async def add(self, kind: str) -> None:
-        """Put a new body on the floor before the robot; once it is taken, select it, and say where it is.
+        """Put a new body on the floor before the robot; once accepted, select it and say where it is.
 
         A click moves it elsewhere.
         """
@@ -124,7 +124,7 @@ class DisturbTab(Block):
             self.send(RemoveBody(name=thing.name))
 
     def cancel(self) -> None:
-        """The next click on the floor sends and puts nothing; without such a wish, nothing is selected any more."""
+        """Cancel what the next click on the floor would do, or else the selection."""
         view = self.hub.view
         if view.sending or view.placing:
             view.sending = view.placing = ""
@@ -164,7 +164,7 @@ class DisturbTab(Block):
             view.sending, view.placing = "" if view.sending == thing.name else thing.name, ""
 
     async def _announce(self) -> None:
-        """Tell the robot where the selected piece stands, and that it knows."""
+        """Announce the place of the selected piece to the robot, and say so."""
         thing = self._thing()
         if thing is None:
             return

@@ -63,7 +63,7 @@ class DriveTab(Block):
             }
 
     def enable(self, driving: bool) -> None:
-        """Grey while somebody else drives; a choice that was not loaded is forgotten then."""
+        """Disable while somebody else drives; a choice that was not loaded is then dropped."""
         if not driving:
             self._filled, self._loaded = self._chosen(), ()
         super().enable(driving)
@@ -81,14 +81,14 @@ class DriveTab(Block):
             follow(box, shown.view.layers[name])
 
     def toggle(self) -> None:
-        """Play or pause; a run that has ended is not thrown away by a key that was meant to pause it."""
+        """Play or pause; a key press meant to pause does not restart a run that has just ended."""
         if self._state() == "done":
             self.tell("the run has ended: press Restart, or give the robot another task")
         else:
             self._press()
 
     def faster(self, steps: int) -> None:
-        """Wish for a higher or lower speed."""
+        """Request a higher or lower speed."""
         names = list(SPEEDS)
         number = names.index(self._speed.value) + steps
         if 0 <= number < len(names):
@@ -167,7 +167,7 @@ class Job:
 
     @property
     def ended(self) -> bool:
-        """Nothing can be done about it any more."""
+        """The job has ended."""
         return self.status in ("done", "failed")
 
 
@@ -186,7 +186,7 @@ def jobs(tasks: Sequence[TaskMessage]) -> list[Job]:
 
 
 def in_hand(tick: TickMessage) -> list[TaskMessage]:
-    """The tasks of a tick, of which that in hand is active, also where time stands and another was put before it."""
+    """The tasks of a tick with the current one active, even while paused with another inserted before it."""
     if not tick.preview:
         return tick.tasks
     tasks = [replace(task, status="waiting") if task.status == "active" else task for task in tick.tasks]
@@ -203,7 +203,7 @@ def _length(tasks: Sequence[TaskMessage], index: int) -> int:
 
 
 def _status(group: Sequence[TaskMessage]) -> str:
-    """Status of a job; of a delivery that of pick and place, whatever became of a drive between them."""
+    """Status of a job; of a delivery that of pick and place, ignoring drives between them."""
     states = [task.status for task in group if not _between(task, group)]
     if "failed" in states:
         return "failed"
@@ -259,7 +259,7 @@ def label(job: Job) -> str:
 
 
 class TaskBlock(Block):
-    """The list of tasks: what is done, what comes next, and buttons to put it in another order."""
+    """The task list: done, current and next tasks, and buttons to reorder them."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         super().__init__(gui, hub, visitor)

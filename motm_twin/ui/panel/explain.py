@@ -1,4 +1,4 @@
-"""The robot's doings in words: task, phase, waiting, rows of the arm's program, and whom it keeps off, by name.
+"""The robot's activity in words: task, phase, waiting, active constraints of the arm, and obstacles by name.
 
 The robot sees only points; the names of bodies are those of the twin's ground truth.
 """
@@ -49,10 +49,10 @@ _GRIPPER = {
     "lidar moving": "kept off a moving obstacle",
     "lidar height": "kept from sinking beside an obstacle",
 }
-NEAR = 1.2  # [m] from the base: nothing further off is named
-BESIDE = 0.6  # [m] from the planned way: what is nearer is passed
-HELD = 1.0  # [m] from the base to what it stands for
-SAME = 0.2  # [m] by which the distance of a named thing may differ from what the lidar says
+NEAR = 1.2  # [m] from the base: nothing farther away is named
+BESIDE = 0.6  # [m] from the planned path: nearer bodies are passed
+HELD = 1.0  # [m] from the base to what it waits for
+SAME = 0.2  # [m] tolerance between a named body's distance and the lidar's
 ROUNDED = 1e-3  # [m], [rad] places of a tick are rounded to less
 AHEAD, BEHIND = math.radians(40.0), math.radians(120.0)
 _HOLDS = (
@@ -79,7 +79,7 @@ def active_task(tick: TickMessage) -> TaskMessage | None:
 
 
 def doing(tick: TickMessage) -> str:
-    """The robot's present doing, in one sentence."""
+    """The robot's current activity, in one sentence."""
     task, step = active_task(tick), tick.arm[-1] if tick.arm else None
     if task is None or tick.done:
         return _ended(tick.tasks)
@@ -147,7 +147,7 @@ def slowed(steps: Sequence[ArmMessage]) -> list[ArmMessage]:
 
 
 def slowed_by(steps: Sequence[ArmMessage], name: str = "") -> str:
-    """Which obstacle slows the gripper in this period, and by how much; "" when none does. ``name``: its name."""
+    """The obstacle that slows the gripper in this period, and by how much; "" for none. ``name``: its name."""
     limited = slowed(steps)
     if not limited:
         return ""
@@ -174,7 +174,7 @@ def _capital(value: str) -> str:
 
 
 def constraints(steps: Sequence[ArmMessage], q: Sequence[float]) -> list[tuple[str, str]]:
-    """Rows and bounds that held with equality in these arm steps, grouped: what is held, and by what.
+    """Active rows and bounds of these arm steps, grouped: what is limited, and by what.
 
     ``q`` [rad], shape (7,): where the joints are, which tells their end stops from their speed.
     """
@@ -222,7 +222,7 @@ def _listed(names: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class Unmapped:
-    """Something the map does not have: a moving or added body, or furniture that the robot was not told of."""
+    """A body that is not in the map: a dynamic or added one, or unannounced furniture."""
 
     label: str
     shape: shapely.Polygon  # outline on the floor [m]
@@ -237,7 +237,7 @@ def avoided(tick: TickMessage, scene: Scene | None) -> str:
 
 
 def limited_by(tick: TickMessage, scene: Scene | None) -> str:
-    """Name of what the lidar row of the arm keeps the gripper off; "" when it has none (furniture of the map)."""
+    """Name of the obstacle of the arm's lidar row; "" without one (furniture of the map)."""
     if scene is None or not slowed(tick.arm) or tick.arm[-1].obstacle_distance is None:
         return ""
     distance, label = _nearest_to_hand(tick, scene, unmapped(tick, scene))
@@ -245,7 +245,7 @@ def limited_by(tick: TickMessage, scene: Scene | None) -> str:
 
 
 def strange(held_by: str, tick: TickMessage, scene: Scene | None) -> str:
-    """Remark on an obstacle that holds the arm and is not as the map has it; "" when it is.
+    """Remark on an obstacle that limits the arm and is not in the map as it is; "" otherwise.
 
     ``held_by`` is a phrase of `constraints`.
     """
@@ -263,7 +263,7 @@ def strange(held_by: str, tick: TickMessage, scene: Scene | None) -> str:
 
 
 def unmapped(tick: TickMessage, scene: Scene) -> Iterator[Unmapped]:
-    """Everything near the robot that its map does not have."""
+    """Bodies near the robot that are not in its map."""
     for body in (*tick.agents, *tick.obstacles):
         known_kind = body.kind.lower() in body.name.lower()  # else it is told besides
         yield Unmapped(body.name if known_kind else f"{body.name} ({body.kind})", body_outline(body))

@@ -29,10 +29,10 @@ PLOTS, PLOTS_KEY = "Plots of the last minute", "G"
 TICKS = (60, 45, 30, 15, 0)  # [s] before the shown period
 BUCKET = 0.25  # [s] of which the curve keeps least and largest; fixed in time, so that a curve only shifts
 WIDTH, HEIGHT = 480, 80  # units of the drawing; it is stretched to the panel
-APART = 15.0  # units between two labels of an axis at least; the later one of the list is left out
+APART = 15.0  # minimum units between two labels of an axis; the later one is left out
 LETTERS = 11.0  # units that the name of a region needs
 _FAR = 1.5  # [m] top of the plot of distances
-_MOST_SLACK = 500.0  # [mm/s, deg/s] and of slack: on the way nothing must be met exactly, so it may be much
+_MOST_SLACK = 500.0  # [mm/s, deg/s] and of slack, which may be large while driving
 _MOST_TIME = 100.0  # [ms] and of the period
 _LIMIT, _ZERO = "#dc2626", "#d1d5db"
 JOINTS = ("#2563eb", "#0891b2", "#0d9488", "#65a30d", "#d97706", "#db2777", "#7c3aed")
@@ -94,7 +94,7 @@ def plots_html(samples: NDArray[np.float64], base: BaseLimits, parameters: Mappi
 
 
 def bands(parameters: Mapping[str, ParameterValue]) -> tuple[float, float, float]:
-    """The values of d_s [m], d_i [m] and xi [m/s] that are in force."""
+    """Current values of d_s [m], d_i [m] and xi [m/s]."""
     shipped = AvoidanceParameters()
     d_s, d_i, xi = (float(parameters.get(name, getattr(shipped, name))) for name in ("d_s", "d_i", "xi"))
     return d_s, d_i, xi
@@ -253,7 +253,7 @@ def _region_names(plot: Plot) -> str:
 
 
 def _cut_off(plot: Plot) -> str:
-    """Note that curves go on beyond the frame, and how far."""
+    """Note on how far curves extend beyond the frame."""
     values = np.concatenate([curve.values[np.isfinite(curve.values)] for curve in plot.curves])
     least, most = (float(values.min()), float(values.max())) if len(values) else (plot.low, plot.high)
     up = f'<span class="c" style="top:1px">&#9650; up to {_size(most)}</span>' if most > plot.high else ""

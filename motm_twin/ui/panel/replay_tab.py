@@ -81,7 +81,7 @@ class ReplayTab(Block):
         self.hub.playback.step(periods, self.hub.span)
 
     def branch(self) -> None:
-        """Have the twin go on from the shown moment."""
+        """Let the twin continue from the shown moment."""
         at, status = self.hub.view.at, self._status()
         if at is None or status is None:
             self.tell("first look back to the moment from which the twin should go on")
@@ -92,7 +92,7 @@ class ReplayTab(Block):
             self.send(Branch(index=at))
 
     def undo(self) -> None:
-        """Have the twin go on where the run ended that the last branch has set aside."""
+        """Let the twin resume the run that the last branch set aside."""
         status = self._status()
         if status is None or status.aside is None:
             self.tell("there is no branch to undo")
@@ -223,7 +223,7 @@ def branch_text(shown: Shown | None) -> str:
 
 
 def branched(newest: TickMessage) -> tuple[str, str]:
-    """Text and title of the note about a branch, or about one that was undone, whose first periods have come."""
+    """Text and title of the note about a branch, or its undoing, once its first periods have arrived."""
     start = newest.first * PERIOD
     if newest.past == newest.run - 1:
         return f"the twin goes on from {start:.2f} s; Undo in the Replay tab brings back what came after", "Branched"

@@ -122,20 +122,20 @@ def summary(values: "TuningValues", method: str = "", *, live: bool = True) -> s
 
 
 class TuningValues:
-    """Between the widgets of one visitor and the twin; ``now`` is a monotonic clock."""
+    """Parameter values between the widgets of one visitor and the twin; ``now`` is a monotonic clock."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self.shipped: Values = dict(DEFAULTS)  # with the method that drives
         self.wanted: Values = dict(DEFAULTS)  # as the widgets show them
-        self.running: Values = {}  # as the twin has them, where they are not the defaults
+        self.running: Values = {}  # the twin's values that differ from the defaults
         self.apart = False  # the widgets are for a comparison only
         self._pending: dict[str, ParameterValue | None] = {}
         self._touched: dict[str, float] = {}
         self._sent = -1e9
 
     def ship(self, shipped: Values) -> list[str]:
-        """Take what the method that drives was shipped with; the names of which that has become another."""
+        """Take the shipped values of the driving method; returns names whose shipped value has changed."""
         changed = [name for name, value in shipped.items() if value != self.shipped[name]]
         self.shipped = shipped
         return changed
@@ -155,7 +155,7 @@ class TuningValues:
                 self.move(name, value)
 
     def preset(self, name: str) -> Values:
-        """All that one of `PRESETS` sets: what the paper did has the defaults besides, whatever drives."""
+        """Apply one of `PRESETS`; parameters that it does not set take the defaults, whichever method drives."""
         return self.shipped if name == SHIPPED else {**DEFAULTS, **PRESETS[name]}
 
     def due(self) -> list[SetParameter]:
@@ -167,7 +167,7 @@ class TuningValues:
         return [SetParameter(name=name, value=value) for name, value in pending.items()]
 
     def follow(self, running: Mapping[str, ParameterValue]) -> list[str]:
-        """Take what the twin has; the names whose widgets must change, because somebody else moved them."""
+        """Take the twin's values; returns names whose widgets must follow, because somebody else moved them."""
         self.running = dict(running)
         if self.apart:
             return []
@@ -180,7 +180,7 @@ class TuningValues:
         return changed
 
     def part(self, apart: bool) -> None:
-        """Let the widgets be for a comparison only, or the twin's again: then they go back to what it has."""
+        """Use the widgets for a comparison only, or for the twin again, whose values they then take."""
         self.apart = apart
         self._pending.clear()
         self._touched.clear()
@@ -190,7 +190,7 @@ class TuningValues:
         return {name: value for name, value in self.wanted.items() if value != self.shipped[name]}
 
     def compared(self) -> Values:
-        """The whole of what a comparison sets: what is not as shipped here, or in the running twin."""
+        """All values of a comparison: those not as shipped here or in the running twin."""
         return {
             name: value
             for name, value in self.wanted.items()
@@ -198,7 +198,7 @@ class TuningValues:
         }
 
     def differs(self) -> bool:
-        """True when the widgets say something else than the twin has."""
+        """True when the widgets differ from the twin."""
         return any(value != self._run(name) for name, value in self.wanted.items())
 
     def _run(self, name: str) -> ParameterValue:
@@ -334,7 +334,7 @@ def _time(state: State, run: str) -> str:
 
 
 def _forecast(outcome: Outcome) -> str:
-    """Time from which on a run is computed ahead, with searches that no clock cuts."""
+    """Time from which a run is a forecast, with searches that no clock cuts."""
     return "no" if outcome.forecast_from_s is None else f"from {outcome.forecast_from_s:.1f} s"
 
 

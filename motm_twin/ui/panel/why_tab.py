@@ -38,9 +38,9 @@ from motm_twin.ui.panel.widgets import (
     text,
 )
 
-FAST, SLOW = 2, 10  # updates (of 0.1 s) between refreshes: of what is read as it happens, and of statistics
+FAST, SLOW = 2, 10  # updates (of 0.1 s) between refreshes of live text, and of statistics
 NEXT_WEIGHT = "next_weight"  # parameter: weight of the cost C_N
-ROUNDED = 0.05  # [s] by which the costs of a message may be off their sum
+ROUNDED = 0.05  # [s] tolerance of the sum of a message's costs
 READY_MANIPULABILITY = 0.0838  # of the Panda's ready pose
 BEST_MANIPULABILITY = 0.127  # largest of 20,000 random poses
 RULER = 1.0  # [m] length of the bar of distances
@@ -98,7 +98,7 @@ class WhyTab(Block):
 
 
 def headline(tick: TickMessage, scene: Scene | None = None) -> str:
-    """One big sentence: the doing of the robot, and with the scene the body that it keeps off."""
+    """One big sentence: the robot's activity, and with the scene the body that it avoids."""
     colour = GREEN if tick.done and tick.success else "#111827"
     near = avoided(tick, scene)
     says, lines = explain.doing(tick) + (near and f", {near}"), "" if tick.done else " two"
@@ -155,7 +155,7 @@ def task_card(tick: TickMessage) -> str:
 
 
 def arm_card(tick: TickMessage, parameters: Mapping[str, ParameterValue], scene: Scene | None = None) -> str:
-    """The arm's program: solved or not, the limits that held it, how well it can move, and the obstacle it keeps off.
+    """The arm's program: solved or not, active limits, manipulability, and the obstacle that it avoids.
 
     With the scene also names, and remarks on things that the map does not have.
     """
@@ -258,7 +258,7 @@ def candidate_card(placement: PlacementMessage, index: int | None, next_weight: 
 
 
 def _title(placement: PlacementMessage, index: int) -> str:
-    """Number, rank and choice; the number is no rank: candidates are numbered round the target."""
+    """Number, rank and choice; candidates are numbered round the target, not by rank."""
     place = "" if placement.cost[index] is None else f", rank {rank(placement, index)}"
     chosen = ", <b>chosen</b>" if index == placement.chosen else ""
     return f"Candidate no. {index + 1} (of {len(placement.poses)}){place}{chosen}"

@@ -1,4 +1,4 @@
-"""Parts that panels are made of: blocks of widgets that turn grey, pieces of HTML, and the style of both.
+"""Building blocks of panels: blocks of widgets that can be disabled, pieces of HTML, and the style of both.
 
 Texts from outside go through `text`, which escapes them.
 """
@@ -19,7 +19,7 @@ GREEN, AMBER, RED, BLUE = "#15803d", "#b45309", "#b91c1c", "#1d4ed8"
 
 
 class Block:
-    """Widgets of one visitor; those that change something are usable for the driver, grey for everybody else."""
+    """Widgets of one visitor; those that change something are enabled for the driver only."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         self.gui, self.hub, self.visitor = gui, hub, visitor
@@ -85,7 +85,7 @@ class Block:
 
 
 def follow(widget: Any, value: Any) -> None:
-    """Set a widget from outside, unless a person has just changed it: the choice may still be on its way here.
+    """Set a widget from outside, unless a person has just changed it: the choice may still be under way.
 
     Viser sets the new value first and calls back then. Set from another thread in between, the choice would be lost.
     """
@@ -97,7 +97,7 @@ def follow(widget: Any, value: Any) -> None:
 def set_disabled(widget: Any, disabled: bool) -> None:
     """Make a widget grey, or usable again.
 
-    A row of buttons can be made grey, and its page shows it so, but Viser's handle refuses to change that later: the
+    A row of buttons can be created disabled, but Viser's handle refuses to change that later: the
     change is sent as Viser sends those of other widgets.
     """
     if not isinstance(widget, viser.GuiButtonGroupHandle):
@@ -143,7 +143,7 @@ def note(content: str, colour: str = MUTED) -> str:
 
 
 def explained(name: str, words: str) -> str:
-    """A name, HTML, with plain words that are shown when the pointer rests on it."""
+    """A name, HTML, with an explanation on hover."""
     return f'<span class="ex" title="{text(words)}">{name}</span>'
 
 
@@ -191,7 +191,7 @@ def metres(value: float | None) -> str:
 
 
 def signed(value: float, decimals: int) -> str:
-    """A number with its sign; one that is rounded to nothing has no minus."""
+    """A number with its sign; one that rounds to zero has no minus."""
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"
 
 

@@ -19,7 +19,7 @@ from motm_twin.ui.scene.light import FLOOR, LYING, NO_SHADOW, box_shadow_glb, ro
 ROOT = "/bodies"
 TRAIL_LENGTH = 48  # points
 TRAIL_GAP = 0.06  # [m] between two of them
-FASTEST = 3.0  # [m/s] a body that goes faster was put elsewhere: none walks or is thrown so
+FASTEST = 3.0  # [m/s] a faster body was moved by hand: none drives or is thrown this fast
 TRAIL_PAUSE = 1.0  # [s] longer than this, nobody knows how it came there
 MESHES = {"temi": 0.97, "person": 1.75}  # [m] height of the mesh
 FROZEN = "frozen"

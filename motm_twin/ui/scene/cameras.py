@@ -1,7 +1,7 @@
-"""Cameras: one per visitor, with presets; poses that show a scene; and the things that a visitor sees.
+"""Cameras: one per visitor, with presets; poses that show a scene; and visibility for a visitor.
 
-Moves are eased, never cut. A hand at the camera always wins: in a fixed view it makes the camera free; in one that
-rides along, the ride pauses while the hand turns the view, and goes on from the new angle.
+Moves are eased, never cut. Manual control always wins: in a fixed view it makes the camera free; in one that
+rides along, the ride pauses while the view is turned, and continues from the new angle.
 """
 
 import math
@@ -106,7 +106,7 @@ class _Eye:
     mode: str = "Overview"
     sent: deque[Array] = field(default_factory=lambda: deque(maxlen=_MEMORY))
     look_at: Array | None = None  # [m] what it was sent last
-    arrived: bool = False  # where it was sent last; before, no hand has moved it
+    arrived: bool = False  # last pose sent; before it, no manual move
     target: View | None = None  # of a fixed view
     aspect: float = 0.0  # that the target is for
     seen: float = 0.0  # aspect of the picture at the last update
@@ -231,7 +231,7 @@ class Cameras:
         return hand, math.atan2(hand[1] - self._base[1], hand[0] - self._base[0])
 
     def _moved(self, number: int, camera: viser.CameraHandle) -> None:
-        """The page tells where its camera is: moved by hand, or as it was sent."""
+        """Take the page's report of its camera: moved by hand, or an echo of a sent pose."""
         position = np.asarray(camera.position)
         with self._lock:
             eye = self._eyes.get(number)
@@ -284,7 +284,7 @@ def _aspect(eye: _Eye, client: viser.ClientHandle) -> float:
 
 
 def _widened(client: viser.ClientHandle, before: float, now: float) -> View | None:
-    """A free camera that keeps what lies left and right in the picture when panels make that narrower, or wider."""
+    """A free camera adjusted so that panels do not crop the picture at the sides."""
     if before <= 0.0 or now <= 0.0 or abs(now - before) < 1e-3:
         return None
     look_at = np.asarray(client.camera.look_at)
@@ -301,7 +301,7 @@ def _on_the_way(sent: Array, position: Array) -> bool:
 
 
 class Visibility:
-    """The picture of one visitor: a body that stands on the floor is in it and not hidden, or it is not."""
+    """Visibility of bodies on the floor in one visitor's picture."""
 
     def __init__(self, camera: viser.CameraHandle, surroundings: Surroundings, tick: TickMessage) -> None:
         self._eye, look_at = np.asarray(camera.position, float), np.asarray(camera.look_at, float)
@@ -311,7 +311,7 @@ class Visibility:
         self._surroundings, self._tick = surroundings, tick
 
     def sees(self, place: tuple[float, float], height: float) -> bool:
-        """True when a body of this height [m] on the floor is in the picture, and nothing is before it."""
+        """True when a body of this height [m] on the floor is in the picture and not occluded."""
         points = [np.array([*place, part * height]) for part in _PARTS]
         return all(self._in_picture(point) and not self._hidden(point) for point in points)
 

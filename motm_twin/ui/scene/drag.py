@@ -1,4 +1,4 @@
-"""Dragging, turning and throwing by mouse, and the marks of what is selected: a ring, a name and a knob to turn it by.
+"""Dragging, turning and throwing by mouse, and the marks of the selection: a ring, a name and a knob to turn it.
 
 The twin is told through Zenoh, at most 20 times a second; the newest place wins. A cube is different: it follows the
 pointer over tops and floor on the page, and is put down when it is let go.
@@ -53,7 +53,7 @@ class _Grip:
 
 @dataclass
 class Held:
-    """Something that a visitor holds: where it is wanted [m], and its heading [rad] when that is turned."""
+    """A body that a visitor holds: its desired place [m], and its heading [rad] while it is turned."""
 
     visitor: Visitor
     x: float
@@ -78,7 +78,7 @@ class Held:
 
 
 class Drag:
-    """Holds what visitors of this page drag, and tells the twin from a thread of its own."""
+    """Bodies dragged by visitors of this page, sent to the twin from its own thread."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
@@ -91,7 +91,7 @@ class Drag:
         self._thread.start()
 
     def held(self, name: str) -> Held | None:
-        """The hold on something that is held now or was just let go; None: it is where the twin has it."""
+        """The hold on a body that is held or was just released; None: it is where the twin has it."""
         with self._lock:
             return self._held.get(name)
 

@@ -1,4 +1,4 @@
-"""Things that the pointer is at, and the meaning of a click on them.
+"""Picking: things under the pointer, and the meaning of a click on them.
 
 The first thing along a ray from the eye is found by geometry, so small things can be hit too. Viser could tell which
 node is clicked, but then outlines every clickable one in yellow, reports a click on a body to the ground as well, and
@@ -24,7 +24,7 @@ from motm_twin.model.scene_shapes import outline, rectangle
 from motm_twin.ui.hub import Hub, Visitor
 
 SELECTABLE = ("object", "bin", "body", "piece")
-SLACK = 0.014  # [rad] a small thing may be missed by
+SLACK = 0.014  # [rad] tolerance for small things
 SLACK_NEAR = 0.015  # [m] the same close to the eye
 CANDIDATE_HEIGHT = 0.035  # [m]
 _ROBOT = ((0.36, 0.0, 0.4), (0.2, 0.4, 1.0))  # radius, lower and upper end [m] of base and arm
@@ -62,7 +62,7 @@ class Hit:
 
 
 class Surroundings:
-    """A scene with its furniture where a tick has it."""
+    """A scene with its furniture at the places of a tick."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene, self.pieces = scene, pieces(scene)
@@ -216,7 +216,7 @@ class Clicks:
         hit = self.surroundings.first(ray, tick, candidates=view.layers["Candidates"] and not aiming)
         kind = "" if hit is None else hit.kind
         if kind != "floor":
-            view.sending = view.placing = ""  # somebody has thought better of it
+            view.sending = view.placing = ""  # cancelled
         if hit is None or kind in ("robot", "fixed"):
             view.selected = ""
         elif kind == "candidate":

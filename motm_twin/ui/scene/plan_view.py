@@ -1,7 +1,7 @@
 """The plan of the base, and small marks on the task.
 
 Candidates by cost, the way to the chosen one and on to the next target, the local plan; the place where the robot
-believes its target, points to drive to, and beliefs that are off.
+believes its target, points to drive to, and wrong beliefs.
 """
 
 import dataclasses
@@ -200,7 +200,7 @@ class MarksView:
 
 
 def target_spot(tick: TickMessage, surroundings: Surroundings) -> Spot | None:
-    """Place where the robot believes its target, to pick or place at; None when it does neither."""
+    """Believed place of the target to pick or place at; None when the robot does neither."""
     task = tick.tasks[tick.task_index] if tick.task_index < len(tick.tasks) else None
     spot = None if task is None or task.kind == "drive_to" else spot_of(task.target, tick, surroundings)
     if spot is None or task is None:
@@ -224,7 +224,7 @@ def drive_points(tick: TickMessage) -> list[tuple[float, float]]:
 
 
 def believed(tick: TickMessage) -> np.ndarray:
-    """Places where the robot believes cubes that are elsewhere, shape (n, 3) [m]."""
+    """Believed places of cubes that are elsewhere, shape (n, 3) [m]."""
     true = {item.name: np.asarray(item.position) for item in tick.objects}
     return np.array(
         [

@@ -1,6 +1,6 @@
 """The robot, link by link; its plan as ghosts that fade into the future; and the robots of a comparison.
 
-Those are tinted glass beside the real one. Who moves about in either run is a cylinder: where that run finds them, not
+Those are tinted glass beside the real one. Dynamic bodies of either run are cylinders, where that run has them, not
 where they are now. Ghosts and other robots are one batched node per link.
 """
 

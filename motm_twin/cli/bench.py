@@ -1,0 +1,195 @@
+"""`motm-twin bench NAME ...`: groups of trials with numbers to reach, benchmarks, and experiments by name."""
+
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tyro
+from rich.console import Console
+
+from motm_twin.cli.outputs import folder_problem
+from motm_twin.generate.barn import PREFIX
+from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
+from motm_twin.perf.report import machine
+from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
+from motm_twin.studies import barn, faults, mismatch, pool, surprise, task
+from motm_twin.studies.catalogue import EXPERIMENTS, experiment
+from motm_twin.studies.groups import GROUPS, bench_group
+from motm_twin.studies.pool import BACKENDS
+from motm_twin.studies.run import Results, kept_text, run
+from motm_twin.studies.settings import BenchSettings
+from motm_twin.studies.summary import published_beside, reasons_table, rows, summary_table, write_summary
+
+TABLE_WIDTH = 132  # characters; a narrower table is not readable
+
+Run = Callable[[BenchSettings, Console], bool]  # True when every number was reached
+
+
+def _group(name: str) -> Run:
+    return lambda given, console: bench_group(GROUPS[name], given.out, given.workers, console)
+
+
+def _period(given: BenchSettings, console: Console) -> bool:
+    reached = _group("period")(given, console)
+    return period.bench_period(given.out, given.share, console) and reached
+
+
+RUNS: dict[str, Run] = {
+    **{name: _group(name) for name in GROUPS},
+    "period": _period,
+    page.NAME: lambda given, console: page.bench_page(given.out, given.seconds, given.minutes, given.visits, console),
+    bus.NAME: lambda given, console: bus.bench_bus(given.out, given.seconds, console),
+    soak.NAME: lambda given, console: soak.bench_soak(given.out, given.share, console),
+    scale.NAME: lambda given, console: scale.bench_scale(given.out, given.seconds, console),
+    pool.NAME: lambda given, console: pool.bench_efficiency(given.out, given.workers, console),
+    growth.NAME: lambda given, console: growth.bench_growth(given.out, console, quick=given.quick),
+    anytime.NAME: lambda given, console: anytime.bench_anytime(given.out, console, quick=given.quick),
+    period.SOLVERS_NAME: lambda given, console: period.bench_solvers(given.out, console, quick=given.quick),
+    task.NAME: lambda given, console: task.bench_task(given.out, given.share, given.workers, console),
+    faults.NAME: lambda given, console: faults.bench_faults(
+        given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes
+    ),
+    mismatch.NAME: lambda given, console: mismatch.bench_mismatch(given.out, given.share, given.workers, console),
+    surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
+}
+ALL = (*GROUPS, task.NAME)  # of the name "all"
+ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command with these arguments; its exit code."""
+    return run_bench(tyro.cli(BenchSettings, args=arguments, prog="motm-twin bench"))
+
+
+def run_bench(given: BenchSettings) -> int:
+    """Run the named groups and experiments; the exit code.
+
+    0 when every number was reached and every trial succeeded, 1 when not, 2 for bad input, 130 after Ctrl-C.
+    """
+    if problem := _problem(given):
+        plain_console(stderr=True).print(f"motm-twin bench: {problem}", markup=False)
+        return BAD_INPUT
+    console = table_console()
+    console.width = max(console.width, TABLE_WIDTH)
+    if given.groups[0] == barn.NAME:
+        return _bench_barn(given, console)
+    experiments = [name for name in given.groups if name in ONLY_EXPERIMENTS or given.experiment]
+    code = bench_experiments(experiments, given, console) if experiments else OK
+    groups = [name for name in given.groups if name not in experiments]
+    return max(code, _bench_groups(groups, given, console)) if groups and code != INTERRUPTED else code
+
+
+def _problem(given: BenchSettings) -> str:
+    """Refusal of the first impossible setting; "" when all are possible."""
+    problem = _wrong_name(given)
+    if problem:
+        return problem
+    if given.worlds is not None and given.worlds < 1:
+        return f"--worlds {given.worlds}: at least 1 is needed"
+    if given.workers < 1:
+        return "need a worker"
+    if not 0.0 < given.share <= 1.0:
+        return f"--share {given.share:g}: allowed is more than 0 and at most 1"
+    problem = folder_problem(given.out)
+    return f"--out {given.out}: {problem}" if problem else ""
+
+
+def _wrong_name(given: BenchSettings) -> str:
+    """Refusal of the first unknown name, with the known ones; "" when all are known."""
+    possible = tuple(EXPERIMENTS) if given.experiment else ("all", *RUNS, *ONLY_EXPERIMENTS)
+    named = given.groups if given.groups[0] != barn.NAME else []  # scene files follow it
+    for what, names, known in (
+        ("experiment" if given.experiment else "group", named, possible),
+        ("fault", given.kinds, (faults.NONE, *faults.KINDS)),
+        ("scene", given.scenes, tuple(faults.SCENES)),
+    ):
+        if wrong := [name for name in names if name not in known]:
+            return f"unknown {what} {wrong[0]!r}: use {', '.join(known)}"
+    return ""
+
+
+def _bench_barn(given: BenchSettings, console: Console) -> int:
+    """Cross worlds; the exit code, 2 for names that are none, 1 when a world was not crossed."""
+    names = [*given.groups[1:], *(f"{PREFIX}{seed}" for seed in range(given.worlds or 0))]
+    if not names:
+        console.print("bench barn: name scene files, or say --worlds 50 for worlds from seeds", markup=False)
+        return BAD_INPUT
+    try:
+        crossed = barn.bench_barn(names, given.methods, given.profile, given.workers, given.out, console)
+    except ValueError as error:
+        return _refused(error, console)
+    return OK if crossed else FAILED
+
+
+def _refused(error: ValueError, console: Console) -> int:
+    console.print(f"motm-twin: {error}", style="red", markup=False)
+    return BAD_INPUT
+
+
+def _bench_groups(groups: list[str], given: BenchSettings, console: Console) -> int:
+    """Measure groups against their goals; the exit code."""
+    names = [name for name in RUNS if name in groups or ("all" in groups and name in ALL)]
+    missed = [name for name in names if not RUNS[name](given, console)]
+    console.print(f"\n[red]missed: {', '.join(missed)}[/red]" if missed else "\n[green]all numbers reached[/green]")
+    return FAILED if missed else OK
+
+
+def bench_experiments(names: list[str], given: BenchSettings, console: Console) -> int:
+    """Run experiments, print a table each, write the summaries; the exit code."""
+    try:
+        changes = changes_of(given.changes)
+        chosen = [experiment(name, given.methods, given.trials).changed(changes) for name in names]
+        for each in chosen:
+            console.print(f"[bold]{each.name}[/bold]: {each.title}, {len(each.specs)} trials")
+        results = run(
+            chosen,
+            out=given.out,
+            workers=given.workers,
+            backend=given.backend or BACKENDS[0],
+            address=given.address,
+            console=console,
+            retry_failed=given.retry_failed,
+        )
+    except ValueError as error:  # of the arguments: what goes wrong in a trial is in its result
+        return _refused(error, console)
+    except KeyboardInterrupt:
+        console.print(kept_text(given.out, names), markup=False)
+        return INTERRUPTED
+    for name in names:
+        show(name, results, given.out, console)
+    whole = sum(map(len, results.trials.values()))
+    where = f"{results.computed} trials run now, {whole - results.computed} known; {given.workers} processes"
+    console.print(f"{where}; {machine()}", markup=False)
+    succeeded = all(result["success"] for these in results.trials.values() for result in these)
+    return OK if succeeded else FAILED
+
+
+def changes_of(given: Iterable[str]) -> dict[str, Any]:
+    """Changes of a scene from texts ``field=value``, the value as JSON or plain. Raises ValueError."""
+    changes = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f"change {text!r}: write FIELD=VALUE, as noise.lidar_range_sd=0.05")
+        try:
+            changes[name] = msgspec.json.decode(value)
+        except msgspec.DecodeError:
+            changes[name] = value
+    return changes
+
+
+def show(name: str, results: Results, out: Path, console: Console) -> None:
+    """Print the table of one experiment, and where its files are."""
+    found, beside = rows(results.of(name)), published_beside(results.of(name))
+    console.print(f"\n[bold]{EXPERIMENTS[name].title}[/bold]")
+    console.print(summary_table(found, beside))
+    if (why := reasons_table(results.of(name))) is not None:
+        console.print(why)
+    target = write_summary(found, beside, out / name)
+    console.print(f"written to {target}; the trials are in {out / name}", markup=False)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

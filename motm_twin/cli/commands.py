@@ -1,0 +1,225 @@
+"""Commands of the command line, each with its options and help. What they do is imported when they are called."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from tyro.conf import Positional
+
+from motm_twin.cli.paper import paper
+from motm_twin.cli.record import info, record, recover, replay, rerun
+from motm_twin.cli.robot import robot
+from motm_twin.cli.security import security
+from motm_twin.cli.settings import ServeSettings
+from motm_twin.interrupts import interruptible
+from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.model.scene_error import SceneError
+from motm_twin.studies.settings import BenchSettings
+
+
+def run(
+    scene: Positional[str] = "exp1",
+    /,
+    variant: str | None = None,
+    seed: int | None = None,
+    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
+    save: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
+    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    method: str = DEFAULT_METHOD,
+) -> int:
+    """Run a scene headless, as fast as the processor allows.
+
+    Exit code 0: the task was completed with no contact caused by the robot; 1: not; 2: bad input; 130: Ctrl-C.
+
+    Args:
+        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
+        variant: Named variant of the scene.
+        seed: Seed of noise and random arrangements.
+        json: Write the report to a file, or to standard output with '-'.
+        save: Write the session to a new file, for `rerun` and `what-if`; after Ctrl-C too, up to there.
+        plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
+        method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
+    """
+    from motm_twin.cli.outputs import refuse_unwritable, write_json
+    from motm_twin.cli.run import print_report, run_headless
+    from motm_twin.methods.registry import find_method
+
+    refuse_unwritable(json)
+    result = run_headless(scene, variant, seed, find_method(method), save=save, plot=plot)
+    if json is not None:
+        write_json(result, json)
+    if json != "-":
+        print_report(result)
+    return 0 if result["success"] else 1
+
+
+def serve(settings: Annotated[ServeSettings, tyro.conf.arg(name="")]) -> int:
+    """Serve the twin in the browser, and its state on Zenoh."""
+    from motm_twin.cli.serve import serve as serve_twin
+
+    return serve_twin(settings)
+
+
+def what_if(
+    file: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
+    /,
+    changes: Annotated[
+        tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="NAME=VALUE")
+    ] = (),
+    seconds: Annotated[float, tyro.conf.arg(name="from", metavar="SECONDS")] = 0.0,
+    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
+    stream: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    method: Annotated[str | None, tyro.conf.arg(metavar="FILE.py:NAME")] = None,
+) -> int:
+    """Run a saved session as it was and with other parameters, both to the end of the task.
+
+    Exit code 0: both were run; 1: one broke; 2: bad input.
+
+    Args:
+        file: A saved session.
+        changes: A parameter and its value; may be given several times. docs/zenoh.md lists them (Parameters).
+        seconds: Simulated time from which the parameters are others; 0 for the whole run.
+        json: Write the report to a file, or to standard output with '-'.
+        stream: Write the poses of both robots at 10 Hz and their ends as JSON lines instead.
+        method: For a session that was made with a method of your own: its file.
+    """
+    from motm_twin.cli.what_if import what_if as compare
+
+    return compare(file, list(changes), seconds=seconds, report=json, lines=stream, method=method)
+
+
+def scene(
+    action: Positional[Literal["list", "check", "schema", "generate"]],
+    path: Positional[str | None] = None,
+    /,
+    seed: int | None = None,
+    difficulty: float | None = None,
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None,
+) -> int:
+    """List the shipped scenes, check a scene file, print the JSON Schema of scene files, or make a new scene.
+
+    Args:
+        action: What to do.
+        path: Scene name or file, for check.
+        seed: Of the generated scene; the same seed and difficulty give the same file.
+        difficulty: Of the generated scene, from 0 (easy) to 1 (hard); 0.5 without it.
+        output: New file for the generated scene; without it, it is printed.
+    """
+    from motm_twin.cli.scene import check_scene, generate_scene, list_scenes, print_schema
+
+    if action == "generate":
+        return generate_scene(seed, difficulty, output, path)
+    if (seed, difficulty, output) != (None, None, None):
+        raise SceneError(f"scene {action}: --seed, --difficulty and --output belong to scene generate")
+    if action == "list":
+        return list_scenes()
+    if action == "schema":
+        return print_schema()
+    if path is None:
+        raise SceneError("scene check: name a shipped scene or a file to check")
+    return check_scene(path)
+
+
+def bench(settings: Annotated[BenchSettings, tyro.conf.arg(name="")]) -> int:
+    """Measure, as tables and JSON: the trials behind the numbers of the README, the page, Zenoh, a router.
+
+    With methods, trials, changes, backend, address or retry-failed: an experiment (exp1, exp1a, exp2, blind, one_temi,
+    ablations, grasp_delay, robustness, mismatch, quick_robot, further_scenes, generated, sweep_next_weight,
+    sweep_bezier_offset, sweep_radius_min, sweep_radius_max), compared in a table. It is kept on disk: after Ctrl-C or a
+    crash the same command goes on where it ended.
+    """
+    from motm_twin.cli.bench import run_bench
+
+    return run_bench(settings)
+
+
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+
+
+def watch(
+    key: Positional[str] = "tick",
+    /,
+    once: Flag = False,
+    json: Annotated[Flag, tyro.conf.arg(name="json")] = False,
+    field: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None,
+    endpoint: str | None = None,
+    twin: str | None = None,
+) -> int:
+    """Print what a running twin publishes, one line each, until Ctrl-C: the newest state, and every event.
+
+    Exit code 0: ended; 1: no twin answers; 2: bad input.
+
+    Args:
+        key: One of tick, robot, scan, grid, event, metrics, status, scene.
+        once: Only the newest value.
+        json: The messages themselves, as JSON.
+        field: Only one field, as JSON; its path with dots: robot.pose.0.
+        endpoint: Address of the twin server; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
+        twin: Name of the twin.
+    """
+    from motm_twin.cli.watch import watch as watch_key
+
+    return watch_key(key, once=once, as_json=json, field=field, endpoint=endpoint, twin=twin)
+
+
+def send(
+    command: Annotated[Positional[str], tyro.conf.arg(metavar="COMMAND")],
+    fields: Annotated[Positional[tuple[str, ...]], tyro.conf.arg(metavar="NAME=VALUE")] = (),
+    /,
+    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="{...}")] = None,
+    timeout: float = 2.0,
+    endpoint: str | None = None,
+    twin: str | None = None,
+) -> int:
+    """Send a command to a running twin, print its answer as JSON, and leave the wheel to others.
+
+    Exit code 0: done; 1: refused, or no twin answers; 2: bad input.
+
+    Args:
+        command: Name of the command, such as play or add_obstacle; docs/zenoh.md lists them.
+        fields: Fields of the command: name=crate x=1.0 y=-0.5 size=0.3,0.3,0.4
+        json: Fields as JSON instead.
+        timeout: Time to wait for the answer, in seconds.
+        endpoint: Address of the twin server; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
+        twin: Name of the twin.
+    """
+    from motm_twin.cli.send import send as send_command
+
+    return send_command(command, list(fields), json=json, timeout=timeout, endpoint=endpoint, twin=twin)
+
+
+def twins(endpoint: str | None = None, json: Annotated[Flag, tyro.conf.arg(name="json")] = False) -> int:
+    """List the twins that run on this machine, or behind an endpoint (or where MOTM_ZENOH_CONFIG leads).
+
+    Exit code 0: there is one that answers; 1: there is none.
+
+    Args:
+        endpoint: Address of a twin server or router.
+        json: As JSON, one line each.
+    """
+    from motm_twin.cli.watch import twins as list_twins
+
+    return list_twins(endpoint, as_json=json)
+
+
+COMMANDS: dict[str, Callable[..., int]] = {
+    # These have handlers of their own, or say when they are loaded.
+    **{command.__name__: command for command in (serve, run, record, replay, robot)},
+    **{
+        name: interruptible(command)
+        for name, command in {
+            "rerun": rerun,
+            "info": info,
+            "recover": recover,
+            "what-if": what_if,
+            "watch": watch,
+            "send": send,
+            "twins": twins,
+            "scene": scene,
+            "bench": bench,
+            "paper": paper,
+            "security": security,
+        }.items()
+    },
+}

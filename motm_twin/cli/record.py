@@ -1,0 +1,177 @@
+"""`motm-twin record | replay | rerun | info | recover`: recordings on the command line."""
+
+import json as json_module
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from tyro.conf import Positional
+
+from motm_twin.cli.settings import ReplaySettings
+from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
+from motm_twin.sessions.session import SessionError
+
+ANSWER = 5.0  # [s] in which the twin must answer once its server does
+_File = Annotated[Positional[str], tyro.conf.arg(metavar="FILE")]
+_Json = Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")]
+_Method = Annotated[str | None, tyro.conf.arg(metavar="FILE.py:NAME")]
+_Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+
+
+def record(
+    out: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
+    /,
+    twin: str | None = None,
+    endpoint: str | None = None,
+    seconds: float | None = None,
+    wait: float = 30.0,
+) -> int:
+    """Record a running twin from outside into an MCAP file, until Ctrl-C. The twin does not notice.
+
+    Exit code 0: recorded; 1: the disk refused, what is before can be read; 2: bad input, or no twin answers.
+
+    Args:
+        out: File to be written, FILE.mcap; it must not exist.
+        twin: Name of the twin in the Zenoh keys; without it, the only one that runs.
+        endpoint: Where its server listens; without it, where MOTM_ZENOH_CONFIG leads, or the twin on this machine.
+        seconds: Time to record [s], above 0; without it until Ctrl-C.
+        wait: Time in seconds to wait for the server, when both --twin and --endpoint are given.
+    """
+    from motm_twin.client.discover import OPTIONS, NoTwin, find
+
+    if not out.endswith(".mcap"):
+        raise SessionError("a recording ends in .mcap: choose such a name", file=out)
+    if seconds is not None and not seconds > 0.0:
+        raise SessionError(f"--seconds {seconds:g}: give a time above 0, or leave it out to record until Ctrl-C")
+    try:
+        endpoint, twin = find(endpoint, twin, how=OPTIONS)
+    except NoTwin as error:
+        _tell_refused(str(error))
+        return BAD_INPUT
+    arguments = ["--twin", twin, "--endpoint", endpoint, "--out", out, "--wait", str(wait), "--answer", str(ANSWER)]
+    arguments += [] if seconds is None else ["--seconds", str(seconds)]
+    console = plain_console()
+    command = [sys.executable, "-m", "motm_twin.record.recorder", *arguments]
+    code = FAILED
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own module
+    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        # Ctrl-C reaches the recorder as well, which ends by itself; SIGTERM is passed on.
+        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+        assert process.stdout is not None
+        for line in process.stdout:
+            with suppress(OSError):  # recording goes on when nobody reads this
+                _tell(console, json_module.loads(line))
+        code = process.wait()
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if process.poll() is None:
+            process.terminate()
+    return code
+
+
+def _tell(console: Console, event: dict) -> None:
+    size = f"{event.get('bytes', 0) / 1e6:.1f} MB"
+    match event["event"]:
+        case "recording":
+            console.print(f"recording to {event['file']} (Ctrl-C ends it)", markup=False)
+        case "recorded":
+            lost = f"; {event['lost_periods']} periods did not arrive" if event["lost_periods"] else ""
+            console.print(f"recorded {event['file']}, {size}{lost}", markup=False)
+        case "failed":
+            text = f"the recording has stopped: {event['text']}; the {size} before can be read"
+            plain_console(stderr=True).print(text, style="red", markup=False)
+        case "refused":
+            _tell_refused(event["text"])
+
+
+def _tell_refused(text: str) -> None:
+    console = plain_console(stderr=True)
+    console.print(f"motm-twin record: {text}", style="red", markup=False)
+
+
+def replay(settings: Annotated[ReplaySettings, tyro.conf.arg(name="")]) -> int:
+    """Play a recording back: in the page, and on Zenoh under the keys of a twin.
+
+    Exit code 0: ended on request; 1: a process died again and again; 2: bad input.
+    """
+    from motm_twin.bus.commands import SPEED
+    from motm_twin.cli.serve import serve_recording
+
+    file, speed = settings.file, settings.speed
+    if not file.endswith(".mcap"):
+        raise SessionError("is no recording (.mcap); `motm-twin rerun` computes a session again", file=file)
+    if not Path(file).is_file():
+        raise SessionError("there is no such file", file=file)
+    if problem := SPEED.refusal("", speed):
+        raise SessionError(f"--{problem}")
+    return serve_recording(settings)
+
+
+def rerun(file: _File, /, update: _Flag = False, json: _Json = None, method: _Method = None) -> int:
+    """Compute a saved session or a recording again and compare it bit for bit.
+
+    Of a recording, every run that can be computed is: every period and state hash is compared, and the first period
+    that differs is named. Of every other run it is said why it cannot be; that is no difference.
+
+    Exit code 0: equal, or updated; 1: different; 2: bad input, or nothing in the recording can be computed.
+
+    Args:
+        file: A saved session (.json) or a recording (.mcap).
+        update: Write the new state into the session, after showing the difference: the change of behaviour is meant.
+        json: Write the report to a file, or to standard output with '-'.
+        method: For what was made with a method of your own: its file.
+    """
+    from motm_twin.cli.rerun import rerun_file
+
+    return rerun_file(file, update=update, report=json, method=method)
+
+
+def info(file: _File, /, json: _Json = None) -> int:
+    """Tell what is in a recording: duration, runs, topics with rates, and whether it is complete.
+
+    Exit code 0: complete; 1: its end is missing or a part is broken; 2: bad input.
+
+    Args:
+        file: A recording (.mcap).
+        json: Write the report to a file, or to standard output with '-'.
+    """
+    from motm_twin.cli.outputs import write_json
+    from motm_twin.record import info as recorded
+
+    found = recorded.info(file)
+    if json is not None:
+        write_json(recorded.as_json(found), json)
+    if json != "-":
+        recorded.show(found)
+    return OK if found.complete else FAILED
+
+
+def recover(file: _File, /, out: Annotated[str | None, tyro.conf.arg(aliases=("-o",))] = None) -> int:
+    """Write a whole file, with its index, from a recording that was cut off; what was written is read to prove it.
+
+    Exit code 0: recovered; 2: bad input, or what was written cannot be read.
+
+    Args:
+        file: A recording (.mcap).
+        out: File to be written; FILE.recovered.mcap without it.
+    """
+    from motm_twin.record.reader import recover as recover_file
+
+    found = recover_file(file, out)
+    left_out = [f"{found.lost_bytes} bytes of an unfinished end"] if found.lost_bytes else []
+    if found.broken_chunks:
+        left_out.append(f"{found.broken_chunks} broken {'chunk' if found.broken_chunks == 1 else 'chunks'}")
+    plain_console().print(
+        f"{found.file}: {found.messages} messages, {found.seconds:.1f} s, verified; "
+        + f"left out: {' and '.join(left_out) or 'nothing'}"
+        + (" (the file was complete already)" if found.was_complete else ""),
+        markup=False,
+    )
+    return OK

@@ -1,0 +1,135 @@
+"""`motm-twin robot`: the reference robot, our simulated plant with its referee as a program of its own."""
+
+import json as json_module
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from tyro.conf import FlagCreatePairsOff, Positional, arg
+
+from motm_twin.program import BAD_INPUT, FAILED, OK
+
+if TYPE_CHECKING:
+    from motm_twin.external.robot_server import RobotServer
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkSettings:
+    """An emulated link between robot and twin; without any of these it is perfect.
+
+    Args:
+        latency: Emulated link, each direction: delay of a message [s].
+        jitter: Emulated link: the delay varies by this much up and down [s].
+        loss: Emulated link: share of messages that are lost, 0 to 1.
+        outage: Emulated link: nothing arrives for so long [s], in both directions, once in every...
+        every: Emulated link: ... so many seconds, at a random time.
+        link_seed: Seed of the emulated link.
+    """
+
+    latency: float = 0.0
+    jitter: float = 0.0
+    loss: float = 0.0
+    outage: float = 0.0
+    every: float = 2.0
+    link_seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSettings:
+    """The robot's scene, twin and clock.
+
+    Args:
+        scene: Shipped scene or path to a scene file; a twin may put the robot into another one.
+        variant: Named variant of the scene.
+        seed: Seed of noise and random arrangements.
+        twin: Name of the twin in the Zenoh keys.
+        endpoint: Where the twin's server or a Zenoh router listens; the robot waits for it. Without it, where
+            MOTM_ZENOH_CONFIG leads, or tcp/127.0.0.1:7447.
+        clock: real: time passes by itself; shared: it passes as fast as the twin grants it.
+        link: Emulated link.
+        json: Write the report to a file, or to standard output with '-'.
+        child: For programs that start a robot: end also when standard input ends, and say nothing of the twin.
+    """
+
+    scene: Positional[str] = "exp1"
+    variant: str | None = None
+    seed: int | None = None
+    twin: str = "frankie"
+    endpoint: str | None = None
+    clock: Literal["real", "shared"] = "real"
+    link: Annotated[LinkSettings, arg(name="")] = field(default_factory=LinkSettings)
+    json: Annotated[str, arg(name="json", metavar="FILE|-")] = "-"
+    child: FlagCreatePairsOff[bool] = False
+
+
+def robot(settings: Annotated[RobotSettings, arg(name="")]) -> int:
+    """Be the robot of a twin that runs with `serve --plant zenoh`: simulated, with a referee, in its own process.
+
+    Runs until Ctrl-C or SIGTERM and then prints what the referee has counted. Where it waits for its twin, and that it
+    has met it, is said on standard error. Exit code 0: no contact was caused by the robot; 1: one was; 2: bad input.
+    """
+    from motm_twin.bus.processes import leave
+
+    def say(text: str) -> None:
+        if not settings.child:
+            print(f"motm-twin robot: {text}", file=sys.stderr, flush=True)
+
+    twin = settings.twin
+    try:
+        endpoint = _endpoint(settings)
+        server = _server(settings, endpoint, lambda: say(f"has met the twin {twin!r} at {endpoint}"))
+    except ValueError as error:
+        print(f"motm-twin robot: {error}", file=sys.stderr)
+        return BAD_INPUT
+    say(f"waiting for a twin {twin!r} at {endpoint} (motm-twin serve --plant zenoh); Ctrl-C ends it")
+    server.run()
+    if not server.met:
+        say(f"no twin {twin!r} was met at {endpoint}")
+    counted = server.robot.report()
+    server.close()
+    text = json_module.dumps(counted, indent=2)
+    if settings.json == "-":
+        print(text, flush=True)
+    else:
+        Path(settings.json).write_text(text + "\n", encoding="utf-8")
+    leave(FAILED if counted["contacts_caused_by_robot"] or counted["dropped"] else OK)
+    return OK
+
+
+def _endpoint(settings: RobotSettings) -> str:
+    from motm_twin.bus.connection import LOOPBACK
+    from motm_twin.bus.keys import DEFAULT_PORT
+    from motm_twin.bus.zenoh_config import configured_endpoint
+
+    leads = configured_endpoint()  # a file that cannot be used is refused in any case
+    return settings.endpoint or leads or f"tcp/{LOOPBACK}:{DEFAULT_PORT}"
+
+
+def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) -> "RobotServer":
+    from motm_twin.bus.processes import stop_event
+    from motm_twin.external.emulator import LinkSpec
+    from motm_twin.external.robot_server import RobotServer
+    from motm_twin.model.scene_file import load_scene
+
+    link = asdict(settings.link)
+    return RobotServer(
+        load_scene(settings.scene, settings.variant, settings.seed),
+        endpoint,
+        twin=settings.twin,
+        clock=settings.clock,
+        link=LinkSpec(seed=link.pop("link_seed"), **link),
+        stop=stop_event(settings.child),  # until all is imported a signal ends the program
+        on_met=on_met,
+    )
+
+
+def main() -> None:
+    """`python -m motm_twin.cli.robot`: the same without the rest of the command line."""
+    sys.exit(tyro.cli(robot))
+
+
+if __name__ == "__main__":
+    main()

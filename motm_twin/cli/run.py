@@ -1,0 +1,114 @@
+"""`motm-twin run`: a headless run, which may leave a session and a figure behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from motm_twin import interrupts
+from motm_twin.cli.outputs import refuse_existing, refuse_unwritable
+from motm_twin.control.method import Method
+from motm_twin.control.tick import Tick
+from motm_twin.control.tuning import parameter
+from motm_twin.methods.registry import FAST
+from motm_twin.model.scene import Scene
+from motm_twin.model.scene_file import load_scene
+from motm_twin.program import table_console
+from motm_twin.record.replay import Tracker
+from motm_twin.record.what_if import PERIODS_PER_SECOND
+from motm_twin.sessions.session import Session, SessionError, save_session
+from motm_twin.trial import run_scene
+
+if TYPE_CHECKING:
+    from motm_twin.studies.speed_plot import SpeedFigure
+
+
+def run_headless(
+    scene: str, variant: str | None, seed: int | None, method: Method = FAST, *, save: str | None = None,
+    plot: Path | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Run a scene to its end; the report of the run. Raises SceneError and SessionError, before it runs.
+
+    After Ctrl-C the session of the periods so far is kept, and KeyboardInterrupt says so.
+
+    ``save``: new file of the session; ``plot``: file of the figure of `studies.speed_plot`.
+    """
+    loaded = load_scene(scene, variant, seed)
+    refuse_unwritable(save, plot)
+    refuse_existing(save)
+    figure = None if plot is None else _figure(loaded, plot)
+    tracker, periods = Tracker(), 0
+
+    def on_tick(tick: Tick) -> None:
+        nonlocal periods
+        if not periods:
+            interrupts.loaded()  # everything is compiled: from now on there is a run to save
+        periods = tick.index + 1
+        if save is not None:
+            tracker.add(tick)
+        if figure is not None:
+            figure.add(tick)
+
+    def keep(file: str, state_hash: str) -> None:
+        changed = {name: value for name, value in method.parameters.items() if value != parameter(name).default}
+        saved = Session(
+            title=f"{loaded.title}, headless",
+            scene=loaded,
+            method=method.name,
+            parameters=changed,
+            periods=periods,
+            state_hash=state_hash,
+            track=tracker.track,
+        )
+        save_session(saved, file)
+
+    try:
+        report = run_scene(loaded, on_tick=on_tick, method=method)
+    except KeyboardInterrupt:
+        if save is None or periods == 0:
+            raise
+        keep(save, "")  # of a period that broke off
+        raise KeyboardInterrupt(f"the {periods / PERIODS_PER_SECOND:.2f} s before are in {save}") from None
+    if figure is not None:
+        figure.draw(report, plot)
+    if save is not None:
+        keep(save, report["state_hash"])
+    return report
+
+
+def _figure(scene: Scene, file: Path) -> SpeedFigure:
+    """Collector of the figure's data; raises SessionError for an unsupported kind of file."""
+    from motm_twin.studies.speed_plot import FORMATS, SpeedFigure
+
+    if file.suffix.lower() not in FORMATS:
+        raise SessionError(f"no figure: give a file that ends in {', '.join(FORMATS)}", file=str(file))
+    return SpeedFigure(scene)
+
+
+def print_report(result: dict) -> None:
+    """Print the report of a run."""
+    console = table_console()
+    console.print(f"[bold]{result['scene']} / {result['variant']}[/bold], seed {result['seed']}: ", end="")
+    console.print("[green]completed[/green]" if result["success"] else f"[red]failed[/red]: {result['reason']}")
+    console.print(
+        f"time {result['time_s']:.2f} s (reference tour {result['reference_tour_s']:.1f} s), "
+        f"picked {result['picks_done']}/{result['picks_total']}, "
+        f"placed {result['places_done']}/{result['places_total']}, "
+        f"contacts {result['contacts_caused_by_robot']} caused of {len(result['contacts'])}"
+        + (f", cut in on agents {len(result['cut_ins'])} times" if result["cut_ins"] else "")
+    )
+    measures = result["measures"]
+    parts = ", ".join(f"{name.replace('_', ' ')} {seconds:.1f}" for name, seconds in measures["parts_s"].items())
+    console.print(f"seconds by part: {parts}")
+    reference = sum(leg["reference_m"] or 0.0 for leg in measures["legs"])
+    felt = measures["arm_base_acceleration_mps2"]["p99"]
+    console.print(
+        f"path {result['path_length_m']:.1f} m (reference tour {reference:.1f} m; leg by leg in --json and --plot)"
+        + ("" if felt is None else f"; the arm's foot feels {felt:.2f} m/s^2 at p99, ")
+        + ("" if felt is None else f"{measures['yaw_sign_changes_per_m']:.2f} changes of turning per metre")
+    )
+    tick = result["tick_ms"]
+    console.print(
+        f"period p50 {tick['p50']:.1f} ms, p99 {tick['p99']:.1f} ms, max {tick['max']:.1f} ms; "
+        f"{result['realtime_factor']:.1f} x real time; state {result['state_hash'][:12]}"
+    )

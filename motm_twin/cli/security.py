@@ -1,0 +1,111 @@
+"""`motm-twin security`: certificates, passwords and rights for programs on other machines."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import FlagCreatePairsOff, Positional, arg
+
+from motm_twin.program import BAD_INPUT, OK
+
+if TYPE_CHECKING:
+    from motm_twin.security.folder import Folder
+
+USES = {  # what each role can do with its file
+    "viewer": "motm-twin watch tick",
+    "driver": "motm-twin send pause",
+    "robot": "motm-twin robot exp1 --twin {name}",
+    "twin": "motm-twin serve exp1 --twin {name} --zenoh-port 0",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecuritySettings:
+    """The folder, and who may connect.
+
+    Args:
+        action: make a new folder; add or remove viewers, drivers, robots; list them.
+        folder: The folder; keep it secret, and hand its files out one by one.
+        host: Names and addresses under which others find the server, the usual one first (make).
+        port: TCP port of the TLS listener (make).
+        viewer: Names of those who read.
+        driver: Names of those who read and command.
+        robot: Names of twins whose robot lives on another machine.
+        twin: Names of twins that meet at a router: then the folder is the router's (docs/scale.md).
+        passwords: User and password within TLS, instead of a certificate for each (make).
+        days: How long certificates are valid.
+    """
+
+    action: Positional[Literal["make", "add", "remove", "list"]]
+    folder: Annotated[Positional[Path], arg(metavar="DIR")]
+    host: tuple[str, ...] = ()
+    port: int = 7448
+    viewer: tuple[str, ...] = ()
+    driver: tuple[str, ...] = ()
+    robot: tuple[str, ...] = ()
+    twin: tuple[str, ...] = ()
+    passwords: FlagCreatePairsOff[bool] = False
+    days: int = 365
+
+    def names(self) -> dict[str, list[str]]:
+        """Names by role."""
+        return {role: list(getattr(self, role)) for role in USES}
+
+
+def security(settings: Annotated[SecuritySettings, arg(name="")]) -> int:
+    """Make or change the folder that says who may connect from other machines.
+
+    Exit code 0: done; 2: bad input, and nothing was changed.
+    """
+    from motm_twin.program import plain_console
+    from motm_twin.security.folder import Folder, SecurityError
+
+    console, place = plain_console(), Folder(settings.folder)
+    try:
+        if settings.action == "list":
+            for role, name in _listed(place):
+                console.print(f"{role} {name}: {place.of(role, name)}", markup=False)
+            return OK
+        _change(place, settings)
+    except (SecurityError, OSError) as error:
+        plain_console(stderr=True).print(f"motm-twin security: {error}", markup=False)
+        return BAD_INPUT
+    if place.router.is_file():
+        console.print(f"The router: zenohd --config {place.router}", markup=False)
+    else:
+        console.print(f"The twin:  motm-twin serve --secure {settings.folder}", markup=False)
+    for role, name in _each(settings.names()) if settings.action != "remove" else ():
+        file, use = place.of(role, name), USES[role].format(name=name)
+        console.print(f"Hand over: {file}  (use: MOTM_ZENOH_CONFIG={file.name} {use})", markup=False)
+    return OK
+
+
+def _listed(place: "Folder") -> list[tuple[str, str]]:
+    from motm_twin.security.folder import SecurityError
+
+    people = place.people()
+    if people is None:
+        raise SecurityError(f"{place.path} has no people.json: make the folder first")
+    return _each(people.names)
+
+
+def _change(place: "Folder", settings: SecuritySettings) -> None:
+    """Make the folder, or add or remove people. Raises SecurityError and OSError."""
+    from motm_twin.security.folder import People, SecurityError
+
+    named = settings.names()
+    if settings.action == "make":
+        people = People(hosts=list(settings.host), port=settings.port, passwords=settings.passwords, names=named)
+        place.create(people, days=settings.days)
+        return
+    if not any(named.values()):
+        raise SecurityError(f"{settings.action}: name somebody with --viewer, --driver or --robot")
+    for role, name in _each(named):
+        if settings.action == "add":
+            place.add(role, name, days=settings.days)
+        else:
+            place.remove(role, name)
+
+
+def _each(named: dict[str, list[str]]) -> list[tuple[str, str]]:
+    return [(role, name) for role, names in named.items() for name in names]

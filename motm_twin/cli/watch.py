@@ -1,0 +1,166 @@
+"""`motm-twin watch` and `motm-twin twins`: lines from messages, and the twins that run."""
+
+import math
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+
+from motm_twin.client.discover import BEHIND, OPTIONS, Found, NoTwin, find, running_twins
+from motm_twin.client.twin import Twin
+from motm_twin.program import BAD_INPUT, FAILED, OK, printable
+
+KEYS = ("tick", "robot", "scan", "grid", "event", "metrics", "status", "scene")
+FIRST = 5.0  # [s] for the first message
+_SLICE = 0.5  # [s]
+
+
+def watch(key: str, *, once: bool, as_json: bool, field: str | None, endpoint: str | None, twin: str | None) -> int:
+    """Print lines until Ctrl-C; the exit code."""
+    if key not in KEYS:
+        print(f"motm-twin watch: there is no key {key!r}; there are: {', '.join(KEYS)}", file=sys.stderr)
+        return BAD_INPUT
+    try:
+        with Twin(*find(endpoint, twin, how=OPTIONS)) as handle:
+            for message in _messages(handle, key, once):
+                line = _chosen(message, field) if field else _json(message) if as_json else _LINES[key](message)
+                print(printable(line))
+                sys.stdout.flush()
+                if once:
+                    break
+    except KeyboardInterrupt:
+        return OK
+    except (NoTwin, TimeoutError) as error:
+        print(f"motm-twin watch: {error}", file=sys.stderr)
+        return FAILED
+    except LookupError as error:
+        print(f"motm-twin watch: {error.args[0]}", file=sys.stderr)
+        return BAD_INPUT
+    return OK
+
+
+def _messages(handle: Twin, key: str, once: bool) -> Iterator[dict[str, Any]]:
+    """Every newest message, every event; the attachment of a grid."""
+    client, name = handle.client, getattr(handle.client.keys, key)
+    if key == "event" and not once:
+        for event in handle.events():
+            yield msgspec.to_builtins(event)
+        return
+    client.follow(name)
+    count = client.wait(name, 0, FIRST)
+    if count == 0:
+        raise TimeoutError(f"nothing came on {name} for {FIRST:g} s")
+    while not client.closed:
+        payload, attachment = client.raw(name)
+        yield msgspec.json.decode((attachment or b"null") if key == "grid" else payload)
+        while (now := client.wait(name, count, _SLICE)) == count and not client.closed:
+            continue
+        count = now
+
+
+def _chosen(message: Any, path: str) -> str:
+    """A field by its path. Raises LookupError."""
+    for part in path.split("."):
+        try:
+            message = message[int(part)] if isinstance(message, list) else message[part]
+        except (LookupError, TypeError, ValueError):
+            known = ", ".join(message) if isinstance(message, dict) else f"0 to {len(message) - 1}" * bool(message)
+            raise LookupError(f"--field {path}: there is no {part!r} here; there are: {known}") from None
+    return _json(message)
+
+
+def _json(message: Any) -> str:
+    return msgspec.json.encode(message).decode()
+
+
+def _tick(message: dict[str, Any]) -> str:
+    tasks, index = message["tasks"], message["task_index"]
+    task = f"{tasks[index]['kind']} {tasks[index]['target']}" if index < len(tasks) else "all tasks have ended"
+    return f"{message['time']:8.2f} s  {_pose(message['robot']['pose'])}  {task}  {message['stop_reason']}".rstrip()
+
+
+def _robot(message: dict[str, Any]) -> str:
+    v, w = message["twist"]
+    q = " ".join(f"{angle:5.2f}" for angle in message["q"])
+    return (
+        f"{message['time']:8.2f} s  {_pose(message['pose'])}  {v:5.2f} m/s {w:5.2f} rad/s  q {q}  "
+        f"gripper {message['gripper_width'] * 1000:.0f} mm"
+    )
+
+
+def _scan(message: dict[str, Any]) -> str:
+    seen = [distance for distance in message["ranges"] if distance is not None]
+    nearest = f"nearest {min(seen):.2f} m" if seen else "nothing in range"
+    return f"{message['stamp']:8.2f} s  {len(seen)} of {len(message['ranges'])} beams return, {nearest}"
+
+
+def _grid(info: dict[str, Any]) -> str:
+    return f"{info['stamp']:8.2f} s  {info['width']} x {info['height']} cells of {info['resolution']:g} m"
+
+
+def _event(message: dict[str, Any]) -> str:
+    return f"{message['time']:8.2f} s  #{message['seq']}  {message['kind']}: {message['text']}"
+
+
+def _metrics(message: dict[str, Any]) -> str:
+    period = message["period_ms"]
+    times = f"period p50 {period['p50']:.1f} p99 {period['p99']:.1f} ms" if period else "no periods"
+    return (
+        f"{message['time']:8.2f} s  {message['tasks_done']}/{message['tasks_total']} tasks  "
+        f"contacts {message['contacts_caused_by_robot']} caused of {message['contacts']}  {times}  "
+        f"{message['actual_speed']:g} x real time  "
+        f"{message['memory_mb']:.0f} MB"
+    )
+
+
+def _status(message: dict[str, Any]) -> str:
+    driver = f"  driven by {message['driver_name']}" if message["driver"] else ""
+    scene = " ".join(part for part in (message["scene"], message["variant"]) if part)
+    return f"{message['time']:8.2f} s  {scene}: {message['state']}{driver}  {message['text']}".rstrip()
+
+
+def _scene(message: dict[str, Any]) -> str:
+    return f"{message['name']} {message['variant']}, seed {message['seed']}: {len(message['tasks'])} tasks"
+
+
+def _pose(pose: list[float]) -> str:
+    return f"base ({pose[0]:6.3f}, {pose[1]:6.3f}, {pose[2]:6.3f})"
+
+
+_LINES = {
+    "tick": _tick,
+    "robot": _robot,
+    "scan": _scan,
+    "grid": _grid,
+    "event": _event,
+    "metrics": _metrics,
+    "status": _status,
+    "scene": _scene,
+}
+
+
+def twins(endpoint: str | None, *, as_json: bool) -> int:
+    """Print who is there; the exit code."""
+    try:
+        found = running_twins(endpoint)
+    except NoTwin as error:
+        print(f"motm-twin twins: {error}", file=sys.stderr)
+        return FAILED
+    for twin in found:
+        print(msgspec.json.encode(twin).decode() if as_json else printable(_line(twin)))
+    if not found and not as_json:
+        where = "on this machine" if endpoint is None else f"at {endpoint}: {BEHIND}"
+        print(f"motm-twin twins: none is running {where}", file=sys.stderr)
+    return OK if any(twin.alive for twin in found) else FAILED
+
+
+def _line(twin: Found) -> str:
+    page = f"  page: {twin.page}" if twin.page else ""
+    if not twin.alive:
+        return f"{twin.twin}  {twin.endpoint}{page}  does not answer"
+    driver = f"  driven by {twin.driver}" if twin.driver else ""
+    minutes = math.floor(twin.time / 60.0)
+    return (
+        f"{twin.twin}  {twin.endpoint}{page}  {twin.scene}: {twin.state} at {minutes}:{twin.time % 60.0:04.1f}{driver}"
+    )
