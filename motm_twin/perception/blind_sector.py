@@ -85,15 +85,13 @@ def check_sector(
     if not len(outline.segments):
         return scan, None
     reach = min(settings.reach, scan.range_max)
-    ranges, edge, along = seen_edges(
-        pose, scan.origin, scan.angle_min, scan.angle_step, len(scan.ranges), outline.segments, reach
-    )
+    expected = seen_edges(pose, scan.origin, scan.angle_min, scan.angle_step, len(scan.ranges), outline.segments, reach)
     run = max(settings.proofs, math.ceil(BLIND_ANGLE / abs(scan.angle_step)))
     limits = (settings.doubt, settings.rest, settings.margin, settings.share, run, settings.proofs)
     unseen = _follow(
         (state.doubted, state.proved, state.blind, state.times, state.miss, state.returned),
         (state.gone, state.missed, state.missing),
-        scan.ranges, ranges, edge, along, outline.first, scan.stamp, limits,
+        scan.ranges, expected, outline.first, scan.stamp, limits,
     )  # fmt: skip
     if not unseen.any():
         return scan, None
@@ -104,11 +102,12 @@ def check_sector(
 
 
 @njit(cache=True)
-def _follow(state, places, returns, expected, edge, along, first, stamp, limits):
+def _follow(state, places, returns, expected, first, stamp, limits):
     """Move the memory on by one sweep, and tell which beams are not trusted now, shape (n,).
 
-    ``expected`` [m], ``edge`` and ``along`` (0 to 1): what the map has in the way of each beam.
+    ``expected``: what the map has in the way of each beam, as of `seen_edges`.
     """
+    ranges, edge, along = expected
     doubted, proved, blind, _, miss, returned = state
     gone, missed, missing = places
     doubt, rest, margin, share, run, proofs = limits
@@ -122,8 +121,8 @@ def _follow(state, places, returns, expected, edge, along, first, stamp, limits)
             continue
         bins = first[edge[i] + 1] - first[edge[i]]
         place[i] = first[edge[i]] + min(bins - 1, int(along[i] * bins))
-        error = returns[i] - expected[i]
-        if abs(error) <= margin + share * expected[i]:
+        error = returns[i] - ranges[i]
+        if abs(error) <= margin + share * ranges[i]:
             gone[place[i]], missing[place[i]] = False, np.nan
             if missed[place[i]] >= 0:
                 proved[missed[place[i]]] = True
