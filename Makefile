@@ -36,7 +36,7 @@ format: .venv/.ready-dev ## format and apply the safe fixes
 	@$(BIN)/ruff check --fix .
 
 bench: .venv/.ready-run ## the numbers of the paper and ours, as a table (all groups; GROUP=exp1 for one)
-	@$(PYTHON_ENV) $(BIN)/motm-twin bench $(GROUP) $(ARGS)
+	@$(PYTHON_ENV) $(BIN)/motm-twin bench $(or $(GROUP),all) $(ARGS)
 
 quick: .venv/.ready-dev ## the report of the paper's experiments with one trial of each kind, into out/quick
 	@$(PYTHON_ENV) MOTM_CHROMIUM="$$(tools/chromium.sh)" $(BIN)/motm-twin paper --quick --workers $(WORKERS) --out out/quick

@@ -8,7 +8,7 @@ import tyro
 from motm_twin import __version__
 from motm_twin.bus.zenoh_config import ConfigError
 from motm_twin.cli.commands import COMMANDS
-from motm_twin.model.names import MethodError
+from motm_twin.model.names import MethodError, hint
 from motm_twin.model.scene_error import SceneError
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console
 from motm_twin.sessions.session import SessionError
@@ -54,6 +54,10 @@ def _called() -> int:
     if sys.argv[1:] == ["--version"]:
         print(f"motm-twin {__version__}")
         return OK
+    wrong = sys.argv[1] if len(sys.argv) > 1 else ""
+    if wrong and not wrong.startswith("-") and wrong not in COMMANDS:
+        print(f"motm-twin: there is no command {wrong!r}; {hint(wrong, COMMANDS)}", file=sys.stderr)
+        return BAD_INPUT
     try:
         return tyro.extras.subcommand_cli_from_dict(
             COMMANDS,

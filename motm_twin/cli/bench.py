@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import tyro
 from rich.console import Console
+from rich.table import Table
 
 from motm_twin.cli.outputs import folder_problem
 from motm_twin.generate.barn import PREFIX
@@ -55,6 +56,11 @@ RUNS: dict[str, Run] = {
     surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
 }
 ALL = (*GROUPS, task.NAME)  # of the name "all"
+TRIAL = 0.12  # [min] of one trial on one of two processes
+MINUTES = {  # of the others, on two cores
+    "period": 5, "page": 10, "bus": 6, "soak": 45, "scale": 12, "efficiency": 6, "growth": 5, "anytime": 7,
+    "solvers": 1, "task": 40, "faults": 120, "mismatch": 20, "surprise": 12,
+}  # fmt: skip
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
 
 
@@ -68,6 +74,9 @@ def run_bench(given: BenchSettings) -> int:
 
     0 when every number was reached and every trial succeeded, 1 when not, 2 for bad input, 130 after Ctrl-C.
     """
+    if not given.groups:
+        _list_groups(table_console())
+        return BAD_INPUT
     if problem := _problem(given):
         plain_console(stderr=True).print(f"motm-twin bench: {problem}", markup=False)
         return BAD_INPUT
@@ -79,6 +88,29 @@ def run_bench(given: BenchSettings) -> int:
     code = bench_experiments(experiments, given, console) if experiments else OK
     groups = [name for name in given.groups if name not in experiments]
     return max(code, _bench_groups(groups, given, console)) if groups and code != INTERRUPTED else code
+
+
+def _list_groups(console: Console) -> None:
+    """Print what can be measured, and how long it takes."""
+    table = Table("group", "about", "what", title="motm-twin bench GROUP [GROUP ...]; all: those above the line")
+    whole = {name: (round(len(GROUPS[name].trials) * TRIAL) or 1, GROUPS[name].title) for name in GROUPS}
+    titles = {"period": period.TITLE, "solvers": period.SOLVERS_TITLE} | {
+        module.NAME: module.TITLE
+        for module in (page, bus, soak, scale, pool, growth, anytime, task, faults, mismatch, surprise)
+    }
+    whole |= {name: (minutes, titles[name]) for name, minutes in MINUTES.items()}
+    for name in ALL:
+        table.add_row(name, f"{whole[name][0]} min", whole[name][1])
+    table.add_section()
+    for name in (name for name in whole if name not in ALL):
+        table.add_row(name, f"{whole[name][0]} min", whole[name][1])
+    table.add_row(barn.NAME, "", f"{barn.TITLE}; then scene files, or --worlds N")
+    table.add_section()
+    for name in ONLY_EXPERIMENTS:
+        table.add_row(name, "", EXPERIMENTS[name].title)
+    console.print(table)
+    total = sum(whole[name][0] for name in ALL)
+    console.print(f"[bold]motm-twin bench all[/bold] takes about {total} minutes on two cores. Name a group.")
 
 
 def _problem(given: BenchSettings) -> str:

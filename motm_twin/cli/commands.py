@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import Positional
 
+from motm_twin import __version__
+from motm_twin.cli.doctor import doctor
 from motm_twin.cli.paper import paper
 from motm_twin.cli.record import info, record, recover, replay, rerun
 from motm_twin.cli.robot import robot
@@ -16,6 +18,9 @@ from motm_twin.interrupts import interruptible
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene_error import SceneError
 from motm_twin.studies.settings import BenchSettings
+
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+Changes = Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="NAME=VALUE")]
 
 
 def run(
@@ -27,6 +32,7 @@ def run(
     save: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     method: str = DEFAULT_METHOD,
+    changes: Changes = (),
 ) -> int:
     """Run a scene headless, as fast as the processor allows.
 
@@ -40,13 +46,16 @@ def run(
         save: Write the session to a new file, for `rerun` and `what-if`; after Ctrl-C too, up to there.
         plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
         method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
+        changes: A parameter and its value, on top of the method's; may be given several times. docs/parameters.md.
     """
     from motm_twin.cli.outputs import refuse_unwritable, write_json
     from motm_twin.cli.run import print_report, run_headless
     from motm_twin.methods.registry import find_method
+    from motm_twin.record.what_if import parse_changes
 
     refuse_unwritable(json)
-    result = run_headless(scene, variant, seed, find_method(method), save=save, plot=plot)
+    parameters = parse_changes(changes) if changes else {}
+    result = run_headless(scene, variant, seed, find_method(method), parameters, save=save, plot=plot)
     if json is not None:
         write_json(result, json)
     if json != "-":
@@ -64,9 +73,7 @@ def serve(settings: Annotated[ServeSettings, tyro.conf.arg(name="")]) -> int:
 def what_if(
     file: Annotated[Positional[str], tyro.conf.arg(metavar="FILE")],
     /,
-    changes: Annotated[
-        tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="NAME=VALUE")
-    ] = (),
+    changes: Changes = (),
     seconds: Annotated[float, tyro.conf.arg(name="from", metavar="SECONDS")] = 0.0,
     json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
     stream: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
@@ -101,7 +108,7 @@ def scene(
 
     Args:
         action: What to do.
-        path: Scene name or file, for check.
+        path: Scene name or file, for check; - reads standard input.
         seed: Of the generated scene; the same seed and difficulty give the same file.
         difficulty: Of the generated scene, from 0 (easy) to 1 (hard); 0.5 without it.
         output: New file for the generated scene; without it, it is printed.
@@ -132,9 +139,6 @@ def bench(settings: Annotated[BenchSettings, tyro.conf.arg(name="")]) -> int:
     from motm_twin.cli.bench import run_bench
 
     return run_bench(settings)
-
-
-Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
 def watch(
@@ -203,9 +207,28 @@ def twins(endpoint: str | None = None, json: Annotated[Flag, tyro.conf.arg(name=
     return list_twins(endpoint, as_json=json)
 
 
+def demo() -> int:
+    """Serve Experiment 2: four Temis in the robot's way. The same as `motm-twin serve exp2`."""
+    return serve(ServeSettings(scene="exp2"))
+
+
+def version() -> int:
+    """Print the version."""
+    print(f"motm-twin {__version__}")
+    return 0
+
+
+def warm_up() -> int:
+    """Compile the numeric kernels, once per installation: later starts take seconds."""
+    from motm_twin.warm_up import main
+
+    main()
+    return 0
+
+
 COMMANDS: dict[str, Callable[..., int]] = {
     # These have handlers of their own, or say when they are loaded.
-    **{command.__name__: command for command in (serve, run, record, replay, robot)},
+    **{command.__name__: command for command in (serve, run, record, replay, robot, demo)},
     **{
         name: interruptible(command)
         for name, command in {
@@ -220,6 +243,9 @@ COMMANDS: dict[str, Callable[..., int]] = {
             "bench": bench,
             "paper": paper,
             "security": security,
+            "doctor": doctor,
+            "warm-up": warm_up,
+            "version": version,
         }.items()
     },
 }

@@ -11,6 +11,7 @@ from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
 from motm_twin.methods.registry import FAST
+from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.program import table_console
@@ -24,14 +25,15 @@ if TYPE_CHECKING:
 
 
 def run_headless(
-    scene: str, variant: str | None, seed: int | None, method: Method = FAST, *, save: str | None = None,
-    plot: Path | None = None,
+    scene: str, variant: str | None, seed: int | None, method: Method = FAST,
+    parameters: dict[str, ParameterValue] | None = None, *, save: str | None = None, plot: Path | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Run a scene to its end; the report of the run. Raises SceneError and SessionError, before it runs.
 
     After Ctrl-C the session of the periods so far is kept, and KeyboardInterrupt says so.
 
-    ``save``: new file of the session; ``plot``: file of the figure of `studies.speed_plot`.
+    ``parameters``: by name, on top of the method's; ``save``: new file of the session; ``plot``: file of the figure
+    of `studies.speed_plot`.
     """
     loaded = load_scene(scene, variant, seed)
     refuse_unwritable(save, plot)
@@ -50,7 +52,8 @@ def run_headless(
             figure.add(tick)
 
     def keep(file: str, state_hash: str) -> None:
-        changed = {name: value for name, value in method.parameters.items() if value != parameter(name).default}
+        whole = {**method.parameters, **(parameters or {})}
+        changed = {name: value for name, value in whole.items() if value != parameter(name).default}
         saved = Session(
             title=f"{loaded.title}, headless",
             scene=loaded,
@@ -63,7 +66,7 @@ def run_headless(
         save_session(saved, file)
 
     try:
-        report = run_scene(loaded, on_tick=on_tick, method=method)
+        report = run_scene(loaded, on_tick=on_tick, method=method, parameters=parameters)
     except KeyboardInterrupt:
         if save is None or periods == 0:
             raise

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from motm_twin.generate.scenes import DIFFICULTY, generate
 from motm_twin.model.scene_error import SceneError
-from motm_twin.model.scene_file import check_all
+from motm_twin.model.scene_file import check_all, check_document
 from motm_twin.model.scene_file import list_scenes as shipped_scenes
 from motm_twin.model.scene_format import json_schema
+from motm_twin.model.scene_load import text_document
 from motm_twin.program import BAD_INPUT, OK
 
 _MANY = 6
@@ -30,9 +31,12 @@ def list_scenes() -> int:
 
 
 def check_scene(name_or_path: str) -> int:
-    """Check every variant of a scene and print what it holds, or the one thing that is wrong."""
+    """Check every variant of a scene and print what it holds, or the one thing that is wrong; "-": standard input."""
     try:
-        scenes = check_all(name_or_path)
+        if name_or_path == "-":
+            scenes = check_document(text_document(sys.stdin.buffer.read(), "standard input"))
+        else:
+            scenes = check_all(name_or_path)
     except SceneError as error:
         return _refuse(error)
     first = scenes[0]

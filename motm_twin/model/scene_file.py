@@ -51,7 +51,11 @@ def listing(document: Document) -> SceneListing:
 
 def check_all(name_or_path: str) -> tuple[Scene, ...]:
     """Every variant of a scene, resolved and checked; raises SceneError for the first that is wrong."""
-    document = load_document(name_or_path)
+    return check_document(load_document(name_or_path))
+
+
+def check_document(document: Document) -> tuple[Scene, ...]:
+    """The same of a document."""
     return tuple(_resolve(document, variant, None) for variant in document.variants() or [None])
 
 

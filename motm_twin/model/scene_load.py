@@ -78,6 +78,12 @@ def load_document(name_or_path: str) -> Document:
     return Document(path.stem, shown, _read_chain(path, shown, (path.resolve(),)))
 
 
+def text_document(raw: bytes, name: str) -> Document:
+    """The document of a scene that is no file; what it extends is shipped or in the working folder."""
+    path = Path(f"{name}.yaml")
+    return Document(name, name, _extended(_parsed(raw, name), path, name, (path.resolve(),)))
+
+
 def is_made(name: str) -> bool:
     """The scene is made from a seed: there is no file of it."""
     return name.startswith(tuple(MAKERS))
@@ -92,7 +98,11 @@ def _made(asked: str) -> Document:
 
 
 def _read_chain(path: Path, shown: str, seen: tuple[Path, ...]) -> Node:
-    root = _read(path, shown)
+    return _extended(_read(path, shown), path, shown, seen)
+
+
+def _extended(root: Node, path: Path, shown: str, seen: tuple[Path, ...]) -> Node:
+    """The tree over all that it extends."""
     extends = root.value.get("extends")
     if extends is None or extends.value is None:
         return merge(Node({}, root.file, root.line, ""), root)
@@ -112,6 +122,10 @@ def _read(path: Path, shown: str) -> Node:
             raw = stream.read(MAX_BYTES + 1)
     except OSError as error:
         raise SceneError(f"cannot be read: {error.strerror}", file=shown) from error
+    return _parsed(raw, shown)
+
+
+def _parsed(raw: bytes, shown: str) -> Node:
     if len(raw) > MAX_BYTES:
         raise SceneError("larger than 1 MiB: a scene is a short text", file=shown)
     try:

@@ -13,9 +13,8 @@ class BenchSettings:
     """Names of groups and experiments, and their options.
 
     Args:
-        groups: Names of groups of trials or experiments, or all groups; or page (needs Chromium), bus, soak, scale,
-            efficiency, growth, anytime, solvers, task, faults, mismatch, surprise. Or barn, and after it scene files
-            of worlds of that challenge.
+        groups: Names of groups of trials or experiments, or all; without one they are listed with their times. Or
+            barn, and after it scene files of worlds of that challenge.
         methods: Names of methods, or all, or ablations; or FILE.py:NAME of your own.
         trials: Number of random arrangements, seeds from 0; without it the ten published ones.
         changes: Fields of the resolved scene, as noise.lidar_range_sd=0.05, detections=named or agents.*.speed=0.6.
@@ -35,7 +34,7 @@ class BenchSettings:
         profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
     """
 
-    groups: Positional[list[str]] = field(default_factory=lambda: ["all"])
+    groups: Positional[list[str]] = field(default_factory=list)
     methods: tuple[str, ...] = ()
     trials: int | None = None
     changes: tuple[str, ...] = ()

@@ -1,0 +1,151 @@
+"""`motm-twin doctor`: what works on this machine, what does not, and the cure; one line each."""
+
+import ctypes.util
+import importlib
+import importlib.metadata
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from typing import NamedTuple
+
+from motm_twin import __version__
+from motm_twin.bus.connection import LOOPBACK, require_free_port
+from motm_twin.bus.keys import DEFAULT_PORT
+from motm_twin.program import FAILED, OK, table_console
+
+PAGE_PORT = 8080
+CHROMIUMS = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")
+NEEDED = {  # module: distribution
+    "numpy": "numpy", "numba": "numba", "pinocchio": "pin", "scipy": "scipy", "shapely": "shapely", "daqp": "daqp",
+    "qpsolvers": "qpsolvers", "trimesh": "trimesh", "viser": "viser", "zenoh": "eclipse-zenoh", "mcap": "mcap",
+    "matplotlib": "matplotlib",
+}  # fmt: skip
+
+
+class Mark(StrEnum):
+    """How good an answer is."""
+
+    GOOD = "good"
+    NOTE = "note"  # something that not everybody needs is missing
+    WRONG = "wrong"
+
+
+class Answer(NamedTuple):
+    """One line; ``cure`` says what to do about it."""
+
+    mark: Mark
+    text: str
+    cure: str = ""
+
+
+def doctor() -> int:
+    """Look at this machine: packages, kernels, ports, browser, Zenoh. One line each, with the cure.
+
+    Exit code 0: everything that the twin needs works; 1: not.
+    """
+    console, worst = table_console(), OK
+    colours = {Mark.GOOD: "green", Mark.NOTE: "yellow", Mark.WRONG: "red"}
+    for check in CHECKS:
+        for answer in _answers(check):
+            console.print(f"[{colours[answer.mark]}]{answer.mark:5}[/]  ", end="")
+            console.print(answer.text + (f": {answer.cure}" if answer.cure else ""), markup=False)
+            worst = FAILED if answer.mark == Mark.WRONG else worst
+    return worst
+
+
+def _answers(check: Callable[[], Iterator[Answer]]) -> list[Answer]:
+    """Answers of one check; one that breaks is an answer, too."""
+    try:
+        return list(check())
+    except Exception as error:
+        return [Answer(Mark.WRONG, f"{check.__name__.strip('_')}: {type(error).__name__}: {error}")]
+
+
+def _versions() -> Iterator[Answer]:
+    python = platform.python_version()
+    text = f"motm-twin {__version__}, Python {python}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    old = sys.version_info < (3, 11)
+    yield Answer(Mark.WRONG if old else Mark.GOOD, text, "Python 3.11 or newer is needed" if old else "")
+
+
+def _packages() -> Iterator[Answer]:
+    good = []
+    for module, name in NEEDED.items():
+        try:
+            importlib.import_module(module)
+            good.append(f"{name} {importlib.metadata.version(name)}")
+        except (ImportError, OSError) as error:
+            yield Answer(Mark.WRONG, f"{name} cannot be imported ({error})", "run make run, or pip install motm_twin")
+    yield Answer(Mark.GOOD, f"packages: {', '.join(good)}")
+
+
+def _models() -> Iterator[Answer]:
+    from motm_twin.model.data_dirs import web_assets_dir
+    from motm_twin.model.scene_file import list_scenes
+
+    model = web_assets_dir() / "frankie.urdf"
+    if not model.is_file():
+        yield Answer(Mark.WRONG, f"{model} is missing", "install again, or restore the folder web_assets")
+    yield Answer(Mark.GOOD, f"{len(list_scenes())} shipped scenes, robot model in {model.parent}")
+
+
+def _kernels() -> Iterator[Answer]:
+    from motm_twin.planning.staa import run_search
+    from motm_twin.warm_up import is_warm
+
+    where = run_search.stats.cache_path
+    if not os.access(where, os.W_OK):
+        yield Answer(
+            Mark.WRONG, f"compiled kernels cannot be kept in {where}",
+            "every start compiles for a minute; set NUMBA_CACHE_DIR to a folder of yours",
+        )  # fmt: skip
+    elif is_warm():
+        yield Answer(Mark.GOOD, f"numeric kernels are compiled ({where})")
+    else:
+        yield Answer(Mark.NOTE, "numeric kernels are not compiled yet", "the next start does it; motm-twin warm-up now")
+
+
+def _ports() -> Iterator[Answer]:
+    for port, use in ((PAGE_PORT, "page"), (DEFAULT_PORT, "Zenoh")):
+        try:
+            require_free_port(LOOPBACK, port, use)
+        except OSError:
+            option = "--port" if use == "page" else "--zenoh-port"
+            yield Answer(Mark.NOTE, f"port {port} ({use}) is taken", f"motm-twin twins lists twins; or use {option}")
+        else:
+            yield Answer(Mark.GOOD, f"port {port} ({use}) is free")
+
+
+def _browser() -> Iterator[Answer]:
+    given = os.environ.get("MOTM_CHROMIUM")
+    found = next((path for name in (given, *CHROMIUMS) if name and (path := shutil.which(name))), None)
+    if found is None:
+        yield Answer(
+            Mark.NOTE, "no Chromium here", "browser tests, bench page and photographs of the report need it; "
+            "the page itself opens in any browser with WebGL",
+        )  # fmt: skip
+    else:
+        yield Answer(Mark.GOOD, f"Chromium: {found}")
+    if ctypes.util.find_library("GL") is None and ctypes.util.find_library("EGL") is None:
+        yield Answer(Mark.NOTE, "no OpenGL library here", "a browser on this machine draws the page slowly")
+    else:
+        yield Answer(Mark.GOOD, "OpenGL library found")
+
+
+def _zenoh() -> Iterator[Answer]:
+    from motm_twin.bus.connection import free_port, open_member, open_server
+    from motm_twin.client.discover import running_twins
+
+    port = free_port()
+    with open_server(port), open_member(f"tcp/{LOOPBACK}:{port}", wait=5.0):
+        pass
+    yield Answer(Mark.GOOD, "Zenoh works on loopback")
+    found = [one for one in running_twins() if one.alive]
+    names = ", ".join(f"{one.twin} at {one.endpoint} ({one.scene})" for one in found)
+    yield Answer(Mark.GOOD, f"twins that run: {names}" if found else "no twin runs on this machine")
+
+
+CHECKS = (_versions, _packages, _models, _kernels, _ports, _browser, _zenoh)

@@ -1,0 +1,84 @@
+"""Small commands of the shell: doctor, version, hints, lists, and the parameters of a run."""
+
+import io
+import json
+import socket
+import sys
+
+import pytest
+
+from motm_twin import __version__, cli
+from motm_twin.bus.connection import LOOPBACK
+from motm_twin.cli import doctor
+from motm_twin.program import BAD_INPUT, OK
+from motm_twin.sessions.session import load_session
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    def called(*words, given=None):
+        monkeypatch.setattr(sys, "argv", ["motm-twin", *words])
+        if given is not None:
+            monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(given)))
+        code = cli._called()
+        seen = capsys.readouterr()
+        return code, seen.out, seen.err
+
+    return called
+
+
+def test_version_is_a_command(call):
+    assert call("version") == (OK, f"motm-twin {__version__}\n", "")
+
+
+@pytest.mark.parametrize(("wrong", "meant"), [("srve", "serve"), ("what_if", "what-if"), ("benhc", "bench")])
+def test_a_wrong_command_says_what_was_probably_meant(call, wrong, meant):
+    code, out, error = call(wrong)
+    assert code == BAD_INPUT and out == ""
+    assert f"did you mean {meant}" in error
+
+
+def test_bench_without_a_group_lists_them_and_runs_nothing(call):
+    code, out, _ = call("bench")
+    assert code == BAD_INPUT
+    assert all(name in out for name in ("exp1a", "faults", "barn", "sweep_radius_max"))
+    assert "bench all" in out and "120 min" in out
+
+
+def test_scene_check_reads_standard_input(call):
+    code, out, _ = call("scene", "check", "-", given=b"format: motm-scene/1\nextends: line\ntitle: mine\n")
+    assert code == OK and "standard input: good. mine" in out
+    code, _, error = call("scene", "check", "-", given=b"format: motm-scene/1\nrobt: {}\n")
+    assert code == BAD_INPUT and "standard input:2" in error and "robot" in error
+
+
+def test_a_run_takes_parameters_and_its_session_keeps_them(call, tmp_path):
+    file = tmp_path / "turn.json"
+    scene = tmp_path / "short.yaml"
+    scene.write_text("format: motm-scene/1\nextends: line\ntime_limit: 1\n", encoding="utf-8")
+    words = ("run", str(scene), "--set", "next_weight=0.5", "--set", "bezier=false", "--save", str(file), "--json", "-")
+    _, out, _ = call(*words)
+    assert json.loads(out)["time_s"] == 1.0
+    session = load_session(str(file))
+    assert session.parameters["next_weight"] == 0.5 and session.parameters["bezier"] is False
+    code, _, error = call("run", str(scene), "--set", "next_wait=1")
+    assert code == BAD_INPUT and "next_weight" in error
+
+
+def test_the_doctor_finds_this_machine_good(call, capsys):
+    code, out, _ = call("doctor")
+    assert code == OK
+    assert "Zenoh works on loopback" in out and "packages: numpy" in out and "wrong" not in out
+
+
+def test_the_doctor_names_the_cure_of_what_is_missing(call, monkeypatch):
+    monkeypatch.setitem(doctor.NEEDED, "no_such_module", "no-such-package")
+    monkeypatch.setattr(doctor, "CHROMIUMS", ())
+    monkeypatch.delenv("MOTM_CHROMIUM", raising=False)
+    with socket.create_server((LOOPBACK, 0)) as taken:
+        monkeypatch.setattr(doctor, "PAGE_PORT", taken.getsockname()[1])
+        code, out, _ = call("doctor")
+    assert code == 1
+    lines = {line[:5].strip(): line for line in out.splitlines()}
+    assert "no-such-package cannot be imported" in lines["wrong"] and "make run" in lines["wrong"]
+    assert "--port" in out and "no Chromium here" in out
