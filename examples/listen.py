@@ -1,14 +1,16 @@
 """Print the ticks of every twin behind an endpoint. Needs only Zenoh: pip install eclipse-zenoh."""
 
+import argparse
 import os
-import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
 
 import zenoh
 
-endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("endpoint", nargs="?", default="tcp/127.0.0.1:7447")
+endpoint = parser.parse_args().endpoint
 file = f"motm-twin-{os.getuid()}/zenoh-{endpoint.rsplit(':')[-1]}.json5"  # with the password, by `motm-twin serve`
 own = Path(tempfile.gettempdir(), file)
 config = zenoh.Config.from_file(str(own)) if own.exists() else zenoh.Config()

@@ -1,5 +1,6 @@
 """Everything of docs/zenoh.md with Zenoh alone, without our package: read, command, hear events."""
 
+import argparse
 import itertools
 import json
 import os
@@ -12,8 +13,11 @@ from pathlib import Path
 import zenoh
 
 DEFAULT = "tcp/127.0.0.1:7447"
-ENDPOINT = sys.argv[1] if len(sys.argv) > 1 else DEFAULT
-TWIN = f"motm/{sys.argv[2] if len(sys.argv) > 2 else 'frankie'}"
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("endpoint", nargs="?", default=DEFAULT)
+parser.add_argument("twin", nargs="?", default="frankie")
+options = parser.parse_args()
+ENDPOINT, TWIN = options.endpoint, f"motm/{options.twin}"
 SENDER = f"example-{secrets.token_hex(4)}"
 numbers = itertools.count(time.time_ns() // 1000)  # rising, also when the program starts again
 

@@ -7,6 +7,7 @@ Replace `Drives` by your robot. Its joints follow at once, its base slips never,
 wall 10 m away.
 """
 
+import argparse
 import itertools
 import json
 import math
@@ -23,9 +24,13 @@ from pathlib import Path
 
 import zenoh
 
-ENDPOINT = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("endpoint", nargs="?", default="tcp/127.0.0.1:7447")
+parser.add_argument("twin", nargs="?", default="frankie")
+options = parser.parse_args()
+ENDPOINT = options.endpoint
 VERSION, LIFE, STEP = "motm.plant/1", uuid.uuid4().hex, 0.01
-KEY = f"motm/{sys.argv[2] if len(sys.argv) > 2 else 'frankie'}/plant/"
+KEY = f"motm/{options.twin}/plant/"
 
 
 class Drives:

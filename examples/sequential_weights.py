@@ -28,3 +28,6 @@ def weighing(seconds, method=SEQUENTIAL):
 
 W0, W1, W2, W10, W20, W40 = (weighing(seconds) for seconds in (0.0, 1.0, 2.0, 10.0, 20.0, 40.0))
 EARLY2, EARLY10 = (weighing(seconds, SEQUENTIAL_OVERLAP) for seconds in (2.0, 10.0))
+
+if __name__ == "__main__":
+    print(__doc__)

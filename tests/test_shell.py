@@ -2,7 +2,9 @@
 
 import io
 import json
+import os
 import socket
+import subprocess
 import sys
 
 import pytest
@@ -43,6 +45,15 @@ def test_bench_without_a_group_lists_them_and_runs_nothing(call):
     assert code == BAD_INPUT
     assert all(name in out for name in ("exp1a", "faults", "barn", "sweep_radius_max"))
     assert "bench all" in out and "120 min" in out
+
+
+def test_a_terminal_that_knows_ascii_only_sees_all_with_question_marks():
+    done = subprocess.run(
+        [sys.executable, "-m", "motm_twin", "--help"], capture_output=True, check=False,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )  # fmt: skip
+    assert done.returncode == 0 and done.stderr == b""
+    assert b"doctor" in done.stdout and done.stdout.isascii()
 
 
 def test_scene_check_reads_standard_input(call):

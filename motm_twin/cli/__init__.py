@@ -1,5 +1,6 @@
 """The command line: `motm-twin serve | run | record | replay | rerun | what-if | scene | bench | ...`."""
 
+import io
 import os
 import sys
 
@@ -16,6 +17,9 @@ from motm_twin.sessions.session import SessionError
 
 def main() -> None:
     """Run the command line and exit with the command's code; 1 when the output is closed, 130 after Ctrl-C."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that knows ASCII only, as over a serial line
     try:
         try:
             code = _called()
