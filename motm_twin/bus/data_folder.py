@@ -115,7 +115,7 @@ class DataFolder:
             "recorder",
             RECORDER,
             arguments,
-            lambda _, event: self._told(heard, event),
+            lambda _, event: self._report(heard, event),
             dict(os.environ),
             ended=lambda code: self._ended(heard, code),
         )
@@ -137,7 +137,7 @@ class DataFolder:
         self._changed()
         return Path(self._path)
 
-    def _told(self, heard: threading.Event, event: dict) -> None:
+    def _report(self, heard: threading.Event, event: dict) -> None:
         """Runs in the thread that listens to the recorder ``heard``."""
         if heard is not self._heard:
             return

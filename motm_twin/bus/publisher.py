@@ -20,7 +20,7 @@ from motm_twin.bus.encode import ObservationEncoder, RobotEncoder, grid_bytes, g
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, StatusMessage, TickMessage
-from motm_twin.bus.queries import LatestValues, Quiet
+from motm_twin.bus.queries import Idle, LatestValues
 from motm_twin.bus.senders import Outbox, RobotStream
 from motm_twin.control.tick import Tick
 from motm_twin.model.period import PERIOD
@@ -124,15 +124,15 @@ class Publisher:
         status: Callable[[], StatusMessage],
         now: Callable[[], float],
         took: Callable[[], float] = lambda: 0.0,
-        quiet: Quiet,
+        idle: Idle,
     ) -> None:
         """``status`` gives the state of the server, ``now`` its clock [s], ``took`` the time of the last period [s].
 
-        ``quiet``: when queries are answered.
+        ``idle``: when queries are answered.
         """
         self._keys, self._status, self._now, self._took = keys, status, now, took
         self._encode = msgspec.json.Encoder().encode
-        self._values, self._telling = LatestValues(session, keys, quiet), threading.Lock()
+        self._values, self._telling = LatestValues(session, keys, idle), threading.Lock()
         self._log = EventLog(now, self._emit)
         self._watch, self._metrics = EventWatch(self._log), Metrics()
         self._values.answer(keys.status, lambda _: self._encode(status()))
