@@ -10,7 +10,7 @@ from pathlib import Path
 from motm_twin.bus.commands import Record, Refused, Save
 from motm_twin.bus.live import LiveTwin
 from motm_twin.bus.processes import Child, end_all
-from motm_twin.bus.senders import Outbox
+from motm_twin.bus.publisher import Outbox
 
 DEFAULT_FOLDER = Path("recordings")
 MAX_FILES = 1000  # in the folder; a program that saves without end must not fill the disk
