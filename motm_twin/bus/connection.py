@@ -16,8 +16,8 @@ from typing import Any
 
 import zenoh
 
-from motm_twin.bus.credentials import announce, forget
 from motm_twin.bus.keys import spoken_on
+from motm_twin.bus.private_folder import announce, forget
 from motm_twin.bus.zenoh_config import session_config
 
 LOOPBACK, LOOPBACK_6 = "127.0.0.1", "::1"
@@ -92,7 +92,7 @@ def open_server(
 ) -> zenoh.Session:
     """A session that listens on one TCP port; only it may publish on the keys ``own`` and query ``asks``.
 
-    Programs of this user may connect (`bus.credentials`); with ``open_bus``, all on this machine. Raises
+    Programs of this user may connect (`bus.private_folder`); with ``open_bus``, all on this machine. Raises
     ConfigError, and errors of `require_free_port`.
 
     It connects to nobody, unless the configuration file names a router.

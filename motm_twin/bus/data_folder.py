@@ -10,7 +10,7 @@ from pathlib import Path
 from motm_twin.bus.commands import Record, Refused, Save
 from motm_twin.bus.live import LiveTwin
 from motm_twin.bus.processes import Child, end_all
-from motm_twin.bus.senders import Outbox
+from motm_twin.bus.publisher import Outbox
 
 DEFAULT_FOLDER = Path("recordings")
 MAX_FILES = 1000  # in the folder; a program that saves without end must not fill the disk
@@ -115,7 +115,7 @@ class DataFolder:
             "recorder",
             RECORDER,
             arguments,
-            lambda _, event: self._told(heard, event),
+            lambda _, event: self._report(heard, event),
             dict(os.environ),
             ended=lambda code: self._ended(heard, code),
         )
@@ -137,7 +137,7 @@ class DataFolder:
         self._changed()
         return Path(self._path)
 
-    def _told(self, heard: threading.Event, event: dict) -> None:
+    def _report(self, heard: threading.Event, event: dict) -> None:
         """Runs in the thread that listens to the recorder ``heard``."""
         if heard is not self._heard:
             return

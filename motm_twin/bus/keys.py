@@ -84,11 +84,11 @@ class PlantKeys:
         self.tasks = f"{root}/tasks"  # ? TaskNotice -> PlantAnswer
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def from_twin(self) -> tuple[str, ...]:
         """Keys on which only the twin publishes."""
         return self.command, self.grant
 
     @property
-    def asked(self) -> tuple[str, ...]:
+    def queried_by_twin(self) -> tuple[str, ...]:
         """Keys that only the twin queries."""
         return self.reset, self.edit, self.tasks

@@ -38,7 +38,7 @@ from motm_twin.bus.library import MethodLibrary, SceneSource
 from motm_twin.bus.live import LiveTwin, SessionDesk
 from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import Pacer, RealTime
-from motm_twin.bus.queries import Quiet
+from motm_twin.bus.queries import Idle
 from motm_twin.completion import SETTLE_PERIODS
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
@@ -81,7 +81,7 @@ class TwinLoop:
             lambda error: f"{reason_of(error)} ({self._text or self._state})",
         )
         self.took = 0.0  # [s] of wall time that the last period needed
-        self.quiet, self._real_time = Quiet(), RealTime()  # quiet while no period is computed
+        self.idle, self._real_time = Idle(), RealTime()  # idle while no period is computed
 
     def request(self, envelope: Envelope, reply: Reply) -> None:
         """Hand a command over; ``reply`` is called once, before slow work. Raises Refused when full."""
@@ -370,7 +370,7 @@ class TwinLoop:
         self._real_time.want(self._state == "playing" and self._pacer.at_ease(time.monotonic()))
         self._outdated = False
         began = time.perf_counter()
-        with self.quiet.broken(self._live.simulated):  # a robot in another program is mostly waited for
+        with self.idle.broken(self._live.simulated):  # a robot in another program is mostly waited for
             message, tick = self._live.advance(by_the_clock=self._state == "playing")
         self.took = time.perf_counter() - began
         done = tick.done and not self._live.mirror

@@ -5,8 +5,10 @@ order and without waiting for slow readers. Events go through another, which may
 """
 
 import os
+import queue
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -20,14 +22,109 @@ from motm_twin.bus.encode import ObservationEncoder, RobotEncoder, grid_bytes, g
 from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.keys import Keys
 from motm_twin.bus.messages import METRICS_VERSION, MetricsMessage, StatusMessage, TickMessage
-from motm_twin.bus.queries import LatestValues, Quiet
-from motm_twin.bus.senders import Outbox, RobotStream
+from motm_twin.bus.queries import Idle, LatestValues
 from motm_twin.control.tick import Tick
 from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Scene
 from motm_twin.perception.world_map import WorldMap
+
+Work = Callable[[], None]
+DRAIN = 1.0  # [s] to send the rest at closing
+EVERY = 2  # of the samples, which come at 100 Hz
+KEPT = 200  # samples that may wait while the sender is blocked
+Send = Callable[[Observation, int], None]  # sample, run
+
+
+class Outbox:
+    """Does work in its own thread. Beyond ``size`` waiting pieces, further ones are dropped and counted."""
+
+    def __init__(self, name: str, size: int) -> None:
+        self.dropped = 0
+        # A SimpleQueue keeps the interpreter: with a lock, the poster waited for the thread that it woke.
+        self._queue: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
+        self._size, self._closed = size, False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def post(self, work: Work) -> bool:
+        """Queue a piece of work; never waits. False when it was dropped."""
+        if self._closed or self._queue.qsize() >= self._size:
+            self.dropped += 1
+            return False
+        self._queue.put(work)
+        return True
+
+    def close(self) -> bool:
+        """Finish queued work within `DRAIN`; False when something still blocks. Closing twice is fine."""
+        if not self._closed:
+            self._closed = True
+            self._queue.put(None)
+        self._thread.join(DRAIN)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while (work := self._queue.get()) is not None:
+            try:
+                work()
+            except Exception:
+                traceback.print_exc()  # what can not be sent must not end what comes after it
+
+
+class RobotStream:
+    """Spreads the samples of a period over the wall time until the next, without blocking the caller."""
+
+    def __init__(self, send: Send, speed: Callable[[], float]) -> None:
+        """``send`` is called in the thread of this stream, ``speed`` is the wanted real-time factor."""
+        self._send, self._speed = send, speed
+        self._waiting: deque[tuple[float, Observation, int]] = deque(maxlen=KEPT)  # due [s], sample, run
+        self._changed, self._closed = threading.Condition(), False
+        self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
+        self._thread.start()
+
+    def follow(self, tick: Tick, run: int) -> None:
+        """Take the samples of a period that was just computed."""
+        now, samples = time.monotonic(), tick.samples or (tick.observation,)
+        step = PERIOD / len(samples) / self._speed()
+        first = tick.index * len(samples)
+        chosen = [i for i in range(len(samples)) if (first + i) % EVERY == 0] if len(samples) > 1 else [0]
+        with self._changed:
+            self._waiting.extend((now + i * step, samples[i], run) for i in chosen)
+            self._changed.notify()
+
+    def close(self) -> None:
+        """End the thread; waiting samples are dropped."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._thread.join(1.0)
+
+    def _run(self) -> None:
+        while (item := self._next()) is not None:
+            try:
+                self._send(*item)
+            except Exception:
+                traceback.print_exc()  # the next one may be sent again
+
+    def _next(self) -> tuple[Observation, int] | None:
+        with self._changed:
+            while not self._closed:
+                if not self._waiting:
+                    self._changed.wait()
+                    continue
+                due, sample, run = self._waiting[0]
+                left = due - time.monotonic()
+                if left <= 0.0 or (len(self._waiting) > 1 and self._waiting[-1][0] - due > self._late()):
+                    self._waiting.popleft()
+                    return sample, run
+                self._changed.wait(left)
+        return None
+
+    def _late(self) -> float:
+        """Span [s] between the oldest and newest waiting sample beyond which the oldest is sent at once."""
+        return PERIOD / self._speed()
+
 
 PERIOD_WINDOW = 10.0  # [s] of wall time
 STAGE_WINDOW = 1.0  # [s]
@@ -124,15 +221,15 @@ class Publisher:
         status: Callable[[], StatusMessage],
         now: Callable[[], float],
         took: Callable[[], float] = lambda: 0.0,
-        quiet: Quiet,
+        idle: Idle,
     ) -> None:
         """``status`` gives the state of the server, ``now`` its clock [s], ``took`` the time of the last period [s].
 
-        ``quiet``: when queries are answered.
+        ``idle``: when queries are answered.
         """
         self._keys, self._status, self._now, self._took = keys, status, now, took
         self._encode = msgspec.json.Encoder().encode
-        self._values, self._telling = LatestValues(session, keys, quiet), threading.Lock()
+        self._values, self._telling = LatestValues(session, keys, idle), threading.Lock()
         self._log = EventLog(now, self._emit)
         self._watch, self._metrics = EventWatch(self._log), Metrics()
         self._values.answer(keys.status, lambda _: self._encode(status()))

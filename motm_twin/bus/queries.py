@@ -29,7 +29,7 @@ PATIENCE = 0.05  # [s] that queries wait for the end of a period: a whole period
 TOGETHER = 32  # queries that share this patience
 
 
-class Quiet:
+class Idle:
     """True when the interpreter is free for answers: no period is computed now."""
 
     def __init__(self) -> None:
@@ -38,11 +38,11 @@ class Quiet:
 
     @property
     def now(self) -> bool:
-        """True when it is quiet."""
+        """True when it is idle."""
         return self._event.is_set()
 
     def wait(self, timeout: float) -> None:
-        """Wait until it is quiet, or for ``timeout`` [s]."""
+        """Wait until it is idle, or for ``timeout`` [s]."""
         self._event.wait(timeout)
 
     @contextlib.contextmanager
@@ -109,13 +109,13 @@ class _WaitingTogether:
         self._queries.put(None)
 
 
-class QuietQueryable:
-    """Answers the queries of some keys in its own thread, in order, when it is quiet or after `PATIENCE`."""
+class DeferredQueryable:
+    """Answers the queries of some keys in its own thread, in order, when it is idle or after `PATIENCE`."""
 
     def __init__(
-        self, session: zenoh.Session, keys: Sequence[str], answer: Callable[[zenoh.Query], None], quiet: Quiet
+        self, session: zenoh.Session, keys: Sequence[str], answer: Callable[[zenoh.Query], None], idle: Idle
     ) -> None:
-        self._answer, self._quiet = answer, quiet
+        self._answer, self._idle = answer, idle
         self._waiting = _Waiting(session, keys[0]) if len(keys) == 1 else _WaitingTogether(session, keys)
         self._thread = threading.Thread(target=self._run, name=f"answers {keys[0]}", daemon=True)
         self._thread.start()
@@ -130,7 +130,7 @@ class QuietQueryable:
         while (query := self._waiting.first()) is not None:
             patient = time.monotonic() + PATIENCE
             for left in reversed(range(TOGETHER)):
-                self._quiet.wait(max(0.0, patient - time.monotonic()))  # another period may have begun meanwhile
+                self._idle.wait(max(0.0, patient - time.monotonic()))  # another period may have begun meanwhile
                 self._reply(query)
                 if not left or (query := self._waiting.more()) is None:
                     break
@@ -160,16 +160,16 @@ class Answering:
         *,
         now: Callable[[], float],
         request: Callable[[Envelope, Reply], None],
-        quiet: Quiet,
+        idle: Idle,
     ) -> None:
-        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused; ``quiet``: as above."""
+        """``now``: server time [s]; ``request`` takes a checked command, or raises Refused; ``idle``: as above."""
         self._keys, self._now, self._request = keys, now, request
         self._gate, self._encode = CommandGate(now), msgspec.json.Encoder().encode
         self._commands = [zenoh.KeyExpr(keys.command(name)) for name in COMMAND_NAMES]
         self._schemas = [(zenoh.KeyExpr(keys.schema(name)), text) for name, text in schemas().items()]
         self._queryables = [
-            QuietQueryable(session, [keys.commands], self._on_command, quiet),
-            QuietQueryable(session, [keys.schemas], self._on_schema, quiet),
+            DeferredQueryable(session, [keys.commands], self._on_command, idle),
+            DeferredQueryable(session, [keys.schemas], self._on_schema, idle),
         ]
 
     def close(self) -> None:
@@ -219,8 +219,8 @@ MakeAnswer = Callable[[zenoh.Parameters], bytes | None]  # None: nothing yet; Va
 class LatestValues:
     """Publishes, and answers late joiners with the last value of each key."""
 
-    def __init__(self, session: zenoh.Session, keys: Keys, quiet: Quiet) -> None:
-        """``quiet``: when to answer."""
+    def __init__(self, session: zenoh.Session, keys: Keys, idle: Idle) -> None:
+        """``idle``: when to answer."""
         self._lock = threading.Lock()
         self._last: dict[str, tuple[bytes, bytes | None]] = {}  # key: payload, attachment
         self._answers: dict[str, MakeAnswer] = {}
@@ -239,7 +239,7 @@ class LatestValues:
             )
         self._asked = [(key, zenoh.KeyExpr(key)) for key in self._publishers]
         # One for all keys: a query for several is answered in that order.
-        self._queryable = QuietQueryable(session, list(self._publishers), self._answer, quiet)
+        self._queryable = DeferredQueryable(session, list(self._publishers), self._answer, idle)
 
     def put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
         """Send a value of a key and keep it."""

@@ -21,7 +21,7 @@ from motm_twin.bus.interfaces import TwinLike, TwinSetup
 from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.bus.loop import TwinLoop
 from motm_twin.bus.publisher import Publisher
-from motm_twin.bus.queries import Answering, QuietQueryable
+from motm_twin.bus.queries import Answering, DeferredQueryable
 
 HEARTBEAT = 0.5  # [s] between two status messages
 METRICS_EVERY = 2  # status messages
@@ -70,8 +70,8 @@ class TwinServer:
         self.keys = Keys(twin)
         self.port = port or free_port(host)
         plant = PlantKeys(twin)
-        own = (*self.keys.own, *plant.told)
-        self._session = open_server(self.port, host, own, plant.asked, open_bus=open_bus)
+        own = (*self.keys.own, *plant.from_twin)
+        self._session = open_server(self.port, host, own, plant.queried_by_twin, open_bus=open_bus)
         clock = ServerClock()
         self._data = DataFolder(
             data,
@@ -93,14 +93,12 @@ class TwinServer:
             status=self.loop.status,
             now=clock,
             took=lambda: self.loop.took,
-            quiet=self.loop.quiet,
+            idle=self.loop.idle,
         )
         self.tick, self.scene, self.status = self._publisher.tick, self._publisher.scene, self._publisher.status
         self.event = self._publisher.event_log.add
-        self._answering = Answering(
-            self._session, self.keys, now=clock, request=self.loop.request, quiet=self.loop.quiet
-        )
-        self._queryable = QuietQueryable(self._session, [self.keys.session], self._on_session, self.loop.quiet)
+        self._answering = Answering(self._session, self.keys, now=clock, request=self.loop.request, idle=self.loop.idle)
+        self._queryable = DeferredQueryable(self._session, [self.keys.session], self._on_session, self.loop.idle)
         self._token = self._session.liveliness().declare_token(self.keys.alive)
         self._stop = threading.Event()
         self._threads = [

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import zenoh
 
-from motm_twin.bus.credentials import guard, known_at, own_credentials, to_come
+from motm_twin.bus.private_folder import guard, known_at, own_credentials, to_come
 
 SHIPPED = Path(__file__).with_name("zenoh.json5")
 VARIABLE = "MOTM_ZENOH_CONFIG"
@@ -47,7 +47,7 @@ def session_config(
     wildcard passes such a rule, so receivers ignore wildcards (`keys.spoken_on`).
 
     The port ``guarded``, the first of ``listen``, requires the password of this user, or
-    one of those in the file. A session that connects to such a port has the password (`bus.credentials`).
+    one of those in the file. A session that connects to such a port has the password (`bus.private_folder`).
     Raises ConfigError.
     """
     for endpoint in connect:

@@ -16,8 +16,7 @@ from motm_twin.bus.plant_messages import (
     TaskNotice,
 )
 from motm_twin.control.predictor import Motion, Predictor
-from motm_twin.external.checks import NAMES
-from motm_twin.external.convert import array, detection_of, moved, scan_of, truth_of, vector
+from motm_twin.external.messages import NAMES, array, detection_of, moved, scan_of, truth_of, vector
 from motm_twin.external.robot_link import RESET_ANSWER, Obedience, RobotLink
 from motm_twin.external.timing import ClockOffset, Lead
 from motm_twin.model.edits import WorldEdit

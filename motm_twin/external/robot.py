@@ -19,9 +19,9 @@ from motm_twin.bus.plant_messages import (
     RobotState,
     TaskNotice,
 )
-from motm_twin.external.convert import detection_list, scan_data, truth_data, vector
 from motm_twin.external.emulator import Link, LinkSpec
 from motm_twin.external.guard import CommandGuard
+from motm_twin.external.messages import detection_list, scan_data, truth_data, vector
 from motm_twin.model.scene import Scene
 from motm_twin.sim.plant import SUBSTEP, SimulatedPlant
 

@@ -26,7 +26,7 @@ from motm_twin.bus.plant_messages import (
     RobotCommand,
     RobotState,
 )
-from motm_twin.external.checks import MAX_AHEAD, NAMES, Message, RefusedMessage, read
+from motm_twin.external.messages import MAX_AHEAD, NAMES, Message, RefusedMessage, read
 
 ANSWER = 2.0  # [s] for an answer
 RESET_ANSWER = 60.0  # [s] a simulated robot may compile for so long

@@ -85,7 +85,7 @@ ABLATIONS = (
 )
 
 
-class WithoutFarMovers:
+class IgnoreFarMovers:
     """The map without distant dynamic obstacles, which will have moved when the robot arrives."""
 
     def __init__(self, known: KnownWorld) -> None:
@@ -108,7 +108,7 @@ class WithoutFarMovers:
 def every_ring(materials: Materials) -> EveryRing:
     """Candidates on all rings; where none is viable, the robot waits beside the dynamic obstacle."""
     view = materials.view
-    return EveryRing(view.still if isinstance(view, WithoutFarMovers) else None)
+    return EveryRing(view.still if isinstance(view, IgnoreFarMovers) else None)
 
 
 FAST = Method(
@@ -124,7 +124,7 @@ FAST = Method(
         "accelerations, for half the computing, and of plans of equal time the steadier one is taken."
     ),
     parameters={"bezier_offset": 0.1, "notches": 5, "steadiness": 0.02},
-    planner=BaseChoices(view=WithoutFarMovers, candidates=every_ring, commitment=KeepPlans),
+    planner=BaseChoices(view=IgnoreFarMovers, candidates=every_ring, commitment=KeepPlans),
 )
 
 

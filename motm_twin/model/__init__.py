@@ -1,1 +1,1 @@
-"""What a robot and a scene are: geometry, profile, kinematics, scene schema, assets."""
+"""Models of robot and scene: geometry, profile, kinematics, scene schema, assets."""

@@ -100,7 +100,7 @@ def moved_object(transform: Array, item: SceneObject) -> SceneObject:
 
 
 def stands_on(scene: Scene, piece: Piece, point: Point, bottom: float) -> bool:
-    """Whether something whose lower face is at ``bottom`` [m] over a point stands on a piece, as the scene has both."""
+    """A body with its lower face at ``bottom`` [m] over a point stands on a piece, as the scene has both."""
     for solid in scene.solids:
         if solid.name in piece.solids and abs(bottom - solid.z_max) <= REST and _inside(outline(solid.shape), point):
             return True

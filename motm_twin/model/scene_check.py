@@ -35,7 +35,7 @@ def check_scene(scene: Scene, root: Node) -> None:
 
 
 def object_node(root: Node, name: str) -> Node:
-    """Where an object comes from: its own entry, or the slot that holds it."""
+    """Node that defines an object: its own entry, or the slot that holds it."""
     objects = root.value.get("objects")
     if objects is not None and name in objects.value:
         return objects.value[name]
@@ -64,7 +64,7 @@ def _check_lidar(scene: Scene, node: Node) -> None:
 
 
 def check_faults(scene: Scene, root: Node) -> None:
-    """What is to fail at a time of the run has a number that its kind allows."""
+    """Timed faults have numbers that their kinds allow."""
     for index, one in enumerate(scene.faults.inject or ()):
         if problem := bounds.problem(one):
             raise root.at("faults", "inject", index).error(problem)

@@ -44,7 +44,7 @@ class PoseFile(Part, frozen=True, kw_only=True):
 
 
 class FurnitureFile(Part, frozen=True, kw_only=True, tag_field="shape"):
-    """What every piece of furniture has."""
+    """Fields of every piece of furniture."""
 
     z: tuple[Height, Height]  # from, to
     mapped: bool = True  # false: the robot's map does not know it
@@ -128,7 +128,7 @@ class AgentFile(Part, frozen=True, kw_only=True):
 
 
 class DriveToFile(Part, frozen=True, kw_only=True):
-    """Where to drive; a pose when a heading is given."""
+    """A point to drive to; a pose when a heading is given."""
 
     x: Coordinate
     y: Coordinate
@@ -179,7 +179,7 @@ class NoiseFile(Part, frozen=True, kw_only=True):
 
 
 class MismatchFile(Part, frozen=True, kw_only=True):
-    """What of robot and world is otherwise than the robot is told."""
+    """Mismatch between reality and the robot's model."""
 
     command_delay: Annotated[float, Meta(ge=0, le=1, description="[s]")] | None = None
     base_lag: Annotated[float, Meta(ge=0, le=2, description="[s] more than in the profile")] | None = None
@@ -238,7 +238,7 @@ class BaseFile(Part, frozen=True, kw_only=True):
 
 
 class ArmFile(Part, frozen=True, kw_only=True):
-    """Where the Panda stands on the base."""
+    """Mount of the Panda on the base."""
 
     mount_x: Annotated[float, Meta(ge=-2, le=2, description="[m]")] | None = None
     mount_y: Annotated[float, Meta(ge=-2, le=2, description="[m]")] | None = None
@@ -288,7 +288,7 @@ class RobotFile(Part, frozen=True, kw_only=True):
 
 
 class Content(Part, frozen=True, kw_only=True):
-    """What a scene consists of; a variant may give any of it again."""
+    """Sections of a scene; a variant may replace any of them."""
 
     title: Text | None = None
     robot: Literal["frankie"] | RobotFile | None = None

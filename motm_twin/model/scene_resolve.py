@@ -270,7 +270,7 @@ def _pose(pose: fmt.PoseFile) -> PlanarPose:
 
 
 def _noise(part: fmt.NoiseFile | str | None) -> Noise:
-    """What is given, over what a scene usually has; a name stands for the earlier errors."""
+    """Given noise over the usual one; the name `earlier` stands for the earlier errors."""
     if isinstance(part, str):
         return EARLIER_NOISE
     return USUAL_NOISE if part is None else msgspec.structs.replace(USUAL_NOISE, **_plain_units(part))

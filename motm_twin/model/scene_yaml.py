@@ -35,7 +35,7 @@ class Node:
     place: str
 
     def error(self, problem: str) -> SceneError:
-        """What is wrong with this value, as an error that names its place."""
+        """An error about this value that names its place."""
         return SceneError(problem, file=self.file, line=self.line, place=self.place)
 
     def plain(self) -> Any:

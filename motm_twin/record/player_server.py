@@ -17,7 +17,7 @@ from motm_twin.bus.events import EventLog
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN, Keys
 from motm_twin.bus.messages import NumberedEvent
 from motm_twin.bus.processes import Reporter, leave, stop_event
-from motm_twin.bus.queries import Answering, LatestValues, Quiet
+from motm_twin.bus.queries import Answering, Idle, LatestValues
 from motm_twin.bus.server import HEARTBEAT, ServerClock
 from motm_twin.program import BAD_INPUT
 from motm_twin.record import channels as ch
@@ -49,8 +49,8 @@ class PlayerServer:
         self._clock = ServerClock()
         self._encode = msgspec.json.Encoder().encode
         self._decode_event = msgspec.json.Decoder(NumberedEvent).decode
-        quiet = Quiet()  # always: nothing is computed here
-        self._values = LatestValues(self._session, keys, quiet)
+        idle = Idle()  # always: nothing is computed here
+        self._values = LatestValues(self._session, keys, idle)
         key_of = {
             ch.TICK.topic: keys.tick,
             ch.GRID.topic: keys.grid,
@@ -72,7 +72,7 @@ class PlayerServer:
         self._log = EventLog(self._clock, lambda event: self._values.put(keys.event, self._encode(event)))
         self._values.answer(keys.event, self._event_answer)
         self._values.answer(keys.status, lambda _: self._encode(self.player.status()))
-        self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request, quiet=quiet)
+        self._answering = Answering(self._session, keys, now=self._clock, request=self.player.request, idle=idle)
         self._queryable = self._session.declare_queryable(keys.session, self._on_session)
         self._token = self._session.liveliness().declare_token(keys.alive)
         self._stop = threading.Event()

@@ -24,7 +24,7 @@ def main() -> None:
     """Run until a signal or the end of the parent."""
     options = _options()
     report, stop = Reporter(options.report), stop_event(options.report is not None)
-    say = Seldom(lambda text: report("ros2", text=text))
+    say = Throttle(lambda text: report("ros2", text=text))
     try:
         Keys(options.twin)
         make_form(options, "0")
@@ -69,7 +69,7 @@ def make_form(options: argparse.Namespace, zid: str) -> Form:
 _FORM_NAMES = {BRIDGE: "zenoh-bridge-ros2dds", RMW: "rmw_zenoh"}
 
 
-class Seldom:
+class Throttle:
     """Prints a sentence, and repeats it only after `QUIET` [s]."""
 
     def __init__(self, say: Callable[[str], None]) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from motm_twin.bus.credentials import USER
+from motm_twin.bus.private_folder import USER
 from motm_twin.bus.zenoh_config import SHIPPED
 from motm_twin.security.authority import Authority, Identity
 

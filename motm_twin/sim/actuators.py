@@ -17,7 +17,7 @@ from motm_twin.model.scene import Mismatch, Noise
 
 @dataclass
 class BaseState:
-    """True pose of the base, and the speeds of its wheels' motion, which is its own unless they slip."""
+    """True pose of the base, and the speeds of its wheels, which are its own unless they slip."""
 
     pose: Array  # world, shape (3,)
     v: float = 0.0  # [m/s]

@@ -21,7 +21,7 @@ Pose = tuple[float, float, float, float]  # x, y, z [m], yaw [rad]
 
 
 def poses_of(objects: Sequence[ObjectState]) -> tuple[Pose, ...]:
-    """Where all objects are."""
+    """Poses of all objects."""
     return tuple((*item.position.tolist(), item.yaw) for item in objects)
 
 

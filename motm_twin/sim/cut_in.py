@@ -98,7 +98,7 @@ class StoppingAreas:
         return found
 
     def _depth(self, agent: AgentState, area: Area, placed: Array) -> float:
-        """How deep [m] the robot is in an area of this agent; 0 outside."""
+        """Depth [m] of the robot in an area of this agent; 0 outside."""
         radius, height = agent.agent.radius, agent.agent.height
         c, s = math.cos(area.course), math.sin(area.course)
         near = self._near(placed, (area.x, area.y, c, s), area.way + radius, radius)

@@ -40,7 +40,7 @@ Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of t
 
 @dataclass
 class Effect:
-    """What the referee must know of an edit."""
+    """Effect of an edit, for the referee."""
 
     moved: dict[str, Shift] = field(default_factory=dict)  # solids, bins and agents moved by more than jitter
     disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing

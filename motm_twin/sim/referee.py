@@ -149,7 +149,7 @@ class Referee:
         return placed
 
     def _watch_agents(self, state: RefereeState, world: World, placed: Array) -> None:
-        """Who has the robot in its way, and by whose motion; and where the robot is."""
+        """Update cut-ins, and the trail of the robot."""
         trail = state.trail
         before = self.robot.place(trail[-1, 1:4], trail[-1, 4:11], float(trail[-1, 11])) if len(trail) else None
         state.cut_ins += self._areas.look(state.in_way, world.agent_states, world.time, placed, before)
@@ -275,7 +275,7 @@ class Referee:
     def _rest(
         self, state: RefereeState, world: World, placed: Array, around: Surroundings, held: list[tuple[int, float]]
     ) -> None:
-        """What the held cube touches: no contact as long as it is what the cube was taken from.
+        """Things touched by the held cube: no contact while it is the support that the cube was taken from.
 
         It is that until the cube is clear of it, or has been pressed or swept into it as far.
         """

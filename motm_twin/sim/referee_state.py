@@ -69,7 +69,7 @@ DROP_HEIGHT = 0.01  # [m] of fall that makes a drop
 
 @dataclass
 class Counts:
-    """What was picked, placed and dropped so far, and what the next step of an object will mean."""
+    """Objects picked, placed and dropped so far, and the state needed to count the next ones."""
 
     right_bins: dict[str, tuple[str, ...]] = field(default_factory=dict)  # where each object belongs
     disturbed: tuple[str, ...] = ()  # objects that lie or fall where they do by a person's doing: no place, no drop
@@ -129,7 +129,7 @@ class Counts:
 
 @dataclass
 class World:
-    """What the referee looks at after a substep."""
+    """The world as the referee sees it after a substep."""
 
     time: float
     pose: Array

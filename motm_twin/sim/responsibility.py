@@ -32,7 +32,7 @@ NOT_BY_PUSH = ("base", "floor")  # what the robot does not run into by being pus
 
 
 class Shift(NamedTuple):
-    """What an edit did to a body: from where to where; None: it was not in the world."""
+    """Displacement of a body by an edit; None: it was not in the world."""
 
     before: PlanarPose | None
     after: PlanarPose | None

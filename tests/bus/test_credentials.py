@@ -16,12 +16,11 @@ from fake_twin import fake_server
 from rich.console import Console
 from waiting import until, until_paused
 
-from motm_twin.bus import credentials
 from motm_twin.bus import private_folder as running
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import Step
 from motm_twin.bus.connection import free_port, open_client, open_member, open_server
-from motm_twin.bus.credentials import FILE, client_file, forget, known_at, own_credentials
+from motm_twin.bus.private_folder import FILE, client_file, forget, known_at, own_credentials
 from motm_twin.bus.zenoh_config import SHIPPED, VARIABLE, ConfigError
 from motm_twin.cli import serve as cli_serve
 from motm_twin.client import connect
@@ -185,7 +184,7 @@ def test_a_router_without_a_password_is_met_as_before():
 def test_a_port_is_forgotten_with_its_process(private):
     port = free_port()
     endpoint = f"tcp/127.0.0.1:{port}"
-    code = f"from motm_twin.bus.credentials import guard; guard({port}, {endpoint!r})"
+    code = f"from motm_twin.bus.private_folder import guard; guard({port}, {endpoint!r})"
     subprocess.run([sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(private.parent)}, check=True)
     assert client_file(port).exists()
     assert known_at(endpoint) is None
@@ -210,7 +209,7 @@ def test_a_folder_of_somebody_else_is_a_sentence(monkeypatch):
     def somebody_elses():
         raise PermissionError("it belongs to somebody else")
 
-    monkeypatch.setattr(credentials, "folder", somebody_elses)
+    monkeypatch.setattr(running, "folder", somebody_elses)
     with pytest.raises(ConfigError, match="the password for Zenoh cannot be kept: it belongs to somebody else"):
         open_server(free_port())
 

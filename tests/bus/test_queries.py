@@ -8,7 +8,7 @@ from waiting import until
 from motm_twin.bus import queries as module
 from motm_twin.bus.commands import Step
 from motm_twin.bus.connection import free_port, open_client, open_server
-from motm_twin.bus.queries import Quiet, QuietQueryable
+from motm_twin.bus.queries import DeferredQueryable, Idle
 
 FOR_EVER = 1e6  # [s]
 
@@ -44,11 +44,11 @@ def linked(client, *keys):
 def test_queries_wait_until_it_is_quiet_and_then_all_are_answered(pair, monkeypatch):
     monkeypatch.setattr(module, "PATIENCE", FOR_EVER)
     server, client = pair
-    quiet = Quiet()
-    waiting = QuietQueryable(server, ["test/waiting"], echo, quiet)
-    prompt = QuietQueryable(server, ["test/prompt"], echo, Quiet())
+    idle = Idle()
+    waiting = DeferredQueryable(server, ["test/waiting"], echo, idle)
+    prompt = DeferredQueryable(server, ["test/prompt"], echo, Idle())
     linked(client, "test/waiting", "test/prompt")
-    with quiet.broken():
+    with idle.broken():
         asked = [ask(client, "test/waiting") for _ in range(module.TOGETHER + 5)]
         until(lambda: len(list(client.get("test/prompt"))) == 1, "the other key is not answered")  # sent after those
         assert all(thread.is_alive() and not answers for thread, answers in asked)
@@ -61,10 +61,10 @@ def test_queries_wait_until_it_is_quiet_and_then_all_are_answered(pair, monkeypa
 
 def test_nobody_waits_for_ever_where_it_is_never_quiet(pair):
     server, client = pair
-    quiet = Quiet()
-    queryable = QuietQueryable(server, ["test/never"], echo, quiet)
+    idle = Idle()
+    queryable = DeferredQueryable(server, ["test/never"], echo, idle)
     linked(client, "test/never")
-    with quiet.broken():
+    with idle.broken():
         thread, answers = ask(client, "test/never")
         thread.join(20.0)
         assert answers == [b"yes"]
@@ -79,7 +79,7 @@ def test_an_error_in_one_answer_does_not_end_the_answers_and_undeclare_does(pair
             raise ValueError("this one is bad")
         echo(query)
 
-    queryable = QuietQueryable(server, ["test/errors"], answer, Quiet())
+    queryable = DeferredQueryable(server, ["test/errors"], answer, Idle())
     linked(client, "test/errors")
     assert list(client.get("test/errors?bad=1", timeout=5.0)) == []
     assert "this one is bad" in capfd.readouterr().err
@@ -92,17 +92,17 @@ def test_an_error_in_one_answer_does_not_end_the_answers_and_undeclare_does(pair
 def test_what_was_asked_before_undeclare_is_answered(pair, monkeypatch):
     monkeypatch.setattr(module, "PATIENCE", FOR_EVER)
     server, client = pair
-    quiet, taken = Quiet(), threading.Event()
-    wait = quiet.wait
+    idle, taken = Idle(), threading.Event()
+    wait = idle.wait
 
     def told(timeout):
         taken.set()
         wait(timeout)
 
-    queryable = QuietQueryable(server, ["test/last"], echo, quiet)
+    queryable = DeferredQueryable(server, ["test/last"], echo, idle)
     linked(client, "test/last")
-    quiet.wait = told
-    with quiet.broken():
+    idle.wait = told
+    with idle.broken():
         thread, answers = ask(client, "test/last")
         assert taken.wait(20.0)
         ending = threading.Thread(target=queryable.undeclare)
@@ -126,7 +126,7 @@ def test_nobody_waits_for_a_robot_in_another_program():
         external = Elsewhere()
 
         def advance(self, budget=None):
-            seen.append(running.loop.quiet.now)
+            seen.append(running.loop.idle.now)
             return super().advance(budget)
 
     seen = []
@@ -141,7 +141,7 @@ def test_it_is_quiet_except_while_a_period_is_computed():
 
     class Watched(FakeTwin):
         def advance(self, budget=None):
-            seen.append(running.loop.quiet.now)
+            seen.append(running.loop.idle.now)
             if self.index == 3:
                 raise RuntimeError("broken")
             return super().advance(budget)
@@ -149,8 +149,8 @@ def test_it_is_quiet_except_while_a_period_is_computed():
     running = Running(Watched)
     with running:
         running.step(2)
-        assert running.loop.quiet.now
+        assert running.loop.idle.now
         assert seen == [False] * len(seen) and len(seen) >= 3
         running.ask(Step(count=2))
         until(lambda: running.loop.status().state == "error", "no error")
-        assert running.loop.quiet.now
+        assert running.loop.idle.now

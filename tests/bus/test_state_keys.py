@@ -32,7 +32,7 @@ from motm_twin.bus.events import EventLog, EventWatch
 from motm_twin.bus.interfaces import TwinSetup
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.messages import EventsMessage, MetricsMessage, NumberedEvent, RobotStateMessage, ScanMessage
-from motm_twin.bus.senders import RobotStream
+from motm_twin.bus.publisher import RobotStream
 from motm_twin.bus.server import TwinServer
 from motm_twin.twin import Twin
 

@@ -16,7 +16,7 @@ from motm_twin.bus.connection import open_member
 from motm_twin.bus.keys import PlantKeys
 from motm_twin.bus.plant_messages import VERSION, RobotCommand
 from motm_twin.control.tick import Tick
-from motm_twin.external.checks import MAX_BYTES, RefusedMessage, read
+from motm_twin.external.messages import MAX_BYTES, RefusedMessage, read
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
 

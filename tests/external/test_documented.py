@@ -7,7 +7,7 @@ import pytest
 
 from motm_twin.bus.keys import PlantKeys
 from motm_twin.bus.plant_messages import DetectionList, Info, RobotCommand, RobotState, ScanData
-from motm_twin.external.convert import scan_of
+from motm_twin.external.messages import scan_of
 from motm_twin.model.profile import Lidar
 from motm_twin.perception.scan import CheckedScan, RefusedScan, check_scan
 

@@ -17,8 +17,8 @@ from motm_twin.bus.keys import Keys, PlantKeys
 from motm_twin.bus.library import FileLibrary
 from motm_twin.bus.plant_messages import VERSION, ClockGrant, RobotCommand
 from motm_twin.bus.server import RobotChoice, TwinServer
-from motm_twin.external.checks import NAMES
 from motm_twin.external.guard import MAX_JUMP, SILENCE
+from motm_twin.external.messages import NAMES
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene
 from motm_twin.planning.types import SearchBudget

@@ -11,7 +11,7 @@ from test_drive import same
 from motm_twin.bus.connection import open_member
 from motm_twin.bus.keys import PlantKeys
 from motm_twin.bus.plant_messages import VERSION
-from motm_twin.external.checks import NAMES
+from motm_twin.external.messages import NAMES
 from motm_twin.external.plant import ZenohPlant
 from motm_twin.external.robot_link import RobotLink
 from motm_twin.model.scene import Scene

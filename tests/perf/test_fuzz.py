@@ -4,7 +4,7 @@ import json
 from types import SimpleNamespace
 
 from motm_twin.bus.keys import PlantKeys
-from motm_twin.external.checks import NAMES, RefusedMessage, read
+from motm_twin.external.messages import NAMES, RefusedMessage, read
 from motm_twin.perf.fuzz import RobotFuzzer, attack_robot
 
 STATE = {"version": "motm.plant/1", "life": "own", "seq": 0, "stamp": 5.0, "pose": [0.0] * 3, "odometry": [0.0] * 3,

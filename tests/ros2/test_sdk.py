@@ -7,7 +7,7 @@ publishers of latched topics only in the root namespace (it does not mangle slas
 import pytest
 from ear import JAZZY, until
 
-from motm_twin.bus.credentials import own_credentials
+from motm_twin.bus.private_folder import own_credentials
 from motm_twin.ros2 import forms as topics
 from motm_twin.ros2.cdr import DEFINITIONS
 from motm_twin.ros2.forms import PUBLISHED, type_hash

@@ -39,7 +39,7 @@ HEADER = (
 )
 
 
-class Without(NamedTuple):
+class Ablation(NamedTuple):
     """The trials of one group without a modification."""
 
     method: str
@@ -53,7 +53,7 @@ class Without(NamedTuple):
         return data.title(self.method)
 
 
-def compared(store: Store) -> list[Without]:
+def compared(store: Store) -> list[Ablation]:
     """Every modification in every group of trials, and the paper as printed."""
     ours = data.times(store.of("exp1", method=OURS))
     ablated = [(name, store.of("ablations", method=name)) for name in store.methods("ablations") if name != OURS]
@@ -61,7 +61,7 @@ def compared(store: Store) -> list[Without]:
     for method, results in [*ablated, (LITERAL, store.of("exp1", method=LITERAL))]:
         for group in dict.fromkeys(map(group_of, results)):
             own = [result for result in results if group_of(result) == group]
-            found.append(Without(method, group, own, statistics.paired_difference(data.times(own), ours)))
+            found.append(Ablation(method, group, own, statistics.paired_difference(data.times(own), ours)))
     return found if ours else []
 
 
@@ -123,7 +123,7 @@ def verdict(slower: Estimate, results: list[Result]) -> str:
     return harm + ("saves time" if slower.value > 0.0 else "costs time here")
 
 
-def _ablation_row(found: Without) -> dict:
+def _ablation_row(found: Ablation) -> dict:
     method, group, results, slower = found
     placed, wanted = data.placed(results)
     return {
@@ -134,7 +134,7 @@ def _ablation_row(found: Without) -> dict:
     }  # fmt: skip
 
 
-def _cells(found: Without) -> tuple[str, ...]:
+def _cells(found: Ablation) -> tuple[str, ...]:
     method, group, results, slower = found
     placed, wanted = data.placed(results)
     source = METHODS[method].source if method in METHODS else ""
@@ -145,7 +145,7 @@ def _cells(found: Without) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _notes(found: list[Without]) -> list[str]:
+def _notes(found: list[Ablation]) -> list[str]:
     several = len({each.group for each in found}) > 1
     silent = [
         f"{each.title} in {each.group}" if several else each.title

@@ -128,7 +128,7 @@ def waiting(tick: TickMessage, limiter: str = "") -> list[tuple[str, bool]]:
     near = slowed_by(tick.arm, limiter)
     if near:
         found.append((near, False))
-    if step is not None and step.why is not None and not _told(tick.why, step.why):
+    if step is not None and step.why is not None and not _implied(tick.why, step.why):
         found.append((_capital(step.reason), False))
     if task is not None and task.attempts > 1:
         found.append((f"This is the {_ORDINAL.get(task.attempts, f'{task.attempts}th')} try at {task.target}", False))
@@ -136,9 +136,9 @@ def waiting(tick: TickMessage, limiter: str = "") -> list[tuple[str, bool]]:
     return found
 
 
-def _told(whole: Reason | None, part: Reason) -> bool:
+def _implied(whole: Reason | None, part: Reason) -> bool:
     """One of two reasons, or a cause of it, is the other."""
-    return whole is not None and (whole.kind == part.kind or _told(whole.cause, part))
+    return whole is not None and (whole.kind == part.kind or _implied(whole.cause, part))
 
 
 def slowed(steps: Sequence[ArmMessage]) -> list[ArmMessage]:

@@ -110,12 +110,12 @@ def _table_parts(solid: Solid) -> list[Part]:
 
 def _desk_parts(solid: Solid) -> list[Part]:
     body = _closed(solid, _outline(solid, 0.02), inset=0.012, recess=0.04, foot=0.05, top=(TOP, "wood"))
-    return body + _fronts(solid, rows=3, width=0.6)
+    return body + _doors(solid, rows=3, width=0.6)
 
 
 def _cabinet_parts(solid: Solid) -> list[Part]:
     body = _closed(solid, _outline(solid, 0.01), inset=0.006, recess=0.03, foot=0.04, top=(0.02, "dark wood"))
-    return body + _fronts(solid, rows=1, width=0.48)
+    return body + _doors(solid, rows=1, width=0.48)
 
 
 def _shelf_parts(solid: Solid) -> list[Part]:
@@ -174,7 +174,7 @@ def _carton(length: float, width: float, z_min: float, z_max: float) -> list[Par
     return [(body, "card"), (stripe, "tape")]
 
 
-def _fronts(solid: Solid, rows: int, width: float) -> list[Part]:
+def _doors(solid: Solid, rows: int, width: float) -> list[Part]:
     """Doors or drawers on the two long sides of a box; none on another shape."""
     box = solid.shape
     if not isinstance(box, Box):
