@@ -19,7 +19,7 @@ help: ## this list
 	@tools/setup.sh dev
 
 run: .venv/.ready-run ## set up, start the twin and its page (SCENE=exp1), print the address
-	@$(PYTHON_ENV) $(BIN)/motm-twin serve $(SCENE) $(ARGS)
+	@$(PYTHON_ENV) $(BIN)/motm-twin serve $(SCENE) --loop $(ARGS)
 
 test: .venv/.ready-dev ## set up (Chromium too, where it can be installed) and run every test
 	@chromium=$$(tools/chromium.sh) || { \

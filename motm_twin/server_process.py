@@ -84,6 +84,8 @@ def main() -> None:
                 make_twin=functools.partial(make_twin, budget=budget),
                 first=first,
                 playing=not options.paused,
+                hold=options.hold,
+                again=options.loop,
                 reference_tour=reference_tour,
                 methods=methods,
             ),
@@ -141,6 +143,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--record", type=Path, help="MCAP file to record to from the start")
     parser.add_argument("--expansions-only", action="store_true", help="no clock ends a search of the base")
     parser.add_argument("--paused", action="store_true", help="do not play at the start")
+    parser.add_argument("--hold", action="store_true", help="wait at the start until a page shows the run")
+    parser.add_argument("--loop", action="store_true", help="after a run that nobody drives, start the next seed")
     parser.add_argument("--open-bus", action="store_true", help="anybody on this machine is let in")
     parser.add_argument("--report", type=int, help=argparse.SUPPRESS)
     return parser.parse_args(sys.argv[1:])

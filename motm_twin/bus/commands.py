@@ -136,6 +136,12 @@ class Inspect(msgspec.Struct, frozen=True, kw_only=True, tag="inspect", forbid_u
     staa_path: bool = False
 
 
+class Audience(msgspec.Struct, frozen=True, kw_only=True, tag="audience", forbid_unknown_fields=True):
+    """Tell the twin how many pages show it: a run that waits for the first one starts. Sent by the page's program."""
+
+    pages: Annotated[int, Between(0, 10_000)]
+
+
 class TakeWheel(msgspec.Struct, frozen=True, kw_only=True, tag="take_wheel", forbid_unknown_fields=True):
     """Become the driver when nobody drives; sent again, it renews the lease."""
 
@@ -161,6 +167,7 @@ ServerCommand = (
     | Branch
     | UndoBranch
     | Inspect
+    | Audience
     | TakeWheel
     | HandOver
 )
@@ -228,6 +235,7 @@ __all__ = [
     "AddObstacle",
     "Announce",
     "Answer",
+    "Audience",
     "Branch",
     "Command",
     "Drive",

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from motm_twin.bus.commands import NAME_MAX, Envelope, HandOver, Inspect, Refused
+from motm_twin.bus.commands import NAME_MAX, Audience, Envelope, HandOver, Inspect, Refused
 from motm_twin.model.edits import Edit, MoveBody, ReleaseBody, RemoveBody
 
 SILENCE = 10.0  # [s] after the last command of the driver
@@ -75,7 +75,7 @@ class Wheel:
     def require(self, envelope: Envelope, arrived: float) -> None:
         """Raise Refused when a command needs the right to drive and another sender has it."""
         self._remember(envelope)
-        if not isinstance(envelope.command, Inspect):
+        if not isinstance(envelope.command, Inspect | Audience):
             self._expire(arrived)
             self._lease.require(envelope.sender, arrived)
 
@@ -83,7 +83,7 @@ class Wheel:
         """Update the driver after an accepted command: its sender drives, or has handed over."""
         before = (self._lease.driver, self._lease.name)
         match envelope.command:
-            case Inspect():
+            case Inspect() | Audience():
                 return
             case HandOver(to=to, name=name):
                 self._lease.hand_over(to, name.strip() or self._names.get(to, ""), arrived)

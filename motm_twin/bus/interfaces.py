@@ -135,6 +135,8 @@ class TwinSetup:
     make_twin: MakeTwin
     first: Load
     playing: bool = True
+    hold: bool = False  # a run waits at its start until a page shows it
+    again: bool = False  # after a run that nobody drives, the next seed starts
     methods: Methods | None = None  # None: the shipped ones
     reference_tour: Callable[[Scene], float] | None = None  # [s] lower bound of a scene
     plant: str = "simulated"  # simulated, zenoh or mirror, as the twins that ``make_twin`` makes will be

@@ -10,6 +10,7 @@ from contextlib import suppress
 import msgspec
 
 from motm_twin.bus.commands import (
+    Audience,
     Branch,
     Command,
     Drive,
@@ -40,12 +41,15 @@ from motm_twin.bus.messages import STATUS_VERSION, StatusMessage
 from motm_twin.bus.pacing import Pacer, RealTime
 from motm_twin.bus.queries import Idle
 from motm_twin.completion import SETTLE_PERIODS
+from motm_twin.model.bounds import SEED
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
 from motm_twin.sessions.session import LoggedEdit
 
 IDLE_WAIT = 0.1  # [s] between looks at the clock while paused
 STANDING_INTERVAL = 0.05  # [s] minimum between two previews of a paused twin
+AT_START = "the run starts when the first page shows it; play starts it now"
+AGAIN = 8.0  # [s] from the end of a run that nobody drives to the next
 REQUESTS_PER_TURN = 32  # a limit, so that time goes on however many wait
 
 Work = Callable[[], None]
@@ -72,6 +76,8 @@ class TwinLoop:
         self._wheel = Wheel(self._post, lambda: sink.status())  # noqa: PLW0108 - it is made later
         self._source = SceneSource(setup.library, setup.methods or MethodLibrary(), setup.first)
         self._tour: float | None = None
+        self._hold, self._again, self._pages = setup.hold, setup.again, 0
+        self._held, self._ended = False, math.inf  # waits for a page now; [s] monotonic, end of the run
         self._steps, self._settling = 0, SETTLE_PERIODS  # periods left: requested steps, and after the last task
         self._play_on, self._first_due = setup.playing, False  # resume on a new task; first period due
         self._outdated, self._stood_at = False, -1e9  # preview of the paused twin is outdated; [s] when it was sent
@@ -217,6 +223,10 @@ class TwinLoop:
                 self._require_twin()
                 self._live.inspect(command)
                 self._outdated = True
+            case Audience(pages=pages):
+                self._pages = pages
+                if self._held and pages and self._state == "paused":
+                    self._set_state("playing", "")
             case _ if isinstance(command, Edit):
                 self._edit(command)
         return None  # what is left is for the wheel alone
@@ -232,7 +242,7 @@ class TwinLoop:
 
     def _play(self) -> Work | None:
         self._require_twin()
-        self._steps = 0
+        self._steps, self._hold = 0, False
         if self._state == "done":
             return lambda: self._restart(True)
         self._set_state("playing", "")
@@ -275,10 +285,23 @@ class TwinLoop:
     def _look_after(self, now: float) -> None:
         """Do periodic work."""
         self._wheel.look_after(now)
+        if (
+            self._again
+            and self._state == "done"
+            and now >= self._ended + AGAIN
+            and not self._wheel.shown(now)["driver"]
+        ):
+            self._guarded(self._next_seed)
         self._sessions.serve(now, self._state == "playing")
         if self._reload.is_set():
             self._reload.clear()
             self._guarded(self._load_again)
+
+    def _next_seed(self) -> None:
+        scene = self._live.scene
+        assert scene is not None
+        seed = 0 if SEED.refusal("seed", scene.seed + 1) else scene.seed + 1
+        self._load(msgspec.structs.replace(self._source.loaded, seed=seed), True)()
 
     def _show_standing(self) -> None:
         """Send previews after edits and inspections while paused: at once, but rate-limited."""
@@ -295,6 +318,8 @@ class TwinLoop:
     def _set_state(self, state: str, text: str) -> None:
         if (state, text) == (self._state, self._text):
             return
+        self._held = False
+        self._ended = time.monotonic() if state == "done" else math.inf
         if state == "playing":
             self._pacer.restart()
         else:
@@ -358,7 +383,9 @@ class TwinLoop:
         self._pacer.restart()
         self._advance()
         if self._state != "done":
-            self._set_state("playing" if play else "paused", text)
+            waits = play and self._hold and not self._pages
+            self._set_state("playing" if play and not waits else "paused", AT_START if waits else text)
+            self._held = waits
 
     def _advance(self) -> None:
         unasked = self._first_due and self._state == "paused" and not self._steps

@@ -208,8 +208,8 @@ def twins(endpoint: str | None = None, json: Annotated[Flag, tyro.conf.arg(name=
 
 
 def demo() -> int:
-    """Serve Experiment 2: four Temis in the robot's way. The same as `motm-twin serve exp2`."""
-    return serve(ServeSettings(scene="exp2"))
+    """Serve Experiment 2, four Temis in the robot's way, again and again. The same as `motm-twin serve exp2 --loop`."""
+    return serve(ServeSettings(scene="exp2", loop=True))
 
 
 def version() -> int:

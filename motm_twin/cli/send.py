@@ -5,7 +5,17 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from motm_twin.bus.commands import EDITS, SERVER_COMMANDS, Command, HandOver, Inspect, Load, Refused, TakeWheel
+from motm_twin.bus.commands import (
+    EDITS,
+    SERVER_COMMANDS,
+    Audience,
+    Command,
+    HandOver,
+    Inspect,
+    Load,
+    Refused,
+    TakeWheel,
+)
 from motm_twin.client.discover import OPTIONS, NoTwin, find
 from motm_twin.client.twin import Twin
 from motm_twin.methods import DEFAULT_METHOD
@@ -86,6 +96,6 @@ def _sent(handle: Twin, command: Command, timeout: float) -> int:
         print(msgspec.json.encode({"ok": False, "reason": str(refusal)}).decode())
         return FAILED
     print(msgspec.json.encode(answer).decode())
-    if not isinstance(command, TakeWheel | HandOver | Inspect):
+    if not isinstance(command, TakeWheel | HandOver | Inspect | Audience):
         handle.client.command(HandOver())  # this program ends now: others need not wait for its silence
     return OK

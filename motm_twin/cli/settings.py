@@ -58,6 +58,9 @@ class ServeSettings:
         connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
         method: Who decides at the start: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME
             of your own.
+        loop: When a run has ended and nobody drives, start the next seed after 8 s.
+        paused: Wait for play.
+        play: Start at once. Without it a run waits at its start until the first page shows it.
         expansions_only: No clock ends a search of the base: the run is that of `motm-twin run`, bit for bit, however
             slow the machine is.
     """
@@ -77,6 +80,9 @@ class ServeSettings:
     plant: Literal["simulated", "zenoh", "mirror"] = "simulated"
     connect: Annotated[str | None, arg(metavar="ENDPOINT")] = None
     method: str = DEFAULT_METHOD
+    loop: FlagCreatePairsOff[bool] = False
+    paused: FlagCreatePairsOff[bool] = False
+    play: FlagCreatePairsOff[bool] = False
     expansions_only: FlagCreatePairsOff[bool] = False
 
     def server_arguments(self, zenoh_port: int) -> list[str]:
@@ -87,7 +93,11 @@ class ServeSettings:
             "--record": self.record and self.record.resolve(),
         }  # fmt: skip
         words = [word for name, value in given.items() if value is not None for word in (name, str(value))]
-        flags = {"--open-bus": self.open_bus, "--expansions-only": self.expansions_only}
+        hold = not (self.play or self.headless or self.plant != "simulated")
+        flags = {
+            "--open-bus": self.open_bus, "--expansions-only": self.expansions_only, "--loop": self.loop,
+            "--paused": self.paused, "--hold": hold,
+        }  # fmt: skip
         return [self.scene, *words, *(name for name, on in flags.items() if on)]
 
 

@@ -6,6 +6,7 @@ from typing import Generic, TypeVar
 from motm_twin.bus.commands import (
     AddObstacle,
     Announce,
+    Audience,
     Branch,
     Command,
     Drive,
@@ -166,6 +167,10 @@ class Commanding(Generic[Result]):
     def inspect(self, candidate: int = -1, *, staa_path: bool = False) -> Result:
         """Add the paths of a candidate base pose, or of unmodified STAA*, to the ticks."""
         return self.send(Inspect(candidate=candidate, staa_path=staa_path))
+
+    def audience(self, pages: int) -> Result:
+        """Tell the twin how many pages show it; a run that waits for the first one starts."""
+        return self.send(Audience(pages=pages))
 
     def save(self, name: str) -> Result:
         """Write the session into the data folder of the server; the answer's ``path`` says where."""

@@ -18,6 +18,7 @@ import msgspec
 import viser
 
 from motm_twin.bus.client import Grid, TwinClient
+from motm_twin.bus.commands import Audience
 from motm_twin.bus.connection import LOOPBACK
 from motm_twin.bus.keys import DEFAULT_PORT, DEFAULT_TWIN
 from motm_twin.bus.messages import NumberedEvent, TickMessage
@@ -31,6 +32,7 @@ from motm_twin.ui.scene.scene_view import SceneView
 from motm_twin.ui.what_if import OwnMethod
 
 FRAME = 1.0 / 30.0  # [s] at most thirty pictures a second
+TELL = 3.0  # [s] between two reports of how many look
 SLOW = 0.1  # [s] between updates of ghosts, candidates and panels
 ROOM = 4000  # payloads that may wait for the history; then the oldest are lost, as they are for any slow reader
 TITLES = {"refused": "Not done", "recording": "Recording"}  # kinds of events that are told on every page
@@ -50,6 +52,7 @@ class Viewer:
         self._forget_events = tell_events(client, lambda text, title: self._hub.tell(None, text, title))
         self._scene = SceneView(server, self._hub)
         self._panels = Panels(server, self._hub, self._scene)
+        self._pages, self._told = 0, 0.0  # last told to the twin, and when [s]
 
     def stop(self) -> None:
         """Make `run` return."""
@@ -69,6 +72,7 @@ class Viewer:
                 self._scene.draw(shown, now - last, slow=slow)
                 if slow:
                     self._panels.update(shown)
+                    self._tell_audience(shown, now)
             except Exception as error:
                 self._hub.tell_error(None, error, "Drawing failed")
                 self._stop.wait(1.0)
@@ -77,6 +81,13 @@ class Viewer:
         self._forget_events()
         for part in (self._writer, self._scene, self._hub):
             part.stop()
+
+    def _tell_audience(self, shown: Shown, now: float) -> None:
+        """Tell the twin how many pages have a picture: at every change, and now and then in case it started anew."""
+        pages = len(self._hub.visitors)
+        if shown.tick is not None and (pages != self._pages or now >= self._told + TELL):
+            self._pages, self._told = pages, now
+            self._hub.send(None, Audience(pages=pages))
 
     def _shown(self) -> Shown:
         status, tick = self._client.status(), self._client.tick()
