@@ -14,7 +14,8 @@ from motm_twin.sessions.session import load_session, save_session
 from motm_twin.sim.referee_geometry import RobotShapes
 from motm_twin.trial import run_scene
 from motm_twin.twin import Twin
-from motm_twin.ui.scene.robot_view import GHOST_LINKS, RobotView
+from motm_twin.ui.scene.ghosts import GhostView
+from motm_twin.ui.scene.robot_view import RobotView
 
 TEXT = """
 format: motm-scene/1
@@ -72,12 +73,19 @@ def test_its_session_reruns_to_the_same_state(tmp_path):
 
 def test_the_page_draws_the_base_alone(tmp_path):
     drawn = Drawn()
-    view, twin = RobotView(drawn.server), Twin(scene_of(tmp_path))
-    view.configure(twin.scene.robot)
-    message = tick_message(twin.advance(), 1, 0.0)
+    view, ghosts, twin = RobotView(drawn.server), GhostView(drawn.server), Twin(scene_of(tmp_path))
+    for part in (view, ghosts):
+        part.configure(twin.scene.robot)
+    for _ in range(40):
+        tick = twin.advance()
+    message = tick_message(tick, 1, 0.0)
     view.update(message)
-    view.update_ghosts(message)
-    shown = {name for name, handle in drawn.handles.items() if handle.visible and "ghost" not in name}
-    assert shown == {"/robot/link/base_link", "/robot/shadow/base"}
-    ghosts = {link: drawn.handles[f"/robot/ghost/{link}"].batched_positions[:, 2].max() for link in GHOST_LINKS}
-    assert {link for link, highest in ghosts.items() if highest > -1.0} == {"base_link"}
+    ghosts.update(message, None)
+    batches = {name for name in drawn.handles if "arrival" in name or "silhouette" in name}
+    assert {name for name, handle in drawn.handles.items() if handle.visible} - batches == {
+        "/robot/link/base_link",
+        "/robot/shadow/base",
+    }
+    assert {name for name in batches if drawn.handles[name].batched_positions[:, 2].max() > -1.0} <= {
+        "/robot/silhouette"
+    }

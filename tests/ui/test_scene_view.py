@@ -12,10 +12,13 @@ from fake_twin import fake_scene
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import free_port
 from motm_twin.bus.messages import BodyMessage
+from motm_twin.model.kinematics import Frankie
+from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.scene.furniture import bin_mesh, loose_box_mesh, solids_mesh
+from motm_twin.ui.scene.ghosts import APART, FREE, SILHOUETTES, reaching, silhouette_poses
 from motm_twin.ui.scene.light import (
     MARGIN,
     SHADOW_SHIFT,
@@ -30,7 +33,6 @@ from motm_twin.ui.scene.light import (
 )
 from motm_twin.ui.scene.picking import Surroundings
 from motm_twin.ui.scene.plan_view import believed, dashes, drive_points, relative_cost, target_spot
-from motm_twin.ui.scene.robot_view import GHOST_GAP, GHOSTS, ghost_poses
 from motm_twin.ui.scene.scene_view import SceneView
 from motm_twin.ui.what_if import Other
 
@@ -222,14 +224,25 @@ def test_a_shadow_lies_under_its_body_and_away_from_the_sun():
     assert high[0] > 0.2 + shift[0]
 
 
-def test_ghosts_keep_apart_and_are_few():
-    line = np.array([(0.05 * i, 0.0, 0.0) for i in range(200)])
-    poses = ghost_poses(line)
-    assert len(poses) == GHOSTS
-    assert poses[0, 0] >= GHOST_GAP - 1e-9
-    assert poses[-1, 0] > 9.0
-    assert len(ghost_poses(np.zeros((0, 3)))) == 0
-    assert len(ghost_poses(np.zeros((5, 3)))) == 0
+def test_silhouettes_are_few_and_keep_off_the_robot_the_arrival_and_each_other():
+    line = np.array([(0.05 * i, 0.0, 0.0) for i in range(100)])
+    poses = silhouette_poses(line, np.array([4.95, 0.0, 0.0]))
+    assert len(poses) == SILHOUETTES
+    assert poses[0, 0] >= FREE - 1e-9 and np.diff(poses[:, 0]).min() >= APART - 1e-9
+    assert poses[-1, 0] <= 4.95 - APART
+    for short in (np.zeros((0, 3)), np.zeros((5, 3)), line[:10]):
+        assert len(silhouette_poses(short, None)) == 0
+
+
+@pytest.mark.parametrize("base", [(0.0, 0.0, 0.0), (1.0, -2.0, 2.5), (-0.5, 0.3, -1.2)])
+@pytest.mark.parametrize("away", [(0.55, 0.2, 0.75), (-0.1, 0.6, 0.8), (0.5, -0.4, 0.5)])
+def test_the_arm_of_the_ghost_reaches_for_the_target_from_above(base, away):
+    kinematics, base = Frankie(RobotProfile()), np.array(base)
+    c, s = math.cos(base[2]), math.sin(base[2])
+    point = np.array([base[0] + c * away[0] - s * away[1], base[1] + s * away[0] + c * away[1], away[2]])
+    position, rotation = kinematics.tcp_pose(base, reaching(kinematics, base, point))
+    assert np.linalg.norm(position - point) < 0.03
+    assert rotation[2, 2] < -0.9
 
 
 def test_dashes_leave_gaps_and_end_where_the_line_ends():

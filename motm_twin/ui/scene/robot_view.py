@@ -1,7 +1,7 @@
-"""The robot, link by link; its plan as ghosts that fade into the future; and the robots of a comparison.
+"""The robot, link by link, and the robots of a comparison.
 
 Those are tinted glass beside the real one. Dynamic bodies of either run are cylinders, where that run has them, not
-where they are now. Ghosts and other robots are one batched node per link.
+where they are now. Other robots are one batched node per link.
 """
 
 import math
@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import trimesh
 import viser
-from numpy.typing import NDArray
 from viser.transforms import SO3
 
 from motm_twin.bus.messages import TickMessage
@@ -25,9 +24,6 @@ from motm_twin.ui.what_if import RUNS, Other
 
 ROOT, OTHERS = "/robot", "/others"
 AWAY = (0.0, 0.0, -100.0)  # [m] where unused parts of a batch wait
-GHOSTS = 7
-GHOST_GAP = 0.22  # [m] between two ghosts
-GHOST_LINKS = LINKS[:-2]  # fingers are too small to matter there
 MOST = 2  # robots of a comparison
 MOST_MOVERS = 16  # of each run that are drawn
 COLOUR_NAMES = ("orange", "violet")  # of `colours.OTHERS`
@@ -62,7 +58,7 @@ def put_batch(handles: Sequence[viser.BatchedMeshHandle], count: int, links: dic
 
 
 class RobotView:
-    """One node per link, and the ghosts."""
+    """One node per link."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         scene = server.scene
@@ -74,15 +70,7 @@ class RobotView:
             scene.add_glb(f"{ROOT}/shadow/{part}", dark, visible=False, **NO_SHADOW)
             for part, dark in (("base", box_shadow_glb(0.7, 0.5, 0.3)), ("arm", round_shadow_glb(0.15, 1.0)))
         ]
-        fading = np.linspace(0.34, 0.07, GHOSTS).astype(np.float32)
-        self._ghosts = [
-            add_batch(
-                scene, f"{ROOT}/ghost/{link}", ghost_mesh(link), GHOSTS, colours.GHOST,
-                batched_opacities=fading, opacity=0.99,
-            )
-            for link in GHOST_LINKS
-        ]  # fmt: skip
-        self.ghosts_on, self._has_arm = True, True
+        self._has_arm = True
         self.hand = np.eye(4)  # transform to the world, for a camera that rides on it
 
     def configure(self, profile: RobotProfile) -> None:
@@ -106,33 +94,6 @@ class RobotView:
         for parts in (self._links, self._shadows):
             for number, handle in enumerate(parts):
                 handle.visible = self._has_arm or number == 0
-
-    def update_ghosts(self, tick: TickMessage) -> None:
-        """Set the ghosts along the local plan, with the arm as it is now."""
-        if self._kinematics is None:
-            return
-        robot, ghosts = tick.robot, {}
-        if self.ghosts_on:
-            for number, pose in enumerate(ghost_poses(np.array(tick.plan.local_poses).reshape(-1, 5)[:, :3])):
-                T = self._kinematics.link_transforms(pose, np.array(robot.q), robot.gripper_width)[: len(GHOST_LINKS)]
-                if not self._has_arm:
-                    T[1:, :3, 3] = AWAY
-                ghosts[number] = T
-        put_batch(self._ghosts, GHOSTS, ghosts)
-
-
-def ghost_poses(plan: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Up to `GHOSTS` poses of the plan, shape (j, 3), evenly spread and apart from the robot and each other."""
-    chosen: list[int] = []
-    last = 0
-    for index in range(1, len(plan)):
-        moved = np.hypot(*(plan[index, :2] - plan[last, :2])) + 0.25 * abs(plan[index, 2] - plan[last, 2])
-        if moved >= GHOST_GAP:
-            chosen.append(index)
-            last = index
-    if len(chosen) > GHOSTS:
-        chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, GHOSTS).round().astype(int)]
-    return plan[chosen]
 
 
 class ComparisonView:

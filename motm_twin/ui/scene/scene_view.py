@@ -12,9 +12,10 @@ from motm_twin.ui.scene.body_view import BodyView
 from motm_twin.ui.scene.cameras import Cameras
 from motm_twin.ui.scene.drag import Drag, SelectionView
 from motm_twin.ui.scene.furniture import FixedView, FurnitureView
+from motm_twin.ui.scene.ghosts import GhostView
 from motm_twin.ui.scene.light import NO_SHADOW
 from motm_twin.ui.scene.picking import Clicks, Surroundings
-from motm_twin.ui.scene.plan_view import MarksView, PlanView
+from motm_twin.ui.scene.plan_view import MarksView, PlanView, target_spot
 from motm_twin.ui.scene.robot_view import ComparisonView, RobotView
 
 STAA_LAYER = "Unmodified STAA* path"
@@ -27,7 +28,7 @@ class SceneView:
     def __init__(self, server: viser.ViserServer, hub: Hub) -> None:
         self._server, self._hub = server, hub
         self._drag = Drag(hub)
-        self._fixed, self._robot = FixedView(server), RobotView(server)
+        self._fixed, self._robot, self._ghosts = FixedView(server), RobotView(server), GhostView(server)
         self._furniture = FurnitureView(server, self._drag)
         self._bodies, self._map = BodyView(server, self._drag), MapView(server)
         self._plan, self._marks, self._others = PlanView(server), MarksView(server), ComparisonView(server)
@@ -74,11 +75,11 @@ class SceneView:
             self._hub.inspect()
         live = self._hub.what_if.watched is None  # else two other runs are watched, and who is about in them
         self._bodies.movers_on = live
-        self._robot.ghosts_on, self._bodies.trails_on = live and layers["Ghosts"], live and layers["Trails"]
+        self._ghosts.on, self._bodies.trails_on = live and layers["Ghosts"], live and layers["Trails"]
         self._plan.candidates_on, self._plan.paths_on = live and layers["Candidates"], live and layers["Paths"]
         self._plan.staa_on, self._plan.picked = live and view.staa_path, view.picked
         with self._server.atomic():
-            self._robot.update_ghosts(tick)
+            self._ghosts.update(tick, target_spot(tick, surroundings))
             self._plan.update(tick)
             self._marks.update(tick, surroundings)
             self._others.update(self._hub.what_if.others(tick.time, tick.run))
@@ -91,6 +92,7 @@ class SceneView:
         for part in (self._fixed, self._furniture, self._bodies, self.cameras):
             part.show(scene)
         self._robot.configure(scene.robot)
+        self._ghosts.configure(scene.robot)
         self._others.configure(scene.robot)
         self._hub.view.picked, self._hub.view.selected = None, ""
 

@@ -1,0 +1,130 @@
+"""The plan as ghosts: a few silhouettes of the base on its way, and one whole robot where it will grasp or let go.
+
+Each silhouette is one convex hull of which only the front is drawn, so nothing shines through itself. The arm of the
+whole robot reaches for the target from the chosen place of the base.
+"""
+
+from functools import cache
+
+import numpy as np
+import trimesh
+import viser
+
+from motm_twin.bus.messages import TickMessage
+from motm_twin.model.assets import ghost_mesh
+from motm_twin.model.geometry import Array
+from motm_twin.model.joint_limits import Q_MAX, Q_MIN, READY
+from motm_twin.model.kinematics import LINKS, Frankie
+from motm_twin.model.profile import RobotProfile
+from motm_twin.ui import colours
+from motm_twin.ui.scene.drag import Spot
+from motm_twin.ui.scene.robot_view import ROOT, add_batch, put_batch
+
+SILHOUETTES = 3
+FREE = 0.8  # [m] round the robot without any: the robot itself is to be seen
+APART = 0.55  # [m] between two
+FADES_IN = (0.10, 0.18, 0.26)  # opacity, the nearest first
+ARRIVAL_OPACITY = 0.34
+ARRIVAL_LINKS = LINKS[:-2]  # fingers are too small to matter there
+OVER_BIN = 0.22  # [m] of the tool over the floor of a bin
+_STEPS, _DAMPING, _MOST = 80, 0.05, 0.2  # iterations; [m]; [rad] of one
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+class GhostView:
+    """Silhouettes of the base, and the robot at its next grasp or release."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        scene = server.scene
+        self._silhouettes = add_batch(
+            scene, f"{ROOT}/silhouette", hull_mesh(LINKS[0]), SILHOUETTES, colours.GHOST,
+            batched_opacities=np.array(FADES_IN, dtype=np.float32), opacity=0.99, side="front",
+        )  # fmt: skip
+        self._arrival = [
+            add_batch(
+                scene, f"{ROOT}/arrival/{link}", hull_mesh(link), 1, colours.GHOST, opacity=ARRIVAL_OPACITY,
+                side="front",
+            )
+            for link in ARRIVAL_LINKS
+        ]  # fmt: skip
+        self._kinematics: Frankie | None = None
+        self._known: tuple[tuple[float, ...], Array] | None = None  # arrival that was computed last, and its joints
+        self.on = True
+
+    def configure(self, profile: RobotProfile) -> None:
+        """Another robot profile."""
+        self._kinematics = Frankie(profile)
+
+    def update(self, tick: TickMessage, spot: Spot | None) -> None:
+        """Set the ghosts along the plan of the tick; ``spot``: believed place of the target."""
+        if self._kinematics is None:
+            return
+        arrival = arrival_pose(tick) if self.on and spot is not None else None
+        plan = np.array(tick.plan.local_poses).reshape(-1, 5)[:, :3]
+        poses = silhouette_poses(plan, arrival) if self.on else plan[:0]
+        bases = {
+            number: self._kinematics.link_transforms(pose, READY)[:1]
+            for number, pose in enumerate(poses, SILHOUETTES - len(poses))
+        }
+        put_batch([self._silhouettes], SILHOUETTES, bases)
+        whole = {}
+        if arrival is not None and spot is not None and self._kinematics.profile.has_arm:
+            q = self._reached(arrival, spot, tick)
+            whole[0] = self._kinematics.link_transforms(arrival, q)[: len(ARRIVAL_LINKS)]
+        put_batch(self._arrival, 1, whole)
+
+    def _reached(self, base: Array, spot: Spot, tick: TickMessage) -> Array:
+        """Joints with which the arm reaches the target from there, computed anew when either has changed."""
+        assert self._kinematics is not None
+        place = tick.tasks[tick.task_index].kind == "place"
+        point = np.array([spot.x, spot.y, spot.z + (OVER_BIN if place else 0.5 * spot.height)])
+        key = tuple(np.round([*base, *point], 2).tolist())
+        if self._known is None or self._known[0] != key:
+            self._known = key, reaching(self._kinematics, base, point)
+        return self._known[1]
+
+
+@cache
+def hull_mesh(link: str) -> tuple[Array, Array]:
+    """Convex hull of a link's light mesh: vertices (n, 3) [m] and faces (m, 3)."""
+    hull = trimesh.convex.convex_hull(trimesh.Trimesh(*ghost_mesh(link)))
+    return np.asarray(hull.vertices), np.asarray(hull.faces)
+
+
+def arrival_pose(tick: TickMessage) -> Array | None:
+    """Chosen place of the base, shape (3,); None when there is none, or the robot is there already."""
+    placement = tick.placement
+    goal = np.array([0.0 if value is None else value for value in placement.goal])
+    here = np.array(tick.robot.true_pose)
+    if placement.mode == "none" or not placement.goal_has_heading or np.hypot(*(goal[:2] - here[:2])) < FREE:
+        return None
+    return goal
+
+
+def silhouette_poses(plan: Array, arrival: Array | None) -> Array:
+    """Up to `SILHOUETTES` poses of the plan (n, 3), shape (j, 3): off the robot, off the arrival and off each other."""
+    chosen: list[Array] = []
+    for pose in plan:
+        taken = [*chosen, *(() if arrival is None else (arrival,))]
+        far = np.hypot(*(pose[:2] - plan[0, :2])) >= FREE
+        if far and all(np.hypot(*(pose[:2] - other[:2])) >= APART for other in taken):
+            chosen.append(pose)
+    if len(chosen) > SILHOUETTES:
+        chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, SILHOUETTES).round().astype(int)]
+    return np.array(chosen).reshape(-1, 3)
+
+
+def reaching(kinematics: Frankie, base: Array, point: Array) -> Array:
+    """Joints (7,) [rad] with the tool at a world point (3,) [m] and pointing down, as near as damped steps come."""
+    q = READY.copy()
+    side = np.array([point[0] - base[0], point[1] - base[1]])
+    q[0] = np.clip(np.arctan2(side[1], side[0]) - base[2], Q_MIN[0], Q_MAX[0])
+    for _ in range(_STEPS):
+        position, rotation = kinematics.tcp_pose(base, q)
+        tilt = np.cross(rotation[:, 2], _DOWN)
+        error = np.concatenate([point - position, 0.3 * tilt])
+        J = kinematics.tcp_jacobian(base, q)[:, 2:]
+        J[3:] *= 0.3
+        step = J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(6), error)
+        q = np.clip(q + np.clip(step, -_MOST, _MOST), Q_MIN, Q_MAX)
+    return q
