@@ -1,6 +1,5 @@
 """`motm-twin bench NAME ...`: groups of trials with numbers to reach, benchmarks, and experiments by name."""
 
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -221,7 +220,3 @@ def show(name: str, results: Results, out: Path, console: Console) -> None:
         console.print(why)
     target = write_summary(found, beside, out / name)
     console.print(f"written to {target}; the trials are in {out / name}", markup=False)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from motm_twin.program import BAD_INPUT, FAILED, OK
@@ -124,12 +123,3 @@ def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) 
         stop=stop_event(settings.child),  # until all is imported a signal ends the program
         on_met=on_met,
     )
-
-
-def main() -> None:
-    """`python -m motm_twin.cli.robot`: the same without the rest of the command line."""
-    sys.exit(tyro.cli(robot))
-
-
-if __name__ == "__main__":
-    main()

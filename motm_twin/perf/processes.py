@@ -303,7 +303,7 @@ def external_robot(scene: Scene, link: LinkSpec, *, clock: str = "shared") -> It
     for name in ("latency", "jitter", "loss", "outage", "every", "seed"):
         arguments += [f"--{'link-seed' if name == 'seed' else name}", str(getattr(link, name))]
     process = subprocess.Popen(  # noqa: S603 - our own module
-        [sys.executable, "-m", "motm_twin.cli.robot", *arguments],
+        [sys.executable, "-m", "motm_twin", "robot", *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
     )

@@ -20,7 +20,7 @@ def started(*options: str, config: Path | None = None) -> subprocess.Popen[str]:
     """The command, without the rest of the command line."""
     environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
     environment |= {} if config is None else {VARIABLE: str(config)}
-    command = [sys.executable, "-m", "motm_twin.cli.robot", "exp1", *options]
+    command = [sys.executable, "-m", "motm_twin", "robot", "exp1", *options]
     pipe = subprocess.PIPE
     return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment)
 

@@ -39,7 +39,7 @@ def tick(client: TwinClient) -> TickMessage:
 
 def robot_process(endpoint: str) -> subprocess.Popen[bytes]:
     arguments = ["exp1", "--variant", "trial1", "--endpoint", endpoint]
-    return subprocess.Popen([sys.executable, "-m", "motm_twin.cli.robot", *arguments], stdout=subprocess.PIPE)
+    return subprocess.Popen([sys.executable, "-m", "motm_twin", "robot", *arguments], stdout=subprocess.PIPE)
 
 
 @pytest.fixture
