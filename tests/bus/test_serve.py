@@ -53,7 +53,8 @@ def alive(pid):
 
 @pytest.mark.timeout(600)
 def test_a_plain_zenoh_subscriber_sees_the_robot_drive_and_a_clean_end():
-    with serving("--headless", "--variant", "trial2", "--twin", "mine") as (process, port):
+    options = ("--headless", "--variant", "trial2", "--twin", "mine", "--method", "paper_literal", "--expansions-only")
+    with serving(*options) as (process, port):
         until(client_file(port).exists, "no file for other programs", READY)
         config = zenoh.Config.from_file(str(client_file(port)))
         config.insert_json5("connect/timeout_ms", "60000")
@@ -70,7 +71,11 @@ def test_a_plain_zenoh_subscriber_sees_the_robot_drive_and_a_clean_end():
             until(lambda: grids, "no grid", READY)
             tick_subscriber.undeclare()
             grid_subscriber.undeclare()
-            (scene,) = [json.loads(reply.ok.payload.to_string()) for reply in asked(session, "motm/mine/scene")]
+            scene, status = (
+                json.loads(reply.ok.payload.to_string())
+                for key in ("scene", "status")
+                for reply in asked(session, f"motm/mine/{key}")
+            )
         assert [tick["version"] for tick in ticks[:2]] == ["motm.tick/1"] * 2
         times = [tick["time"] for tick in ticks]
         assert all(after - before == pytest.approx(0.05) for before, after in itertools.pairwise(times))
@@ -80,7 +85,7 @@ def test_a_plain_zenoh_subscriber_sees_the_robot_drive_and_a_clean_end():
         assert {cost is None for cost in ticks[-1]["placement"]["cost"]} <= {True, False}
         payload, info = grids[-1]
         assert len(payload) == info["width"] * info["height"]
-        assert (scene["name"], scene["variant"]) == ("exp1", "trial2")
+        assert (scene["name"], scene["variant"], status["method"]) == ("exp1", "trial2", "paper_literal")
         assert any(item.pid == process.pid and item.twin == "mine" for item in all_running())
 
         pids = children(process)
