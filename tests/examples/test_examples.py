@@ -103,7 +103,7 @@ def test_what_the_text_shows_waits_for_the_last_cube(server, capsys):
         twin.speed(8.0)
         twin.hand_over()
     program = textwrap.dedent(re.search(shown, (ROOT / text).read_text(encoding="utf-8"), re.M)[0])
-    one_cube = "    for _ in range(10):\n        twin.remove_task(2)\n    twin.play()\n"
+    one_cube = "    for _ in range(5):\n        twin.remove_task(2)\n    twin.play()\n"
     assert program.count("    twin.play()\n") == 1
     program = program.replace("    twin.play()\n", one_cube)
     here = {}

@@ -31,6 +31,7 @@ def started(capfd, monkeypatch, tmp_path):
 
     def called(name, *words):
         monkeypatch.chdir(tmp_path)
+        monkeypatch.syspath_prepend(EXAMPLES)
         monkeypatch.setattr(sys, "argv", [str(EXAMPLES / name), *map(str, words)])
         code = 0
         try:
