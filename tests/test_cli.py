@@ -293,13 +293,6 @@ def test_a_pipe_that_nobody_reads_any_more_is_no_traceback():
     assert (done.returncode, done.stderr) == (1, "")
 
 
-def test_shipped_scenes_are_listed_from_any_directory(call, tmp_path):
-    result = call("scene", "list", cwd=tmp_path)
-    assert result.returncode == 0
-    for name in ("exp1", "exp1a", "exp2", "playground"):
-        assert name in result.stdout
-
-
 def test_a_shipped_scene_checks_and_the_schema_is_json(call):
     assert call("scene", "check", "exp1").returncode == 0
     assert json.loads(call("scene", "schema").stdout)

@@ -62,6 +62,7 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
         assert visitor.errors == []
 
 
+@pytest.mark.browser  # for its served twin: it comes beside the others
 @pytest.mark.timeout(600)
 def test_every_shipped_scene_can_be_chosen_and_stays_paused(begun):
     """By the page's own messages; that every variant runs is shown without a page."""
