@@ -4,6 +4,7 @@ PYTHON_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 BIN := .venv/bin
 SCENE ?= exp1
 WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$(( n < 2 ? 2 : n )))
+TEST_WORKERS ?= $(shell echo $$(( $(WORKERS) + 1 ))) # tests wait for pages, programs and messages half of their time
 TESTS ?= tests
 
 .PHONY: help run test check quick format bench image wheel lock clean
@@ -24,7 +25,7 @@ run: .venv/.ready-run ## set up, start the twin and its page (SCENE=exp1), print
 test: .venv/.ready-dev ## set up (Chromium too, where it can be installed) and run every test
 	@chromium=$$(tools/chromium.sh) || { \
 	  if [ "$${MOTM_REQUIRE_BROWSER:-0}" = 1 ]; then echo "MOTM_REQUIRE_BROWSER=1, but there is no Chromium"; exit 1; fi; }; \
-	$(PYTHON_ENV) MOTM_CHROMIUM="$$chromium" $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(TESTS) $(ARGS)
+	$(PYTHON_ENV) MOTM_CHROMIUM="$$chromium" $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal $(TESTS) $(ARGS)
 
 check: .venv/.ready-dev ## formatting, lint and types; changes nothing
 	@$(BIN)/ruff format --check .

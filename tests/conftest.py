@@ -7,7 +7,9 @@ draws new ones.
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import pytest
 from hypothesis import settings
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -30,3 +32,23 @@ def _allowed(item):
     """The time [s] that a browser test may take; 0 for the others, which stay in their order."""
     limit = item.get_closest_marker("timeout")
     return limit.args[0] if limit and item.get_closest_marker("browser") else 0
+
+
+@pytest.fixture
+def call(capfd, monkeypatch):
+    """`motm-twin` with these words, in this process: a start of its own takes seconds of imports."""
+    from motm_twin.cli import main
+
+    def called(*words, cwd=None, **variables):
+        capfd.readouterr()
+        with monkeypatch.context() as patch, pytest.raises(SystemExit) as end:
+            patch.setattr(sys, "argv", ["motm-twin", *map(str, words)])
+            for name, value in variables.items():
+                patch.setenv(name, value)
+            if cwd is not None:
+                patch.chdir(cwd)
+            main()
+        out, err = capfd.readouterr()
+        return SimpleNamespace(returncode=end.value.code, stdout=out, stderr=err)
+
+    return called

@@ -6,9 +6,11 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from subprocess import PIPE
 
@@ -18,7 +20,7 @@ from mcap.writer import Writer
 
 import motm_twin
 from motm_twin.__main__ import main as start
-from motm_twin.cli import main
+from motm_twin.bus.connection import free_port
 from motm_twin.model.data_dirs import scenes_dir
 from motm_twin.sessions.session import load_session, save_session
 from motm_twin.trial import run_scene
@@ -26,22 +28,44 @@ from motm_twin.trial import run_scene
 SECOND = Path(__file__).parent / "studies" / "half_a_metre.yaml"  # a trial of a second
 TOKEN = "0123456789abcdefghijklmnopqrstuv"
 RECORDED = Path(__file__).parent / "recorded" / "temi_dragged_before_the_robot.json"
+SERVE = ("serve", "exp1", "--zenoh-port", "0", "--port", "0")
 NOBODY = ("--twin", "nobody", "--endpoint", "tcp/127.0.0.1:9", "--wait", "0.1")
 
 
-def call(*arguments, cwd=None):
-    return subprocess.run(
-        [sys.executable, "-m", "motm_twin", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=240,
-        cwd=cwd,
-        check=False,
-    )
+def process(*arguments):
+    """The program, as a user starts it."""
+    command = [sys.executable, "-m", "motm_twin", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
 
 
-def test_run_prints_json_and_nothing_else_and_exits_with_success(tmp_path):
-    result = call("run", str(SECOND), "--json", "-", cwd=tmp_path)
+def short_scene(folder, seconds=3):
+    """Experiment 1 with a time limit [s]."""
+    text = (scenes_dir() / "exp1.yaml").read_text(encoding="utf-8")
+    path = folder / "short.yaml"
+    path.write_text(re.sub(r"^time_limit: .*$", f"time_limit: {seconds}", text, flags=re.MULTILINE))
+    return path
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A run that its time limit of 3 s has ended."""
+
+    printed: str  # into a pipe
+    report: dict
+    session: Path
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("short")
+    report, session = folder / "report.json", folder / "session.json"
+    run = process("run", short_scene(folder), "--variant", "trial1", "--json", report, "--save", session)
+    assert run.returncode == 1, run.stderr
+    return Ended(run.stdout, json.loads(report.read_text()), session)
+
+
+def test_run_prints_json_and_nothing_else_and_exits_with_success(call, tmp_path):
+    result = call("run", SECOND, "--json", "-", cwd=tmp_path)
     report = json.loads(result.stdout)
     assert result.returncode == 0, report["reason"]
     wanted = {
@@ -53,52 +77,40 @@ def test_run_prints_json_and_nothing_else_and_exits_with_success(tmp_path):
     assert set(report["tick_ms"]) == {"p50", "p99", "max"}
 
 
-def test_a_task_that_cannot_be_completed_exits_with_one_and_a_reason(tmp_path):
-    text = (scenes_dir() / "exp1.yaml").read_text(encoding="utf-8")
-    path = tmp_path / "short.yaml"
-    path.write_text(re.sub(r"^time_limit: .*$", "time_limit: 5", text, flags=re.MULTILINE))
-    result = call("run", str(path), "--variant", "trial1", "--json", str(tmp_path / "out.json"))
-    assert result.returncode == 1, result.stderr
-    report = json.loads((tmp_path / "out.json").read_text())
-    assert not report["success"]
-    assert "time limit" in report["reason"]
+def test_a_task_that_cannot_be_completed_exits_with_one_and_a_reason_in_whole_lines(short):
+    assert not short.report["success"] and "time limit" in short.report["reason"]
+    first, second, parts, path, last = short.printed.splitlines()
+    assert "time limit 3 s reached" in first
+    assert re.fullmatch(r"time 3\.00 s .* contacts 0 caused of 0", second)
+    found = re.fullmatch(r"seconds by part: at limit ([\d.]+), .*, standing [\d.]+", parts)
+    assert found and sum(map(float, re.findall(r"[\d.]+", parts))) == pytest.approx(3.0, abs=0.3)
+    assert re.fullmatch(r"path [\d.]+ m \(reference tour [\d.]+ m; .*\); the arm's foot .* per metre", path)
+    assert re.fullmatch(r"period p50 .*; state [0-9a-f]{12}", last)
 
 
-def short_scene(folder, seconds=3):
-    """Experiment 1 with a time limit [s]."""
-    text = (scenes_dir() / "exp1.yaml").read_text(encoding="utf-8")
-    path = folder / "short.yaml"
-    path.write_text(re.sub(r"^time_limit: .*$", f"time_limit: {seconds}", text, flags=re.MULTILINE))
-    return path
-
-
-def test_a_saved_run_reruns_to_the_same_state_until_something_is_changed(tmp_path):
-    path = tmp_path / "run.json"
-    run = call("run", str(short_scene(tmp_path)), "--variant", "trial1", "--json", "-", "--save", str(path))
-    assert run.returncode == 1, run.stderr  # not completed in 3 s
-    equal = call("rerun", str(path), "--json", "-")
+def test_a_saved_run_reruns_to_the_same_state_until_something_is_changed(call, short, tmp_path):
+    equal = call("rerun", short.session, "--json", "-")
     assert equal.returncode == 0, equal.stderr
-    assert json.loads(equal.stdout)["state_hash"] == json.loads(run.stdout)["state_hash"]
+    assert json.loads(equal.stdout)["state_hash"] == short.report["state_hash"]
 
-    moved = msgspec.structs.replace(load_session(path), parameters={"bezier": False, "next_weight": 0.2})
-    save_session(moved, path)
-    different = call("rerun", str(path))
+    moved = msgspec.structs.replace(load_session(short.session), parameters={"bezier": False, "next_weight": 0.2})
+    save_session(moved, path := tmp_path / "run.json")
+    different = call("rerun", path)
     assert different.returncode == 1, different.stderr
     assert "different" in different.stdout
     assert load_session(path) == moved
-    updated = call("rerun", str(path), "--update")
+    updated = call("rerun", path, "--update")
     assert updated.returncode == 0
     assert "different" in updated.stdout
-    assert call("rerun", str(path)).returncode == 0
+    again = call("rerun", path)
+    assert again.returncode == 0
+    assert "time 3.00 s, 61 periods (3.05 s of recording)" in again.stdout
     assert load_session(path).parameters == moved.parameters
 
 
-def test_what_if_prints_both_runs_and_their_difference(tmp_path):
-    path, out = tmp_path / "run.json", tmp_path / "out.json"
-    call("run", str(short_scene(tmp_path)), "--variant", "trial1", "--save", str(path))
-    result = call(
-        "what-if", str(path), "--set", "next_weight=0.5", "--set", "bezier=off", "--from", "1", "--json", str(out)
-    )
+def test_what_if_prints_both_runs_and_their_difference(call, short, tmp_path):
+    changes, out = ("--set", "next_weight=0.5", "--set", "bezier=off"), tmp_path / "out.json"
+    result = call("what-if", short.session, *changes, "--from", "1", "--json", out)
     assert result.returncode == 0, result.stderr
     said = result.stdout.splitlines()
     assert said[0] == "  running both: 3.05 s are recorded"
@@ -109,32 +121,14 @@ def test_what_if_prints_both_runs_and_their_difference(tmp_path):
     report = json.loads(out.read_text())
     assert report["parameters"] == {"next_weight": 0.5, "bezier": False}
     assert report["difference_s"] == report["changed"]["time_s"] - report["as_it_was"]["time_s"]
-    stream = call("what-if", "no/such/session.json", "--set", "bezier=off", "--stream")
+    stream = process("what-if", "no/such/session.json", "--set", "bezier=off", "--stream")
     assert stream.returncode == 2
     assert "no such file" in json.loads(stream.stdout)["error"]
 
 
-def test_a_rerun_tells_the_time_of_the_run_and_calls_the_length_of_the_recording_so(tmp_path):
-    path = tmp_path / "run.json"
-    run = call("run", str(short_scene(tmp_path)), "--variant", "trial1", "--save", str(path))
-    assert "time 3.00 s " in run.stdout
-    assert "time 3.00 s, 61 periods (3.05 s of recording)" in call("rerun", str(path)).stdout
-
-
-def test_a_run_that_is_piped_prints_whole_lines_however_long_they_are(tmp_path):
-    result = call("run", str(short_scene(tmp_path)), "--variant", "trial1")
-    first, second, parts, path, last = result.stdout.splitlines()
-    assert "time limit 3 s reached" in first
-    assert re.fullmatch(r"time 3\.00 s .* contacts 0 caused of 0", second)
-    found = re.fullmatch(r"seconds by part: at limit ([\d.]+), .*, standing [\d.]+", parts)
-    assert found and sum(map(float, re.findall(r"[\d.]+", parts))) == pytest.approx(3.0, abs=0.3)
-    assert re.fullmatch(r"path [\d.]+ m \(reference tour [\d.]+ m; .*\); the arm's foot .* per metre", path)
-    assert re.fullmatch(r"period p50 .*; state [0-9a-f]{12}", last)
-
-
-def test_a_run_draws_its_speed_along_the_path(tmp_path):
+def test_a_run_draws_its_speed_along_the_path(call, tmp_path):
     file, report = tmp_path / "run.svg", tmp_path / "run.json"
-    given = ("run", str(short_scene(tmp_path, 6.4)), "--variant", "trial1", "--plot", str(file), "--json", str(report))
+    given = ("run", short_scene(tmp_path, 6.4), "--variant", "trial1", "--plot", file, "--json", report)
     assert call(*given).returncode == 1  # the time limit
     text = file.read_text(encoding="utf-8")
     for words in ("distance driven [m]", "speed [m/s]", "reference tour, at the limit", "slower, turning"):
@@ -178,25 +172,41 @@ def test_a_run_draws_its_speed_along_the_path(tmp_path):
         (("record", "foo.txt", *NOBODY), "foo.txt: a recording ends in .mcap"),
         (("record", "b.mcap", "--seconds", "-5", *NOBODY), "--seconds -5: give a time above 0"),
         (("record", "b.mcap", "--seconds", "nan", *NOBODY), "--seconds nan: give a time above 0"),
+        ((*SERVE, "--host", "0.0.0.0", "--no-token"), "--no-token is for this machine only"),
+        ((*SERVE, "--host", "0.0.0.0", "--token", "short"), "too weak"),
+        ((*SERVE, "--host", "0.0.0.0", "--token", "a" * 64), "too weak"),
+        ((*SERVE, "--twin", "no/slash"), "twin name"),
+        ((*SERVE, "--variant", "trial99"), "trial9"),
     ],
 )
-def test_bad_input_exits_with_two_and_says_what_is_wrong(arguments, words, monkeypatch, capfd):
-    monkeypatch.setattr(sys, "argv", ["motm-twin", *arguments])
-    with pytest.raises(SystemExit) as end:
-        main()
-    out, err = capfd.readouterr()
-    assert end.value.code == 2, out
-    assert words in err + out
+def test_bad_input_exits_with_two_and_says_what_is_wrong(arguments, words, call, monkeypatch):
+    monkeypatch.delenv("MOTM_TOKEN", raising=False)
+    result = call(*arguments)
+    assert result.returncode == 2, result.stdout
+    assert words in result.stderr + result.stdout
+
+
+@pytest.mark.parametrize("option", ["--port", "--zenoh-port"])
+def test_a_taken_port_is_bad_input_with_advice(option, call):
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        taken = holder.getsockname()[1]
+        ports = {"--port": free_port(), "--zenoh-port": free_port(), option: taken}
+        ended = call("serve", "exp1", *itertools.chain(*ports.items()))
+    assert ended.returncode == 2
+    assert f"port {taken} on 127.0.0.1 is taken" in ended.stdout + ended.stderr
+    assert option in ended.stdout + ended.stderr
 
 
 def test_bad_input_is_the_exit_code_of_the_process_and_no_traceback():
-    result = call("run", "no/such/file.yaml")
+    result = process("run", "no/such/file.yaml")
     assert result.returncode == 2, result.stdout
     assert "no/such/file.yaml" in result.stderr
     assert "Traceback" not in result.stderr
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(monkeypatch, capfd, tmp_path):
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(call, monkeypatch, tmp_path):
     reports = {
         str(tmp_path / "no" / "folder" / "out.json"): "give a file in a folder that exists",
         "/proc/out.json": "/proc cannot be written to: give another folder",  # even root cannot
@@ -206,26 +216,22 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(mo
         monkeypatch.setattr(f"motm_twin.{module}", lambda *given, **named: computed.append(given))
     commands = (("run", "exp1"), ("rerun", str(RECORDED)), ("what-if", str(RECORDED), "--set", "bezier=off"))
     for arguments, (report, said) in itertools.product(commands, reports.items()):
-        monkeypatch.setattr(sys, "argv", ["motm-twin", *arguments, "--json", report])
-        with pytest.raises(SystemExit) as end:
-            main()
-        assert end.value.code == 2
-        assert said in capfd.readouterr().err
+        refused = call(*arguments, "--json", report)
+        assert refused.returncode == 2
+        assert said in refused.stderr
     assert computed == []
 
 
-def test_what_if_says_that_a_recording_is_no_session_and_what_makes_one(monkeypatch, capfd, tmp_path):
+def test_what_if_says_that_a_recording_is_no_session_and_what_makes_one(call, tmp_path):
     recording = tmp_path / "run.mcap"
     with recording.open("wb") as file:
         Writer(file).start("", "")
-    monkeypatch.setattr(sys, "argv", ["motm-twin", "what-if", str(recording), "--set", "bezier=off"])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 2
-    assert "is a recording: give a session, which `run --save`, `send save` or the page make" in capfd.readouterr().err
+    refused = call("what-if", recording, "--set", "bezier=off")
+    assert refused.returncode == 2
+    assert "is a recording: give a session, which `run --save`, `send save` or the page make" in refused.stderr
 
 
-def test_ctrl_c_is_one_line_and_exit_code_130_and_the_session_so_far_is_kept(monkeypatch, capfd, tmp_path):
+def test_ctrl_c_is_one_line_and_exit_code_130_and_the_session_so_far_is_kept(call, monkeypatch, tmp_path):
     path = tmp_path / "run.json"
 
     def interrupted(scene, *, on_tick, method):
@@ -238,10 +244,8 @@ def test_ctrl_c_is_one_line_and_exit_code_130_and_the_session_so_far_is_kept(mon
 
     monkeypatch.setattr("motm_twin.cli.run.run_scene", interrupted)
     for options, said in (((), ""), (("--save", str(path)), f"; the 1.50 s before are in {path}")):
-        monkeypatch.setattr(sys, "argv", ["motm-twin", "run", "exp1", *options])
-        with pytest.raises(SystemExit) as end:
-            main()
-        assert (end.value.code, capfd.readouterr().err) == (130, f"motm-twin: stopped{said}\n")
+        stopped = call("run", "exp1", *options)
+        assert (stopped.returncode, stopped.stderr) == (130, f"motm-twin: stopped{said}\n")
     kept = load_session(path)
     assert (kept.periods, kept.state_hash, len(kept.track)) == (30, "", 1)
 
@@ -289,18 +293,11 @@ def test_a_pipe_that_nobody_reads_any_more_is_no_traceback():
     assert (done.returncode, done.stderr) == (1, "")
 
 
-def test_shipped_scenes_are_listed_from_any_directory(tmp_path):
-    result = call("scene", "list", cwd=tmp_path)
-    assert result.returncode == 0
-    for name in ("exp1", "exp1a", "exp2", "playground"):
-        assert name in result.stdout
-
-
-def test_a_shipped_scene_checks_and_the_schema_is_json():
+def test_a_shipped_scene_checks_and_the_schema_is_json(call):
     assert call("scene", "check", "exp1").returncode == 0
     assert json.loads(call("scene", "schema").stdout)
 
 
-def test_version_is_that_of_the_package():
+def test_version_is_that_of_the_package(call):
     result = call("--version")
     assert (result.returncode, result.stdout) == (0, f"motm-twin {motm_twin.__version__}\n")

@@ -2,6 +2,7 @@
 
 import pytest
 from shapely.geometry import Polygon
+from twin_steps import SHORT
 
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.methods.registry import find_method
@@ -58,7 +59,7 @@ def test_a_base_that_touches_a_box_stops_within_its_stopping_distance_and_goes_r
 @pytest.mark.parametrize("phase", ["final", "lift"])
 def test_an_arm_into_which_a_box_is_put_stands_draws_back_and_goes_on(phase):
     """It went on with its pick inside the box."""
-    twin = Twin(load_scene("exp1", "trial1", 0), method=find_method("fast"))
+    twin = Twin(SHORT, method=find_method("fast"))
     put, said = None, set()
     while True:
         tick = twin.advance()

@@ -6,11 +6,10 @@ import weakref
 import msgspec
 import numpy as np
 import pytest
-from twin_steps import advance, caused
+from twin_steps import SHORT, advance, advance_until, caused
 
 from motm_twin.model.edits import AddObstacle, Announce, InjectFault, MoveBody, ReleaseBody, RemoveBody, SetParameter
-from motm_twin.model.scene_file import load_scene
-from motm_twin.planning.types import SearchBudget
+from motm_twin.model.scene_file import check_all, list_scenes, load_scene
 from motm_twin.record.replay import rerun
 from motm_twin.sessions.session import decode_session, encode_session
 from motm_twin.trial import run_scene
@@ -26,11 +25,17 @@ def test_the_first_published_trial_is_completed_without_contact():
     assert result["mean_closing_base_speed_mps"] >= 0.2
 
 
+@pytest.mark.parametrize("name", [listing.name for listing in list_scenes()])
+def test_every_variant_of_every_shipped_scene_runs(name):
+    for scene in check_all(name):
+        assert Twin(scene).advance().index == 0
+
+
 def test_the_same_seed_gives_the_same_state_bit_for_bit():
     hashes = set()
     for _ in range(2):
         twin = Twin(load_scene("exp2", "random", 3))
-        advance(twin, 200)
+        advance(twin, 100)
         hashes.add(twin.state_hash())
     assert len(hashes) == 1
 
@@ -55,40 +60,6 @@ def test_another_seed_gives_another_state():
         advance(twin, 20)
         hashes.add(twin.state_hash())
     assert len(hashes) == 2
-
-
-def test_a_rewound_twin_repeats_what_it_did():
-    twin = Twin(load_scene("exp2", "random", 5))
-    advance(twin, 60)
-    saved, before = twin.snapshot(), twin.state_hash()
-    advance(twin, 100)
-    after = twin.state_hash()
-    twin.restore(saved)
-    assert twin.state_hash() == before
-    advance(twin, 100)
-    assert twin.state_hash() == after
-
-
-def test_a_snapshot_continues_in_another_twin_of_the_scene():
-    scene = load_scene("exp1", "trial2", 5)
-    one, other = Twin(scene), Twin(scene)
-    advance(one, 150)
-    other.restore(one.snapshot())
-    advance(one, 50)
-    advance(other, 50)
-    assert one.state_hash() == other.state_hash()
-
-
-def test_a_search_cut_by_the_clock_is_repeated_by_its_expansion_count():
-    scene = load_scene("exp1", "trial1", 0)
-    now = iter(0.004 * i for i in range(10**9))
-    cut = Twin(scene, budget=SearchBudget(expansions=400, seconds=0.02), clock=lambda: next(now))
-    ticks = [cut.advance() for _ in range(120)]
-    assert any(tick.plan.cut_by_clock for tick in ticks)
-    again = Twin(scene)
-    for tick in ticks:
-        again.advance(SearchBudget(expansions=tick.plan.expansions) if tick.plan.cut_by_clock else None)
-    assert again.state_hash() == cut.state_hash()
 
 
 def test_edits_are_applied_at_the_next_period_and_logged_in_its_tick():
@@ -116,15 +87,13 @@ def test_an_obstacle_dropped_before_the_robot_is_driven_around():
     twin = Twin(load_scene("exp1", "trial1", 0))
     advance(twin, 60)
     twin.post(AddObstacle(name="crate", x=2.3, y=0.2, size=(0.5, 0.5, 0.6)))
-    tick = advance(twin, 500)
+    tick = advance_until(twin, lambda tick: tick.truth.picks == 1)
     assert not caused(tick)
-    assert tick.truth.picks >= 1
 
 
 def test_a_scene_without_noise_is_completed():
-    scene = load_scene("exp1", "trial1", 0)
-    silent = {name: 0.0 for name in scene.noise.__struct_fields__ if name != "localisation_correlation_time"}
-    result = run_scene(msgspec.structs.replace(scene, noise=msgspec.structs.replace(scene.noise, **silent)))
+    silent = {name: 0.0 for name in SHORT.noise.__struct_fields__ if name != "localisation_correlation_time"}
+    result = run_scene(msgspec.structs.replace(SHORT, noise=msgspec.structs.replace(SHORT.noise, **silent)))
     assert result["success"], result["reason"]
 
 

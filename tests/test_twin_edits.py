@@ -20,8 +20,6 @@ from motm_twin.model.edits import (
 from motm_twin.model.geometry import from_frame
 from motm_twin.model.scene import DriveTo, Pick, Place
 from motm_twin.model.scene_file import load_scene
-from motm_twin.planning.types import SearchBudget
-from motm_twin.record.replay import player, rerun
 from motm_twin.twin import Twin
 
 BEGINS = dict(FAST.parameters)  # of a twin that is told nothing
@@ -171,37 +169,6 @@ def test_an_object_in_a_bin_is_not_picked_until_somebody_takes_it_out():
     believed = next(belief for belief in tick.beliefs if belief.name == cube)
     assert np.linalg.norm(believed.position[:2] - (3.65, 1.47)) < 0.05, "who points at a cube shows where it is"
     advance_until(twin, lambda tick: tick.truth.places == 2, 1000)
-
-
-def test_a_session_of_all_kinds_of_edits_repeats_the_run_bit_for_bit():
-    twin = Twin(SCENE, parameters={"hysteresis": 0.5})
-    edits = {
-        10: [SetParameter(name="growth_margin", value=0.05), SetParameter(name="d_s", value=0.3)],
-        20: [AddObstacle(name="crate", x=2.3, y=0.2)],
-        40: [InsertTask(tasks=(FAR_DRIVE,), index=0), MoveBody(name="table", x=4.2, y=1.9)],
-        60: [Announce(name="table"), RemoveTask(index=0)],
-        90: [SetParameter(name="growth_margin")],
-    }
-    for period in range(130):
-        for edit in edits.get(period, []):
-            twin.post(edit)
-        twin.advance()
-    session = twin.session("kinds of edits")
-    assert session.periods == 130
-    assert [entry.index for entry in session.edits] == [10, 10, 20, 40, 40, 60, 60, 90]
-    decoded = msgspec.json.decode(msgspec.json.encode(session), type=type(session))
-    assert rerun(decoded).ok
-
-
-def test_searches_cut_by_the_clock_are_in_the_session():
-    now = iter(0.004 * i for i in range(10**9))
-    twin = Twin(SCENE, budget=SearchBudget(seconds=0.02), clock=lambda: next(now))
-    advance(twin, 60)
-    session = twin.session()
-    assert session.cuts
-    again = [twin for twin, _ in player(session)][-1].session()
-    assert again.state_hash == session.state_hash
-    assert again.cuts == session.cuts
 
 
 def test_a_twin_of_given_parameter_objects_has_no_session():

@@ -29,6 +29,7 @@ BIG = 4_000_000  # bytes
 # A right command of every type; a scene, body or task that is not there would be a reason of its own.
 EXAMPLES: dict[str, dict[str, Any]] = {
     "play": {},
+    "audience": {"pages": 2},
     "pause": {},
     "step": {"count": 3},
     "reset": {},

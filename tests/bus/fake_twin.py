@@ -28,70 +28,25 @@ HOME = np.array([0.0, -0.6, 0.0, -2.3, 0.0, 1.8, 0.785])
 CENTRE = np.array([4.2, 1.77])
 
 
+def solid(name, shape, low, high, *, mapped=True, **style):
+    return Solid(name=name, shape=shape, z_min=low, z_max=high, mapped=mapped, **style)
+
+
 def fake_scene(name="fake", variant="a", seed=0):
     slots = ((3.1, 1.47), (5.3, 1.47), (4.2, 2.07), (3.65, 1.47))
-    posts = tuple(
-        part
+    table = {"group": "object table", "style": "table"}
+    legs = [
+        solid(f"table {part} {i}", Cylinder(centre=(x, 1.77), radius=radius), low, high, **table)
         for i, x in enumerate((3.6, 4.8))
-        for part in (
-            Solid(
-                name=f"table post {i}",
-                shape=Cylinder(centre=(x, 1.77), radius=0.05),
-                z_min=0.08,
-                z_max=0.75,
-                mapped=True,
-                group="object table",
-                style="table",
-            ),
-            Solid(
-                name=f"table foot {i}",
-                shape=Cylinder(centre=(x, 1.77), radius=0.3),
-                z_min=0.0,
-                z_max=0.08,
-                mapped=True,
-                group="object table",
-                style="table",
-            ),
-        )
-    )
+        for part, radius, low, high in (("post", 0.05, 0.08, 0.75), ("foot", 0.3, 0.0, 0.08))
+    ]
     solids = (
-        Solid(
-            name="table top",
-            shape=Box(centre=(4.2, 1.77), size=(2.4, 0.8)),
-            z_min=0.75,
-            z_max=0.78,
-            mapped=True,
-            group="object table",
-            style="table",
-        ),
-        *posts,
-        Solid(
-            name="desk",
-            shape=Box(centre=(-0.095, 2.22), size=(0.77, 1.18)),
-            z_min=0.0,
-            z_max=0.6,
-            mapped=True,
-            style="desk",
-        ),
-        Solid(
-            name="round table",
-            shape=Cylinder(centre=(4.27, -1.44), radius=0.365),
-            z_min=0.0,
-            z_max=0.6,
-            mapped=True,
-            style="table",
-        ),
-        Solid(
-            name="cabinet",
-            shape=Box(centre=(0.335, -1.5525), size=(1.87, 0.295)),
-            z_min=0.0,
-            z_max=0.69,
-            mapped=True,
-            style="cabinet",
-        ),
-        Solid(
-            name="box 1", shape=Box(centre=(2.7, 1.7), size=(0.5, 0.5)), z_min=0.0, z_max=0.6, mapped=False, style="box"
-        ),
+        solid("table top", Box(centre=(4.2, 1.77), size=(2.4, 0.8)), 0.75, 0.78, **table),
+        *legs,
+        solid("desk", Box(centre=(-0.095, 2.22), size=(0.77, 1.18)), 0.0, 0.6, style="desk"),
+        solid("round table", Cylinder(centre=(4.27, -1.44), radius=0.365), 0.0, 0.6, style="table"),
+        solid("cabinet", Box(centre=(0.335, -1.5525), size=(1.87, 0.295)), 0.0, 0.69, style="cabinet"),
+        solid("box 1", Box(centre=(2.7, 1.7), size=(0.5, 0.5)), 0.0, 0.6, mapped=False, style="box"),
     )
     objects = tuple(SceneObject(name=f"cube{i + 1}", position=(x, y, 0.80)) for i, (x, y) in enumerate(slots))
     bins = (Bin(name="drop1", centre=(4.25, -1.29)), Bin(name="drop2", centre=(0.1, 2.13)))

@@ -132,6 +132,14 @@ def test_a_bad_command_is_refused_with_its_reason(name, payload, word):
     assert word in refusal(CommandGate(Clock()), name, payload)
 
 
+@pytest.mark.parametrize("name", ["../mine", "/tmp/mine", ".hidden", "", "a" * 65, "a b", "a\x00", "..", "mïne"])
+def test_files_have_plain_names(name):
+    gate = CommandGate(Clock())
+    assert "file name" in refusal(gate, "save", envelope({"type": "save", "name": name}))
+    if name:
+        assert "file name" in refusal(gate, "record", envelope({"type": "record", "action": "start", "name": name}))
+
+
 def test_a_replayed_command_is_refused_and_others_of_the_sender_pass():
     gate = CommandGate(Clock())
     gate.admit("play", envelope({"type": "play"}, seq=5))

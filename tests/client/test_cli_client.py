@@ -28,11 +28,10 @@ def server(tmp_path_factory):
         yield running
 
 
-def call(server, *arguments, **variables):
-    where = [] if server is None else ["--endpoint", server.endpoint]
-    command = [sys.executable, "-m", "motm_twin", *arguments, *where]
-    environment = {**os.environ, **variables}
-    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, env=environment)
+@pytest.fixture
+def there(server, call):
+    """A command that is told where the server is."""
+    return lambda *words: call(*words, "--endpoint", server.endpoint)
 
 
 @pytest.fixture(scope="module")
@@ -109,35 +108,36 @@ def test_fields_come_as_json_too():
         parse("step", [], "[1]")
 
 
-def test_send_prints_the_answer_and_leaves_the_wheel(server):
-    done = call(server, "send", "step", "count=2")
+def test_send_prints_the_answer_and_leaves_the_wheel(call, there):
+    done = there("send", "step", "count=2")
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert (answer["ok"], answer["version"]) == (True, "motm.answer/1")
-    again = call(server, "send", "add_obstacle", "--json", '{"name": "crate", "x": 1, "y": 1}')
+    again = there("send", "add_obstacle", "--json", '{"name": "crate", "x": 1, "y": 1}')
     assert again.returncode == 0, again.stdout + again.stderr
-    refused = call(server, "send", "move_body", "name=ghost", "x=0", "y=0")
+    refused = there("send", "move_body", "name=ghost", "x=0", "y=0")
     assert refused.returncode == 1
     assert "ghost" in json.loads(refused.stdout)["reason"]
-    assert call(server, "send", "explode").returncode == 2
-    assert call(None, "send", "play", "--endpoint", f"tcp/127.0.0.1:{free_port()}", "--twin", "x").returncode == 1
+    assert there("send", "explode").returncode == 2
+    nobody = ("--endpoint", f"tcp/127.0.0.1:{free_port()}", "--twin", "x", "--timeout", "0.2")
+    assert call("send", "play", *nobody).returncode == 1
 
 
-def test_watch_prints_the_newest_value_of_every_key(server):
+def test_watch_prints_the_newest_value_of_every_key(server, there):
     with connect(server.endpoint) as twin:
         twin.step(2)
         index = twin.latest_tick().index
         twin.hand_over()
     for key in ("tick", "robot", "grid", "metrics", "status", "scene", "event"):
-        line = call(server, "watch", key, "--once")
+        line = there("watch", key, "--once")
         assert line.returncode == 0, line.stderr
         assert len(line.stdout.splitlines()) == 1, key
-    assert json.loads(call(server, "watch", "tick", "--once", "--field", "index").stdout) == index
-    assert json.loads(call(server, "watch", "status", "--once", "--json").stdout)["twin"] == "frankie"
-    wrong = call(server, "watch", "tick", "--once", "--field", "robot.wings")
+    assert json.loads(there("watch", "tick", "--once", "--field", "index").stdout) == index
+    assert json.loads(there("watch", "status", "--once", "--json").stdout)["twin"] == "frankie"
+    wrong = there("watch", "tick", "--once", "--field", "robot.wings")
     assert wrong.returncode == 2
     assert "there is no 'wings' here; there are: pose" in wrong.stderr
-    assert call(server, "watch", "thoughts").returncode == 2
+    assert there("watch", "thoughts").returncode == 2
 
 
 def test_watch_prints_every_event_until_it_is_ended(server):
@@ -168,17 +168,19 @@ def test_watch_prints_every_event_until_it_is_ended(server):
     assert json.loads(lines[0])["version"] == "motm.event/1"
 
 
-def test_twins_lists_who_is_alive(server):
-    found = call(server, "twins", "--json")
+def test_twins_lists_who_is_alive(call, there):
+    found = there("twins", "--json")
     assert found.returncode == 0, found.stderr
     assert json.loads(found.stdout)["twin"] == "frankie"
-    assert "frankie" in call(server, "twins").stdout
-    nobody = call(None, "twins", "--endpoint", f"tcp/127.0.0.1:{free_port()}")
+    assert "frankie" in there("twins").stdout
+    nobody = call("twins", "--endpoint", f"tcp/127.0.0.1:{free_port()}")
     assert (nobody.returncode, nobody.stdout) == (1, "")
 
 
 @pytest.mark.parametrize("mode", ["peer", "client"])
-def test_a_configuration_that_leads_somewhere_counts_before_the_twins_of_this_machine(server, known, elsewhere, mode):
+def test_a_configuration_that_leads_somewhere_counts_before_the_twins_of_this_machine(
+    server, known, elsewhere, mode, call
+):
     file, recording = elsewhere / "there.json5", elsewhere / "x.mcap"
     settings = {
         "mode": mode,
@@ -187,41 +189,41 @@ def test_a_configuration_that_leads_somewhere_counts_before_the_twins_of_this_ma
         "transport": {"auth": {"usrpwd": known}},
     }
     file.write_text(json.dumps(settings))
-    there = {"MOTM_ZENOH_CONFIG": str(file)}
-    assert json.loads(call(None, "watch", "status", "--once", "--json", **there).stdout)["twin"] == "frankie"
-    assert json.loads(call(None, "twins", "--json", **there).stdout)["endpoint"] == server.endpoint
-    assert call(None, "send", "pause", **there).returncode == 0
-    recorded = call(None, "record", str(recording), "--seconds", "0.5", **there)
+    led = {"MOTM_ZENOH_CONFIG": str(file)}
+    assert json.loads(call("watch", "status", "--once", "--json", **led).stdout)["twin"] == "frankie"
+    assert json.loads(call("twins", "--json", **led).stdout)["endpoint"] == server.endpoint
+    assert call("send", "pause", **led).returncode == 0
+    recorded = call("record", str(recording), "--seconds", "0.5", **led)
     assert recorded.returncode == 0, recorded.stderr
     assert recording.exists()
 
 
 @pytest.mark.parametrize("words", [["watch"], ["twins"], ["send", "play"], ["record", "never.mcap"]])
 @pytest.mark.parametrize("content", [None, "{ mode: [[\n"])
-def test_a_configuration_that_can_not_be_used_is_one_line(elsewhere, words, content):
+def test_a_configuration_that_can_not_be_used_is_one_line(elsewhere, words, content, call):
     file = elsewhere / "wrong.json5"
     if content is not None:
         file.write_text(content)
-    wrong = call(None, *words, MOTM_ZENOH_CONFIG=str(file))
+    wrong = call(*words, MOTM_ZENOH_CONFIG=str(file))
     assert wrong.returncode == 2
     assert len(wrong.stderr.splitlines()) == 1
     assert "is no Zenoh configuration" in wrong.stderr
 
 
 @pytest.mark.parametrize(("words", "code"), [(["watch"], 1), (["send", "play"], 1), (["record", "never.mcap"], 2)])
-def test_which_twin_is_meant_must_be_said(elsewhere, words, code):
-    several = call(None, *words)
+def test_which_twin_is_meant_must_be_said(elsewhere, words, code, call):
+    several = call(*words)
     assert several.returncode == code
     assert "2 twins are running on this machine" in several.stderr
     assert "with --twin or --endpoint" in several.stderr
-    assert "no twin called 'three' is running" in call(None, *words, "--twin", "three").stderr
+    assert "no twin called 'three' is running" in call(*words, "--twin", "three").stderr
 
 
-def test_a_twin_that_does_not_answer_is_not_recorded(server, tmp_path):
+def test_a_twin_that_does_not_answer_is_not_recorded(there, tmp_path):
     file = tmp_path / "x.mcap"
-    nobody = call(server, "record", str(file), "--twin", "ghost", "--seconds", "1")
+    nobody = there("record", str(file), "--twin", "ghost", "--seconds", "1", "--wait", "0.2")
     assert nobody.returncode == 2
     assert "no twin 'ghost' answers at" in nobody.stderr
     assert not file.exists()
-    found = call(server, "record", str(file), "--seconds", "0.5")  # the only one there
+    found = there("record", str(file), "--seconds", "0.5")  # the only one there
     assert found.returncode == 0, found.stderr

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import runpy
 import signal
 import statistics
 import subprocess
@@ -24,11 +25,34 @@ SHORT = ROOT / "tests" / "studies" / "half_a_metre.yaml"  # a trial of a second
 OWN = ("own_placement_rule.py:STRAIGHT", "own_base_controller.py:PURSUIT")
 
 
-def run(name, *arguments, cwd):
-    command = [sys.executable, EXAMPLES / name, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=250.0, check=False, cwd=cwd)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+@pytest.fixture
+def started(capfd, monkeypatch, tmp_path):
+    """An example with these words, in this process and an empty folder: its exit code and what it printed."""
+
+    def called(name, *words):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.syspath_prepend(EXAMPLES)
+        monkeypatch.setattr(sys, "argv", [str(EXAMPLES / name), *map(str, words)])
+        code = 0
+        try:
+            runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        except SystemExit as end:
+            code = end.code or 0
+        return code, *capfd.readouterr()
+
+    return called
+
+
+@pytest.fixture
+def run(started):
+    """What an example prints that ends well."""
+
+    def called(name, *words):
+        code, out, err = started(name, *words)
+        assert code == 0, out + err
+        return out
+
+    return called
 
 
 def blocks():
@@ -95,17 +119,17 @@ def test_the_limit_of_the_text_keeps_the_hand_below_its_ceiling(tmp_path):
     assert highest["low"] < 0.8 < highest["motm"] - 0.02
 
 
-def test_a_first_run_tells_where_the_time_goes(tmp_path):
-    said = run("first_run.py", "--limit", 2, "--save", "where.png", cwd=tmp_path)
+def test_a_first_run_tells_where_the_time_goes(run, tmp_path):
+    said = run("first_run.py", "--limit", 2, "--save", "where.png")
     assert re.search(r"time \[s\] for +driving +turning +standing", said)
     assert "0 of 6 placed in 2.0 s" in said
     assert (tmp_path / "where.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_placement_rule_is_compared_with_the_paper_s(tmp_path):
+def test_the_placement_rule_is_compared_with_the_paper_s(run, tmp_path):
     methods = ("motm", EXAMPLES / "own_placement_rule.py:STRAIGHT")
     few = ("--trials", 1, "--limit", 1, "--workers", 1, "--out", "out")
-    said = run("compare_two_controllers.py", *methods, *few, cwd=tmp_path)
+    said = run("compare_two_controllers.py", *methods, *few)
     assert said.count("0 of 6 placed, success 0 % [0, 98]") == 2
     assert "there are no times to compare" in said
     assert [result["variant"] for result in kept(tmp_path)] == ["random", "random"]
@@ -117,10 +141,10 @@ def kept(folder):
     return [json.loads(line)["result"] for line in lines]
 
 
-def test_two_controllers_are_compared_by_seed_with_an_interval(tmp_path):
+def test_two_controllers_are_compared_by_seed_with_an_interval(run, tmp_path):
     """In a scene without variants, whose trials end within a second or two: the difference needs trials that end."""
     few = ("--trials", 3, "--workers", 1, "--out", "out")
-    said = run("compare_two_controllers.py", "motm", "staa", "--scene", SHORT, *few, cwd=tmp_path)
+    said = run("compare_two_controllers.py", "motm", "staa", "--scene", SHORT, *few)
     assert said.count("0 of 0 placed, success 100 % [29, 100]") == 2
     times = {method: [r["time_s"] for r in kept(tmp_path) if r["method"] == method] for method in ("motm", "staa")}
     for seed, (ours, theirs) in enumerate(zip(*times.values(), strict=True)):
@@ -156,8 +180,8 @@ def test_the_weights_of_sequential_are_what_their_names_say(name):
     ("example", "name", "own"),
     [("own_placement_rule.py", "STRAIGHT", "straight_lines"), ("own_base_controller.py", "PURSUIT", "pursuit")],
 )
-def test_a_method_s_script_runs_one_trial_by_it_and_one_by_the_paper_s(example, name, own, tmp_path):
-    lines = run(example, "--limit", 1, cwd=tmp_path).splitlines()
+def test_a_method_s_script_runs_one_trial_by_it_and_one_by_the_paper_s(example, name, own, run):
+    lines = run(example, "--limit", 1).splitlines()
     assert [line.split(":")[0] for line in lines[:2]] == [own, "motm"]
     assert all("0 of 6 placed in 1.00 s" in line for line in lines[:2])
     assert lines[2].endswith(f"motm-twin bench exp1 --methods motm {EXAMPLES / example}:{name}")
@@ -171,11 +195,10 @@ def test_a_method_s_script_runs_one_trial_by_it_and_one_by_the_paper_s(example, 
         ("compare_two_controllers.py", ["motm", "nosuch.py:MINE"], "nosuch.py: there is no such file"),
     ],
 )
-def test_what_its_user_gave_wrong_is_one_sentence(example, given, said, tmp_path):
-    command = [sys.executable, EXAMPLES / example, *given]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, cwd=tmp_path)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
+def test_what_its_user_gave_wrong_is_one_sentence(example, given, said, started):
+    code, _, err = started(example, *given)
+    assert code == 2
+    (line,) = err.splitlines()
     assert line.startswith(said)
 
 
@@ -212,9 +235,9 @@ def test_without_gymnasium_the_policies_say_what_to_install(tmp_path):
 
 
 @pytest.mark.parametrize("policy", ["towards", "expert"])
-def test_a_policy_runs_in_the_environment(policy, tmp_path):
+def test_a_policy_runs_in_the_environment(policy, run, tmp_path):
     pytest.importorskip("gymnasium")
-    said = run("gym_policies.py", policy, "--steps", 20, "--save", "last.png", cwd=tmp_path)
+    said = run("gym_policies.py", policy, "--steps", 20, "--save", "last.png")
     assert said.startswith(f"{policy}: 0 picked, 0 placed, 0 contacts caused in 1.0 s")
     assert (tmp_path / "last.png").is_file()
 

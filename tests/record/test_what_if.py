@@ -17,6 +17,7 @@ from motm_twin.cli.what_if import BothRuns
 from motm_twin.model.edits import AddObstacle, InsertTask, MoveBody, SetParameter
 from motm_twin.model.scene import DriveTo
 from motm_twin.model.scene_file import load_scene
+from motm_twin.record import what_if
 from motm_twin.record.replay import rerun
 from motm_twin.record.what_if import AS_IT_WAS, CHANGED, Outcome, Sample, parse_changes, run_one, start_period
 from motm_twin.sessions.session import LoggedEdit, Session, SessionError, save_session
@@ -54,8 +55,19 @@ def ends(session, changes, start=0):
     return samples, end
 
 
-def test_the_run_as_it_was_goes_on_to_the_end_of_its_tasks(session):
-    samples, end = ends(session, {})
+@pytest.fixture(scope="module")
+def as_it_was(session):
+    return ends(session, {})
+
+
+@pytest.fixture(scope="module")
+def slowed(session):
+    """The run with other parameters from its first second on."""
+    return ends(session, SLOW, start=20)
+
+
+def test_the_run_as_it_was_goes_on_to_the_end_of_its_tasks(session, as_it_was):
+    samples, end = as_it_was
     assert (end.run, end.success, end.reason, end.skipped) == (AS_IT_WAS, True, "", ())
     assert end.time_s > session.periods * 0.05
     assert end.path_length > 1.0
@@ -64,8 +76,8 @@ def test_the_run_as_it_was_goes_on_to_the_end_of_its_tasks(session):
     assert len(samples[0].q) == 7
 
 
-def test_who_moves_about_in_a_run_is_told_with_its_robot(session):
-    samples, _ = ends(session, {})
+def test_who_moves_about_in_a_run_is_told_with_its_robot(as_it_was):
+    samples, _ = as_it_was
     assert not samples[0].movers  # the guest comes later
     (guest,) = samples[-1].movers
     assert guest == (2.0, 1.0, 0.25, 1.0)
@@ -118,16 +130,15 @@ def test_without_a_terminal_a_what_if_says_how_far_both_runs_are():
     ]
 
 
-def test_what_was_not_recorded_is_called_a_forecast(session):
-    for periods in (20, 40):
-        part = replace(session, periods=periods)
-        assert ends(part, {})[1].forecast_from_s == periods / 20
-        assert ends(part, SLOW, start=10)[1].forecast_from_s == 0.5
+def test_what_was_not_recorded_is_called_a_forecast(session, as_it_was, slowed):
+    assert as_it_was[1].forecast_from_s == 2.0
+    assert slowed[1].forecast_from_s == 1.0
+    assert ends(replace(session, periods=20), {})[1].forecast_from_s == 1.0
 
 
-def test_the_changed_run_is_the_same_until_its_moment_and_another_from_then_on(session):
-    was, _ = ends(session, {})
-    changed, end = ends(session, SLOW, start=20)
+def test_the_changed_run_is_the_same_until_its_moment_and_another_from_then_on(as_it_was, slowed):
+    was, _ = as_it_was
+    changed, end = slowed
     assert end.run == CHANGED
     same = [(one.pose, one.q) == (other.pose, other.q) for one, other in zip(was, changed, strict=False)]
     assert all(same[:10])
@@ -227,39 +238,45 @@ def program(*arguments, **options):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
-def test_the_program_streams_both_runs_as_json_lines(session, tmp_path):
+def test_the_program_streams_both_runs_as_json_lines(session, as_it_was, slowed, tmp_path):
     path = tmp_path / "run.json"
     save_session(session, path)
     process = program(path, "--set", "next_weight=0.5", "--set", "bezier=off", "--from", "1", "--stream")
     out, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     lines = [json.loads(line) for line in out.splitlines()]
-    for run, changes, start in ((AS_IT_WAS, {}, 0), (CHANGED, SLOW, 20)):
+    for run, (samples, end) in ((AS_IT_WAS, as_it_was), (CHANGED, slowed)):
         mine = [line for line in lines if line["run"] == run]
-        samples, end = ends(session, changes, start)
         assert mine[-1]["done"] is True
         assert mine == json.loads(msgspec.json.encode([*samples, end]))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("file", "changes", "seconds", "words"),
     [
-        (("none.json", "--set", "bezier=off"), "no such file"),
-        (("run.json", "--set", "bezeer=off"), "bezier"),
-        (("run.json", "--set", "bezier=off", "--from", "99"), "0 to 2 s"),
-        (("run.json",), "at least one"),
-        (("wrong.json", "--set", "bezier=off"), "nobody"),
+        ("none.json", ["bezier=off"], 0.0, "no such file"),
+        ("run.json", ["bezeer=off"], 0.0, "bezier"),
+        ("run.json", ["bezier=off"], 99.0, "0 to 2 s"),
+        ("run.json", [], 0.0, "at least one"),
     ],
 )
-def test_bad_input_is_one_json_line_and_exit_code_two(session, tmp_path, arguments, words):
+def test_bad_input_is_one_json_line_and_exit_code_two(
+    session, tmp_path, monkeypatch, capfd, file, changes, seconds, words
+):
+    monkeypatch.setattr(what_if, "_end_with_input", lambda: None)  # it would end this process
     save_session(session, tmp_path / "run.json")
+    assert what_if.stream(str(tmp_path / file), changes, seconds) == 2
+    assert words in json.loads(capfd.readouterr().out)["error"]
+
+
+def test_a_session_that_one_of_the_processes_cannot_run_is_bad_input(session, tmp_path):
     wrong = LoggedEdit(index=0, edit=MoveBody(name="nobody", x=0.0, y=0.0))
     save_session(Session(scene=session.scene, edits=(wrong,), periods=5), tmp_path / "wrong.json")
-    process = program(*arguments, cwd=tmp_path)
+    process = program("wrong.json", "--set", "bezier=off", cwd=tmp_path)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 2, err
     (line,) = (json.loads(text) for text in out.splitlines() if "error" in text)
-    assert words in line["error"]
+    assert "nobody" in line["error"]
     assert "Traceback" not in err
 
 

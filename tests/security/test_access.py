@@ -46,13 +46,11 @@ class Place:
             session.declare_queryable("private/**", lambda query: query.reply(query.key_expr, b"private")),
             session.declare_subscriber("**", lambda sample: self.arrived.append(str(sample.key_expr))),
         ]
-        self.publisher = session.declare_publisher("motm/mine/tick")
-        self.orders = session.declare_publisher("motm/mine/plant/command")
-        self.private = session.declare_publisher("private/thing")
+        self.publishers = {key: session.declare_publisher(key) for key in (TICK, ORDERS, PRIVATE)}
         try:
             yield self
         finally:
-            for item in (*declared, self.publisher, self.orders, self.private):
+            for item in (*declared, *self.publishers.values()):
                 item.undeclare()
             session.close()
 
@@ -75,30 +73,36 @@ def place(request, tmp_path_factory):
             yield found
 
 
-def heard(place, session, key, publisher):
-    """Whether a subscriber to the key hears what the server sends, within the time that others need to."""
-    got = []
-    subscriber = session.declare_subscriber(key, lambda sample: got.append(sample.payload.to_bytes()))
+TICK, ORDERS, PRIVATE = "motm/mine/tick", "motm/mine/plant/command", "private/thing"
+
+
+def heard(place, session, *keys):
+    """Of the keys that the server sends on, those that a subscriber hears, within the time that others need to."""
+    got = set()
+    subscribers = [session.declare_subscriber(key, lambda sample: got.add(str(sample.key_expr))) for key in keys]
     until = time.monotonic() + 2.0
-    while not got and time.monotonic() < until:
-        publisher.put(b"news")
+    while len(got) < len(keys) and time.monotonic() < until:
+        for key in keys:
+            place.publishers[key].put(b"news")
         time.sleep(0.02)
-    subscriber.undeclare()
-    return bool(got)
+    for subscriber in subscribers:
+        subscriber.undeclare()
+    return got
 
 
 def answers(session, key):
     return [reply.ok.payload.to_bytes() for reply in session.get(key, timeout=0.5) if reply.ok is not None]
 
 
-def arrives(place, session, key):
-    """Whether the server receives what is put on a key."""
+def arrives(place, session, *keys):
+    """Of these keys, those on which the server receives what is put."""
     place.arrived.clear()
     until = time.monotonic() + 0.5
-    while key not in place.arrived and time.monotonic() < until:
-        session.put(key, b"from outside")
+    while not set(keys) <= set(place.arrived) and time.monotonic() < until:
+        for key in keys:
+            session.put(key, b"from outside")
         time.sleep(0.02)
-    return key in place.arrived
+    return set(keys) & set(place.arrived)
 
 
 def test_a_late_viewer_is_told_the_last_of_everything_by_a_real_twin(place, monkeypatch):
@@ -118,34 +122,28 @@ def test_a_late_viewer_is_told_the_last_of_everything_by_a_real_twin(place, monk
 
 def test_a_viewer_reads_and_can_do_nothing_else(place, monkeypatch):
     with place.visitor(monkeypatch, place.folder.of("viewer", "ann")) as session:
-        assert heard(place, session, "motm/mine/tick", place.publisher)
+        assert heard(place, session, TICK, ORDERS, PRIVATE) == {TICK}
         assert answers(session, "motm/mine/status") == [b"status"]
         place.commands.clear()
         assert answers(session, "motm/mine/cmd/play") == []
         assert place.commands == []
-        assert answers(session, "private/thing") == []
-        assert not heard(place, session, "private/thing", place.private)
-        assert not heard(place, session, "motm/mine/plant/command", place.orders)
-        for key in ("motm/mine/tick", "motm/mine/plant/state", "motm/mine/plant/command", "motm/mine/cmd/play"):
-            assert not arrives(place, session, key)
+        assert answers(session, PRIVATE) == []
+        assert not arrives(place, session, TICK, "motm/mine/plant/state", ORDERS, "motm/mine/cmd/play")
 
 
 def test_a_driver_commands_too(place, monkeypatch):
     with place.visitor(monkeypatch, place.folder.of("driver", "bob")) as session:
-        assert heard(place, session, "motm/mine/tick", place.publisher)
+        assert heard(place, session, TICK)
         assert answers(session, "motm/mine/cmd/play") == [b"done"]
-        assert not arrives(place, session, "motm/mine/tick")
-        assert not arrives(place, session, "motm/mine/plant/state")
+        assert not arrives(place, session, TICK, "motm/mine/plant/state")
 
 
 def test_a_robot_speaks_for_its_twin_only(place, monkeypatch):
     with place.visitor(monkeypatch, place.folder.of("robot", "mine")) as session:
-        assert arrives(place, session, "motm/mine/plant/state")
-        assert heard(place, session, "motm/mine/plant/command", place.orders)
-        assert not arrives(place, session, "motm/other/plant/state")
-        assert not arrives(place, session, "motm/mine/tick")
+        state = "motm/mine/plant/state"
+        assert arrives(place, session, state, "motm/other/plant/state", TICK) == {state}
+        assert heard(place, session, ORDERS, TICK) == {ORDERS}
         assert answers(session, "motm/mine/cmd/play") == []
-        assert not heard(place, session, "motm/mine/tick", place.publisher)
 
 
 def changed(file: Path, target: Path, change) -> Path:
@@ -250,10 +248,9 @@ def test_programs_on_the_machine_itself_command_but_cannot_speak_for_the_twin(tm
     with found.serving(monkeypatch) as place:
         monkeypatch.setenv(config.VARIABLE, str(place.folder.here))
         with open_member(place.local, wait=3.0) as session:
-            assert heard(place, session, "motm/mine/tick", place.publisher)
+            assert heard(place, session, TICK)
             assert answers(session, "motm/mine/cmd/play") == [b"done"]
-            assert arrives(place, session, "motm/mine/plant/state")
-            assert not arrives(place, session, "motm/mine/tick")
+            assert arrives(place, session, "motm/mine/plant/state", TICK) == {"motm/mine/plant/state"}
             false = session.declare_queryable("motm/mine/cmd/play", lambda query: query.reply(query.key_expr, b"false"))
             assert answers(session, "motm/mine/cmd/stop") == [b"done"]
             with open_member(place.local, wait=3.0) as other:

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from fake_twin import fake_server
+from waiting import until
 
+from motm_twin.bus.client import TwinClient
 from motm_twin.bus.commands import STEPS
-from motm_twin.perf.processes import served
 from motm_twin.studies.paper import planning_figures, snapshots
 from motm_twin.studies.paper.ground import first_period
 
@@ -42,10 +44,11 @@ def test_the_layout_has_the_twelve_slots_and_both_boxes():
 
 def test_a_twin_is_stepped_beyond_what_one_command_allows() -> None:
     late = STEPS.high + 10
-    with served("exp1", "--expansions-only") as twin:
-        snapshots._rewind(twin.client)
-        snapshots._step_to(twin.client, late)
-        tick, status = twin.client.tick(), twin.client.status()
+    with fake_server() as server, TwinClient(server.endpoint) as client:
+        until(lambda: client.tick() and client.status(), "nothing was received")
+        snapshots._rewind(client)
+        snapshots._step_to(client, late)
+        tick, status = client.tick(), client.status()
     assert tick is not None
     assert status is not None
     assert (tick.index, status.state) == (late, "paused")

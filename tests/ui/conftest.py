@@ -8,6 +8,43 @@ for folder in (Path(__file__).parent, Path(__file__).parent.parent / "bus"):
     sys.path.insert(0, str(folder))
 
 
+@pytest.fixture(scope="module")
+def browser():
+    """For a file only: while one is open, nothing else in this thread may have an event loop."""
+    from page import chromium
+
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def served(tmp_path_factory):
+    """The room, as a user serves it. Not for a test: it is as the last one left it."""
+    from page import serving
+    from room import TEXT
+
+    path = tmp_path_factory.mktemp("served") / "room.yaml"
+    path.write_text(TEXT, encoding="utf-8")
+    with serving(path) as twin:
+        yield twin
+
+
+@pytest.fixture
+def begun(served):
+    """A run of a scene from its start, at 1x and by the shipped method, on the page of all tests; nobody drives."""
+    from page import begin
+
+    from motm_twin.bus.commands import Pause
+    from motm_twin.perf.processes import act
+
+    def called(scene, variant="trial1"):
+        begin(served, scene, variant)
+        return served
+
+    yield called
+    act(served.client, Pause())  # the processor is the next test's
+
+
 @pytest.fixture
 def tick():
     """A tick as a client receives it."""

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from motm_twin.perf.processes import served
+from motm_twin.bus.commands import Load, Pause, Play, Speed
+from motm_twin.methods import DEFAULT_METHOD
+from motm_twin.perf.processes import act, now, served
 from motm_twin.ui.scene.cameras import FIELD_OF_VIEW, overview
 
 VIEW = {"width": 800, "height": 560}  # small, because software draws it
@@ -59,6 +61,16 @@ def serving(scene, *options):
         yield twin
 
 
+def begin(twin, scene, variant):
+    """A run from its start at 1x, by the shipped method, with a free wheel."""
+    client, run = twin.client, now(twin.client).run
+    for command in (Pause(), Load(scene=scene, variant=variant, method=DEFAULT_METHOD), Speed(factor=1.0)):
+        act(client, command)
+    until(lambda: now(client).run > run and client.scene().name == scene, SHOWN, f"{scene} is not loaded")
+    act(client, Play())
+    until(lambda: client.status().state != "paused" and client.status().driver == "", SHOWN, "it does not begin")
+
+
 @contextmanager
 def chromium():
     """A browser."""
@@ -71,10 +83,13 @@ def chromium():
 
 
 @contextmanager
-def visiting(twin, view=VIEW):
-    """A browser with the page of a served twin open; yields its visitor, who has read how to drive."""
-    with chromium() as browser:
-        yield Visitor.enter(browser, twin, view)
+def visiting(browser, twin, view=VIEW):
+    """The page of a served twin; yields its visitor, who has read how to drive."""
+    visitor = Visitor.enter(browser, twin, view)
+    try:
+        yield visitor
+    finally:
+        visitor.page.close()
 
 
 class Visitor:

@@ -7,7 +7,8 @@ import re
 import msgspec
 import numpy as np
 import pytest
-from page import serving, until, visiting
+from page import until, visiting
+from room import EVIL, SHELF, SHELF_TOP
 
 from motm_twin.bus.commands import AddObstacle, Announce, FreezeBody, HandOver, Pause, Reset, SendAgent
 from motm_twin.model.edits import InjectFault, MoveBody, MoveObject, PushRobot, ReleaseBody
@@ -15,33 +16,13 @@ from motm_twin.sessions.session import Session
 from motm_twin.sim.slides import FRICTION
 
 GRAB = 0.15  # [m] height at which the Temi is taken: its body
-EVIL = "<img src=x onerror=window.hacked=1>"
 OCCUPIED = 255  # of a cell of the grid
-TOP = 0.5  # [m] of the shelf
-OLD, NEW = (-1.5, 0.5), (-1.5, -0.4)  # [m] where the shelf stands, and is dragged to
+OLD, NEW = SHELF, (-1.5, -0.4)  # [m] where the shelf stands, and is dragged to
 HERE, THERE = (-1.4, 1.2), (-0.5, 1.2)  # [m] free floor, which a box is thrown over; 1.7 m from the table
 AWAY = (-0.6, -1.3)  # [m] free floor
 HEIGHT = 0.3  # [m] at which a box is taken
 NEAR = 0.1  # [m] from where the hand has let go
 TRIES = 6  # to throw: a page that draws slowly sees no speed at times
-SCENE = (
-    f"""
-format: motm-scene/1
-start: {{x: 0.0, y: 0.0}}
-furniture:
-  table: {{shape: box, centre: [1.6, 1.0], size: [0.8, 0.8], z: [0.0, 0.75], style: desk}}
-  desk: {{shape: box, centre: [1.6, -1.4], size: [0.8, 0.8], z: [0.0, 0.6], style: desk}}
-  shelf: {{shape: box, centre: [{OLD[0]}, {OLD[1]}], size: [0.6, 0.6], z: [0.0, {TOP}], style: desk}}
-objects:
-  cube: {{surface: table, at: [1.45, 0.72]}}
-bins:
-  bin: {{at: [1.45, -1.2]}}
-tasks:
-  - pick: cube
-  - place: bin
-"""
-    + 99 * "  - drive_to: {x: 0.9, y: -0.3}\n  - drive_to: {x: 0.3, y: -0.3}\n"  # 8 min: the run must outlast the test
-)
 
 
 def ahead(tick, distance):
@@ -67,9 +48,9 @@ def gap(tick, name):
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_its_way():
-    with serving("exp1", "--variant", "trial1") as twin, visiting(twin) as visitor:
-        client, page = twin.client, visitor.page
+def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_its_way(browser, begun):
+    with visiting(browser, begun("exp1")) as visitor:
+        client, page = visitor.twin.client, visitor.page
         visitor.says("motm-twin")
         visitor.state("Running")
         first = client.tick()
@@ -115,11 +96,9 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_name_is_only_text(tmp_path):
-    path = tmp_path / "room.yaml"
-    path.write_text(SCENE, encoding="utf-8")
-    with serving(path) as twin, visiting(twin) as visitor:
-        client, dialogs = twin.client, []
+def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_name_is_only_text(browser, begun):
+    with visiting(browser, begun("room", "long")) as visitor:
+        client, dialogs = visitor.twin.client, []
         visitor.page.on("dialog", lambda dialog: (dialogs.append(dialog.message), dialog.dismiss()))
         evil = AddObstacle(name=EVIL, shape="temi", x=-0.6, y=-1.2)
         for command in (Pause(), Reset(), evil, HandOver()):  # of another program: the page drives from here on
@@ -185,14 +164,14 @@ def furniture_is_moved_and_announced(visitor):
     """The map has the shelf where it was until the robot is told."""
     client = visitor.twin.client
     assert occupied(client, OLD) and not occupied(client, NEW)
-    visitor.drag((*OLD, TOP), (*NEW, TOP))
+    visitor.drag((*OLD, SHELF_TOP), (*NEW, SHELF_TOP))
     moved = until(lambda: client.tick().furniture, 30.0, "the shelf is not moved")[0]
     until(lambda: client.tick().furniture[0].state != "held", 30.0, "it is held for ever")
     place = client.tick().furniture[0].position
     assert moved.name == "shelf" and math.dist(place[:2], NEW) < 0.1
     assert not occupied(client, NEW)
     assert done(visitor, Announce) == []
-    visitor.click((*NEW, TOP))
+    visitor.click((*NEW, SHELF_TOP))
     selected = visitor.page.get_by_label("Selected").first
     until(lambda: selected.input_value() == "shelf", 30.0, "the shelf is not selected")
     visitor.press("Tell the robot")

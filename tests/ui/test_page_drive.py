@@ -4,21 +4,22 @@ import os
 import signal
 
 import pytest
-from page import SHOWN, serving, until, visiting
+from page import SHOWN, until, visiting
 
 from motm_twin.bus.library import FileLibrary
+from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import METHODS
 from motm_twin.perf.page_reader import PageReader
 
-PERIODS = 3  # that a scene must run
 LITTLE = {"width": 720, "height": 440}  # less than the panel is high; drawing takes time
 POINTER = "([x, y]) => getComputedStyle(document.elementFromPoint(x, y)).cursor"
 
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies_comes_back():
-    with serving("exp1") as twin, visiting(twin) as visitor:
+def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies_comes_back(browser, begun):
+    twin = begun("exp1")
+    with visiting(browser, twin) as visitor:
         client, page = twin.client, visitor.page
         visitor.state("Running")
         visitor.press("Pause")
@@ -54,70 +55,42 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
         visitor.state("Connection lost")
         visitor.says("reconnects by itself")
         visitor.state("Running")
-        visitor.says("exp1 / trial1")  # what `serve` was told
+        visitor.says("room / delivery")  # what `serve` was told
         assert twin.server != dead
         page.keyboard.press("Space")
         until(lambda: client.status().state == "paused", 30.0, "the page can not drive the new server")
         assert visitor.errors == []
 
 
+@pytest.mark.browser  # for its served twin: it comes beside the others
 @pytest.mark.timeout(600)
-def test_every_variant_of_every_shipped_scene_can_be_chosen_and_stays_paused():
-    with serving("exp1") as twin, PageReader(twin.port, token=twin.token) as page:
+def test_every_shipped_scene_can_be_chosen_and_stays_paused(begun):
+    """By the page's own messages; that every variant runs is shown without a page."""
+    twin = begun("exp1")
+    with PageReader(twin.port, token=twin.token) as page:
         client = twin.client
         assert page.wait(lambda page: page.find("Load") and page.find("Variant"), 60.0)
         assert page.wait(lambda page: page.find("Pause"), 60.0)
         page.set("Pause", True)
         until(lambda: client.status().state == "paused", 30.0, "not paused")
         for choice in FileLibrary("exp1").choices():
-            for variant in choice.variants:
-                run = client.tick().run
-                page.set("Scene", choice.name, "Dropdown")
-                assert page.wait(lambda page, v=variant: v in page.options("Variant"), 30.0)
-                page.set("Variant", variant, "Dropdown")
-                page.set("Load", True, "Button")
-                ran = page.wait(lambda _, run=run: client.tick().run > run, 60.0)
-                assert ran, f"{choice.name} / {variant} did not run: {page.notes}"
-                assert (client.status().scene, client.status().variant) == (choice.name, variant)
-                until(lambda: client.status().state == "paused", 30.0, "it did not stay paused")
-
-
-@pytest.mark.browser
-@pytest.mark.timeout(900)
-def test_every_shipped_scene_is_chosen_by_mouse_and_runs():
-    """All variants are offered; every one is loaded by the page's own messages in the test above."""
-    with serving("exp1") as twin, visiting(twin, LITTLE) as visitor:
-        client, page = twin.client, visitor.page
-        visitor.unfold("Scene")
-        choices = sorted(FileLibrary("exp1").choices(), key=lambda choice: choice.name == "exp1")  # that one runs
-        scenes = visitor.offered("Scene")
-        assert scenes == [choice.name for choice in FileLibrary("exp1").choices()]
-        assert {"exp1", "exp2", "playground"} <= set(scenes)
-        for choice in choices:
-            visitor.choose("Scene", choice.name)
-            until(lambda c=choice: visitor.offered("Variant") == c.variants, 30.0, f"other variants for {choice.name}")
             run, variant = client.tick().run, choice.variants[-1]
-            visitor.choose("Variant", variant)
-            visitor.press("Load")
-            loaded = f"{choice.name} / {variant}"
-            try:
-                until(lambda run=run: client.tick().run > run and client.tick().index > PERIODS, 60.0, "not loaded")
-            except AssertionError as error:
-                raise AssertionError(f"{loaded}: {client.status()}\n{page.inner_text('body')}") from error
+            page.set("Scene", choice.name, "Dropdown")
+            assert page.wait(lambda page, c=choice: list(page.options("Variant")) == c.variants, 30.0)
+            page.set("Variant", variant, "Dropdown")
+            page.set("Load", True, "Button")
+            ran = page.wait(lambda _, run=run: client.tick().run > run, 60.0)
+            assert ran, f"{choice.name} / {variant} did not run: {page.notes}"
             assert (client.status().scene, client.status().variant) == (choice.name, variant)
-            visitor.says(loaded)
-            visitor.state("Running")
-            assert visitor.picture().std() > 10.0  # something is drawn
-        assert page.get_by_text("This did not work").count() == 0
-        assert visitor.errors == []
+            until(lambda: client.status().state == "paused", 30.0, "it did not stay paused")
 
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_is_pointed_out():
-    with serving("exp1", "--variant", "trial1", "--method", "paper_literal") as twin, visiting(twin, LITTLE) as visitor:
-        client, page = twin.client, visitor.page
-        driven_by(visitor, "paper_literal")
+def test_a_method_is_chosen_by_mouse_and_named_and_the_next_click_on_the_floor_is_pointed_out(browser, begun):
+    with visiting(browser, begun("exp1"), LITTLE) as visitor:
+        client, page = visitor.twin.client, visitor.page
+        driven_by(visitor, DEFAULT_METHOD)
         visitor.unfold("Scene")
         assert visitor.offered("Method") == [method.title for method in METHODS.values()]
         visitor.choose("Method", METHODS["no_bezier"].title)

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from page import SHOWN, changed, chromium, serving, until, visiting
+from page import SHOWN, changed, until, visiting
 
 from motm_twin.bus.connection import free_port
 from motm_twin.ui.page_server import open_page
@@ -19,9 +19,9 @@ FAILED = 32  # from about here on Chromium waits for 1 to 5 s before another, wh
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_every_key_that_is_listed_works_while_a_tab_has_the_focus():
-    with serving("exp1", "--variant", "trial1") as twin, visiting(twin) as visitor:
-        client, page, pressed = twin.client, visitor.page, set()
+def test_every_key_that_is_listed_works_while_a_tab_has_the_focus(browser, begun):
+    with visiting(browser, begun("exp1")) as visitor:
+        client, page, pressed = visitor.twin.client, visitor.page, set()
 
         def key(name, condition, what):
             assert page.evaluate("document.activeElement.role ?? document.activeElement.getAttribute('role')") == "tab"
@@ -96,9 +96,9 @@ def _window_of_keys_opens_once_and_goes_away(visitor, client):
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_space_plays_and_pauses_from_tabs_buttons_lists_sliders_and_checkboxes_but_not_from_a_field():
-    with serving("exp1") as twin, visiting(twin) as visitor:
-        client, page = twin.client, visitor.page
+def test_space_plays_and_pauses_from_tabs_buttons_lists_sliders_and_checkboxes_but_not_from_a_field(browser, begun):
+    with visiting(browser, begun("exp1")) as visitor:
+        client, page = visitor.twin.client, visitor.page
         visitor.state("Running")
 
         def space(state, where):
@@ -125,6 +125,7 @@ def test_space_plays_and_pauses_from_tabs_buttons_lists_sliders_and_checkboxes_b
         box.uncheck()  # fails here when the click does nothing
         space("playing", "a checkbox")
         assert not box.is_checked()
+        box.check()  # layers stay as they are when a visitor leaves
         visitor.tab("Tune")
         page.locator("[role=slider]").locator("visible=true").first.focus()
         space("paused", "a slider")
@@ -137,22 +138,22 @@ def test_space_plays_and_pauses_from_tabs_buttons_lists_sliders_and_checkboxes_b
 
 @pytest.mark.browser
 @pytest.mark.timeout(300)
-def test_a_page_says_that_its_server_is_away_and_comes_back_however_often_it_has_tried_in_vain():
+def test_a_page_says_that_its_server_is_away_and_comes_back_however_often_it_has_tried_in_vain(browser):
     port = free_port()
     server = open_page("127.0.0.1", port)
+    page = browser.new_page()
     try:
-        with chromium() as browser:
-            page = browser.new_page()
-            page.goto(f"http://127.0.0.1:{port}")
-            until(lambda: len(server.get_clients()) == 1, SHOWN, "the page does not connect")
-            assert not page.get_by_text(LOST).count()
+        page.goto(f"http://127.0.0.1:{port}")
+        until(lambda: len(server.get_clients()) == 1, SHOWN, "the page does not connect")
+        assert not page.get_by_text(LOST).count()
 
-            server.stop()
-            page.get_by_text(LOST).wait_for(timeout=SHOWN * 1000)
-            for _ in range(FAILED):
-                page.evaluate(REFUSED, f"ws://127.0.0.1:{port}")
-            server = open_page("127.0.0.1", port)
-            until(lambda: len(server.get_clients()) == 1, SHOWN, "the page does not come back")
-            until(lambda: not page.get_by_text(LOST).count(), SHOWN, "the line stays")
+        server.stop()
+        page.get_by_text(LOST).wait_for(timeout=SHOWN * 1000)
+        for _ in range(FAILED):
+            page.evaluate(REFUSED, f"ws://127.0.0.1:{port}")
+        server = open_page("127.0.0.1", port)
+        until(lambda: len(server.get_clients()) == 1, SHOWN, "the page does not come back")
+        until(lambda: not page.get_by_text(LOST).count(), SHOWN, "the line stays")
     finally:
+        page.close()
         server.stop()

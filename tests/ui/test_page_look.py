@@ -9,7 +9,7 @@ import sys
 import msgspec
 import numpy as np
 import pytest
-from page import changed, serving, until, visiting
+from page import changed, until, visiting
 
 from motm_twin.sessions.session import Session
 from motm_twin.ui.hub import LAYERS
@@ -23,9 +23,9 @@ SEEN = 0.7  # [m] of the path at least: more than the robot stands on
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_layers_candidates_looking_back_branching_and_saving_by_mouse(tmp_path):
-    with serving("exp2", "--variant", "trial1") as twin, visiting(twin) as visitor:
-        client, page = twin.client, visitor.page
+def test_layers_candidates_looking_back_branching_and_saving_by_mouse(browser, begun, tmp_path):
+    with visiting(browser, begun("exp2")) as visitor:
+        client, page, server = visitor.twin.client, visitor.page, visitor.twin.server
         visitor.press("Pause")
         visitor.press("Reset")
         until(lambda: client.tick().index == 0 and client.status().state == "paused", 60.0, "not at the start")
@@ -66,10 +66,10 @@ def test_layers_candidates_looking_back_branching_and_saving_by_mouse(tmp_path):
         download.value.save_as(path)
         rerun_is_equal(path, periods=client.tick().index + 1)
 
-        os.kill(twin.server, signal.SIGSTOP)
+        os.kill(server, signal.SIGSTOP)
         visitor.press("Save the session")
         visitor.says("This did not work")  # an error in a callback is shown
-        os.kill(twin.server, signal.SIGCONT)
+        os.kill(server, signal.SIGCONT)
         visitor.state("Paused")
         visitor.tab("Drive")
         visitor.press("Play")
@@ -130,6 +130,8 @@ def layers(visitor):
         visitor.page.get_by_label(name, exact=True).click()
         until(lambda before=before: changed(before, visitor.picture()) > SIGHT, 30.0, f"layer {name} changes nothing")
         before = visitor.settled(quiet=1)
+    for name in LAYERS:  # they stay as they are when a visitor leaves
+        visitor.page.get_by_label(name, exact=True).click()
 
 
 def rerun_is_equal(path, periods):

@@ -1,28 +1,15 @@
 """The page in Chromium: two people and one wheel, names that are no names, and a tablet."""
 
 import math
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from page import Visitor, changed, chromium, serving, until
+from page import Visitor, changed, until
+from room import EVIL
 
 from motm_twin.bus.commands import AddObstacle, HandOver, Pause, Reset
 
-EVIL = "<img src=x onerror=window.hacked=1>"
-SCENE = f"""
-format: motm-scene/1
-title: "{EVIL}<script>window.hacked=1</script>"
-start: {{x: 0.0, y: 0.0}}
-furniture:
-  table: {{shape: box, centre: [1.6, 1.0], size: [0.8, 0.8], z: [0.0, 0.75], style: desk}}
-  desk: {{shape: box, centre: [1.6, -1.4], size: [0.8, 0.8], z: [0.0, 0.6], style: desk}}
-objects:
-  cube: {{surface: table, at: [1.45, 0.72]}}
-bins:
-  bin: {{at: [1.45, -1.2]}}
-tasks:
-  - drive_to: {{x: 0.0, y: 0.0}}
-"""
 TABLET = {"width": 1024, "height": 768}
 NEAR = 45  # [px] round the middle of the robot
 GRAB = 0.3  # [m] height at which the Temi is taken: its body
@@ -31,52 +18,51 @@ PLACE = (0.6, -0.9)  # [m] of the Temi, beside the way
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_a_cube_and_a_bin_are_clicked_and_two_people_share_one_wheel(tmp_path):
-    path = tmp_path / "room.yaml"
-    path.write_text(SCENE, encoding="utf-8")
-    with serving(path) as twin, chromium() as browser:
-        client = twin.client
-        ann = Visitor.enter(browser, twin)
-        ann.state("Finished")  # the room's own task takes no time
-        whole = ann.settled()
+def test_a_cube_and_a_bin_are_clicked_and_two_people_share_one_wheel(browser, begun):
+    twin = begun("room", "nothing_to_do")
+    client = twin.client
+    ann = Visitor.enter(browser, twin)
+    ann.state("Finished")  # the room's own task takes no time
+    whole = ann.settled()
 
-        bea = Visitor.enter(browser, twin)  # joins late
-        until(lambda: changed(whole, bea.picture()) < 0.02, 60.0, "the late joiner does not see the whole scene")
-        ann.write("Your name", f"Ann {EVIL}"[:40])
-        bea.write("Your name", f"Bea {EVIL}"[:40])
-        bea.tab("Why")  # out of the field, or keys would be typed
-        bea.tab("Drive")
-        take_the_wheel(ann)
-        bea.says("Ann <img src=x")
-        bea.says("is driving, you are looking")
+    bea = Visitor.enter(browser, twin)  # joins late
+    until(lambda: changed(whole, bea.picture()) < 0.02, 60.0, "the late joiner does not see the whole scene")
+    ann.write("Your name", f"Ann {EVIL}"[:40])
+    bea.write("Your name", f"Bea {EVIL}"[:40])
+    bea.tab("Why")  # out of the field, or keys would be typed
+    bea.tab("Drive")
+    take_the_wheel(ann)
+    bea.says("Ann <img src=x")
+    bea.says("is driving, you are looking")
 
-        take_the_wheel(ann)
-        bea.page.keyboard.press("r")
-        bea.says("Only looking")  # and who drives
-        assert bea.page.get_by_role("button", name="Restart", exact=True).first.is_disabled()
-        take_the_wheel(ann)
-        bea.click(middle(client, "cube"))
-        take_the_wheel(ann)
-        bea.click(middle(client, "bin"))
-        assert len(client.tick().tasks) == 1
+    take_the_wheel(ann)
+    bea.page.keyboard.press("r")
+    bea.says("Only looking")  # and who drives
+    assert bea.page.get_by_role("button", name="Restart", exact=True).first.is_disabled()
+    take_the_wheel(ann)
+    bea.click(middle(client, "cube"))
+    take_the_wheel(ann)
+    bea.click(middle(client, "bin"))
+    assert len(client.tick().tasks) == 1
 
-        until(lambda: handed_over(ann, bea), 240.0, "the wheel is not handed over")
-        bea.says("You are driving")
-        ann.says("Bea <img src=x")
-        bea.close_notes()
-        deliver(bea)
-        until(lambda: client.status().driver == "", 60.0, "the wheel is not free after silence")
-        ann.says("Nobody is driving")
-        until(lambda: takes_the_free_wheel(ann), 120.0, "the free wheel is not taken")
-        for page in (ann.page, bea.page):
-            assert page.evaluate("window.hacked") is None
-            assert page.locator("img[src=x]").count() == 0
+    until(lambda: handed_over(ann, bea), 240.0, "the wheel is not handed over")
+    bea.says("You are driving")
+    ann.says("Bea <img src=x")
+    bea.close_notes()
+    deliver(bea)
+    until(lambda: client.status().driver == "", 60.0, "the wheel is not free after silence")
+    ann.says("Nobody is driving")
+    until(lambda: takes_the_free_wheel(ann), 120.0, "the free wheel is not taken")
+    for page in (ann.page, bea.page):
+        assert page.evaluate("window.hacked") is None
+        assert page.locator("img[src=x]").count() == 0
 
-        run = client.tick().run
-        bea.page.close()
-        ann.press("Reset")
-        until(lambda: client.tick().run > run, 30.0, "a page that is gone takes something along")
-        assert ann.errors + bea.errors == []
+    run = client.tick().run
+    bea.page.close()
+    ann.press("Reset")
+    until(lambda: client.tick().run > run, 30.0, "a page that is gone takes something along")
+    assert ann.errors + bea.errors == []
+    ann.page.close()
 
 
 def take_the_wheel(visitor):
@@ -147,18 +133,17 @@ class Finger:
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_on_a_tablet_the_robot_is_in_view_and_a_finger_plays_and_drags_a_temi():
-    with serving("exp1", "--variant", "trial1") as twin, chromium() as browser:
-        client = twin.client
+def test_on_a_tablet_the_robot_is_in_view_and_a_finger_plays_and_drags_a_temi(browser, begun):
+    twin = begun("exp1")
+    client = twin.client
+    with tablet(browser) as page:
         for command in (Pause(), Reset(), AddObstacle(name="Temi", shape="temi", x=PLACE[0], y=PLACE[1]), HandOver()):
             until(lambda command=command: client.command(command).ok, 60.0, f"not done: {command}")
         until(lambda: client.tick().index == 0 and client.tick().obstacles, 60.0, "not at the start")
-        page = browser.new_context(viewport=TABLET, has_touch=True).new_page()
         visitor = Visitor(page, twin)
         page.goto(twin.url)
         visitor.button("Play").wait_for(timeout=60_000)
-        visitor.button("Got it").tap(timeout=60_000)
-        visitor.button("Got it").wait_for(state="hidden", timeout=60_000)
+        visitor.close_notes()
         start = client.tick().robot.true_pose
         x, y = visitor.aim((*start[:2], GRAB))
         at = page.evaluate("([x, y]) => document.elementFromPoint(x, y).tagName", [x, y])
@@ -186,6 +171,16 @@ def test_on_a_tablet_the_robot_is_in_view_and_a_finger_plays_and_drags_a_temi():
         )
         until(lambda: client.tick().obstacles[0].state != "held", 30.0, "it is held for ever")
         assert visitor.errors == []
+
+
+@contextmanager
+def tablet(browser):
+    """A page of a tablet."""
+    context = browser.new_context(viewport=TABLET, has_touch=True)
+    try:
+        yield context.new_page()
+    finally:
+        context.close()
 
 
 def patch(visitor, picture, x, y):

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from page import serving, until, visiting
+from page import until, visiting
 
 from motm_twin.ui.colours import OTHERS
 from motm_twin.ui.panel.tune_tab import SHOWN, WATCH
@@ -14,29 +14,13 @@ TINTED = 100  # pixels of a robot that must be seen
 DIFFERENT = 20.0  # [grey levels]
 WATCHED = 20.0  # [s] after which both runs have been shown
 SLIDER = "Smallest ring"
-SCENE = """
-format: motm-scene/1
-start: {x: 0.0, y: 0.0}
-furniture:
-  table: {shape: box, centre: [2.2, 1.0], size: [0.8, 0.8], z: [0.0, 0.75], style: desk}
-  desk: {shape: box, centre: [2.2, -1.4], size: [0.8, 0.8], z: [0.0, 0.6], style: desk}
-objects:
-  cube: {surface: table, at: [2.05, 0.72]}
-bins:
-  bin: {at: [2.05, -1.2]}
-tasks:
-  - pick: cube
-  - place: bin
-"""
 
 
 @pytest.mark.browser
 @pytest.mark.timeout(600)
-def test_a_what_if_from_an_earlier_moment_by_mouse_shows_both_robots_and_both_times(tmp_path):
-    path = tmp_path / "room.yaml"
-    path.write_text(SCENE, encoding="utf-8")
-    with serving(path) as twin, visiting(twin) as visitor:
-        client, page = twin.client, visitor.page
+def test_a_what_if_from_an_earlier_moment_by_mouse_shows_both_robots_and_both_times(browser, begun):
+    with visiting(browser, begun("room", "delivery")) as visitor:
+        client, page = visitor.twin.client, visitor.page
         visitor.choose("Speed", "8x")
         until(lambda: client.status().state == "done", 240.0, "the run does not end")
         visitor.state("Finished")

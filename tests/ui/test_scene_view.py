@@ -11,10 +11,14 @@ from fake_twin import fake_scene
 
 from motm_twin.bus.client import TwinClient
 from motm_twin.bus.connection import free_port
+from motm_twin.bus.encode import tick_message
 from motm_twin.bus.messages import BodyMessage
+from motm_twin.model.furniture import pieces
 from motm_twin.model.kinematics import Frankie
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Box, Cylinder, Prism, Solid
+from motm_twin.model.scene_file import list_scenes, load_scene
+from motm_twin.twin import Twin
 from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown
 from motm_twin.ui.scene.furniture import bin_mesh, loose_box_mesh, solids_mesh
@@ -142,6 +146,15 @@ def test_another_scene_replaces_everything_of_the_last_one(view, tick):
     before = nodes(view)
     show(view, tick, msgspec.structs.replace(fake_scene(), seed=5))
     assert nodes(view) == before
+
+
+def test_every_shipped_scene_is_drawn(view):
+    for listing in list_scenes():
+        scene = load_scene(listing.name)
+        show(view, tick_message(Twin(scene).advance(), run=1, server_time=0.0), scene)
+        wanted = {f"/furniture/{piece}" for piece in pieces(scene)}
+        assert wanted <= set(view._server.scene._handle_from_node_name), listing.name
+        assert any(name.startswith("/robot/") for name in nodes(view)), listing.name
 
 
 def test_relative_costs_run_from_the_cheapest_to_the_dearest(tick):
