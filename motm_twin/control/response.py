@@ -8,6 +8,7 @@ a robot on a slow link is; a lag becomes that of the profile (`Twin`).
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
@@ -31,18 +33,28 @@ LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says
 class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
     """When another delay or lag is believed; choices of this project."""
 
-    step: float = 0.01  # [s] between the delays that are tried
-    longest: float = 0.3  # [s]
-    memory: float = 2.0  # [s] over which misfits are added up
-    base_memory: float = 4.0  # [s] the same of the base, which changes its speed less often
-    explained: float = 0.2  # share of the square of what a model expects, that its misfit is at most
-    settles: float = 1.5  # [s] after which every base is at a speed that does not change
-    steady: float = 0.5  # [s] over which the scale of the base is reckoned while its speed is steady
-    better: float = 3.0  # times as large as the best misfit is that of the one believed so far, before it is given up
-    joints: float = 0.02  # [rad^2/s^2 s] by which a misfit of the joints is larger at least ...
-    base: float = 0.001  # [s] ... and one of the base, in shares of its largest speed squared
-    sure: float = 0.3  # [s] for which that has been so
-    sure_base: float = 1.5  # [s] longer than a fault is told by another name first
+    step: Annotated[float, Number("s", OWN, "between the delays that are tried")] = 0.01
+    longest: Annotated[float, Number("s", OWN, "longest delay that is tried")] = 0.3
+    memory: Annotated[float, Number("s", OWN, "over which misfits are added up")] = 2.0
+    base_memory: Annotated[float, Number("s", OWN, "the same of the base, which changes its speed less often")] = 4.0
+    explained: Annotated[
+        float, Number("", OWN, "share of the square of what a model expects, that its misfit is at most")
+    ] = 0.2
+    settles: Annotated[float, Number("s", OWN, "after which every base is at a speed that does not change")] = 1.5
+    steady: Annotated[
+        float, Number("s", OWN, "over which the scale of the base is reckoned while its speed is steady")
+    ] = 0.5
+    better: Annotated[
+        float,
+        Number("", OWN, "times as large as the best misfit is that of the one believed so far, before it is given up"),
+    ] = 3.0
+    joints: Annotated[float, Number("rad^2/s", OWN, "by which a misfit of the joints is larger at least")] = 0.02
+    base: Annotated[
+        float,
+        Number("s", OWN, "by which a misfit of the base is larger at least, in shares of its largest speed squared"),
+    ] = 0.001
+    sure: Annotated[float, Number("s", OWN, "for which that has been so")] = 0.3
+    sure_base: Annotated[float, Number("s", OWN, "longer than a fault is told by another name first")] = 1.5
 
 
 @dataclass

@@ -7,6 +7,7 @@ loop goes on with: an observation without what cannot be, and the share of its s
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -16,6 +17,7 @@ from motm_twin.control.motion_check import MotionSettings, MotionState
 from motm_twin.control.tick import Event
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Actuation, Detection, Observation, Scan
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
@@ -50,7 +52,7 @@ class SelfCheckSettings(msgspec.Struct, frozen=True, kw_only=True):
     localisation: LocalisationSettings = LocalisationSettings()
     detections: DetectionSettings = DetectionSettings()
     motion: MotionSettings = MotionSettings()
-    old: float = 0.15  # [s] age of a sweep or a state from which the monitor slows the robot
+    old: Annotated[float, Number("s", OWN, "age of a sweep or a state from which the monitor slows the robot")] = 0.15
 
 
 @dataclass

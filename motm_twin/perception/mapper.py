@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
@@ -34,14 +36,26 @@ NO_CELLS = np.zeros((0, 2), np.int32)
 class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Parameters of the map. Choices of this project unless a source is named."""
 
-    resolution: float = 0.05  # [m] (STAA*)
-    lidar_reach: float = 8.0  # [m] hits and free space further away are left for later, but not what the base stops for
-    explained_margin: float = 0.08  # [m] a hit this close to furniture the lidar can see is that furniture: 3 sd of
-    explained_per_range: float = 0.025  # [m/m] position and range noise, plus 3 sd (1.5 deg) of heading noise
-    forget: float = 3.0  # [s] what was not static and is not seen again goes: the trail of an agent out of sight
-    proximity_width: float = 0.12  # [m] penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)
-    proximity_blur: int = 1  # [cells] each way
-    body_shrink: float = 0.05  # [m] cells this far inside the robot's own footprint are under it
+    resolution: Annotated[float, Number("m", OWN, "(STAA*)")] = 0.05
+    lidar_reach: Annotated[
+        float, Number("m", OWN, "hits and free space further away are left for later, but not what the base stops for")
+    ] = 8.0
+    explained_margin: Annotated[
+        float, Number("m", OWN, "a hit this close to furniture in sight is that furniture: 3 sd of position and range")
+    ] = 0.08
+    explained_per_range: Annotated[
+        float, Number("m/m", OWN, "more for every metre of range: 3 sd (1.5 deg) of heading noise")
+    ] = 0.025
+    forget: Annotated[
+        float, Number("s", OWN, "what was not static and is not seen again goes: the trail of an agent out of sight")
+    ] = 3.0
+    proximity_width: Annotated[
+        float, Number("m", OWN, "penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)")
+    ] = 0.12
+    proximity_blur: Annotated[int, Number("cells", OWN, "each way")] = 1
+    body_shrink: Annotated[float, Number("m", OWN, "cells this far inside the robot's own footprint are under it")] = (
+        0.05
+    )
 
 
 def reach_of(robot: RobotProfile) -> float:

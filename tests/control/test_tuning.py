@@ -7,6 +7,7 @@ import pytest
 
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.tuning import GROUPS, PARAMETERS, PRESETS, check, parameter, tuned
+from motm_twin.model.number import MOTM, OWN, ROBOT, STAA, numbers_of
 from motm_twin.planning.parameters import PlanningParameters, StaaParameters
 
 BY_NAME = {entry.name: entry for entry in PARAMETERS}
@@ -123,3 +124,22 @@ def test_presets_are_the_variants_that_are_compared():
     plain = dataclasses.replace(plain, prediction=1.0, moving_weight=1.0)
     assert tuned(PRESETS["STAA*"]) == (PlanningParameters(staa=plain), ArmParameters())
     assert tuned(PRESETS["As shipped"]) == tuned({})
+
+
+def test_every_number_of_a_parameter_class_says_what_it_is():
+    for tree in (PlanningParameters(), ArmParameters()):
+        said = {found.path for found in numbers_of(tree)}
+        assert not [path for path in _scalars(tree) if path not in said]
+        for found in numbers_of(tree):
+            assert found.number.reason, found.path
+            assert found.number.source in (OWN, STAA, MOTM, ROBOT) or found.number.source.startswith("Paper, Sec. ")
+
+
+def _scalars(tree, path=()):
+    names = getattr(tree, "__struct_fields__", None) or [field.name for field in dataclasses.fields(tree)]
+    for name in names:
+        value = getattr(tree, name)
+        if isinstance(value, bool | int | float | str):
+            yield (*path, name)
+        else:
+            yield from _scalars(value, (*path, name))

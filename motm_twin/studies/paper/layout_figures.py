@@ -3,9 +3,10 @@
 import numpy as np
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.profile import DEG
 from motm_twin.model.scene_file import load_scene
 from motm_twin.model.scene_load import load_document
-from motm_twin.planning.parameters import DEG, PlanningParameters
+from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.types import BaseProblem, Placement, Target
 from motm_twin.studies.paper import ground

@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 from motm_twin.model.geometry import Array
-from motm_twin.model.profile import Footprint
+from motm_twin.model.profile import DEG, Footprint
 from motm_twin.planning.bezier import bezier_curve, curve_length, curve_time
 from motm_twin.planning.global_path import GraphCache, goal_table, path_to_goal, rates_of, shortest_path
-from motm_twin.planning.parameters import DEG, StaaParameters, growth
+from motm_twin.planning.parameters import StaaParameters, growth
 from motm_twin.planning.rtr import path_rtr, turn
 from motm_twin.studies.paper import ground
 from motm_twin.studies.paper.ground import FirstPeriod, first_period
