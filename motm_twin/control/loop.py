@@ -12,6 +12,7 @@ from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.arm.program import AT_SUPPORT
 from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.control.monitor import Monitor
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.predictor import dwell_to_plan, followed
 from motm_twin.control.progress import Progress, ProgressState, base_has_to_move
 from motm_twin.control.reasons import standing
@@ -24,7 +25,7 @@ from motm_twin.model.edits import Edit, TaskEdit
 from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import command_pose
-from motm_twin.model.period import PERIOD
+from motm_twin.model.period import ARM_STEPS, PERIOD
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
@@ -37,16 +38,15 @@ from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.rejections import Rejection
 from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, SearchBudget, Target
 
-ARM_STEPS = 5  # arm steps in a period: 100 Hz
 BIN_SD = 0.05  # [m] how far from the middle of its bin an object may lie
 LOST_SD = 0.1  # [m] how far from the hand an object may be that was lost just now
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """How a loop runs; what it decides is set by the parameters of its parts."""
+    """How a loop runs, and the numbers of its parts."""
 
     budget: SearchBudget = SearchBudget()
-    arm_steps: int = ARM_STEPS
+    parameters: Parameters = Parameters()  # planner and arm have their own
 
 
 @dataclass
@@ -80,16 +80,17 @@ class ControlLoop(Stateful[LoopState]):
         self.known = known
         self.plant = plant
         self.settings = settings or Settings()
-        self.mapper = Mapper(known)
-        self.movers = MoverTracker(robot=known.robot)
-        self.tracker = ObjectTracker(known)
-        self.self_check = SelfCheck(known, self.tracker)
-        self.response = Response(profile or known.robot)
+        p = self.settings.parameters
+        self.mapper = Mapper(known, p.map)
+        self.movers = MoverTracker(p.movers, known.robot)
+        self.tracker = ObjectTracker(known, p.objects)
+        self.self_check = SelfCheck(known, self.tracker, p.self_check)
+        self.response = Response(profile or known.robot, p.response)
         self.targets = Targets(known, self.tracker)
         self.sequence = TaskSequence(known)
         self.planner = planner
         self.manipulator = manipulator
-        self.monitor = Monitor(known.robot)
+        self.monitor = Monitor(known.robot, p.monitor)
         self.arm_monitor = ArmMonitor(known)
         self.by_hand = by_hand.ByHand(known.robot, PERIOD)
         self._truth = truth
@@ -252,7 +253,7 @@ class ControlLoop(Stateful[LoopState]):
         self, observation: Observation, reported: Observation, world: WorldMap, plan: BasePlan, stages: Stages
     ) -> tuple[list[ArmStep], tuple[Observation, ...], tuple[Observation, ...], list[Event], Reason | None]:
         """The arm steps of this period, what each saw and was reported; the plant moves on between them."""
-        dt = PERIOD / self.settings.arm_steps
+        dt = PERIOD / ARM_STEPS
         T_odom_world = odometry_to_world(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
         obstacles = ArmObstacles.of(world, T_odom_world)
@@ -262,7 +263,7 @@ class ControlLoop(Stateful[LoopState]):
         reports: list[Observation] = []
         events: list[Event] = []
         reason: Reason | None = None
-        for k in range(self.settings.arm_steps):
+        for k in range(ARM_STEPS):
             if k:
                 with stages.measure("observe"):
                     reported = self.plant.observe()
@@ -325,7 +326,7 @@ class ControlLoop(Stateful[LoopState]):
         goal = self.targets.arm_goal(task, self.sequence.held, observation, T_odom_world)
         return ArmInputs(
             observation=observation,
-            dt=PERIOD / self.settings.arm_steps,
+            dt=PERIOD / ARM_STEPS,
             goal=goal,
             base_twist=base_twist,
             time_to_range=time_to_range,

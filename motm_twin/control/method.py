@@ -25,8 +25,6 @@ from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.planner import BasePlanner, View
 from motm_twin.planning.types import BaseController, BoolArray, PlacementStrategy
 
-ARM_STEPS = 5  # of a period
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rehearsed:

@@ -11,12 +11,11 @@ from collections.abc import Iterator, Mapping
 
 import msgspec
 
-from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.parameters import Parameters
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
 from motm_twin.model.number import Found, Slider, numbers_of, replaced
 from motm_twin.model.profile import DEG
-from motm_twin.planning.parameters import PlanningParameters
 
 GROUPS = ("Base placement", "Base control", "Modifications", "Arm", "Obstacle avoidance", "Safety")
 
@@ -38,7 +37,7 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
     paper: ParameterValue | None = None  # None: the paper gives no value
     help: str  # one sentence
     source: str  # "Paper, Sec. ..." | "STAA*" | "MotM" | "own"
-    path: tuple[str, ...]  # where it is in (PlanningParameters, ArmParameters)
+    path: tuple[str, ...]  # where it is in `Parameters`
     scale: float = 1.0  # value of the parameter class = scale * value here
     whole: bool = False  # a whole number
     odd: bool = False  # an odd one, so that there is one in the middle
@@ -79,8 +78,7 @@ def _shown(value: ParameterValue, slider: Slider) -> ParameterValue:
 
 def _changeable() -> Iterator[Parameter]:
     """Every field with a slider, by group, and in a group as the fields are written."""
-    found = [*numbers_of(PlanningParameters(), ("planning",)), *numbers_of(ArmParameters(), ("arm",))]
-    entries = [_parameter(each, each.slider) for each in found if each.slider is not None]
+    entries = [_parameter(each, each.slider) for each in numbers_of(Parameters()) if each.slider is not None]
     return iter(sorted(entries, key=lambda entry: GROUPS.index(entry.group)))
 
 
@@ -127,24 +125,16 @@ def check(name: str, value: ParameterValue) -> ParameterValue:
     return float(value)
 
 
-def tuned(
-    values: Mapping[str, ParameterValue],
-    planning: PlanningParameters | None = None,
-    arm: ArmParameters | None = None,
-) -> tuple[PlanningParameters, ArmParameters]:
-    """The parameter objects with these values, everything else as in the given objects or as shipped.
+def tuned(values: Mapping[str, ParameterValue], parameters: Parameters | None = None) -> Parameters:
+    """The parameters with these values, everything else as in the given ones or as shipped.
 
     Raises ValueError for an unknown name or a value that is not allowed.
     """
-    base, hand = planning or PlanningParameters(), arm or ArmParameters()
+    changed = parameters or Parameters()
     for name, value in values.items():
         entry = parameter(name)
-        inner = _inner(entry, check(name, value))
-        if entry.path[0] == "planning":
-            base = replaced(base, entry.path[1:], inner)
-        else:
-            hand = replaced(hand, entry.path[1:], inner)
-    return base, hand
+        changed = replaced(changed, entry.path, _inner(entry, check(name, value)))
+    return changed
 
 
 def _inner(entry: Parameter, value: ParameterValue) -> ParameterValue:

@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from motm_twin.control.parameters import Parameters
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.perf import growth_scenes as scenes
@@ -116,7 +117,7 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
     """Run a point: period, its stages and the whole step of the twin [ms], and whether the task was done."""
     scene = point.make()
     began = time.perf_counter()
-    twin = Twin(scene, planning=point.planning, clock=time.thread_time)
+    twin = Twin(scene, numbers=point.planning and Parameters(planning=point.planning), clock=time.thread_time)
     built = time.perf_counter() - began
     stages: dict[str, list[float]] = {}
     count, periods = 0, most or point.periods
