@@ -15,7 +15,7 @@ from motm_twin.generate.barn import PREFIX
 from motm_twin.perf import anytime, bus, growth, page, period, scale, soak, solvers
 from motm_twin.perf.report import machine
 from motm_twin.record.outputs import folder_problem
-from motm_twin.studies import barn, efficiency, faults, mismatch, surprise, task
+from motm_twin.studies import barn, efficiency, faults, mismatch, screening, surprise, task
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
@@ -53,6 +53,9 @@ RUNS: dict[str, Run] = {
         given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes
     ),
     mismatch.NAME: lambda given, console: mismatch.bench_mismatch(given.out, given.share, given.workers, console),
+    screening.NAME: lambda given, console: screening.bench_screening(
+        given.out, given.share, given.workers, console, given.numbers
+    ),
     surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
 }
 ALL = (*GROUPS, task.NAME)  # of the name "all"

@@ -5,6 +5,7 @@ the resolved scene (`model.scene`): m, rad, s. Lists are entered by the name of 
 value has to be what a scene file could have said, and so has the whole scene afterwards.
 """
 
+import dataclasses
 import hashlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,10 +14,12 @@ from typing import Any
 import msgspec
 
 from motm_twin.control.method import Method
-from motm_twin.control.tuning import check
+from motm_twin.control.parameters import Parameters
+from motm_twin.control.tuning import PARAMETERS, check, tuned
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
+from motm_twin.model.number import numbers_of, replaced
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.sessions.scene_limits import check_scene
@@ -72,7 +75,8 @@ class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One trial: everything that its result depends on, besides the source.
 
     ``parameters`` are of `control.tuning`, on top of the method's; ``changes`` are dotted fields of the resolved scene
-    with their new values, as ``{"noise.lidar_range_sd": 0.05, "agents.temi_1.speed": 0.6}``.
+    with their new values, as ``{"noise.lidar_range_sd": 0.05, "agents.temi_1.speed": 0.6}``; ``numbers`` are those of
+    `control.parameters` by their paths, over the method's, whatever sliders allow.
     """
 
     scene: str
@@ -81,6 +85,7 @@ class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     method: str = "motm"
     parameters: dict[str, ParameterValue] = {}
     changes: dict[str, Any] = {}
+    numbers: dict[str, float | bool] = {}
 
 
 class Experiment(msgspec.Struct, frozen=True):
@@ -108,6 +113,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
         whole = hashlib.sha256(source.encode())
         for part in (self.spec.method, self.spec.parameters, self.scene, self.method_text):
             whole.update(b"\0" + msgspec.json.encode(part, order="deterministic"))
+        if self.spec.numbers:
+            whole.update(b"\0" + msgspec.json.encode(self.spec.numbers, order="deterministic"))
         return whole.hexdigest()[:KEY_DIGITS]
 
 
@@ -129,15 +136,32 @@ def jobs_of(specs: Iterable[TrialSpec]) -> list[Job]:
 
 
 def _job(spec: TrialSpec, scene: Scene) -> Job:
-    find_method(spec.method)
+    with_numbers(find_method(spec.method), spec.numbers)
     parameters = {name: check(name, value) for name, value in spec.parameters.items()}
     spec = msgspec.structs.replace(spec, parameters=parameters)
     return Job(spec=spec, scene=changed(scene, spec.changes), method_text=_text_of(spec.method))
 
 
+def with_numbers(method: Method, numbers: Mapping[str, float | bool]) -> Parameters:
+    """The numbers of a method with some of them changed. Raises ValueError for one that is none, or not possible."""
+    whole = tuned(method.parameters)
+    known = {".".join(found.path): found for found in numbers_of(whole)}
+    for name, value in numbers.items():
+        if name not in known:
+            raise ValueError(f"there is no number {name!r}; {hint(name, known)}")
+        found = known[name]
+        whole = replaced(whole, found.path, type(found.default)(value))
+    return whole
+
+
 def method_of(job: Job) -> Method:
-    """The method of a job. Raises MethodError."""
-    return find_method(job.spec.method)
+    """The method of a job, without its value of a number that the job changes. Raises MethodError."""
+    method, changed = find_method(job.spec.method), job.spec.numbers
+    if not changed:
+        return method
+    given = {entry.name for entry in PARAMETERS if ".".join(entry.path) in changed}
+    kept = {name: value for name, value in method.parameters.items() if name not in given}
+    return dataclasses.replace(method, parameters=kept)
 
 
 def _text_of(method: str) -> str:

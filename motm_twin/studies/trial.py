@@ -9,10 +9,11 @@ import msgspec
 
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
+from motm_twin.methods.registry import find_method
 from motm_twin.perf.report import machine
 from motm_twin.sessions.made_with import SOURCE, made_with
 from motm_twin.sessions.session import Session
-from motm_twin.studies.spec import Job, method_of
+from motm_twin.studies.spec import Job, method_of, with_numbers
 
 WALL = ("tick_ms", "realtime_factor")  # measured by a clock: differ from run to run
 PERIODS_PER_S = 20
@@ -44,13 +45,17 @@ def run_job(job: Job) -> Outcome:
 
     began = time.perf_counter()
     try:
-        result = run_scene(job.scene, on_tick=on_tick, method=method_of(job), parameters=dict(job.spec.parameters))
+        numbers = with_numbers(find_method(job.spec.method), job.spec.numbers) if job.spec.numbers else None
+        result = run_scene(
+            job.scene, on_tick=on_tick, method=method_of(job), parameters=dict(job.spec.parameters), numbers=numbers
+        )
     except Exception as error:  # whatever broke in one trial, the others are still worth a table
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
         result = broken(job, reason, time_s=periods / PERIODS_PER_S)
     result = parted(job, result, time.perf_counter() - began)
-    session = None if result["success"] else session_of(job, periods, result.get("state_hash", ""))
+    repeats = not job.spec.numbers  # a session has no others than named parameters
+    session = None if result["success"] or not repeats else session_of(job, periods, result.get("state_hash", ""))
     return Outcome(result=result, made_with={**made_with(), MACHINE: machine()}, session=session)
 
 
@@ -60,7 +65,7 @@ def given_up(job: Job, reason: str, source: str) -> Outcome:
     return Outcome(
         result=parted(job, broken(job, reason), 0.0),
         made_with={**made_with(), SOURCE: source, MACHINE: machine()},
-        session=session_of(job, periods, ""),
+        session=None if job.spec.numbers else session_of(job, periods, ""),
     )
 
 
@@ -68,8 +73,9 @@ def parted(job: Job, result: dict[str, Any], seconds: float) -> dict[str, Any]:
     """A result with its spec, and what a clock measured in a part of its own."""
     rest = {key: value for key, value in result.items() if key not in WALL}
     wall = {key: result[key] for key in WALL if key in result}
-    spec = {"method": job.spec.method, "parameters": dict(job.spec.parameters), "changes": dict(job.spec.changes)}
-    return {**rest, **spec, "wall": {**wall, "seconds": round(seconds, 3)}}
+    spec = job.spec
+    given = {"parameters": dict(spec.parameters), "changes": dict(spec.changes), "numbers": dict(spec.numbers)}
+    return {**rest, "method": spec.method, **given, "wall": {**wall, "seconds": round(seconds, 3)}}
 
 
 def session_of(job: Job, periods: int, state_hash: str) -> Session:
