@@ -87,7 +87,7 @@ class ControlLoop(Stateful[LoopState]):
         self.self_check = SelfCheck(known, self.tracker, p.self_check)
         self.response = Response(profile or known.robot, p.response)
         self.targets = Targets(known, self.tracker)
-        self.sequence = TaskSequence(known)
+        self.sequence = TaskSequence(known, p.sequence)
         self.planner = planner
         self.manipulator = manipulator
         self.monitor = Monitor(known.robot, p.monitor)
@@ -183,6 +183,10 @@ class ControlLoop(Stateful[LoopState]):
         return self._state.index
 
     @property
+    def _progress(self) -> Progress:
+        return Progress(self._state.progress, PERIOD, self.settings.parameters.progress)
+
+    @property
     def engaged(self) -> bool:
         """The arm is at work on the active task (final approach to lift, release)."""
         return self._state.engaged
@@ -207,7 +211,7 @@ class ControlLoop(Stateful[LoopState]):
             next_target=self.targets.base_target(self.sequence.following, observation, None),
             engaged=self._state.engaged,
             period=PERIOD,
-            recovery=Progress(self._state.progress, PERIOD).recovery(observation.time),
+            recovery=self._progress.recovery(observation.time),
             stuck_at=np.array([pose for of, pose in self._state.stuck_at if of == self.sequence.index]).reshape(-1, 3),
         )
 
@@ -217,7 +221,7 @@ class ControlLoop(Stateful[LoopState]):
         """Keep the progress clock; what comes of a task on which the base has got nowhere for long."""
         counts = base_has_to_move(self.sequence, plan, busy=busy, by_hand=plan.status == PlanStatus.BY_HAND)
         time, index = observation.time, self.sequence.index
-        stalled = Progress(self._state.progress, PERIOD).watch(time, index, placement, plan, counts=counts)
+        stalled = self._progress.watch(time, index, placement, plan, counts=counts)
         events = self.sequence.hold_up(time, stalled, plan.why or placement.why, observation.pose)
         if events:
             self._state.progress.restart(self.sequence.index, time)

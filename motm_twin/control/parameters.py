@@ -4,8 +4,10 @@ import msgspec
 
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.monitor import MonitorParameters
+from motm_twin.control.progress import ProgressParameters
 from motm_twin.control.response import ResponseSettings
 from motm_twin.control.self_check import SelfCheckSettings
+from motm_twin.control.sequence import SequenceParameters
 from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.movers import MoverParameters
 from motm_twin.perception.objects import TrackerSettings
@@ -21,5 +23,7 @@ class Parameters(msgspec.Struct, frozen=True, kw_only=True):
     planning: PlanningParameters = PlanningParameters()
     arm: ArmParameters = ArmParameters()
     monitor: MonitorParameters = MonitorParameters()
+    progress: ProgressParameters = ProgressParameters()
+    sequence: SequenceParameters = SequenceParameters()
     self_check: SelfCheckSettings = SelfCheckSettings()
     response: ResponseSettings = ResponseSettings()

@@ -77,7 +77,7 @@ class BaseAction(Stateful[BaseActionState]):
             cut_by_clock=False,
             t_h=math.inf,
             k=1.0,
-            time_to_range=self.forecast.time_to_range(times, poses, problem.target, engaged=problem.engaged),
+            time_to_range=self.forecast.time_to_range(times, poses, problem.target),
         )
 
     def _acceleration(self, problem: BaseProblem) -> tuple[Array, Reason | None]:

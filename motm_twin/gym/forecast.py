@@ -42,7 +42,7 @@ class Forecast:
         )
         return frozen(STEP * np.arange(STEPS + 1)), poses
 
-    def time_to_range(self, times: Array, poses: Array, target: Target | None, *, engaged: bool) -> float:
+    def time_to_range(self, times: Array, poses: Array, target: Target | None) -> float:
         """Time [s] until the target is in reach; 0 when it is, inf without a target.
 
         A target that the motion does not bring into reach takes at least as long as the forecast, and at least as long
@@ -50,7 +50,7 @@ class Forecast:
         """
         if target is None:
             return math.inf
-        job = self._reach.job(target, self._staa, engaged=engaged)
+        job = self._reach.job(target, self._staa)
         first = first_in_reach(poses, job)
         if first >= 0:
             return float(times[first])

@@ -51,10 +51,25 @@ class PlacementParameters:
     drive_headings: Annotated[
         int, Number("", OWN, "arrival headings tried for a drive target that leaves its heading free")
     ] = 16
+    same_place: Annotated[float, Number("m", OWN, "a candidate this near to the last choice, and")] = 0.06
+    same_heading: Annotated[float, Number("rad", OWN, "turned by no more than this, is the same choice")] = 0.15
+    clearly_closer: Annotated[
+        float,
+        Number("m", OWN, "by which a free place must be closer to the target to take the place of the one chosen"),
+    ] = 0.5
+    closest_round: Annotated[
+        float, Number("m", OWN, "round the base, within which the free place closest to a target is looked for")
+    ] = 3.5
+    beside_round: Annotated[float, Number("m", OWN, "the same of a place to wait beside what moves")] = 2.1
+    avoided_cost: Annotated[
+        float, Number("s", OWN, "worth going elsewhere than where the arm did not get to its target: it tried for 6 s")
+    ] = 10.0
     next_goals: Annotated[int, Number("", OWN, "best poses of the next target that the local search knows")] = 6
-    next_poses: Annotated[
-        int, Number("", OWN, "those to which the way on is counted: all of a ring, and a share of what is more")
-    ] = 72
+
+    @property
+    def ring_poses(self) -> int:
+        """Candidates on a ring: more of the next target, or of places to wait at, are not counted."""
+        return 2 * self.positions
 
     def __post_init__(self) -> None:
         if not 0.0 < self.radius_min <= self.radius_max:
@@ -228,7 +243,6 @@ class ReachParameters:
         float, Number("m", OWN, "plans keep this far inside the reach: poses are known to 1 cm; costs 0.5 s per trial")
     ] = 0.02
     plan_speed: Annotated[float, Number("", OWN, "share of relative_speed that plans use")] = 0.95
-    engaged_slack: Annotated[float, Number("m", OWN, "added to r_max while the arm is at the object")] = 0.0
 
     def r_max(self, kind: str) -> float:
         """Largest distance [m] from arm mount to target for a "pick" or "place"."""
@@ -244,12 +258,42 @@ class ReachParameters:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class CommitmentParameters:
+    """When a method that keeps its plans is still on one, and when a lattice tells it the way out of a tight place."""
+
+    late: Annotated[
+        float, Number("s", OWN, "that a job may end after its plan, the target in reach: poses are known to 1 cm")
+    ] = 0.1
+    moved: Annotated[
+        float, Number("m", OWN, "by which the target has moved when the plan goes where it no longer is")
+    ] = 0.1
+    follows: Annotated[
+        float,
+        Number("m, rad", OWN, "from where a plan has the robot: localisation is off by 0.06 m and 0.04 rad at most"),
+    ] = 0.15
+    follows_speed: Annotated[
+        float, Number("", OWN, "share of the top speed by which it drives otherwise than the plan says; it does to 2 %")
+    ] = 0.1
+    follows_yaw_rate: Annotated[float, Number("", OWN, "the same of the largest yaw rate")] = 0.0573
+    creeps: Annotated[
+        float,
+        Number(
+            "", OWN, "share of the top speed, below which a robot whose plans do not arrive may be in a tight place"
+        ),
+    ] = 0.3
+    moves_radius: Annotated[
+        float, Number("m", OWN, "beyond the lattice, within which nothing may move: of a person, or a Temi")
+    ] = 0.25
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class PlanningParameters:
     """All parameters of base placement and base control."""
 
     placement: PlacementParameters = PlacementParameters()
     staa: StaaParameters = StaaParameters()
     reach: ReachParameters = ReachParameters()
+    commitment: CommitmentParameters = CommitmentParameters()
 
 
 LEAST_ROOM = 0.02  # [m] beyond half the width of the footprint that a way must have, however tight

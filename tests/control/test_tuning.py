@@ -128,12 +128,11 @@ def test_presets_are_the_variants_that_are_compared():
 
 
 def test_every_number_of_a_parameter_class_says_what_it_is():
-    for tree in Parameters():
-        said = {found.path for found in numbers_of(tree)}
-        assert not [path for path in _scalars(tree) if path not in said]
-        for found in numbers_of(tree):
-            assert found.number.reason, found.path
-            assert found.number.source in (OWN, STAA, MOTM, ROBOT) or found.number.source.startswith("Paper, Sec. ")
+    said = {found.path: found.number for found in numbers_of(Parameters())}
+    assert not [path for path in _scalars(Parameters()) if path not in said]
+    for path, number in said.items():
+        assert number.reason, path
+        assert number.source in (OWN, STAA, MOTM, ROBOT) or number.source.startswith("Paper, Sec. "), path
 
 
 def _scalars(tree, path=()):

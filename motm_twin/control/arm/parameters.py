@@ -73,7 +73,7 @@ class QpParameters(msgspec.Struct, frozen=True, kw_only=True):
     ] = 0.25
     damper_stop: Annotated[float, Number("rad", OWN, "from a limit, at which it stands", symbol="rho_s")] = 0.02
     residual: Annotated[float, Number("", OWN, "largest accepted violation of any row")] = 1.0e-5
-    stop_time: Annotated[float, Number("s", OWN, "of the damped stop: one control period")] = 0.05
+    gives_way: Annotated[float, Number("m/s", OWN, "by which rows of furniture give way before that is a fault")] = 0.02
 
 
 class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
@@ -177,10 +177,9 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     k_transit: Annotated[float, Number("1/s", OWN, "largest gain in transit")] = 8.0
     k_orientation: Annotated[float, Number("1/s", OWN, "of the hand to its orientation")] = 6.0
     transit_clearance: Annotated[float, Number("m", OWN, "the same while swinging")] = 0.08
-    hover_stretch: Annotated[
-        float, Number("m", OWN, "joint 6 from the shoulder while waiting for the object; 0.719 is a straight elbow")
+    stretch: Annotated[
+        float, Number("m", OWN, "joint 6 from the shoulder, beyond which the tool tilts; 0.719 is a straight elbow")
     ] = 0.69
-    grasp_stretch: Annotated[float, Number("m", OWN, "beyond which the tool tilts")] = 0.69
     pick_reach: Annotated[float, Number("m", OWN, "from the mount at which a grasp begins (tilt up to pick_tilt)")] = (
         0.80
     )
@@ -239,5 +238,56 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     abandon_time: Annotated[
         float, Number("s", OWN, "time to range beyond which a transit is given up for the stow pose")
     ] = 6.0
+    vertical_speed: Annotated[float, Number("m/s", OWN, "largest, of the hand up or down")] = 0.5
+    turning_rate: Annotated[float, Number("rad/s", OWN, "largest, of the hand to its orientation")] = 3.0
+    ease: Annotated[
+        float, Number("", OWN, "a transit of T seconds goes at gain ease / T: it begins briskly and arrives softly")
+    ] = 1.5
+    foot_radius: Annotated[
+        float, Number("m", OWN, "from the mount, within which the hand is over the base: first up, then out")
+    ] = 0.26
+    funnel_slope: Annotated[float, Number("", OWN, "height above the grasp point per metre of horizontal error")] = 2.5
+    funnel_radius: Annotated[float, Number("m", OWN, "horizontal error that does not keep the hand up")] = 0.004
+    tilt_room: Annotated[
+        float, Number("rad/m", OWN, "of tilt that an arm folded at the stow pose gains when the hand moves out")
+    ] = 1.5
+    tilt_radius: Annotated[float, Number("m", OWN, "no tilt for more radius than this before arrival")] = 0.8
+    turn_by: Annotated[float, Number("s", OWN, "before arrival, by which the hand is turned to the object")] = 0.3
+    turn_time: Annotated[float, Number("s", OWN, "for which it turns")] = 0.7
+    plane_azimuth: Annotated[
+        float, Number("rad", OWN, "from the target, beyond which the arm swings in its own plane")
+    ] = 0.5
+    rim_clearance: Annotated[float, Number("m", OWN, "that an object is carried higher than it is released")] = 0.04
+    sink_distance: Annotated[
+        float, Number("m", OWN, "horizontal, within which a transit sinks to the hover height")
+    ] = 0.15
+    neighbours: Annotated[
+        float, Number("m", OWN, "from where an object was taken, within which it is carried over the others")
+    ] = 0.6
+    retract_radius: Annotated[float, Number("m", OWN, "beyond which a retracting hand keeps its height")] = 0.35
+    preferred_radius: Annotated[float, Number("m", OWN, "from the mount, at which the arm is most at ease")] = 0.60
+    hover_radius: Annotated[float, Number("m", OWN, "from the mount, about where a hand waits for its target")] = 0.75
+    yaw_time: Annotated[float, Number("s", OWN, "before arrival, at which the faces are settled")] = 1.0
+    mid_dwell: Annotated[float, Number("s", OWN, "after arrival, when the base is about nearest")] = 0.6
+    level_error: Annotated[float, Number("m", OWN, "of height, at which a transit has arrived")] = 0.05
+    look_again: Annotated[float, Number("s", OWN, "for which there must be no room before an object is left alone")] = (
+        1.0
+    )
+    open_room: Annotated[float, Number("m", OWN, "wider than the object, at which the fingers are open enough")] = 0.015
+    left_error: Annotated[float, Number("m", OWN, "by which the hand may leave the object while it closes")] = 0.02
+    pushed_away: Annotated[float, Number("m", OWN, "by which an object seen away from the fingers ends a closing")] = (
+        0.03
+    )
+    longest_closing: Annotated[float, Number("s", OWN, "beyond the closing time, after which a closing has failed")] = (
+        30.0
+    )
+    late_after: Annotated[float, Number("s", OWN, "beyond the closing time, after which the fingers are late")] = 0.05
+    late_for: Annotated[float, Number("s", OWN, "that late fingers are expected to need still, at least")] = 1.0
+    bent: Annotated[
+        float, Number("rad", OWN, "of a joint from the stow pose, beyond which the arm is folded another way")
+    ] = 0.8
+    stowed_error: Annotated[
+        float, Number("rad", OWN, "of joints 2 to 5, at which an arm that returns by its joints is stowed")
+    ] = 0.25
     qp: QpParameters = QpParameters()
     avoidance: AvoidanceParameters = AvoidanceParameters()
