@@ -38,9 +38,6 @@ from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.rejections import Rejection
 from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, SearchBudget, Target
 
-BIN_SD = 0.05  # [m] how far from the middle of its bin an object may lie
-LOST_SD = 0.1  # [m] how far from the hand an object may be that was lost just now
-
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
     """How a loop runs, and the numbers of its parts."""
@@ -84,15 +81,15 @@ class ControlLoop(Stateful[LoopState]):
         self.mapper = Mapper(known, p.map)
         self.movers = MoverTracker(p.movers, known.robot)
         self.tracker = ObjectTracker(known, p.objects)
-        self.self_check = SelfCheck(known, self.tracker, p.self_check)
+        self.self_check = SelfCheck(known, self.tracker, p.self_check, slow_age=p.monitor.slow_age)
         self.response = Response(profile or known.robot, p.response)
-        self.targets = Targets(known, self.tracker)
+        self.targets = Targets(known, self.tracker, p.planning.reach)
         self.sequence = TaskSequence(known, p.sequence)
         self.planner = planner
         self.manipulator = manipulator
         self.monitor = Monitor(known.robot, p.monitor)
         self.arm_monitor = ArmMonitor(known)
-        self.by_hand = by_hand.ByHand(known.robot, PERIOD)
+        self.by_hand = by_hand.ByHand(known.robot, PERIOD, p.planning.staa.margin)
         self._truth = truth
         self._clock = clock
         self._state = LoopState()
@@ -301,7 +298,9 @@ class ControlLoop(Stateful[LoopState]):
                 elif step.outcome == "lost" and held:
                     self._lose(held, step.reference, observation, T_odom_world)
                 elif step.outcome == "placed" and held:
-                    self.tracker.move_belief(held, inputs.goal.position, observation, BIN_SD)
+                    self.tracker.move_belief(
+                        held, inputs.goal.position, observation, self.settings.parameters.objects.bin_sd
+                    )
                 events += self.sequence.apply(step.outcome, observation.time, step.why)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
@@ -317,7 +316,7 @@ class ControlLoop(Stateful[LoopState]):
         place = self.tracker.belief(name, observation)[0]
         if top is not None:
             place = np.array([hand[0], hand[1], top + 0.5 * self.targets.objects[name].side])
-        self.tracker.move_belief(name, place, observation, LOST_SD)
+        self.tracker.move_belief(name, place, observation, self.settings.parameters.objects.lost_sd)
 
     def _arm_inputs(
         self, observation: Observation, T_odom_world: Array, plan: BasePlan, plan_poses: Array,

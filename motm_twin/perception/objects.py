@@ -42,6 +42,8 @@ class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
     jump: Annotated[
         float, Number("m", OWN, "and [rad] by which localisation leaves odometry at once: somebody pushed the robot")
     ] = 0.1
+    bin_sd: Annotated[float, Number("m", OWN, "how far from the middle of its bin an object may lie")] = 0.05
+    lost_sd: Annotated[float, Number("m", OWN, "how far from the hand an object may be that was lost just now")] = 0.1
 
 
 @dataclass

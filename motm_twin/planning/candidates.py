@@ -199,7 +199,7 @@ def _any_heading(target: Target, survey: Survey) -> Iterator[Candidates]:
     p = model.placement
     previous: Candidates | None = None
     for radius in np.arange(model.body.inner, model.farthest(target.kind), p.reach_step):
-        pose, place, place_of = spokes(target.position, radius, p.positions, p.reach_headings)
+        pose, place, place_of = spokes(target.position, radius, p.positions, p.headings)
         reached = model.reach.reached_from(pose, target, slack=p.reach_slack)
         keep = reached.copy()
         keep[reached] = clearances(pose[reached], wanted, survey.here.field, survey.here.body) >= wanted
@@ -283,7 +283,7 @@ def is_avoided(pose: Array, avoid: Array) -> bool:
 
 def _drive(target: Target, survey: Survey) -> Candidates:
     """A point to drive to, with its heading or all round."""
-    count = survey.model.placement.drive_headings if target.heading is None else 1
+    count = survey.model.placement.headings if target.heading is None else 1
     pose = np.empty((count, 3))
     pose[:, :2] = target.position[:2]
     pose[:, 2] = 0.0 if target.heading is None else target.heading

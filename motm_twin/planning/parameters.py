@@ -43,14 +43,11 @@ class PlacementParameters:
             (0.06, 0.2, 0.01))] = 0.06  # fmt: skip
     radius_step: Annotated[float, Number("m", OWN, "0.02 finds the same candidates in the shipped scenes")] = 0.05
     reach_step: Annotated[float, Number("m", OWN, "rings searched when no tangential candidate is viable")] = 0.05
-    reach_headings: Annotated[int, Number("", OWN, "headings per position of such a ring")] = 16
+    headings: Annotated[int, Number("", OWN, "tried at a place that leaves them free")] = 16
     reach_slack: Annotated[float, Number("m", OWN, "those poses must be this far inside the arm's reach")] = 0.04
     room: Annotated[
         float, Number("m", OWN, "left to what may be moving where the base waits; both wait for each other without it")
     ] = 0.5
-    drive_headings: Annotated[
-        int, Number("", OWN, "arrival headings tried for a drive target that leaves its heading free")
-    ] = 16
     same_place: Annotated[float, Number("m", OWN, "a candidate this near to the last choice, and")] = 0.06
     same_heading: Annotated[float, Number("rad", OWN, "turned by no more than this, is the same choice")] = 0.15
     clearly_closer: Annotated[
@@ -100,9 +97,8 @@ class StaaParameters:
     cell: Annotated[float, Number("m", STAA, "closed list")] = 0.05
     heading_bins: Annotated[int, Number("", STAA, "closed list")] = 31
     speed_bins: Annotated[
-        int, Number("", OWN, "two nodes in one cell are not the same when one drives and one stands")
+        int, Number("", OWN, "of speed, and of yaw rate: a node that drives is not the same as one that stands")
     ] = 4
-    yaw_rate_bins: Annotated[int, Number("", OWN, "the same of turning")] = 4
     grid_weight: Annotated[float, Number("s", STAA, "its 1 s over 0.25 m costs 6 s per trial beside a table"),
         Slider("Proximity penalty", "Base control", "Time that a node beside an obstacle is charged for.",
             (0.0, 2.0, 0.05), paper=1.0)] = 0.3  # fmt: skip

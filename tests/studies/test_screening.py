@@ -30,7 +30,7 @@ def test_some_numbers_can_be_asked_for_by_their_group():
 def test_a_number_is_halved_and_doubled_and_a_switch_flipped():
     (hysteresis,) = ours(["planning.placement.hysteresis"])
     assert [change.value for change in changes_of(hysteresis)] == [0.15, 0.6]
-    (headings,) = ours(["planning.placement.reach_headings"])
+    (headings,) = ours(["planning.placement.headings"])
     assert [change.value for change in changes_of(headings)] == [8, 32]
     (drive_on,) = ours(["planning.staa.drive_on"])
     assert [change.value for change in changes_of(drive_on)] == [False]

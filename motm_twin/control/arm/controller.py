@@ -13,7 +13,7 @@ from motm_twin.control.arm.geometry import nearest_static, planar_joints
 from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.limits import Limit
 from motm_twin.control.arm.motion import Motion, hand_motion
-from motm_twin.control.arm.overlap import STANDS, ArmOverlap, Overlap
+from motm_twin.control.arm.overlap import ArmOverlap, Overlap
 from motm_twin.control.arm.parameters import ArmParameters, Numbers, numbers
 from motm_twin.control.arm.phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
 from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ArmProgram, Rows, lag_factor
@@ -97,7 +97,7 @@ class Manipulator(Stateful[ManipulatorState]):
         self._numbers = numbers(p)
         self._programs = ArmProgram(known, p, limits)
         self._stow_joints = planar_joints(p.stow_radius, p.stow_height, p.stow_tilt)
-        self._overlap = ArmOverlap(known.robot, self._stow_joints)
+        self._overlap = ArmOverlap(known.robot, self._stow_joints, self.parameters)
         self._state = ManipulatorState()
 
     @property
@@ -209,7 +209,7 @@ class Manipulator(Stateful[ManipulatorState]):
         state = self._state
         if state.inside_since is None:
             state.inside_since = view.time
-        withdraws = view.time - state.inside_since > STANDS
+        withdraws = view.time - state.inside_since > self.parameters.overlap_stands
         outcome = start_over(state, view, self.parameters) if withdraws else ""
         state.twist, state.rates = self._overlap.way_out(view.arm, inputs, state.twist, withdraws=withdraws)
         state.stop_rates = None

@@ -289,5 +289,16 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     stowed_error: Annotated[
         float, Number("rad", OWN, "of joints 2 to 5, at which an arm that returns by its joints is stowed")
     ] = 0.25
+    overlap_depth: Annotated[
+        float,
+        Number("m", OWN, "by which a seen cell must reach into the arm: beside a post the forearm comes within half"),
+    ] = 0.05
+    overlap_stands: Annotated[
+        float,
+        Number("s", OWN, "before an arm in an obstacle goes back to its stow pose: who put it there may take it away"),
+    ] = 10.0
+    overlap_speed: Annotated[
+        float, Number("m/s", OWN, "of the hand on that way: a touch at this speed does no harm")
+    ] = 0.1
     qp: QpParameters = QpParameters()
     avoidance: AvoidanceParameters = AvoidanceParameters()
