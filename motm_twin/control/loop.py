@@ -40,7 +40,7 @@ from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, Pla
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """How a loop runs, and the numbers of its parts."""
+    """Budget of the search, and the numbers of all parts."""
 
     budget: SearchBudget = SearchBudget()
     parameters: Parameters = Parameters()  # planner and arm have their own
@@ -88,7 +88,7 @@ class ControlLoop(Stateful[LoopState]):
         self.planner = planner
         self.manipulator = manipulator
         self.monitor = Monitor(known.robot, p.monitor)
-        self.arm_monitor = ArmMonitor(known)
+        self.arm_monitor = ArmMonitor(known, p.arm_monitor)
         self.by_hand = by_hand.ByHand(known.robot, PERIOD, p.planning.staa.margin)
         self._truth = truth
         self._clock = clock

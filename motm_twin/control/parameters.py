@@ -2,6 +2,7 @@
 
 import msgspec
 
+from motm_twin.control.arm.monitor import ArmMonitorParameters
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.monitor import MonitorParameters
 from motm_twin.control.progress import ProgressParameters
@@ -23,6 +24,7 @@ class Parameters(msgspec.Struct, frozen=True, kw_only=True):
     planning: PlanningParameters = PlanningParameters()
     arm: ArmParameters = ArmParameters()
     monitor: MonitorParameters = MonitorParameters()
+    arm_monitor: ArmMonitorParameters = ArmMonitorParameters()
     progress: ProgressParameters = ProgressParameters()
     sequence: SequenceParameters = SequenceParameters()
     self_check: SelfCheckSettings = SelfCheckSettings()

@@ -22,11 +22,6 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 JOINTS = 7
-TELLS_JOINT = 0.01  # [rad/s] between two models below which this moment does not tell one from the other
-TELLS_BASE = 0.01  # the same of the base, in shares of its largest speed
-GAP = 0.06  # [s] between observations beyond which nothing is told from one to the next
-SLOW = 0.2  # share of the largest speed below which a scale is not reckoned
-STEADY = 0.02  # the same within which what the base is told does not change
 LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says
 
 
@@ -53,6 +48,17 @@ class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
         float,
         Number("s", OWN, "by which a misfit of the base is larger at least, in shares of its largest speed squared"),
     ] = 0.001
+    tells_joint: Annotated[
+        float, Number("rad/s", OWN, "between two models below which this moment does not tell one from the other")
+    ] = 0.01
+    tells_base: Annotated[float, Number("", OWN, "the same of the base, in shares of its largest speed")] = 0.01
+    gap: Annotated[
+        float, Number("s", OWN, "between observations beyond which nothing is told from one to the next")
+    ] = 0.06
+    slow: Annotated[float, Number("", OWN, "share of the largest speed below which a scale is not reckoned")] = 0.2
+    unchanged: Annotated[
+        float, Number("", OWN, "share of the largest speed within which what the base is told does not change")
+    ] = 0.02
     sure: Annotated[float, Number("s", OWN, "for which that has been so")] = 0.3
     sure_base: Annotated[float, Number("s", OWN, "longer than a fault is told by another name first")] = 1.5
 
@@ -129,7 +135,7 @@ class Response(Stateful[ResponseState]):
         dt, state.time = 0.0 if state.time is None else now.time - state.time, now.time
         if not _finite(now):
             return
-        if not (0.0 < dt <= GAP) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
+        if not (0.0 < dt <= self._settings.gap) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
             state.rates, state.twists = np.tile(now.dq, (self._count, 1)), np.tile(now.twist, (len(LAGS), 1))
             return
         self._joints(now, dt)
@@ -147,7 +153,7 @@ class Response(Stateful[ResponseState]):
         believed = round(state.delay / settings.step)
         best = self._better(state.of_delay, believed, settings.joints)
         apart = 0.0 if best is None else float(np.abs(state.rates[best] - state.rates[believed]).max())
-        state.late = 0.0 if best is None else state.late + dt * (apart > TELLS_JOINT)
+        state.late = 0.0 if best is None else state.late + dt * (apart > self._settings.tells_joint)
         if best is not None and state.late > settings.sure:
             state.delay, state.late, state.lagging = settings.step * best, 0.0, 0.0
             state.twists, state.of_lag = np.tile(now.twist, (len(LAGS), 1)), np.zeros_like(state.of_lag)
@@ -161,9 +167,9 @@ class Response(Stateful[ResponseState]):
         shares = np.array([_share(base.velocity_lag + lag, dt) for lag in LAGS])[:, None]
         wanted = state.scale * acting
         state.twists = state.twists + np.clip(shares * (wanted[None] - state.twists), -most, most)
-        same = np.abs(acting - state.acting) < STEADY * largest
+        same = np.abs(acting - state.acting) < settings.unchanged * largest
         state.settled, state.acting = np.where(same, state.settled + dt, 0.0), np.where(same, state.acting, acting)
-        steady = (state.settled > settings.settles) & (np.abs(acting) > SLOW * largest)
+        steady = (state.settled > settings.settles) & (np.abs(acting) > settings.slow * largest)
         ratio = np.clip(now.twist / np.where(steady, acting, 1.0), 0.5, 1.5)
         state.scale = np.where(steady, state.scale + dt / settings.steady * (ratio - state.scale), state.scale)
         model, off = state.twists / largest, (state.twists - now.twist[None]) / largest
@@ -172,7 +178,7 @@ class Response(Stateful[ResponseState]):
         believed = LAGS.index(state.lag)
         best = self._better(state.of_lag, believed, settings.base)
         apart = 0.0 if best is None else float(np.abs(model[best] - model[believed]).max())
-        state.lagging = 0.0 if best is None else state.lagging + dt * (apart > TELLS_BASE)
+        state.lagging = 0.0 if best is None else state.lagging + dt * (apart > self._settings.tells_base)
         if best is not None and state.lagging > settings.sure_base:
             state.lag, state.lagging = LAGS[best], 0.0
 

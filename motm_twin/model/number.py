@@ -37,7 +37,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Slider:
-    """How a person may change a number while the twin runs; beside its `Number`."""
+    """A way for a person to change a number while the twin runs; beside its `Number`."""
 
     title: str
     group: str  # one of `control.tuning.GROUPS`

@@ -131,6 +131,20 @@ class AvoidanceParameters(msgspec.Struct, frozen=True, kw_only=True):
     ] = 0.1
     fingers_d_s: Annotated[float, Number("m", OWN, "fingers over the surface that carries the object")] = 0.006
     fingers_d_i: Annotated[float, Number("m", OWN, "the same of the fingers")] = 0.05
+    objects_kept: Annotated[
+        float, Number("m", OWN, "that other objects keep from the fingers: how well they are known")
+    ] = 0.003
+    easy_furniture: Annotated[
+        float, Number("m", OWN, "of room to furniture that costs nothing when faces are chosen: localisation")
+    ] = 0.03
+    easy_objects: Annotated[float, Number("m", OWN, "the same to other objects: camera")] = 0.008
+    tight_turn: Annotated[
+        float, Number("rad", OWN, "of turning that a pair of faces with no room to spare is worth")
+    ] = 2.0
+    tight_slope: Annotated[float, Number("rad/m", OWN, "of turning that each metre less than no room is worth")] = 100.0
+    furniture_yields: Annotated[
+        float, Number("m", OWN, "by which furniture may be too near: a tilted palm gets by, fingers are slim")
+    ] = 0.015
     blind: Annotated[
         float,
         Number("s", OWN, "over a link: what is left alone acts on, and then its joints come to rest, in such a time"),
