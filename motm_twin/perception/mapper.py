@@ -77,8 +77,9 @@ class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 def fading_of(p: MapSettings) -> Fading:
     """The rules by which evidence comes and goes, for kernels."""
-    after = (round(1000.0 * seconds) for seconds in (p.static_after, p.grace, p.hidden))
-    return Fading(p.hit, p.evidence_most, *after, p.shadow, round(1000.0 * p.forget))
+    static_ms, grace_ms = round(1000.0 * p.static_after), round(1000.0 * p.grace)
+    hidden_ms, forget_ms = round(1000.0 * p.hidden), round(1000.0 * p.forget)
+    return Fading(p.hit, p.evidence_most, static_ms, grace_ms, hidden_ms, p.shadow, forget_ms)
 
 
 def reach_of(robot: RobotProfile) -> float:

@@ -85,7 +85,7 @@ def specs(changes: Iterable[Change], seeds: int) -> Iterable[TrialSpec]:
 def bench_screening(out: Path, share: float, workers: int, console: Console, given: Sequence[str] = ()) -> bool:
     """Run, print, write ``out/screening.json`` and ``.md``; True when all trials have run.
 
-    ``share`` of four seeds of each scene; ``given``: only these numbers, or groups of them. About 4,000 trials for all.
+    ``share`` of four seeds of each scene; ``given``: only these numbers, or groups of them. About 5,700 trials for all.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     try:

@@ -210,7 +210,6 @@ class ArmParameters(msgspec.Struct, frozen=True, kw_only=True):
     hold_speed: Annotated[
         float, Number("m/s", OWN, "of corrections while it closes: the grasp rule allows 0.03 m/s")
     ] = 0.012
-    close_yaw: Annotated[float, Number("rad", OWN, "between fingers and faces at which it closes")] = 8.0 * DEG
     close_tilt: Annotated[float, Number("rad", OWN, "of the hand at which it closes")] = 20.0 * DEG
     seen_within: Annotated[float, Number("s", OWN, "nothing is grasped that was not seen this recently")] = 0.5
     sure_age: Annotated[float, Number("s", OWN, "nothing is gripped or let go on what the robot said longer ago")] = 0.1

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from motm_twin.control.arm.geometry import hand_yaw, planar_joints, pose_at, tilt_of
+from motm_twin.control.arm.geometry import planar_joints, pose_at, tilt_of
 from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmTiming, Phase
 from motm_twin.control.arm.view import ManipulatorState, View
 from motm_twin.model.exact import norm
-from motm_twin.model.geometry import Array, to_frame, wrap_angle
+from motm_twin.model.geometry import Array, to_frame
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 
@@ -273,9 +273,8 @@ def _approach(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome
         return "", Reason(kind=Kind.IMPRECISE, subject=view.goal.name, value=sd, limit=1e3 * p.close_sd, unit="mm")
     point = grasp_point(view, p)
     error = norm(view.p - point)
-    yaw_error = abs(wrap_angle(hand_yaw(view.R) - (state.yaw or 0.0)))
     still = norm(view.velocity) <= p.close_speed
-    if error <= p.close_error and still and yaw_error <= p.close_yaw and tilt_of(view.R) <= p.close_tilt:
+    if error <= p.close_error and still and tilt_of(view.R) <= p.close_tilt:
         state.anchor = point
         state.gripper = "close"
         state.side = view.goal.side
