@@ -10,16 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.method import ARM_STEPS, Rehearsed, Timed
+from motm_twin.control.method import Rehearsed, Timed
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.tick import Tick
 from motm_twin.model.geometry import frozen
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import command_pose
-from motm_twin.model.period import PERIOD
+from motm_twin.model.period import ARM_STEPS, PERIOD
 from motm_twin.model.plant import Actuation, Observation, Plant
 from motm_twin.model.scene import Noise, Scene
-from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.types import BoolArray, Mode, PlanStatus
 
 LONGEST = round(900.0 / PERIOD)  # periods
@@ -46,8 +45,7 @@ def nominal_scene(known: KnownWorld) -> Scene:
 def dry_run(
     make_twin: Callable[..., Any],
     known: KnownWorld,
-    planning: PlanningParameters,
-    arm: ArmParameters,
+    parameters: Parameters,
     edits: Timed = (),
     longest: int = LONGEST,
 ) -> Rehearsed:
@@ -57,7 +55,7 @@ def dry_run(
     """
     from motm_twin.methods.registry import MOTM  # late: its methods use dry runs
 
-    twin = make_twin(nominal_scene(known), method=MOTM, planning=planning, arm=arm)
+    twin = make_twin(nominal_scene(known), method=MOTM, numbers=parameters)
     twin.loop.plant = log = _Log(twin.plant)
     ticks: list[Tick] = []
     while len(ticks) < longest and not (twin.done and all(at < len(ticks) for at, _ in edits)):

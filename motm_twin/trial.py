@@ -11,6 +11,7 @@ import numpy as np
 from motm_twin.completion import Completion
 from motm_twin.control.arm.types import Phase
 from motm_twin.control.method import Method
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.sequence import name_of
 from motm_twin.control.tick import Tick
 from motm_twin.measures import Measures
@@ -78,12 +79,16 @@ def run_scene(
     plant: ExternalPlant | None = None,
     method: Method = FAST,
     parameters: dict[str, ParameterValue] | None = None,
+    numbers: Parameters | None = None,
 ) -> dict[str, Any]:
     """Run a scene to the end of its task list or its time limit; ``plant``: an external robot.
 
-    ``parameters``: of `control.tuning`, on top of the method's.
+    ``parameters``: of `control.tuning`, on top of the method's, and those on top of ``numbers``.
     """
-    twin = Twin(scene, method=method, parameters=parameters, budget=budget, clock=time.perf_counter, plant=plant)
+    twin = Twin(
+        scene, method=method, parameters=parameters, budget=budget, numbers=numbers, clock=time.perf_counter,
+        plant=plant,
+    )  # fmt: skip
     freeze_setup()
     if plant is not None:
         _wait_for(plant)

@@ -10,6 +10,7 @@ from motm_twin.control.arm.controller import Manipulator, NoArm
 from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.loop import ControlLoop, Settings
 from motm_twin.control.method import ArmParts, Method, PlannerParts, Rehearsed, Timed
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.targets import odometry_to_world
 from motm_twin.control.task_list import TaskList, edited
 from motm_twin.control.tick import Tick
@@ -57,15 +58,14 @@ class Twin:
         method: Method = FAST,
         parameters: dict[str, ParameterValue] | None = None,
         budget: SearchBudget | None = None,
-        planning: PlanningParameters | None = None,
-        arm: ArmParameters | None = None,
+        numbers: Parameters | None = None,
         clock: Callable[[], float] | None = None,
         plant: ExternalPlant | None = None,
     ) -> None:
         """``plant``: a robot in another program instead of the simulated one; such a run is neither copied nor rerun.
 
-        ``parameters``: of `control.tuning`, on top of the method's, ``planning`` and ``arm``; ValueError when one is
-        not allowed.
+        ``parameters``: of `control.tuning`, on top of the method's and ``numbers``; ValueError when one is not
+        allowed.
 
         ``clock`` [s]: bounds the searches when the budget has seconds, and measures the stages of a period.
         """
@@ -73,9 +73,8 @@ class Twin:
         start = {**method.parameters, **(parameters or {})}
         self._start = {name: check(name, value) for name, value in start.items()}
         self._start = {name: value for name, value in self._start.items() if value != parameter(name).default}
-        self._given = planning is not None or arm is not None
-        self._planning = planning or PlanningParameters()
-        self._arm = arm or ArmParameters()
+        self._given = numbers is not None
+        self._numbers = numbers or Parameters()
         self._budget = budget or SearchBudget()
         self._clock = clock
         self._queue: list[Edit] = []
@@ -259,17 +258,21 @@ class Twin:
     def _build(self) -> None:
         """The control loop for what the robot has been told, at its start."""
         known = self._told.known()
-        planning, arm = tuned(self.parameters, self._planning, self._arm)
+        numbers = self._tuned()
         self.loop = ControlLoop(
             known,
             self.plant,
-            self._planner(known, planning),
-            self._arm_side(known, arm),
-            settings=Settings(budget=self._budget),
+            self._planner(known, numbers.planning),
+            self._arm_side(known, numbers.arm),
+            settings=Settings(budget=self._budget, parameters=numbers),
             profile=self.scene.robot,
             truth=self.plant.truth,
             clock=self._clock or (lambda: 0.0),
         )
+
+    def _tuned(self) -> Parameters:
+        """All numbers as they are now."""
+        return tuned(self.parameters, self._numbers)
 
     def _rebuild(self) -> None:
         """A control loop with the robot's present knowledge and the old one's progress."""
@@ -294,20 +297,20 @@ class Twin:
 
     def _rehearse(self, edits: Timed) -> Rehearsed:
         """The task from its start, in the world as the robot knows it now, with the parameters of now."""
-        return dry_run(Twin, self._told.known(), *tuned(self.parameters, self._planning, self._arm), edits)
+        return dry_run(Twin, self._told.known(), self._tuned(), edits)
 
     def _search_clock(self) -> Callable[[], float] | None:
         return self._clock if self._budget.seconds is not None else None
 
     def _retune(self) -> None:
         """Planner and arm with the current parameters. Their states, which hold no parameters, are kept."""
-        planning, arm = tuned(self.parameters, self._planning, self._arm)
+        numbers = self._tuned()
         loop, planner, manipulator = self.loop, self.loop.planner, self.loop.manipulator
-        if planning != planner.parameters:
-            loop.planner = self._planner(loop.known, planning, planner.graphs)
+        if numbers.planning != planner.parameters:
+            loop.planner = self._planner(loop.known, numbers.planning, planner.graphs)
             loop.planner.restore(planner.snapshot())
-        if arm != manipulator.parameters:
-            loop.manipulator = self._arm_side(loop.known, arm)
+        if numbers.arm != manipulator.parameters:
+            loop.manipulator = self._arm_side(loop.known, numbers.arm)
             loop.manipulator.restore(manipulator.snapshot())
 
     def _apply(self, edit: Edit) -> None:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from twin_steps import SCENE, advance, advance_until, caused
 
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.tuning import PARAMETERS
 from motm_twin.methods.registry import FAST
 from motm_twin.model.edits import (
@@ -172,7 +173,7 @@ def test_an_object_in_a_bin_is_not_picked_until_somebody_takes_it_out():
 
 
 def test_a_twin_of_given_parameter_objects_has_no_session():
-    twin = Twin(SCENE, arm=Twin(SCENE).loop.manipulator.parameters)
+    twin = Twin(SCENE, numbers=Parameters())
     with pytest.raises(ValueError, match="parameters="):
         twin.session()
 

@@ -6,7 +6,8 @@ import msgspec
 import pytest
 from twin_steps import BIN, CUBE, SCENE, advance, advance_until, caused, in_phase
 
-from motm_twin.control import sequence
+from motm_twin.control.parameters import Parameters
+from motm_twin.control.sequence import SequenceParameters
 from motm_twin.model.edits import InsertTask, MoveObject, PushRobot
 from motm_twin.model.scene import Pick, Place
 from motm_twin.planning.candidates import is_avoided
@@ -16,11 +17,11 @@ OTHER, SECOND = SCENE.tasks[3].bin, SCENE.tasks[2].object
 
 
 @pytest.fixture
-def narrow(monkeypatch):
+def narrow():
     """A twin whose first bin is narrower than the cube, so that it is never let go there; it soon loses patience."""
-    monkeypatch.setattr(sequence, "STALL_LIMIT", 2.0)
     bins = tuple(msgspec.structs.replace(item, side=0.05) if item.name == BIN else item for item in SCENE.bins)
-    return Twin(msgspec.structs.replace(SCENE, bins=bins, tasks=SCENE.tasks[:4]))
+    hasty = Parameters(sequence=SequenceParameters(stall_limit=2.0))
+    return Twin(msgspec.structs.replace(SCENE, bins=bins, tasks=SCENE.tasks[:4]), numbers=hasty)
 
 
 def states(tick):
@@ -80,7 +81,7 @@ def test_a_pick_whose_time_is_up_is_finished_when_the_fingers_have_the_cube(monk
     """The pick was given up, and the next one took the cube in the fingers for its own."""
     twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:4]))
     advance_until(twin, in_phase(phase))
-    monkeypatch.setattr(sequence, "STALL_LIMIT", 0.0)
+    monkeypatch.setattr(twin.loop.sequence, "limits", SequenceParameters(stall_limit=0.0))
     twin.advance()
     monkeypatch.undo()
     tick = advance_until(twin, lambda tick: any(event.kind == "picked" for event in tick.events), 60)
@@ -92,8 +93,7 @@ def test_a_pick_whose_time_is_up_is_finished_when_the_fingers_have_the_cube(monk
 def test_a_place_whose_time_is_up_is_finished_when_the_fingers_let_go(monkeypatch):
     twin = Twin(msgspec.structs.replace(SCENE, tasks=SCENE.tasks[:4]))
     advance_until(twin, lambda tick: tick.arm[-1].phase == "release" and tick.arm[-1].actuation.gripper == "open")
-    monkeypatch.setattr(sequence, "STALL_LIMIT", 0.0)
-    monkeypatch.setattr(sequence, "PLACE_ATTEMPTS", 1)
+    monkeypatch.setattr(twin.loop.sequence, "limits", SequenceParameters(stall_limit=0.0, place_attempts=1))
     twin.advance()
     monkeypatch.undo()
     tick = advance_until(twin, lambda tick: tick.truth.places == 1, 40)

@@ -4,19 +4,23 @@
 
 With --check nothing is written, and the exit code is 1 when something would be. A table stands between a line
 ``<!-- methods -->``, ``<!-- numbers of FILE:CLASS -->`` or ``<!-- numbers of FILE -->`` and a line ``<!-- end -->``.
+Those of a class are its fields with a `Number`, or, of a class without any, all fields and the comments beside them.
 Without a class the numbers are the constants of the file that have a comment beside them.
 """
 
 import argparse
 import ast
+import importlib
 import io
 import re
 import sys
 import tokenize
+import typing
 from pathlib import Path
 
 from motm_twin.control.method import Method
 from motm_twin.methods.registry import METHODS
+from motm_twin.model.number import Number
 
 ROOT = Path(__file__).resolve().parents[1]
 METHOD, PARAMETERS = ROOT / "docs" / "method.md", ROOT / "docs" / "parameters.md"
@@ -52,15 +56,45 @@ def _value(value: float | str | bool) -> str:
 
 
 def numbers_table(file: str, name: str | None) -> str:
-    """One row for each field of a class, or constant of a file: its value, and what the comment beside it says."""
+    """One row for each field of a class, or constant of a file: its value, and what is said of it."""
     source = (ROOT / file).read_text(encoding="utf-8")
-    module, comments = ast.parse(source), comments_of(source)
+    module = ast.parse(source)
+    if name is None:
+        return _commented(_constants(module), comments_of(source), every=False)
+    fields = _fields(module, name, file)
+    meanings = _meanings(file, name)
+    return _annotated(fields, meanings) if meanings else _commented(fields, comments_of(source), every=True)
+
+
+def _annotated(fields: list[tuple[ast.expr, ast.expr]], meanings: dict[str, Number]) -> str:
+    """The table of fields that say themselves what they mean."""
+    lines = ["| number | symbol | value | unit | source | reason |", "|---|---|---|---|---|---|"]
+    for target, value in fields:
+        said = meanings.get(ast.unparse(target))
+        if said is not None:
+            lines.append(_row(_plain(target), said.symbol, _plain(value), said.unit, said.source, said.reason))
+    return "\n".join(lines) + "\n"
+
+
+def _commented(numbers: list[tuple[ast.expr, ast.expr]], comments: dict[int, str], *, every: bool) -> str:
+    """The table of numbers with comments beside them; of ``every`` one, or of those that have one."""
     lines = ["| number | value | unit, source, reason |", "|---|---|---|"]
-    for target, value in _constants(module) if name is None else _fields(module, name, file):
+    for target, value in numbers:
         said = [comments[k] for k in range(target.lineno, (value.end_lineno or value.lineno) + 1) if k in comments]
-        if said or name is not None:
+        if said or every:
             lines.append(_row(_plain(target), _plain(value), " ".join(said)))
     return "\n".join(lines) + "\n"
+
+
+def _meanings(file: str, name: str) -> dict[str, Number]:
+    """What the fields of a class say of themselves."""
+    owner = getattr(importlib.import_module(file.removesuffix(".py").replace("/", ".")), name)
+    found = {}
+    for field, annotation in typing.get_type_hints(owner, include_extras=True).items():
+        for said in getattr(annotation, "__metadata__", ()):
+            if isinstance(said, Number):
+                found[field] = said
+    return found
 
 
 def _fields(module: ast.Module, name: str, file: str) -> list[tuple[ast.expr, ast.expr]]:

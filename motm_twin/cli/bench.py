@@ -14,7 +14,7 @@ from motm_twin.generate.barn import PREFIX
 from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
-from motm_twin.studies import barn, faults, mismatch, pool, surprise, task
+from motm_twin.studies import barn, faults, mismatch, pool, screening, surprise, task
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
 from motm_twin.studies.groups import GROUPS, bench_group
 from motm_twin.studies.pool import BACKENDS
@@ -52,13 +52,16 @@ RUNS: dict[str, Run] = {
         given.out, given.share, given.workers, console, kinds=given.kinds, scenes=given.scenes
     ),
     mismatch.NAME: lambda given, console: mismatch.bench_mismatch(given.out, given.share, given.workers, console),
+    screening.NAME: lambda given, console: screening.bench_screening(
+        given.out, given.share, given.workers, console, given.numbers
+    ),
     surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
 }
 ALL = (*GROUPS, task.NAME)  # of the name "all"
 TRIAL = 0.12  # [min] of one trial on one of two processes
 MINUTES = {  # of the others, on two cores
     "period": 5, "page": 10, "bus": 6, "soak": 45, "scale": 12, "efficiency": 6, "growth": 5, "anytime": 7,
-    "solvers": 1, "task": 40, "faults": 120, "mismatch": 20, "surprise": 12,
+    "solvers": 1, "task": 40, "faults": 120, "mismatch": 20, "surprise": 12, "screening": 900,
 }  # fmt: skip
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
 
@@ -95,7 +98,7 @@ def _list_groups(console: Console) -> None:
     whole = {name: (round(len(GROUPS[name].trials) * TRIAL) or 1, GROUPS[name].title) for name in GROUPS}
     titles = {"period": period.TITLE, "solvers": period.SOLVERS_TITLE} | {
         module.NAME: module.TITLE
-        for module in (page, bus, soak, scale, pool, growth, anytime, task, faults, mismatch, surprise)
+        for module in (page, bus, soak, scale, pool, growth, anytime, task, faults, mismatch, surprise, screening)
     }
     whole |= {name: (minutes, titles[name]) for name, minutes in MINUTES.items()}
     for name in ALL:

@@ -17,9 +17,9 @@ from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import body_of, clearance, field_of
+from motm_twin.planning.parameters import StaaParameters
 from motm_twin.planning.types import BasePlan, BaseProblem, PlanStatus, empty_path
 
-MARGIN = 0.05  # [m] kept from everything, as plans do
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.1)  # of the twist, tried in this order
 HOLD = 0.3  # [s] that one twist lasts; then the robot goes on with its tasks
 
@@ -36,9 +36,10 @@ class ByHandState:
 class ByHand(Stateful[ByHandState]):
     """Remembers the twist that was given, as long as it counts."""
 
-    def __init__(self, profile: RobotProfile, period: float) -> None:
-        """``period`` [s] of control."""
+    def __init__(self, profile: RobotProfile, period: float, margin: float = StaaParameters().margin) -> None:
+        """``period`` [s] of control; ``margin`` [m] kept from everything, as plans do."""
         self._limits, self._hold, self._body = profile.base, round(HOLD / period), body_of(profile.footprint)
+        self._margin = margin
         self._state = ByHandState()
 
     def take(self, edit: Drive) -> None:
@@ -81,7 +82,7 @@ class ByHand(Stateful[ByHandState]):
     def _free_share(self, problem: BaseProblem, wanted: Array) -> tuple[float, float]:
         """The largest share of a twist after which the base can still stop clear of all it sees; clearance now [m].
 
-        Nearer than `MARGIN` to something, it may do whatever brings it no nearer.
+        Nearer than the margin to something, it may do whatever brings it no nearer.
         """
         field, b, dt = field_of(problem.world), self._limits, problem.period
         x, y, heading = problem.pose
@@ -90,7 +91,7 @@ class ByHand(Stateful[ByHandState]):
             v, w = problem.twist + self._towards(problem, share * wanted) * dt
             x, y, heading = drive(problem.pose, 0.5 * (v + problem.twist[0]), 0.5 * (w + problem.twist[1]), dt)
             a_max, b_max = b.linear_acceleration, b.yaw_acceleration
-            left = stopping_clearance(x, y, heading, v, w, a_max, b_max, MARGIN, field, self._body)
-            if left >= min(MARGIN, room):
+            left = stopping_clearance(x, y, heading, v, w, a_max, b_max, self._margin, field, self._body)
+            if left >= min(self._margin, room):
                 return share, room
         return 0.0, room

@@ -12,6 +12,7 @@ from motm_twin.control.arm.monitor import ArmMonitor
 from motm_twin.control.arm.program import AT_SUPPORT
 from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.control.monitor import Monitor
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.predictor import dwell_to_plan, followed
 from motm_twin.control.progress import Progress, ProgressState, base_has_to_move
 from motm_twin.control.reasons import standing
@@ -24,7 +25,7 @@ from motm_twin.model.edits import Edit, TaskEdit
 from motm_twin.model.geometry import Array, from_frame, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.motion import command_pose
-from motm_twin.model.period import PERIOD
+from motm_twin.model.period import ARM_STEPS, PERIOD
 from motm_twin.model.plant import Observation, Plant, Truth
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
@@ -37,16 +38,12 @@ from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.rejections import Rejection
 from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, SearchBudget, Target
 
-ARM_STEPS = 5  # arm steps in a period: 100 Hz
-BIN_SD = 0.05  # [m] how far from the middle of its bin an object may lie
-LOST_SD = 0.1  # [m] how far from the hand an object may be that was lost just now
-
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """How a loop runs; what it decides is set by the parameters of its parts."""
+    """Budget of the search, and the numbers of all parts."""
 
     budget: SearchBudget = SearchBudget()
-    arm_steps: int = ARM_STEPS
+    parameters: Parameters = Parameters()  # planner and arm have their own
 
 
 @dataclass
@@ -80,18 +77,19 @@ class ControlLoop(Stateful[LoopState]):
         self.known = known
         self.plant = plant
         self.settings = settings or Settings()
-        self.mapper = Mapper(known)
-        self.movers = MoverTracker(robot=known.robot)
-        self.tracker = ObjectTracker(known)
-        self.self_check = SelfCheck(known, self.tracker)
-        self.response = Response(profile or known.robot)
-        self.targets = Targets(known, self.tracker)
-        self.sequence = TaskSequence(known)
+        p = self.settings.parameters
+        self.mapper = Mapper(known, p.map)
+        self.movers = MoverTracker(p.movers, known.robot)
+        self.tracker = ObjectTracker(known, p.objects)
+        self.self_check = SelfCheck(known, self.tracker, p.self_check, slow_age=p.monitor.slow_age)
+        self.response = Response(profile or known.robot, p.response)
+        self.targets = Targets(known, self.tracker, p.planning.reach)
+        self.sequence = TaskSequence(known, p.sequence)
         self.planner = planner
         self.manipulator = manipulator
-        self.monitor = Monitor(known.robot)
-        self.arm_monitor = ArmMonitor(known)
-        self.by_hand = by_hand.ByHand(known.robot, PERIOD)
+        self.monitor = Monitor(known.robot, p.monitor)
+        self.arm_monitor = ArmMonitor(known, p.arm_monitor)
+        self.by_hand = by_hand.ByHand(known.robot, PERIOD, p.planning.staa.margin)
         self._truth = truth
         self._clock = clock
         self._state = LoopState()
@@ -182,6 +180,10 @@ class ControlLoop(Stateful[LoopState]):
         return self._state.index
 
     @property
+    def _progress(self) -> Progress:
+        return Progress(self._state.progress, PERIOD, self.settings.parameters.progress)
+
+    @property
     def engaged(self) -> bool:
         """The arm is at work on the active task (final approach to lift, release)."""
         return self._state.engaged
@@ -206,7 +208,7 @@ class ControlLoop(Stateful[LoopState]):
             next_target=self.targets.base_target(self.sequence.following, observation, None),
             engaged=self._state.engaged,
             period=PERIOD,
-            recovery=Progress(self._state.progress, PERIOD).recovery(observation.time),
+            recovery=self._progress.recovery(observation.time),
             stuck_at=np.array([pose for of, pose in self._state.stuck_at if of == self.sequence.index]).reshape(-1, 3),
         )
 
@@ -216,7 +218,7 @@ class ControlLoop(Stateful[LoopState]):
         """Keep the progress clock; what comes of a task on which the base has got nowhere for long."""
         counts = base_has_to_move(self.sequence, plan, busy=busy, by_hand=plan.status == PlanStatus.BY_HAND)
         time, index = observation.time, self.sequence.index
-        stalled = Progress(self._state.progress, PERIOD).watch(time, index, placement, plan, counts=counts)
+        stalled = self._progress.watch(time, index, placement, plan, counts=counts)
         events = self.sequence.hold_up(time, stalled, plan.why or placement.why, observation.pose)
         if events:
             self._state.progress.restart(self.sequence.index, time)
@@ -252,7 +254,7 @@ class ControlLoop(Stateful[LoopState]):
         self, observation: Observation, reported: Observation, world: WorldMap, plan: BasePlan, stages: Stages
     ) -> tuple[list[ArmStep], tuple[Observation, ...], tuple[Observation, ...], list[Event], Reason | None]:
         """The arm steps of this period, what each saw and was reported; the plant moves on between them."""
-        dt = PERIOD / self.settings.arm_steps
+        dt = PERIOD / ARM_STEPS
         T_odom_world = odometry_to_world(observation)
         plan_poses = _to_odometry(T_odom_world, plan.local_poses)
         obstacles = ArmObstacles.of(world, T_odom_world)
@@ -262,7 +264,7 @@ class ControlLoop(Stateful[LoopState]):
         reports: list[Observation] = []
         events: list[Event] = []
         reason: Reason | None = None
-        for k in range(self.settings.arm_steps):
+        for k in range(ARM_STEPS):
             if k:
                 with stages.measure("observe"):
                     reported = self.plant.observe()
@@ -296,7 +298,9 @@ class ControlLoop(Stateful[LoopState]):
                 elif step.outcome == "lost" and held:
                     self._lose(held, step.reference, observation, T_odom_world)
                 elif step.outcome == "placed" and held:
-                    self.tracker.move_belief(held, inputs.goal.position, observation, BIN_SD)
+                    self.tracker.move_belief(
+                        held, inputs.goal.position, observation, self.settings.parameters.objects.bin_sd
+                    )
                 events += self.sequence.apply(step.outcome, observation.time, step.why)
                 if self.sequence.index != index:
                     self._state.dwell, self._state.engaged = None, False
@@ -312,7 +316,7 @@ class ControlLoop(Stateful[LoopState]):
         place = self.tracker.belief(name, observation)[0]
         if top is not None:
             place = np.array([hand[0], hand[1], top + 0.5 * self.targets.objects[name].side])
-        self.tracker.move_belief(name, place, observation, LOST_SD)
+        self.tracker.move_belief(name, place, observation, self.settings.parameters.objects.lost_sd)
 
     def _arm_inputs(
         self, observation: Observation, T_odom_world: Array, plan: BasePlan, plan_poses: Array,
@@ -325,7 +329,7 @@ class ControlLoop(Stateful[LoopState]):
         goal = self.targets.arm_goal(task, self.sequence.held, observation, T_odom_world)
         return ArmInputs(
             observation=observation,
-            dt=PERIOD / self.settings.arm_steps,
+            dt=PERIOD / ARM_STEPS,
             goal=goal,
             base_twist=base_twist,
             time_to_range=time_to_range,

@@ -25,8 +25,6 @@ from motm_twin.planning.placement import NextTargetPlacement
 from motm_twin.planning.planner import BasePlanner, View
 from motm_twin.planning.types import BaseController, BoolArray, PlacementStrategy
 
-ARM_STEPS = 5  # of a period
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rehearsed:
@@ -101,6 +99,11 @@ def next_target_placement(materials: Materials, candidates: Rule) -> PlacementSt
     return NextTargetPlacement(parts.known.robot, parts.parameters, materials.graphs, candidates)
 
 
+def search_anew(materials: Materials) -> Commitment:
+    """Nothing: every period searches anew (Paper)."""
+    return Anew()
+
+
 def staa_control(materials: Materials, commitment: Commitment) -> BaseController:
     """STAA* with the paper's modifications, as the parameters say (Paper, Sec. III)."""
     parts = materials.parts
@@ -121,7 +124,7 @@ class BaseChoices:
     view: Callable[[KnownWorld], View | None] = lambda known: None  # the map on which it plans: as it is seen
     candidates: Callable[[Materials], Rule] = paper_candidates
     placement: Callable[[Materials, Rule], PlacementStrategy] = next_target_placement
-    commitment: Callable[[], Commitment] = Anew  # what is kept of earlier plans
+    commitment: Callable[[Materials], Commitment] = search_anew  # what is kept of earlier plans
     controller: Callable[[Materials, Commitment], BaseController] = staa_control
 
     def __call__(self, parts: PlannerParts) -> BasePlanner:
@@ -131,7 +134,7 @@ class BaseChoices:
             parts.known.robot,
             parts.parameters,
             placement=self.placement(materials, self.candidates(materials)),
-            controller=self.controller(materials, self.commitment()),
+            controller=self.controller(materials, self.commitment(materials)),
             graphs=materials.graphs,
             still=materials.ahead,
             view=materials.view,

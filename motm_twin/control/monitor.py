@@ -6,7 +6,7 @@ commanded speed would end in something the lidar sees.
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -17,6 +17,7 @@ from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.control.self_check import FULL_TRUST, Trust
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DQ_MAX
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Actuation, Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
@@ -77,11 +78,19 @@ class _Body(NamedTuple):
 class MonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
     """When the monitor acts."""
 
-    slow_age: float = 0.15  # [s] scan or state older than this: half speed; for an old state the arm begins to slow
-    stop_age: float = 0.30  # [s] scan or state older than this: stand; for an old state the arm, too
-    stop_margin: float = 0.01  # [m] kept between the stopped footprint and scan points
-    creep_speed: float = 0.1  # [m/s] over floor that was seen, but not lately: a touch at this speed does no harm
-    minimum_points: int = 2  # scan points inside the stopping footprint before it counts: one may be noise
+    slow_age: Annotated[
+        float, Number("s", OWN, "a scan or state older than this: half speed; for an old state the arm begins to slow")
+    ] = 0.15
+    stop_age: Annotated[
+        float, Number("s", OWN, "a scan or state older than this: stand, and for an old state the arm, too")
+    ] = 0.30
+    stop_margin: Annotated[float, Number("m", OWN, "kept between the stopped footprint and scan points")] = 0.01
+    creep_speed: Annotated[
+        float, Number("m/s", OWN, "over floor that was seen, but not lately: a touch at this speed does no harm")
+    ] = 0.1
+    minimum_points: Annotated[
+        int, Number("", OWN, "scan points inside the stopping footprint before it counts: one may be noise")
+    ] = 2
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True, eq=False):

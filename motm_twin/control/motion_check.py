@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import BaseLimits, RobotProfile
 from motm_twin.model.reason import Kind, Reason
@@ -19,30 +21,50 @@ JOINTS = 7
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of motion. Shares leave room for a base that is 40 % faster or slower than told."""
 
-    asked: float = 0.1  # share of the largest speed from which a base that stands does not follow
-    stands: float = 0.15  # share of what was asked: a joint that does less stands ...
-    base_stands: float = 0.45  # ... and a base, which takes a second to come to rest, and may be slower than told
-    stuck_after: float = 0.25  # [s] that the base stands although it should move
-    late: float = 0.1  # [s] of lag more than the profile says: at full speed its way is more than the margins
-    well: float = 0.05  # [s] at which the base is well again
-    memory: float = 0.6  # [s] over which the lag is reckoned
-    smooth: float = 0.1  # [s] over which a twist is smoothed before its change is told from its noise
-    limited: float = 0.95  # share of a limit at which a base is at it
-    caught_up: float = 0.25  # [s] after which it has caught up with what it could not follow there
-    changes: float = 0.15  # share of the largest acceleration, for this time: less change of speed tells no lag
-    changing: float = 0.1  # [s]
-    apart: float = 0.05  # of the square that tells lag from another speed than told
-    overshoot: float = 0.1  # share of the largest speed by which a late base is faster than it should be
-    back_after: float = 0.3  # [s] of following after which a base is no longer stuck
-    forgotten: float = 2.0  # [s] without a demand after which it is given another chance
-    joint_asked: float = 0.08  # [rad/s] from which a joint that stands does not follow: above the noise of its rates
-    joint_after: float = 0.2  # [s]
-    recent: float = 0.06  # [s] within which the rates that joints are told explain those that they have
-    joint_room: float = 0.1  # [rad] from a limit of position within which a joint may stand
-    joint_forgotten: float = 2.0  # [s] without a demand after which a stuck joint is given another chance
-    creep: float = 0.3  # share of its speed with which a stuck or late base goes on
-    fingers_after: float = 0.3  # [s] after their command within which fingers move
-    fingers_moved: float = 0.001  # [m]
+    asked: Annotated[
+        float, Number("", OWN, "share of the largest speed from which a base that stands does not follow")
+    ] = 0.1
+    stands: Annotated[float, Number("", OWN, "share of what was asked: a joint that does less stands")] = 0.15
+    base_stands: Annotated[
+        float, Number("", OWN, "the same of a base, which takes a second to come to rest, and may be slower than told")
+    ] = 0.45
+    stuck_after: Annotated[float, Number("s", OWN, "that the base stands although it should move")] = 0.25
+    late: Annotated[
+        float, Number("s", OWN, "of lag more than the profile says: at full speed its way is more than the margins")
+    ] = 0.1
+    well: Annotated[float, Number("s", OWN, "at which the base is well again")] = 0.05
+    memory: Annotated[float, Number("s", OWN, "over which the lag is reckoned")] = 0.6
+    smooth: Annotated[
+        float, Number("s", OWN, "over which a twist is smoothed before its change is told from its noise")
+    ] = 0.1
+    limited: Annotated[float, Number("", OWN, "share of a limit at which a base is at it")] = 0.95
+    caught_up: Annotated[
+        float, Number("s", OWN, "after which it has caught up with what it could not follow there")
+    ] = 0.25
+    changes: Annotated[
+        float, Number("", OWN, "share of the largest acceleration, for `changing`: less change of speed tells no lag")
+    ] = 0.15
+    changing: Annotated[float, Number("s", OWN, "time of that change")] = 0.1
+    apart: Annotated[float, Number("", OWN, "of the square that tells lag from another speed than told")] = 0.05
+    overshoot: Annotated[
+        float, Number("", OWN, "share of the largest speed by which a late base is faster than it should be")
+    ] = 0.1
+    back_after: Annotated[float, Number("s", OWN, "of following after which a base is no longer stuck")] = 0.3
+    forgotten: Annotated[float, Number("s", OWN, "without a demand after which it is given another chance")] = 2.0
+    joint_asked: Annotated[
+        float, Number("rad/s", OWN, "from which a joint that stands does not follow: above the noise of its rates")
+    ] = 0.08
+    joint_after: Annotated[float, Number("s", OWN, "that a joint stands although it should move")] = 0.2
+    recent: Annotated[
+        float, Number("s", OWN, "within which the rates that joints are told explain those that they have")
+    ] = 0.06
+    joint_room: Annotated[float, Number("rad", OWN, "from a limit of position within which a joint may stand")] = 0.1
+    joint_forgotten: Annotated[
+        float, Number("s", OWN, "without a demand after which a stuck joint is given another chance")
+    ] = 2.0
+    creep: Annotated[float, Number("", OWN, "share of its speed with which a stuck or late base goes on")] = 0.3
+    fingers_after: Annotated[float, Number("s", OWN, "after their command within which fingers move")] = 0.3
+    fingers_moved: Annotated[float, Number("m", OWN, "by which they have moved then")] = 0.001
 
 
 @dataclass

@@ -7,18 +7,34 @@ the sequence does something else first, or gives the task up.
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from motm_twin.control.sequence import TaskSequence
 from motm_twin.model.geometry import Array
+from motm_twin.model.number import OWN, Number
 from motm_twin.planning.types import BasePlan, Placement, Recovery
 
-BACK_OFF, LOOK, TIGHT, TIGHTEST, ELSEWHERE = 3.0, 5.0, 6.0, 8.0, 12.0  # [s] without progress, when each begins
-KEEPS = 8.0  # [s] of progress after which a way that needed less room is done with
-GAIN = 0.2  # [s] by which the way left must be shorter than ever before
-RELOCATED = 0.5  # [m] by which the place to go to must move to count as another
-RELOCATIONS = 3  # times that another place begins the count anew; a robot that circles changes it again and again
+
+class ProgressParameters(msgspec.Struct, frozen=True, kw_only=True):
+    """When a robot without progress tries what."""
+
+    back_off: Annotated[float, Number("s", OWN, "without progress, when it begins to back off")] = 3.0
+    look: Annotated[float, Number("s", OWN, "the same of turning to where its lidar does not see")] = 5.0
+    tight: Annotated[float, Number("s", OWN, "the same of planning with less room")] = 6.0
+    tightest: Annotated[float, Number("s", OWN, "the same of planning down to the true footprint")] = 8.0
+    elsewhere: Annotated[float, Number("s", OWN, "the same of going for another place")] = 12.0
+    keeps: Annotated[float, Number("s", OWN, "of progress after which a way that needed less room is done with")] = 8.0
+    gain: Annotated[float, Number("s", OWN, "by which the way left must be shorter than ever before")] = 0.2
+    relocated: Annotated[float, Number("m", OWN, "by which the place to go to must move to count as another")] = 0.5
+    relocations: Annotated[
+        int,
+        Number(
+            "", OWN, "times that another place begins the count anew; a robot that circles changes it again and again"
+        ),
+    ] = 3
 
 
 @dataclass
@@ -42,47 +58,48 @@ class ProgressState:
 class Progress:
     """Watches one task after the other. Its state lives in the loop's."""
 
-    def __init__(self, state: ProgressState, period: float) -> None:
+    def __init__(self, state: ProgressState, period: float, parameters: ProgressParameters | None = None) -> None:
         """``period`` [s] of control."""
         self.state, self._period = state, period
+        self._parameters = parameters or ProgressParameters()
 
     def recovery(self, time: float) -> Recovery:
         """Recovery of this period."""
-        state = self.state
+        state, p = self.state, self._parameters
         stalled = time - state.since
-        if time - state.eased < KEEPS:
+        if time - state.eased < p.keeps:
             stalled = max(stalled, state.hardest)
         return Recovery(
-            back_off=BACK_OFF <= time - state.since < LOOK,
-            look=LOOK <= time - state.since < TIGHT,
-            tightness=0.0 if stalled < TIGHT else 0.5 if stalled < TIGHTEST else 1.0,
+            back_off=p.back_off <= time - state.since < p.look,
+            look=p.look <= time - state.since < p.tight,
+            tightness=0.0 if stalled < p.tight else 0.5 if stalled < p.tightest else 1.0,
             avoid=np.array(state.avoid).reshape(-1, 3),
         )
 
     def watch(self, time: float, task: int, placement: Placement, plan: BasePlan, *, counts: bool) -> float:
         """Take a period into account; time [s] without progress. ``counts``: the base has to get somewhere."""
-        state = self.state
+        state, p = self.state, self._parameters
         if task != state.task or not counts:
             if task != state.task:
                 state.restart(task, time)
             state.since = time
             return 0.0
-        if state.goal is None or math.dist(state.goal[:2], placement.goal[:2]) > RELOCATED:
+        if state.goal is None or math.dist(state.goal[:2], placement.goal[:2]) > p.relocated:
             if state.goal is not None:
                 state.relocations += 1
-            if state.relocations <= RELOCATIONS:
+            if state.relocations <= p.relocations:
                 state.best = math.inf
             state.goal = np.array(placement.goal)
         left = way_left(placement, plan)
-        if left < state.best - GAIN:
+        if left < state.best - p.gain:
             if math.isfinite(state.best):
                 stalled = time - state.since
-                if stalled >= TIGHT or time - state.eased < KEEPS:
+                if stalled >= p.tight or time - state.eased < p.keeps:
                     state.hardest, state.eased = max(stalled, state.hardest), time
                 state.since = time
             state.best = left
         stalled = time - state.since
-        if stalled >= ELSEWHERE > stalled - self._period and placement.chosen >= 0:
+        if stalled >= p.elsewhere > stalled - self._period and placement.chosen >= 0:
             state.avoid += (np.array(placement.goal),)
         return stalled
 

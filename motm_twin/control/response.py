@@ -8,6 +8,7 @@ a robot on a slow link is; a lag becomes that of the profile (`Twin`).
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -15,34 +16,51 @@ import numpy as np
 from motm_twin.control.predictor import Motion, Predictor
 from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 
 JOINTS = 7
-TELLS_JOINT = 0.01  # [rad/s] between two models below which this moment does not tell one from the other
-TELLS_BASE = 0.01  # the same of the base, in shares of its largest speed
-GAP = 0.06  # [s] between observations beyond which nothing is told from one to the next
-SLOW = 0.2  # share of the largest speed below which a scale is not reckoned
-STEADY = 0.02  # the same within which what the base is told does not change
 LAGS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # [s] more than the profile says
 
 
 class ResponseSettings(msgspec.Struct, frozen=True, kw_only=True):
     """When another delay or lag is believed; choices of this project."""
 
-    step: float = 0.01  # [s] between the delays that are tried
-    longest: float = 0.3  # [s]
-    memory: float = 2.0  # [s] over which misfits are added up
-    base_memory: float = 4.0  # [s] the same of the base, which changes its speed less often
-    explained: float = 0.2  # share of the square of what a model expects, that its misfit is at most
-    settles: float = 1.5  # [s] after which every base is at a speed that does not change
-    steady: float = 0.5  # [s] over which the scale of the base is reckoned while its speed is steady
-    better: float = 3.0  # times as large as the best misfit is that of the one believed so far, before it is given up
-    joints: float = 0.02  # [rad^2/s^2 s] by which a misfit of the joints is larger at least ...
-    base: float = 0.001  # [s] ... and one of the base, in shares of its largest speed squared
-    sure: float = 0.3  # [s] for which that has been so
-    sure_base: float = 1.5  # [s] longer than a fault is told by another name first
+    step: Annotated[float, Number("s", OWN, "between the delays that are tried")] = 0.01
+    longest: Annotated[float, Number("s", OWN, "longest delay that is tried")] = 0.3
+    memory: Annotated[float, Number("s", OWN, "over which misfits are added up")] = 2.0
+    base_memory: Annotated[float, Number("s", OWN, "the same of the base, which changes its speed less often")] = 4.0
+    explained: Annotated[
+        float, Number("", OWN, "share of the square of what a model expects, that its misfit is at most")
+    ] = 0.2
+    settles: Annotated[float, Number("s", OWN, "after which every base is at a speed that does not change")] = 1.5
+    steady: Annotated[
+        float, Number("s", OWN, "over which the scale of the base is reckoned while its speed is steady")
+    ] = 0.5
+    better: Annotated[
+        float,
+        Number("", OWN, "times as large as the best misfit is that of the one believed so far, before it is given up"),
+    ] = 3.0
+    joints: Annotated[float, Number("rad^2/s", OWN, "by which a misfit of the joints is larger at least")] = 0.02
+    base: Annotated[
+        float,
+        Number("s", OWN, "by which a misfit of the base is larger at least, in shares of its largest speed squared"),
+    ] = 0.001
+    tells_joint: Annotated[
+        float, Number("rad/s", OWN, "between two models below which this moment does not tell one from the other")
+    ] = 0.01
+    tells_base: Annotated[float, Number("", OWN, "the same of the base, in shares of its largest speed")] = 0.01
+    gap: Annotated[
+        float, Number("s", OWN, "between observations beyond which nothing is told from one to the next")
+    ] = 0.06
+    slow: Annotated[float, Number("", OWN, "share of the largest speed below which a scale is not reckoned")] = 0.2
+    unchanged: Annotated[
+        float, Number("", OWN, "share of the largest speed within which what the base is told does not change")
+    ] = 0.02
+    sure: Annotated[float, Number("s", OWN, "for which that has been so")] = 0.3
+    sure_base: Annotated[float, Number("s", OWN, "longer than a fault is told by another name first")] = 1.5
 
 
 @dataclass
@@ -117,7 +135,7 @@ class Response(Stateful[ResponseState]):
         dt, state.time = 0.0 if state.time is None else now.time - state.time, now.time
         if not _finite(now):
             return
-        if not (0.0 < dt <= GAP) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
+        if not (0.0 < dt <= self._settings.gap) or now.ahead > 0.0 or now.age > 0.0 or not state.commands:
             state.rates, state.twists = np.tile(now.dq, (self._count, 1)), np.tile(now.twist, (len(LAGS), 1))
             return
         self._joints(now, dt)
@@ -135,7 +153,7 @@ class Response(Stateful[ResponseState]):
         believed = round(state.delay / settings.step)
         best = self._better(state.of_delay, believed, settings.joints)
         apart = 0.0 if best is None else float(np.abs(state.rates[best] - state.rates[believed]).max())
-        state.late = 0.0 if best is None else state.late + dt * (apart > TELLS_JOINT)
+        state.late = 0.0 if best is None else state.late + dt * (apart > self._settings.tells_joint)
         if best is not None and state.late > settings.sure:
             state.delay, state.late, state.lagging = settings.step * best, 0.0, 0.0
             state.twists, state.of_lag = np.tile(now.twist, (len(LAGS), 1)), np.zeros_like(state.of_lag)
@@ -149,9 +167,9 @@ class Response(Stateful[ResponseState]):
         shares = np.array([_share(base.velocity_lag + lag, dt) for lag in LAGS])[:, None]
         wanted = state.scale * acting
         state.twists = state.twists + np.clip(shares * (wanted[None] - state.twists), -most, most)
-        same = np.abs(acting - state.acting) < STEADY * largest
+        same = np.abs(acting - state.acting) < settings.unchanged * largest
         state.settled, state.acting = np.where(same, state.settled + dt, 0.0), np.where(same, state.acting, acting)
-        steady = (state.settled > settings.settles) & (np.abs(acting) > SLOW * largest)
+        steady = (state.settled > settings.settles) & (np.abs(acting) > settings.slow * largest)
         ratio = np.clip(now.twist / np.where(steady, acting, 1.0), 0.5, 1.5)
         state.scale = np.where(steady, state.scale + dt / settings.steady * (ratio - state.scale), state.scale)
         model, off = state.twists / largest, (state.twists - now.twist[None]) / largest
@@ -160,7 +178,7 @@ class Response(Stateful[ResponseState]):
         believed = LAGS.index(state.lag)
         best = self._better(state.of_lag, believed, settings.base)
         apart = 0.0 if best is None else float(np.abs(model[best] - model[believed]).max())
-        state.lagging = 0.0 if best is None else state.lagging + dt * (apart > TELLS_BASE)
+        state.lagging = 0.0 if best is None else state.lagging + dt * (apart > self._settings.tells_base)
         if best is not None and state.lagging > settings.sure_base:
             state.lag, state.lagging = LAGS[best], 0.0
 

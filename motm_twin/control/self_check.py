@@ -13,6 +13,7 @@ import numpy as np
 
 from motm_twin.control import motion_check
 from motm_twin.control.motion_check import MotionSettings, MotionState
+from motm_twin.control.reasons import MOVING
 from motm_twin.control.tick import Event
 from motm_twin.model.geometry import Array, compose, inverse
 from motm_twin.model.known import KnownWorld
@@ -28,8 +29,6 @@ from motm_twin.perception.localisation_check import LocalisationSettings, Locali
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.perception.scan import RefusedScan, check_scan
 from motm_twin.perception.sweeps import SweepSettings, SweepState, check_sweep, map_segments
-
-STANDS = (0.03, 0.05)  # [m/s], [rad/s] below which the base stands
 
 
 class Trust(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -52,7 +51,6 @@ class SelfCheckSettings(msgspec.Struct, frozen=True, kw_only=True):
     localisation: LocalisationSettings = LocalisationSettings()
     detections: DetectionSettings = DetectionSettings()
     motion: MotionSettings = MotionSettings()
-    old: float = 0.15  # [s] age of a sweep or a state from which the monitor slows the robot
 
 
 @dataclass
@@ -75,10 +73,12 @@ class SelfCheckState:
 class SelfCheck(Stateful[SelfCheckState]):
     """Turns what the robot reports into what it may rely on."""
 
-    def __init__(self, known: KnownWorld, tracker: ObjectTracker, settings: SelfCheckSettings | None = None) -> None:
-        """The map, the limits and the noise of the robot; beliefs are the tracker's."""
+    def __init__(
+        self, known: KnownWorld, tracker: ObjectTracker, settings: SelfCheckSettings, *, slow_age: float
+    ) -> None:
+        """Beliefs are the tracker's; ``slow_age`` [s] of a sweep or a state from which the monitor slows the robot."""
         self._known, self._tracker = known, tracker
-        self._settings = settings or SelfCheckSettings()
+        self._settings, self._slow_age = settings, slow_age
         self._segments = map_segments(known)
         self._outline = Outline.of(self._segments, self._settings.sector.bin)
         self._state = SelfCheckState(SectorState.of(known.robot.lidar.beams, int(self._outline.first[-1])))
@@ -97,7 +97,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         believed = localisation_check.correct(local, now, robot.base, settings.localisation)
         dt = 0.0 if state.time is None else max(0.0, now.time - state.time)
         state.time = now.time
-        if now.age > settings.old:
+        if now.age > self._slow_age:
             motion_check.skip(state.motion)
         else:
             motion_check.check_base(state.motion, now, dt, robot.base, settings.motion)
@@ -126,7 +126,7 @@ class SelfCheck(Stateful[SelfCheckState]):
         if not state.findings:
             return FULL_TRUST
         motion, worst = state.motion, state.findings[0]
-        stands = bool((np.abs(motion.expected) < STANDS).all())
+        stands = bool((np.abs(motion.expected) < MOVING).all())
         joints = motion_check.joint_shares(motion, stands=stands)
         arm = min(one.arm for one in state.findings)
         if arm < 1.0:
@@ -193,7 +193,7 @@ class SelfCheck(Stateful[SelfCheckState]):
 
     def _old(self, now: Observation) -> list[Finding]:
         """A sweep or a state that is old: the monitor slows and stops for it, and says so."""
-        state, found, limit = self._state, [], self._settings.old
+        state, found, limit = self._state, [], self._slow_age
         heard = 0.0 if state.good is None else now.time - now.ahead - state.good.stamp
         bad = state.of_scan is not None or state.localisation.mode == "doubt"
         ages = ((Kind.SCAN_OLD, "lidar", 0.0 if bad else heard), (Kind.STATE_OLD, "robot", now.age))

@@ -7,25 +7,52 @@ refused, or a person has taken the place task off the list, the robot keeps what
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
+
+import msgspec
 
 from motm_twin.control.task_list import TaskList, edited, kind_of, name_of
 from motm_twin.control.tick import Event, TaskState
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.reason import Reason
 from motm_twin.model.scene import DriveTo, Pick, Place, Task
 from motm_twin.model.state import Stateful
 
-MAX_ATTEMPTS = 8  # grasps of one object before its task is given up
-PLACE_ATTEMPTS = 3  # times `STALL_LIMIT` at a bin before what is held goes to another: whoever is in the way may leave
-STALL_LIMIT = 30.0  # [s] with the target in reach and no progress before the task is given up
-OUT_OF_REACH = 5.0  # [s] out of reach after which the time in reach counts anew; a base that swings keeps it running
-OUTSIDE_LIMIT = 10.0  # [s] as near as it gets before a target outside the map is given up
-DRIVE_LIMIT = 10.0  # [s] at the closest free place before a drive to a point that is not free is given up
-OTHER_ORDER = 25.0  # [s] without progress of the base after which another task comes first
-NO_PROGRESS = 45.0  # [s] after which the task is given up
-HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose
+
+class SequenceParameters(msgspec.Struct, frozen=True, kw_only=True):
+    """When a task is tried again, put off or given up."""
+
+    most_attempts: Annotated[int, Number("", OWN, "grasps of one object before its task is given up")] = 8
+    place_attempts: Annotated[
+        int,
+        Number(
+            "", OWN, "times stall_limit at a bin before what is held goes to another: whoever is in the way may leave"
+        ),
+    ] = 3
+    stall_limit: Annotated[
+        float, Number("s", OWN, "with the target in reach and no progress before the task is given up")
+    ] = 30.0
+    out_of_reach: Annotated[
+        float, Number("s", OWN, "after which the time in reach counts anew; a base that swings keeps it running")
+    ] = 5.0
+    outside_limit: Annotated[
+        float, Number("s", OWN, "as near as it gets before a target outside the map is given up")
+    ] = 10.0
+    drive_limit: Annotated[
+        float, Number("s", OWN, "at the closest free place before a drive to a point that is not free is given up")
+    ] = 10.0
+    other_order: Annotated[
+        float, Number("s", OWN, "without progress of the base after which another task comes first")
+    ] = 25.0
+    no_progress: Annotated[float, Number("s", OWN, "without progress of the base after which the task is given up")] = (
+        45.0
+    )
+
+
+HEADING_TOLERANCE = 0.35  # [rad] (20 deg) of a drive_to pose: what such a task means
 
 
 @dataclass
@@ -49,8 +76,8 @@ class SequenceState:
 class TaskSequence(Stateful[SequenceState]):
     """Works through the task list in order; a failed pick takes its place task with it, also past drives."""
 
-    def __init__(self, known: KnownWorld) -> None:
-        self.known = known
+    def __init__(self, known: KnownWorld, limits: SequenceParameters | None = None) -> None:
+        self.known, self.limits = known, limits or SequenceParameters()
         count = len(known.tasks)
         self._state = SequenceState(tasks=list(known.tasks), status=["waiting"] * count, attempts=[0] * count)
         self._activate()
@@ -83,7 +110,7 @@ class TaskSequence(Stateful[SequenceState]):
     @property
     def most_attempts(self) -> int:
         """Tries that the active task gets."""
-        return PLACE_ATTEMPTS if isinstance(self.active, Place) else MAX_ATTEMPTS
+        return self.limits.place_attempts if isinstance(self.active, Place) else self.limits.most_attempts
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -150,8 +177,8 @@ class TaskSequence(Stateful[SequenceState]):
         if outcome == "missed" and isinstance(task, Pick):
             state.attempts[state.index] += 1
             state.in_reach_since = None
-            if state.attempts[state.index] >= MAX_ATTEMPTS:
-                return self._give_up(time, f"{task.object}: {MAX_ATTEMPTS} grasps failed")
+            if state.attempts[state.index] >= self.limits.most_attempts:
+                return self._give_up(time, f"{task.object}: {self.limits.most_attempts} grasps failed")
             return (Event(time=time, kind="missed", text=f"missed {task.object}, trying again"),)
         return ()
 
@@ -176,8 +203,8 @@ class TaskSequence(Stateful[SequenceState]):
             state.outside_since = None
         elif state.outside_since is None:
             state.outside_since = time
-        elif time - state.outside_since > OUTSIDE_LIMIT:
-            text = f"{kind_of(task)} {name_of(task)}: outside the map for {OUTSIDE_LIMIT:.0f} s"
+        elif time - state.outside_since > self.limits.outside_limit:
+            text = f"{kind_of(task)} {name_of(task)}: outside the map for {self.limits.outside_limit:.0f} s"
             return self._give_up(time, text + self._elsewhere(pose))
         if isinstance(task, DriveTo):
             return self._watch_drive(task, time, blocked=blocked)
@@ -189,8 +216,8 @@ class TaskSequence(Stateful[SequenceState]):
             state.in_reach_since = None
         elif state.in_reach_since is None:
             state.in_reach_since = time
-        elif time - state.in_reach_since > DRIVE_LIMIT:
-            return self._give_up(time, f"drive to {name_of(task)}: {blocked} for {DRIVE_LIMIT:.0f} s")
+        elif time - state.in_reach_since > self.limits.drive_limit:
+            return self._give_up(time, f"drive to {name_of(task)}: {blocked} for {self.limits.drive_limit:.0f} s")
         return ()
 
     def _watch_reach(
@@ -200,7 +227,7 @@ class TaskSequence(Stateful[SequenceState]):
         if not in_reach:
             if state.out_of_reach_since is None:
                 state.out_of_reach_since = time
-            elif time - state.out_of_reach_since > OUT_OF_REACH:
+            elif time - state.out_of_reach_since > self.limits.out_of_reach:
                 state.in_reach_since = None
             return ()
         state.out_of_reach_since = None
@@ -208,10 +235,10 @@ class TaskSequence(Stateful[SequenceState]):
             state.in_reach_since, state.waits = time, {}
         if why is not None:
             state.waits[why.key] = state.waits.get(why.key, (0, why))[0] + 1, why
-        if time - state.in_reach_since > STALL_LIMIT:
-            text = f"{kind_of(task)} {name_of(task)}: in reach for {STALL_LIMIT:.0f} s, not done"
+        if time - state.in_reach_since > self.limits.stall_limit:
+            text = f"{kind_of(task)} {name_of(task)}: in reach for {self.limits.stall_limit:.0f} s, not done"
             text = f"{text}: {max(state.waits.values(), key=_count)[1]}" if state.waits else text
-            if isinstance(task, Place) and state.attempts[state.index] < PLACE_ATTEMPTS:
+            if isinstance(task, Place) and state.attempts[state.index] < self.limits.place_attempts:
                 state.attempts[state.index] += 1
                 state.in_reach_since, state.waits = time, {}
                 return (Event(time=time, kind="missed", text=f"{text}; trying again"),)
@@ -221,7 +248,7 @@ class TaskSequence(Stateful[SequenceState]):
     def hold_up(self, time: float, stalled: float, why: Reason | None, pose: Array) -> tuple[Event, ...]:
         """The base has made no progress for ``stalled`` [s]: do something else first, or give the task up."""
         state, task = self._state, self.active
-        if task is None or stalled < OTHER_ORDER:
+        if task is None or stalled < self.limits.other_order:
             return ()
         name = f"{kind_of(task)} {name_of(task)}"
         reason = "" if why is None else f": {why}"
@@ -229,7 +256,7 @@ class TaskSequence(Stateful[SequenceState]):
             state.postponed += (name,)
             text = f"{name}: no progress for {stalled:.0f} s, put off{reason}"
             return (Event(time=time, kind="postponed", text=text),)
-        if stalled < NO_PROGRESS:
+        if stalled < self.limits.no_progress:
             return ()
         return self._give_up(time, f"{name}: no progress for {stalled:.0f} s{reason}" + self._elsewhere(pose))
 
@@ -322,9 +349,9 @@ class TaskSequence(Stateful[SequenceState]):
             return (Event(time=time, kind="lost", text=f"lost {lost}"),) if lost else ()
         pick = picks[-1]
         state.attempts[pick] += 1
-        if state.attempts[pick] >= MAX_ATTEMPTS:
+        if state.attempts[pick] >= self.limits.most_attempts:
             self._fail_place()
-            return self._failed(time, f"{lost}: lost {MAX_ATTEMPTS} times")
+            return self._failed(time, f"{lost}: lost {self.limits.most_attempts} times")
         self._go_back(pick)
         return (Event(time=time, kind="lost", text=f"lost {lost}, going back for it"),)
 

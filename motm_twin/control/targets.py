@@ -11,6 +11,7 @@ from motm_twin.model.plant import Observation
 from motm_twin.model.scene import DriveTo, Pick, Task
 from motm_twin.perception.footprints import distance_to_shape, outline
 from motm_twin.perception.objects import ObjectTracker
+from motm_twin.planning.parameters import ReachParameters
 from motm_twin.planning.types import Target
 
 BESIDE = 0.25  # [m] objects this near may be in the way of a hand that grasps
@@ -18,7 +19,6 @@ OVER_TARGET = 0.35  # [m] above a target: no higher does the arm reach over what
 OVER_MOUNT = 0.55  # [m] above its mount: the shoulder is at 0.33, and reaches down over what is lower
 NEAR = 1.5  # [m] further from a target no arm has its mount
 TABLE = 0.3  # [m] lower things do not carry objects
-DWELL = {"pick": 1.3, "place": 0.5, "drive": 0.0}  # [s] in reach that a job needs before the arm has begun it
 
 
 def odometry_to_world(observation: Observation) -> Array:
@@ -29,9 +29,9 @@ def odometry_to_world(observation: Observation) -> Array:
 class Targets:
     """Looks up where the targets of tasks are."""
 
-    def __init__(self, known: KnownWorld, tracker: ObjectTracker) -> None:
+    def __init__(self, known: KnownWorld, tracker: ObjectTracker, reach: ReachParameters) -> None:
         self.known = known
-        self.tracker = tracker
+        self.tracker, self._reach = tracker, reach
         self.objects = {item.name: item for item in known.objects}
         self.bins = {item.name: item for item in known.bins}
         self._over_all = known.robot.arm.mount_z + OVER_MOUNT
@@ -64,7 +64,7 @@ class Targets:
             name=name,
             position=position,
             walls=self._walls(position, float(top)),
-            dwell=DWELL[kind] if dwell is None else dwell,
+            dwell=self._reach.dwell(kind) if dwell is None else dwell,
         )
 
     def _walls(self, position: Array, height: float) -> Array:

@@ -68,7 +68,7 @@ class Forecast:
         )
         return frozen(STEP * np.arange(STEPS + 1)), poses
 
-    def time_to_range(self, times: Array, poses: Array, target: Target | None, *, engaged: bool) -> float:
+    def time_to_range(self, times: Array, poses: Array, target: Target | None) -> float:
         """Time [s] until the target is in reach; 0 when it is, inf without a target.
 
         A target that stays out of reach takes at least as long as the forecast, and at least as long
@@ -76,7 +76,7 @@ class Forecast:
         """
         if target is None:
             return math.inf
-        job = self._reach.job(target, self._staa, engaged=engaged)
+        job = self._reach.job(target, self._staa)
         first = first_in_reach(poses, job)
         if first >= 0:
             return float(times[first])
@@ -161,7 +161,7 @@ class BaseAction(Stateful[BaseActionState]):
             cut_by_clock=False,
             t_h=math.inf,
             k=1.0,
-            time_to_range=self.forecast.time_to_range(times, poses, problem.target, engaged=problem.engaged),
+            time_to_range=self.forecast.time_to_range(times, poses, problem.target),
         )
 
     def _acceleration(self, problem: BaseProblem) -> tuple[Array, Reason | None]:

@@ -6,7 +6,6 @@ For imitation, as a baseline, and to check that the environment is the same task
 import numpy as np
 from numpy.typing import NDArray
 
-from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs, ArmObstacles, ArmStep
 from motm_twin.control.method import ArmParts, PlannerParts
 from motm_twin.control.predictor import followed
@@ -19,7 +18,6 @@ from motm_twin.methods.registry import find_method
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.period import PERIOD
-from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.types import BasePlan, SearchBudget
 
 
@@ -30,10 +28,10 @@ class Expert:
         """``env``: `unwrapped`, after its `reset`. ValueError for a method that cannot act in it."""
         chosen = find_method(method)
         check_fits(chosen, whole_body=env.whole_body)
-        planning, arm = tuned(dict(chosen.parameters), PlanningParameters(), ArmParameters())
+        numbers = tuned(chosen.parameters)
         self._env, self._known = env, env.twin.loop.known
-        self._planner = chosen.planner(PlannerParts(known=self._known, parameters=planning))
-        self._arm = chosen.arm(ArmParts(known=self._known, parameters=arm))
+        self._planner = chosen.planner(PlannerParts(known=self._known, parameters=numbers.planning))
+        self._arm = chosen.arm(ArmParts(known=self._known, parameters=numbers.arm))
 
     def action(self) -> NDArray[np.float32]:
         """The action for the next step; zeros for the first one, before which there is no map."""

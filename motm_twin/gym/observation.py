@@ -82,7 +82,7 @@ def view_of(twin: Twin, tick: Tick | None) -> AgentView:
         next_goal=targets.arm_goal(sequence.following, "", observation, T_odom_world),
         engaged=loop.engaged,
         dwell=0.0 if target is None else target.dwell,
-        time_to_range=controller.forecast.time_to_range(times, poses, target, engaged=loop.engaged),
+        time_to_range=controller.forecast.time_to_range(times, poses, target),
     )
 
 

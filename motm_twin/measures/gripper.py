@@ -12,10 +12,12 @@ from motm_twin.measures.interval import Interval
 from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_shapes import outline
+from motm_twin.perception.mapper import MapSettings
 from motm_twin.perception.movers import MoverParameters
-from motm_twin.perception.occupancy import STATIC_MS
 
-STATIC_AFTER = 0.001 * STATIC_MS  # [s] in the same place after which what has never moved is static (Paper, Sec. V)
+STATIC_AFTER = (
+    MapSettings().static_after
+)  # [s] in the same place after which what has never moved is static (Paper, Sec. V)
 
 
 @dataclass(frozen=True)

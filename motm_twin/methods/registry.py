@@ -111,6 +111,11 @@ def every_ring(materials: Materials) -> EveryRing:
     return EveryRing(view.still if isinstance(view, IgnoreFarMovers) else None)
 
 
+def keep_plans(materials: Materials) -> KeepPlans:
+    """A plan is kept until a better one is found."""
+    return KeepPlans(materials.parts.parameters.commitment)
+
+
 FAST = Method(
     name="fast",
     title="MotM, fast",
@@ -124,7 +129,7 @@ FAST = Method(
         "accelerations, for half the computing, and of plans of equal time the steadier one is taken."
     ),
     parameters={"bezier_offset": 0.1, "notches": 5, "steadiness": 0.02},
-    planner=BaseChoices(view=IgnoreFarMovers, candidates=every_ring, commitment=KeepPlans),
+    planner=BaseChoices(view=IgnoreFarMovers, candidates=every_ring, commitment=keep_plans),
 )
 
 

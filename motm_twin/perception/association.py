@@ -8,7 +8,7 @@ moved, when one is missing where it is believed; a detection that comes once is 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 import numpy as np
@@ -16,27 +16,46 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from motm_twin.model.geometry import Array, from_frame
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Detection
 
 
 class AssociationSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the matching; choices of this project."""
 
-    gate: float = 4.0  # standard deviations between an object's place and its detection ...
-    gate_floor: float = 0.01  # [m] ... or this
-    pushed: float = 0.15  # [m] from where an object was seen, that a thing is taken for it in the same picture
-    vague: float = 0.01  # [m] sd of a place from which on one detection is too little to believe an object elsewhere
-    first: int = 2  # detections at one place that are enough then
-    confirmed: int = 3  # and before something is there at all
-    absent: float = 0.15  # [s] in view and not reported, after which an object is elsewhere
-    astray: float = 0.5  # [m] from where an object was seen, at which it may be found without that place in view ...
-    strayed: int = 6  # ... after so many detections: odometry has slipped
-    disproved: float = 2.0  # [s] in view and not reported, after which where an object was seen tells nothing
-    forget: float = 0.5  # [s] without a detection, after which a candidate that was not confirmed is forgotten
-    keep: float = 10.0  # [s] the same of one that was
-    rival: float = 6.0  # difference in cost below which another object that is out of view may be the one that is seen
-    most: int = 50  # candidates
-    period: float = 0.05  # [s] between pictures when they are empty and have no stamp
+    gate: Annotated[float, Number("", OWN, "standard deviations between the place of an object and its detection")] = (
+        4.0
+    )
+    gate_floor: Annotated[float, Number("m", OWN, "or this far")] = 0.01
+    pushed: Annotated[
+        float, Number("m", OWN, "from where an object was seen, that a thing is taken for it in the same picture")
+    ] = 0.15
+    vague: Annotated[
+        float,
+        Number("m", OWN, "sd of a place from which on one detection is too little to believe an object elsewhere"),
+    ] = 0.01
+    first: Annotated[int, Number("", OWN, "detections at one place that are enough then")] = 2
+    confirmed: Annotated[int, Number("", OWN, "detections before something is there at all")] = 3
+    absent: Annotated[float, Number("s", OWN, "in view and not reported, after which an object is elsewhere")] = 0.15
+    astray: Annotated[
+        float, Number("m", OWN, "from where an object was seen, at which it may be found without that place in view")
+    ] = 0.5
+    strayed: Annotated[int, Number("", OWN, "detections that it takes then: odometry has slipped")] = 6
+    disproved: Annotated[
+        float, Number("s", OWN, "in view and not reported, after which where an object was seen tells nothing")
+    ] = 2.0
+    forget: Annotated[
+        float, Number("s", OWN, "without a detection, after which a candidate that was not confirmed is forgotten")
+    ] = 0.5
+    keep: Annotated[float, Number("s", OWN, "the same of one that was")] = 10.0
+    rival: Annotated[
+        float,
+        Number(
+            "", OWN, "difference in cost below which another object that is out of view may be the one that is seen"
+        ),
+    ] = 6.0
+    most: Annotated[int, Number("", OWN, "candidates")] = 50
+    period: Annotated[float, Number("s", OWN, "between pictures when they are empty and have no stamp")] = 0.05
 
 
 class Places(msgspec.Struct, frozen=True, kw_only=True, eq=False):

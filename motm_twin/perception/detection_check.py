@@ -3,12 +3,14 @@
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.arm_kernels import HAND, fk_arm
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
@@ -22,24 +24,36 @@ from motm_twin.perception.objects import ObjectTracker
 class DetectionSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of detections."""
 
-    outside: float = math.radians(10.0)  # [rad] beyond the cone, and ...
-    beyond: float = 1.15  # ... by this share of the range, where nothing can be seen: the hand moves while it looks
-    hand_speed: float = 1.5  # [m/s] with which it may have moved since
-    inside: float = math.radians(5.0)  # [rad] within the cone, and ...
-    within: float = 0.92  # ... this share of the range, what stands free is seen
-    nearest: float = 0.12  # [m] from the lens, nearer the fingers may hide it
-    above: float = 0.05  # [m] that the lens has to be above an object to look down on it freely
-    twice: float = 0.06  # [m] between two reports of one object in one frame
-    at_other: float = 0.05  # [m] from another object's place, at which a report is of that one
-    own: float = 0.1  # [m] from its own place, at least
-    contested: float = 5.0  # [s] after another one was reported at its place, in which an object is not elsewhere
-    believed: float = 10.0  # [s] after the first swapped report, somebody has really swapped the objects
-    doubtful: float = 0.05  # [m] sd of a place at which nobody wonders where the object is found
-    known: float = 0.04  # [m] sd of a place that is known well enough to miss an object there
-    recent: float = 2.0  # [s] within which it was seen last
-    missed: float = 0.3  # [s] in view without a report
-    late: float = 0.3  # [s] age of the newest detections
-    told: float = 0.5  # [s] that a wrong report is told
+    outside: Annotated[
+        float, Number("rad", OWN, "beyond the cone of view, where nothing can be seen: the hand moves while it looks")
+    ] = math.radians(10.0)
+    beyond: Annotated[float, Number("", OWN, "share of the range beyond which nothing can be seen")] = 1.15
+    hand_speed: Annotated[float, Number("m/s", OWN, "with which it may have moved since")] = 1.5
+    inside: Annotated[float, Number("rad", OWN, "within the cone by this much, what stands free is seen")] = (
+        math.radians(5.0)
+    )
+    within: Annotated[float, Number("", OWN, "share of the range within which it is")] = 0.92
+    nearest: Annotated[float, Number("m", OWN, "from the lens, nearer the fingers may hide it")] = 0.12
+    above: Annotated[float, Number("m", OWN, "that the lens has to be above an object to look down on it freely")] = (
+        0.05
+    )
+    twice: Annotated[float, Number("m", OWN, "between two reports of one object in one frame")] = 0.06
+    at_other: Annotated[float, Number("m", OWN, "from another object's place, at which a report is of that one")] = 0.05
+    own: Annotated[float, Number("m", OWN, "from its own place, at least")] = 0.1
+    contested: Annotated[
+        float, Number("s", OWN, "after another one was reported at its place, in which an object is not elsewhere")
+    ] = 5.0
+    believed: Annotated[
+        float, Number("s", OWN, "after the first swapped report, somebody has really swapped the objects")
+    ] = 10.0
+    doubtful: Annotated[float, Number("m", OWN, "sd of a place at which nobody wonders where the object is found")] = (
+        0.05
+    )
+    known: Annotated[float, Number("m", OWN, "sd of a place that is known well enough to miss an object there")] = 0.04
+    recent: Annotated[float, Number("s", OWN, "within which it was seen last")] = 2.0
+    missed: Annotated[float, Number("s", OWN, "in view without a report")] = 0.3
+    late: Annotated[float, Number("s", OWN, "age of the newest detections")] = 0.3
+    told: Annotated[float, Number("s", OWN, "that a wrong report is told")] = 0.5
     association: AssociationSettings = AssociationSettings()
 
 

@@ -7,12 +7,14 @@ the scan decides which of them is right.
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array, compose, inverse, wrap_angle
 from motm_twin.model.motion import drive
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import BaseLimits
 from motm_twin.model.reason import Kind, Reason
@@ -23,23 +25,34 @@ from motm_twin.perception.sweeps import map_fit
 class LocalisationSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of localisation and odometry."""
 
-    follow: float = 2.0  # [s] time constant with which the dead-reckoned pose follows localisation
-    floor: float = 0.05  # [m] 5 sd of localisation of this project's noise: no healthy run leaves dead reckoning so far
-    scale: float = 0.012  # share of a way by which odometry may err: 4 sd of its scale
-    heading: float = 0.12  # [rad] 6 sd of the heading's error, and of the scale while turning
-    least: int = 10  # beams that must meet mapped furniture before the scan can decide
-    better: float = 0.1  # of the fit, by which one pose must be better than the other
-    fit_sd: float = 0.1  # [m] error of a beam at which it fits badly
-    reach: float = 8.0  # [m] of beams that count
-    looks: int = 2  # sweeps that are looked at ...
-    suspect: float = 0.6  # ... from this share of what noise may explain on, so that the scan is heard in time ...
-    enough: float = 0.8  # ... and from this share on it may say alone that localisation is wrong
-    patience: float = 0.3  # [s] after which localisation is believed when nothing that is mapped is in sight ...
-    undecided: float = 1.0  # [s] ... and when the scan fits both
-    jump: float = 0.15  # [s] within which a leap of localisation is a push, and not wheels that slip
-    told: float = 1.0  # [s] that a push, or odometry's leap, is told
-    blind_way: float = 10.0  # [m] driven by odometry alone after which the robot stands: 1 % of it is more than a gap
-    leap: float = 0.04  # [m] by which odometry may move more than the wheels can
+    follow: Annotated[
+        float, Number("s", OWN, "time constant with which the dead-reckoned pose follows localisation")
+    ] = 2.0
+    floor: Annotated[
+        float,
+        Number("m", OWN, "5 sd of localisation of this project's noise: no healthy run leaves dead reckoning so far"),
+    ] = 0.05
+    scale: Annotated[float, Number("", OWN, "share of a way by which odometry may err: 4 sd of its scale")] = 0.012
+    heading: Annotated[float, Number("rad", OWN, "6 sd of the heading's error, and of the scale while turning")] = 0.12
+    least: Annotated[int, Number("", OWN, "beams that must meet mapped furniture before the scan can decide")] = 10
+    better: Annotated[float, Number("", OWN, "of the fit, by which one pose must be better than the other")] = 0.1
+    fit_sd: Annotated[float, Number("m", OWN, "error of a beam at which it fits badly")] = 0.1
+    reach: Annotated[float, Number("m", OWN, "of beams that count")] = 8.0
+    looks: Annotated[int, Number("", OWN, "sweeps that are looked at before localisation is judged")] = 2
+    suspect: Annotated[float, Number("", OWN, "share of what noise may explain from which on the scan is asked")] = 0.6
+    enough: Annotated[float, Number("", OWN, "share from which on it may say alone that localisation is wrong")] = 0.8
+    patience: Annotated[
+        float, Number("s", OWN, "after which localisation is believed when nothing that is mapped is in sight")
+    ] = 0.3
+    undecided: Annotated[float, Number("s", OWN, "the same when the scan fits both")] = 1.0
+    jump: Annotated[
+        float, Number("s", OWN, "within which a leap of localisation is a push, and not wheels that slip")
+    ] = 0.15
+    told: Annotated[float, Number("s", OWN, "that a push, or odometry's leap, is told")] = 1.0
+    blind_way: Annotated[
+        float, Number("m", OWN, "driven by odometry alone after which the robot stands: 1 % of it is more than a gap")
+    ] = 10.0
+    leap: Annotated[float, Number("m", OWN, "by which odometry may move more than the wheels can")] = 0.04
 
 
 @dataclass

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 import numpy as np
 
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.number import OWN, STAA, Number, paper
 from motm_twin.model.plant import Observation, Scan
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Reason
@@ -19,6 +21,7 @@ from motm_twin.perception.floor import floor_round, mark_seen, sight_radius
 from motm_twin.perception.grid import AROUND, WHOLE, Window, occupied_cells, whole, window_of
 from motm_twin.perception.occupancy import (
     Evidence,
+    Fading,
     clear_footprint,
     clear_rays,
     mark_hits,
@@ -34,14 +37,49 @@ NO_CELLS = np.zeros((0, 2), np.int32)
 class MapSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Parameters of the map. Choices of this project unless a source is named."""
 
-    resolution: float = 0.05  # [m] (STAA*)
-    lidar_reach: float = 8.0  # [m] hits and free space further away are left for later, but not what the base stops for
-    explained_margin: float = 0.08  # [m] a hit this close to furniture the lidar can see is that furniture: 3 sd of
-    explained_per_range: float = 0.025  # [m/m] position and range noise, plus 3 sd (1.5 deg) of heading noise
-    forget: float = 3.0  # [s] what was not static and is not seen again goes: the trail of an agent out of sight
-    proximity_width: float = 0.12  # [m] penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)
-    proximity_blur: int = 1  # [cells] each way
-    body_shrink: float = 0.05  # [m] cells this far inside the robot's own footprint are under it
+    resolution: Annotated[float, Number("m", STAA, "side of a cell")] = 0.05
+    lidar_reach: Annotated[
+        float, Number("m", OWN, "hits and free space further away are left for later, but not what the base stops for")
+    ] = 8.0
+    explained_margin: Annotated[
+        float, Number("m", OWN, "a hit this close to furniture in sight is that furniture: 3 sd of position and range")
+    ] = 0.08
+    explained_per_range: Annotated[
+        float, Number("m/m", OWN, "more for every metre of range: 3 sd (1.5 deg) of heading noise")
+    ] = 0.025
+    hit: Annotated[
+        int, Number("", OWN, "evidence of one hit: a cell seen once is cleared by 3 free scans, 0.15 s at 20 Hz")
+    ] = 3
+    evidence_most: Annotated[
+        int,
+        Number("", OWN, "at most 6 free scans, 0.3 s at 20 Hz, to clear: a moved obstacle is gone at once for the eye"),
+    ] = 6
+    static_after: Annotated[float, Number("s", paper("V"), "occupied unbroken this long is static")] = 3.0
+    grace: Annotated[float, Number("s", OWN, "a break shorter than this is noise at a cell border")] = 0.3
+    hidden: Annotated[
+        float,
+        Number("s", OWN, "what hides behind a newer hit this long and is not static has come closer, or was noise"),
+    ] = 1.0
+    shadow: Annotated[
+        float, Number("m", OWN, "depth behind a hit in which that is so: a little more than an agent")
+    ] = 0.6
+    forget: Annotated[
+        float, Number("s", OWN, "what was not static and is not seen again goes: the trail of an agent out of sight")
+    ] = 3.0
+    proximity_width: Annotated[
+        float, Number("m", OWN, "penalty falls to 0 there (prototype: 0.3 over 0.12 m is best at the table)")
+    ] = 0.12
+    proximity_blur: Annotated[int, Number("cells", OWN, "each way")] = 1
+    body_shrink: Annotated[float, Number("m", OWN, "cells this far inside the robot's own footprint are under it")] = (
+        0.05
+    )
+
+
+def fading_of(p: MapSettings) -> Fading:
+    """The rules by which evidence comes and goes, for kernels."""
+    static_ms, grace_ms = round(1000.0 * p.static_after), round(1000.0 * p.grace)
+    hidden_ms, forget_ms = round(1000.0 * p.hidden), round(1000.0 * p.forget)
+    return Fading(p.hit, p.evidence_most, static_ms, grace_ms, hidden_ms, p.shadow, forget_ms)
 
 
 def reach_of(robot: RobotProfile) -> float:
@@ -67,6 +105,7 @@ class Mapper(Stateful[MapperState]):
     def __init__(self, known: KnownWorld, settings: MapSettings | None = None) -> None:
         self._known = known
         self._settings = settings or MapSettings()
+        self._fading = fading_of(self._settings)
         self._g = growth_of(known.robot.footprint)
         self._reach = max(self._settings.lidar_reach, reach_of(known.robot))
         self.base: BaseMap = base_map(known, self._settings.resolution)
@@ -192,6 +231,7 @@ class Mapper(Stateful[MapperState]):
             now_ms,
             self._frame,
             (settings.explained_margin, settings.explained_per_range),
+            self._fading,
         )
         seen = (self._state.cells, self.base.grid.cell_of(ends[hit])) if self.large else ()
         occupied = occupied_cells(evidence.level, seen)
@@ -208,6 +248,7 @@ class Mapper(Stateful[MapperState]):
             struck,
             now_ms,
             self._frame,
+            self._fading,
         )
         inner = rectangle - np.array([settings.body_shrink, settings.body_shrink, 0.0])
         clear_footprint(evidence.level, evidence.outside, hit_now, occupied, scan.pose, inner, self._frame)
@@ -219,7 +260,7 @@ class Mapper(Stateful[MapperState]):
             evidence.near_last,
             evidence.near_hit,
             now_ms,
-            round(settings.forget * 1000.0),
+            self._fading,
         )
 
     def _blank(self, sensor: Array, reach: float) -> np.ndarray:

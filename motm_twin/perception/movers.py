@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from motm_twin.model.exact import dot
 from motm_twin.model.geometry import Array
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import Stateful
 from motm_twin.perception.cell_times import AROUND, CellTimes, Mask, Numbers, among, numbers_of
@@ -24,37 +26,73 @@ class MoverParameters(msgspec.Struct, frozen=True, kw_only=True):
     near is near depends on it.
     """
 
-    join_cells: int = 2  # cells at most this far apart belong to one thing
-    smallest: int = 3  # cells of a thing: less is noise
-    radius_min: float = 0.10  # [m] of a thing
-    radius_max: float = 0.45  # [m] what is wider is two things side by side, or furniture, and no mover
-    end_radius: float = 0.25  # [m] at the ends of what is wide and may move, a Temi's: two side by side are one cluster
-    gate: float = 0.35  # [m] between where a thing is expected and where it is seen
-    alpha: float = 0.5  # gain of the position per map of 50 ms
-    beta: float = 0.08  # gain of the velocity: its error halves in 0.2 s
-    leaves: float = 0.10  # [m] from its place, beyond which a thing may have moved
-    creeps: float = 0.05  # [m] the same for one that is to be static: it starts counting again
-    strays: float = 0.4  # [s] that it must be elsewhere for: a single wrong hit stays in the map for 0.3 s
-    settles: float = 2.0  # [s] over which the middle of what rests is taken: one that creeps at 0.025 m/s leaves it
-    young: float = 0.2  # [s] that it must have been there for: what has just appeared flickers
-    gone: float = 0.5  # share of its place where nothing is seen any more, from which on it has
-    grows: float = 0.05  # [m] of radius, beyond which more of a thing is seen than before, and its place is another
-    stands_after: float = 2.0  # [s] since it moved last after which a thing counts as standing
-    rests: float = 3.5  # [s] that something must be static for, until what hangs together with it belongs to it
-    waits: float = 12.0  # [s] in the same place after which what has moved is static: one that waits leaves sooner
-    lost_after: float = 0.5  # [s] out of sight after which a thing is forgotten
-    trail: float = 0.4  # [s] of its way behind a mover that seen cells may still be on
-    settled: float = 0.9  # share of a thing that is static, from which on all of it is: a cell at its edge may flicker
-    now: float = 0.06  # [s] since it was hit last, up to which a cell says where a thing is: two scans, one may miss it
-    beside: float = (
-        0.9  # share of a thing that is at most two cells from something static, from which on it is its side
-    )
-    fresh: float = 0.5  # [s] since it was hit last, up to which something static shows where its sides are
-    remembers: float = 3.0  # [s] free of it after which a static cell is no longer one: as long as it takes to be one
-    near_time: float = 4.0  # [s] of driving at full speed up to which a mover is in the way as it is: until the base
-    near_more: float = 0.45  # [m] comes there it may not have moved on; more than a base that stops before it needs,
-    parted: float = 1.3  # times as far, beyond which it no longer is
-    edge: float = 0.12  # [m] round a mover that seen cells belong to it
+    join_cells: Annotated[int, Number("", OWN, "cells at most this far apart belong to one thing")] = 2
+    smallest: Annotated[int, Number("", OWN, "cells of a thing: less is noise")] = 3
+    radius_min: Annotated[float, Number("m", OWN, "of a thing")] = 0.10
+    radius_max: Annotated[
+        float, Number("m", OWN, "what is wider is two things side by side, or furniture, and no mover")
+    ] = 0.45
+    end_radius: Annotated[
+        float, Number("m", OWN, "at the ends of what is wide and may move, a Temi's: two side by side are one cluster")
+    ] = 0.25
+    gate: Annotated[float, Number("m", OWN, "between where a thing is expected and where it is seen")] = 0.35
+    alpha: Annotated[float, Number("", OWN, "gain of the position per map of 50 ms")] = 0.5
+    beta: Annotated[float, Number("", OWN, "gain of the velocity: its error halves in 0.2 s")] = 0.08
+    leaves: Annotated[float, Number("m", OWN, "from its place, beyond which a thing may have moved")] = 0.10
+    creeps: Annotated[float, Number("m", OWN, "the same for one that is to be static: it starts counting again")] = 0.05
+    strays: Annotated[
+        float, Number("s", OWN, "that it must be elsewhere for: a single wrong hit stays in the map for 0.3 s")
+    ] = 0.4
+    settles: Annotated[
+        float, Number("s", OWN, "over which the middle of what rests is taken: one that creeps at 0.025 m/s leaves it")
+    ] = 2.0
+    young: Annotated[float, Number("s", OWN, "that it must have been there for: what has just appeared flickers")] = 0.2
+    gone: Annotated[
+        float, Number("", OWN, "share of its place where nothing is seen any more, from which on it has")
+    ] = 0.5
+    grows: Annotated[
+        float, Number("m", OWN, "of radius, beyond which more of a thing is seen than before, and its place is another")
+    ] = 0.05
+    stands_after: Annotated[float, Number("s", OWN, "since it moved last after which a thing counts as standing")] = 2.0
+    rests: Annotated[
+        float, Number("s", OWN, "that something must be static for, until what hangs together with it belongs to it")
+    ] = 3.5
+    waits: Annotated[
+        float, Number("s", OWN, "in the same place after which what has moved is static: one that waits leaves sooner")
+    ] = 12.0
+    lost_after: Annotated[float, Number("s", OWN, "out of sight after which a thing is forgotten")] = 0.5
+    trail: Annotated[float, Number("s", OWN, "of its way behind a mover that seen cells may still be on")] = 0.4
+    settled: Annotated[
+        float,
+        Number("", OWN, "share of a thing that is static, from which on all of it is: a cell at its edge may flicker"),
+    ] = 0.9
+    now: Annotated[
+        float,
+        Number("s", OWN, "since it was hit last, up to which a cell says where a thing is: two scans, one may miss it"),
+    ] = 0.06
+    beside: Annotated[
+        float,
+        Number(
+            "", OWN, "share of a thing that is at most two cells from something static, from which on it is its side"
+        ),
+    ] = 0.9
+    fresh: Annotated[
+        float, Number("s", OWN, "since it was hit last, up to which something static shows where its sides are")
+    ] = 0.5
+    remembers: Annotated[
+        float, Number("s", OWN, "free of it after which a static cell is no longer one: as long as it takes to be one")
+    ] = 3.0
+    near_time: Annotated[
+        float,
+        Number(
+            "s",
+            OWN,
+            "of driving at full speed up to which a mover is in the way as it is: it may not have moved on by then",
+        ),
+    ] = 4.0
+    near_more: Annotated[float, Number("m", OWN, "more than that, which a base that stops before it needs")] = 0.45
+    parted: Annotated[float, Number("", OWN, "times as far, beyond which it no longer is")] = 1.3
+    edge: Annotated[float, Number("m", OWN, "round a mover that seen cells belong to it")] = 0.12
 
 
 class Place(msgspec.Struct, frozen=True, eq=False):

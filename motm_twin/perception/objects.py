@@ -8,6 +8,7 @@ detections that agree with each other: then somebody has moved it.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -16,6 +17,7 @@ from numba import njit
 from motm_twin.model.exact import wrap_angle
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Detection, Observation
 from motm_twin.model.state import Stateful
 from motm_twin.perception.association import Places
@@ -26,14 +28,22 @@ QUARTER = 0.5 * math.pi  # a cube looks the same after a turn of 90 deg
 class TrackerSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Parameters of the filter; choices of this project."""
 
-    drift: float = 0.005  # [m/sqrt(s)] random walk of an object in the odometry frame: odometry drift, small pushes
-    gate: float = 4.0  # standard deviations: detections further off are outliers ...
-    gate_floor: float = 0.01  # [m] ... unless they are this close
-    localisation_sd: float = 0.03  # [m] added to the prior's error: localisation when the object is first seen
-    agreeing: int = 3  # outliers in a row at one place that move the belief there
-    yaw_gain: float = 0.3  # of each detection
-    unseen: float = 2.5  # sd of the prior within which an object is that was never seen
-    jump: float = 0.1  # [m] and [rad] by which localisation leaves odometry at once: somebody pushed the robot
+    drift: Annotated[
+        float, Number("m/sqrt(s)", OWN, "random walk of an object in the odometry frame: odometry drift, small pushes")
+    ] = 0.005
+    gate: Annotated[float, Number("", OWN, "standard deviations from which on a detection is an outlier")] = 4.0
+    gate_floor: Annotated[float, Number("m", OWN, "within which none is")] = 0.01
+    localisation_sd: Annotated[
+        float, Number("m", OWN, "added to the prior's error: localisation when the object is first seen")
+    ] = 0.03
+    agreeing: Annotated[int, Number("", OWN, "outliers in a row at one place that move the belief there")] = 3
+    yaw_gain: Annotated[float, Number("", OWN, "of each detection")] = 0.3
+    unseen: Annotated[float, Number("", OWN, "sd of the prior within which an object is that was never seen")] = 2.5
+    jump: Annotated[
+        float, Number("m", OWN, "and [rad] by which localisation leaves odometry at once: somebody pushed the robot")
+    ] = 0.1
+    bin_sd: Annotated[float, Number("m", OWN, "how far from the middle of its bin an object may lie")] = 0.05
+    lost_sd: Annotated[float, Number("m", OWN, "how far from the hand an object may be that was lost just now")] = 0.1
 
 
 @dataclass

@@ -1,24 +1,31 @@
 """Evidence of seen obstacles: hits add, rays that pass through take away, memory fades.
 
 Every cell holds a small integer, in the manner of log-odds cut off at both ends. One hit makes a cell occupied; a cell
-hit again and again needs ``EVIDENCE_MAX`` scans of free sight to be free: noise at its border makes no flicker.
+hit again and again needs ``evidence_most`` scans of free sight to be free: noise at its border makes no flicker.
 """
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-HIT = 3  # evidence of one hit: a cell seen once is cleared by 3 free scans, 0.15 s at 20 Hz
-EVIDENCE_MAX = 6  # at most 6 free scans, 0.3 s at 20 Hz, to clear: a moved obstacle is gone at once for the eye
-STATIC_MS = 3000  # occupied unbroken this long is static (3 s)
-GRACE_MS = 300  # a break shorter than this is noise at a cell border
-HIDDEN_MS = 1000  # what hides behind a newer hit this long and is not static has come closer, or was noise
-SHADOW = 0.6  # [m] depth behind a hit in which that is so: a little more than an agent
 NEVER = -(2**30)  # time stamp of what has not happened [ms]
 SECTORS = 256  # of the view round the sensor, in which beams are asked how far there is evidence
+
+
+class Fading(NamedTuple):
+    """Rules by which evidence comes and goes; see `MapSettings`."""
+
+    hit: int  # evidence of one hit
+    most: int
+    static_ms: int
+    grace_ms: int
+    hidden_ms: int
+    shadow: float  # [m]
+    forget_ms: int
 
 
 @dataclass
@@ -42,7 +49,9 @@ def no_evidence(shape: tuple[int, int]) -> Evidence:
 
 
 @njit(cache=True)
-def mark_hits(level, last_hit, outside, hit_now, visible_distance, inside, ends, ranges, now_ms, frame, explained):
+def mark_hits(
+    level, last_hit, outside, hit_now, visible_distance, inside, ends, ranges, now_ms, frame, explained, fading
+):
     """Add evidence in the cells the beams end in, unless the map explains the hit.
 
     ``ends``: beam end points [m], shape (n, 2); ``ranges``: [m], < 0 where the beam hit nothing usable;
@@ -62,7 +71,7 @@ def mark_hits(level, last_hit, outside, hit_now, visible_distance, inside, ends,
         if level[row, column] == 0:
             outside[row, column] = 0
         last_hit[row, column] = now_ms
-        level[row, column] = min(EVIDENCE_MAX, level[row, column] + HIT)
+        level[row, column] = min(fading.most, level[row, column] + fading.hit)
 
 
 @njit(cache=True)
@@ -83,12 +92,13 @@ def _evidence_in_sectors(occupied, columns, x0, y0):
 
 @njit(cache=True)
 def clear_rays(
-    level, hit_now, passed_now, last_hit, near_since, near_hit, occupied, sensor, ends, struck, now_ms, frame
-):
+    level, hit_now, passed_now, last_hit, near_since, near_hit, occupied, sensor, ends, struck, now_ms, frame,
+    fading,
+):  # fmt: skip
     """Take evidence away, once per scan, from every cell that a beam passed through before its end.
 
-    Behind the end of a beam that ``struck`` something [m range, < 0: nothing], up to SHADOW, what is not static and was
-    not hit for HIDDEN_MS is forgotten: an agent that drives towards the robot hides the cells it was seen in before.
+    Behind the end of a beam that ``struck`` something [m range, < 0: nothing], up to its shadow, what is not static and
+    was not hit for a while is forgotten: an agent that drives towards the robot hides the cells it was seen in before.
     ``occupied``: flat indices of cells with evidence; no beam is followed beyond the last of them in its direction.
     """
     rows, columns = level.shape
@@ -104,7 +114,7 @@ def clear_rays(
         per_y = abs(1.0 / dy) if dy != 0.0 else math.inf
         next_x = ((column + 1 - x0) if dx > 0.0 else (x0 - column)) * per_x if dx != 0.0 else math.inf
         next_y = ((row + 1 - y0) if dy > 0.0 else (y0 - row)) * per_y if dy != 0.0 else math.inf
-        last = 1.0 + SHADOW / struck[beam] if struck[beam] > 0.0 else 1.0
+        last = 1.0 + fading.shadow / struck[beam] if struck[beam] > 0.0 else 1.0
         reach = far[math.floor(math.atan2(dy, dx) * (SECTORS / (2.0 * math.pi))) % SECTORS]
         last = min(last, reach / max(1e-9, math.sqrt(dx * dx + dy * dy)))
         entered = 0.0  # where the beam entered this cell, as a share of its length
@@ -115,8 +125,8 @@ def clear_rays(
                     if passed_now[row, column] == 0:
                         passed_now[row, column] = 1
                         level[row, column] -= 1
-                elif entered > 1.0 and now_ms - last_hit[row, column] > HIDDEN_MS:
-                    if near_hit[row, column] - near_since[row, column] < STATIC_MS:
+                elif entered > 1.0 and now_ms - last_hit[row, column] > fading.hidden_ms:
+                    if near_hit[row, column] - near_since[row, column] < fading.static_ms:
                         level[row, column] = 0
             entered = leaves
             if next_x < next_y:
@@ -128,7 +138,7 @@ def clear_rays(
 
 
 @njit(cache=True)
-def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, forget_ms):
+def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, fading):
     """Forget what was not confirmed, keep count of how long cells are occupied, and list the occupied cells.
 
     ``occupied``: flat indices, ascending, of all cells with evidence and perhaps others. Returns (cells, static): row
@@ -141,8 +151,8 @@ def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, f
         row, column = occupied[i] // columns, occupied[i] % columns
         if level[row, column] == 0:
             continue
-        lasting = near_hit[row, column] - near_since[row, column] >= STATIC_MS
-        if not lasting and now_ms - last_hit[row, column] > forget_ms:
+        lasting = near_hit[row, column] - near_since[row, column] >= fading.static_ms
+        if not lasting and now_ms - last_hit[row, column] > fading.forget_ms:
             level[row, column] = 0
             continue
         cells[count, 0], cells[count, 1] = row, column
@@ -150,7 +160,7 @@ def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, f
         hit = last_hit[row, column] == now_ms
         for r in range(max(0, row - 1), min(rows, row + 2)):
             for c in range(max(0, column - 1), min(columns, column + 2)):
-                if now_ms - near_last[r, c] > GRACE_MS:
+                if now_ms - near_last[r, c] > fading.grace_ms:
                     near_since[r, c] = now_ms
                     near_hit[r, c] = now_ms
                 near_last[r, c] = now_ms
@@ -159,7 +169,7 @@ def settle(occupied, level, last_hit, near_since, near_last, near_hit, now_ms, f
     static = np.empty(count, np.bool_)
     for i in range(count):
         row, column = cells[i, 0], cells[i, 1]
-        static[i] = near_hit[row, column] - near_since[row, column] >= STATIC_MS
+        static[i] = near_hit[row, column] - near_since[row, column] >= fading.static_ms
     return cells[:count].copy(), static
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from motm_twin.model.exact import hypot
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Scan
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.base_map import OVERHEAD
@@ -21,22 +23,40 @@ from motm_twin.perception.footprints import outline
 class SweepSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the checks of sweeps."""
 
-    repeats: int = 2  # identical sweeps of a noisy lidar: one may be a scan that was sent twice
-    moved: float = 0.02  # [m] and by this turn below, after which a sweep without noise has to look different
-    turned: float = 0.03  # [rad]
-    told_apart: float = 0.2  # share of the beams that must look different then, and by this share of the way
-    noise: float = 0.002  # [m] of scatter from which a lidar counts as a noisy one: it never says the same twice
-    expected: int = 5  # beams with mapped furniture in sight from which the map says that something must return
-    returned: float = 0.2  # share of those that return, or of what returned before: less is blind
-    seen: float = 0.02  # share of all beams that returned before: fewer are too few to miss them
-    wide: float = 0.25  # share of all beams, or this many things, that nobody takes away at once
-    things: int = 3
-    taken_away: float = 3.0  # [s] after which a few returns that are gone are believed to be gone ...
-    all_taken_away: float = 20.0  # [s] ... and many
-    slow_scatter: float = 0.04  # [m] more than the margins of map and monitor were chosen for (3 sd of 1 cm): slower
-    stop_scatter: float = 0.12  # [m] as much as the robot keeps from things: stand
-    triples: int = 30  # neighbouring returns from which scatter is told
-    reach: float = 8.0  # [m] mapped furniture further away may be missed by thin beams
+    repeats: Annotated[
+        int, Number("", OWN, "identical sweeps of a noisy lidar: one may be a scan that was sent twice")
+    ] = 2
+    moved: Annotated[
+        float, Number("m", OWN, "and by `turned`, after which a sweep without noise has to look different")
+    ] = 0.02
+    turned: Annotated[float, Number("rad", OWN, "as `moved`")] = 0.03
+    told_apart: Annotated[
+        float, Number("", OWN, "share of the beams that must look different then, and by this share of the way")
+    ] = 0.2
+    noise: Annotated[
+        float, Number("m", OWN, "of scatter from which a lidar counts as a noisy one: it never says the same twice")
+    ] = 0.002
+    expected: Annotated[
+        int, Number("", OWN, "beams with mapped furniture in sight from which the map says that something must return")
+    ] = 5
+    returned: Annotated[
+        float, Number("", OWN, "share of those that return, or of what returned before: less is blind")
+    ] = 0.2
+    seen: Annotated[
+        float, Number("", OWN, "share of all beams that returned before: fewer are too few to miss them")
+    ] = 0.02
+    wide: Annotated[float, Number("", OWN, "share of all beams that nobody takes away at once")] = 0.25
+    things: Annotated[int, Number("", OWN, "nobody takes away so many at once")] = 3
+    taken_away: Annotated[
+        float, Number("s", OWN, "after which a few returns that are gone are believed to be gone")
+    ] = 3.0
+    all_taken_away: Annotated[float, Number("s", OWN, "after which many are")] = 20.0
+    slow_scatter: Annotated[
+        float, Number("m", OWN, "more than the margins of map and monitor were chosen for (3 sd of 1 cm): slower")
+    ] = 0.04
+    stop_scatter: Annotated[float, Number("m", OWN, "as much as the robot keeps from things: stand")] = 0.12
+    triples: Annotated[int, Number("", OWN, "neighbouring returns from which scatter is told")] = 30
+    reach: Annotated[float, Number("m", OWN, "mapped furniture further away may be missed by thin beams")] = 8.0
 
 
 @dataclass

@@ -17,6 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from motm_twin.control.parameters import Parameters
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Agent, Bin, Box, Pick, Place, Scene, SceneObject, Solid
 from motm_twin.model.scene_file import load_scene
@@ -211,7 +212,7 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
     """Run a point: period, its stages and the whole step of the twin [ms], and whether the task was done."""
     scene = point.make()
     began = time.perf_counter()
-    twin = Twin(scene, planning=point.planning, clock=time.thread_time)
+    twin = Twin(scene, numbers=point.planning and Parameters(planning=point.planning), clock=time.thread_time)
     built = time.perf_counter() - began
     stages: dict[str, list[float]] = {}
     count, periods = 0, most or point.periods

@@ -21,6 +21,7 @@ from motm_twin.control.arm import controller, qp
 from motm_twin.control.arm.parameters import ArmParameters, QpParameters
 from motm_twin.control.arm.qp import SOLVERS, Program
 from motm_twin.control.method import Method
+from motm_twin.control.parameters import Parameters
 from motm_twin.methods.registry import FAST, MOTM
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import DriveTo, Scene
@@ -294,7 +295,7 @@ def bench_solvers(out: Path, console: Console, *, quick: bool = False) -> bool:
 
 def _run(solver: str, programs: list[Program] | None, most: int | None) -> dict[str, Any]:
     """One run with a solver, cut off after ``most`` periods; its programs are added to the list."""
-    twin = Twin(load_scene(SCENE, VARIANT), arm=ArmParameters(qp=QpParameters(solver=solver)))
+    twin = Twin(load_scene(SCENE, VARIANT), numbers=Parameters(arm=ArmParameters(qp=QpParameters(solver=solver))))
     solve, stopped = controller.solve, 0
 
     def kept(program: Program, **named: Any) -> Any:

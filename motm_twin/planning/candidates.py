@@ -24,13 +24,10 @@ from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.rejections import Here, Rejection, in_sight, leaves_room, may_move, rejections
 from motm_twin.planning.types import Mode, Target
 
-CLEARLY_CLOSER = 0.5  # [m] by which a free place must be closer to the target to take the place of the one chosen
-CLOSEST_STEP, CLOSEST_MAX = 0.1, 4.0  # [m] rings searched for the closest free position: what stands about is as large,
-CLOSEST_ROUND = 3.5  # [m] and a base that is larger than Frankie needs this much round itself
+CLOSEST_STEP = 0.1  # [m] between rings that are searched for the closest free position
 
-# [m], [rad] this near to a pose from which the arm did not get to its target it may fail again,
+# [m], [rad] this near to a pose from which the arm did not get to its target it may fail again
 AVOIDED_PLACE, AVOIDED_HEADING = 0.25, 0.6
-AVOIDED_COST = 10.0  # [s] which is worth going elsewhere, unless that takes longer; the arm tried for 6 s
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -176,7 +173,7 @@ def next_poses(target: Target, survey: Survey) -> Array:
             poses = candidates.pose[viable]
             if target.kind == "drive" and target.heading is None:
                 poses = np.array([[*poses[0, :2], math.nan]])
-            most = survey.model.placement.next_poses
+            most = survey.model.placement.ring_poses
             if len(poses) > most:
                 poses = poses[:: 1 + len(poses) // most]
             return poses[np.lexsort((poses[:, 1], poses[:, 0]))]
@@ -202,7 +199,7 @@ def _any_heading(target: Target, survey: Survey) -> Iterator[Candidates]:
     p = model.placement
     previous: Candidates | None = None
     for radius in np.arange(model.body.inner, model.farthest(target.kind), p.reach_step):
-        pose, place, place_of = spokes(target.position, radius, p.positions, p.reach_headings)
+        pose, place, place_of = spokes(target.position, radius, p.positions, p.headings)
         reached = model.reach.reached_from(pose, target, slack=p.reach_slack)
         keep = reached.copy()
         keep[reached] = clearances(pose[reached], wanted, survey.here.field, survey.here.body) >= wanted
@@ -224,7 +221,7 @@ def _closest_sets(target: Target, survey: Survey) -> Iterator[Candidates]:
     sets = _in_sight_first(target, survey)
     first = next(sets, None)
     kept = _kept_closest(target, survey)
-    if kept is not None and (first is None or first.radius > kept.radius - CLEARLY_CLOSER):
+    if kept is not None and (first is None or first.radius > kept.radius - survey.model.placement.clearly_closer):
         yield kept
     if first is not None:
         yield first
@@ -259,7 +256,7 @@ def closest_places(
 ) -> Iterator[Candidates]:
     """Free places ``within`` [m] of a target, the closest first, that leave room [m] to what may be moving."""
     model, here, wanted = survey.model, survey.here, survey.room.clearance
-    for radius in np.arange(0.0, max(CLOSEST_MAX, model.body.reach + CLOSEST_ROUND), CLOSEST_STEP):
+    for radius in np.arange(0.0, model.body.reach + model.placement.closest_round, CLOSEST_STEP):
         if radius > within:
             return
         pose, place, place_of = spokes(target.position, radius, model.placement.positions, 4)
@@ -286,7 +283,7 @@ def is_avoided(pose: Array, avoid: Array) -> bool:
 
 def _drive(target: Target, survey: Survey) -> Candidates:
     """A point to drive to, with its heading or all round."""
-    count = survey.model.placement.drive_headings if target.heading is None else 1
+    count = survey.model.placement.headings if target.heading is None else 1
     pose = np.empty((count, 3))
     pose[:, :2] = target.position[:2]
     pose[:, 2] = 0.0 if target.heading is None else target.heading

@@ -22,23 +22,13 @@ from motm_twin.perception.world_map import WorldMap
 from motm_twin.planning.braking import stopping_clearance
 from motm_twin.planning.collision import Body, Field, clearance
 from motm_twin.planning.lattice import NO_LATTICE, cannot_turn, half_width, settle_lattice
-from motm_twin.planning.parameters import Room, StaaParameters
+from motm_twin.planning.parameters import CommitmentParameters, Room, StaaParameters
 from motm_twin.planning.prediction import at_half_steps, gap_to
 from motm_twin.planning.reach import MANIPULATE, Job, in_reach
 from motm_twin.planning.search_memory import CellVisibility, LatticeCosts, Memory, Settings, World
 from motm_twin.planning.types import BasePlan, BaseProblem, Mode, Placement, PlanStatus, Target
 
 TINY = 1e-6  # [s]
-LATE = 0.1  # [s] that a job may end after its plan, the target in reach: poses are known to 1 cm
-MOVES_RADIUS = 0.25  # [m] beyond the lattice within which nothing may move: of a person, or a Temi
-CREEPS = 0.3  # of the top speed, below which a robot whose plans do not arrive may be in a tight place
-MOVED = 0.1  # [m] from which on the target is no longer where the plan goes
-# From where a plan says that the robot is now: m, m, rad. Who follows it is 0.06 m and 0.04 rad off at most
-# (localisation) and drives as told to 2 % of its top speeds; a robot that was stopped, slowed or pushed is not on the
-# plan any more, and what is left of that tells nothing.
-FOLLOWS = (0.15, 0.15, 0.15)
-FOLLOWS_SPEED = (0.05, 0.1)  # [m/s], [rad/s] at least,
-FOLLOWS_SHARE = (0.1, 0.057)  # and these shares of the top speeds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +140,8 @@ class Anew:
 class KeepPlans(Stateful[CommitmentState]):
     """A plan that gets the job done is kept until a better one is found."""
 
-    def __init__(self) -> None:
+    def __init__(self, parameters: CommitmentParameters | None = None) -> None:
+        self._parameters = parameters or CommitmentParameters()
         self._state = CommitmentState()
         self._loaded = False  # the kernels of the lattice
 
@@ -164,11 +155,11 @@ class KeepPlans(Stateful[CommitmentState]):
             or placement.mode in (Mode.CLOSEST, Mode.NONE)
         ):
             return None
-        if math.dist(kept.place, target.position[:2]) > MOVED:
+        if math.dist(kept.place, target.position[:2]) > self._parameters.moved:
             return None
         since = problem.time - kept.begins
         node = int(np.searchsorted(kept.times, since + TINY)) - 1
-        if node + 1 >= len(kept.times) or not _followed(kept, problem, since, base.limits):
+        if node + 1 >= len(kept.times) or not _followed(kept, problem, since, base.limits, self._parameters):
             return None
         to_go = float(np.interp(since, kept.times, kept.to_go))
         times = np.concatenate(([0.0], kept.times[node + 1 :] - since))
@@ -180,7 +171,7 @@ class KeepPlans(Stateful[CommitmentState]):
             states, np.diff(times), kept.accelerations[node:], time_left(target), problem.engaged,
             Bounds(limits.forward_speed, limits.reverse_speed, limits.yaw_rate, limits.linear_acceleration,
                    limits.yaw_acceleration, base.room(problem).margin, p.margin_floor,
-                   p.brake_depth * p.node_duration, 0.5 * p.node_duration),
+                   p.brake_depth * p.node_duration, 0.5 * p.node_duration, self._parameters.late),
             field, moving, base.body, job,
         )  # fmt: skip
         if not done if kept.arrives else not free:
@@ -195,9 +186,9 @@ class KeepPlans(Stateful[CommitmentState]):
         held_up = kept is not None and not kept.arrives and kept.targets == _targets(problem)
         inside = (
             held_up
-            and abs(problem.twist[0]) < CREEPS * s.v_f
+            and abs(problem.twist[0]) < self._parameters.creeps * s.v_f
             and cannot_turn(pose, s, world)
-            and _for_good(problem.world, pose, half_width(world.body) + MOVES_RADIUS)
+            and _for_good(problem.world, pose, half_width(world.body) + self._parameters.moves_radius)
         )
         if self._loaded and not inside:
             return NO_LATTICE
@@ -223,10 +214,13 @@ def time_left(target: Target) -> float:
     return max(target.dwell, 0.05) if target.kind != "drive" else 1.0
 
 
-def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits) -> bool:
-    """The robot is where the plan says, and drives as it says."""
-    speeds = np.array([limits.forward_speed, limits.yaw_rate])
-    most = np.array([*FOLLOWS, *np.maximum(FOLLOWS_SPEED, np.array(FOLLOWS_SHARE) * speeds)])
+def _followed(kept: Kept, problem: BaseProblem, since: float, limits: BaseLimits, p: CommitmentParameters) -> bool:
+    """The robot is where the plan says, and drives as it says.
+
+    One that was stopped, slowed or pushed is not on the plan any more, and what is left of that tells nothing.
+    """
+    speeds = (p.follows_speed * limits.forward_speed, p.follows_yaw_rate * limits.yaw_rate)
+    most = np.array([p.follows, p.follows, p.follows, *speeds])
     off = [np.interp(since, kept.times, column) for column in kept.states.T]
     off = np.array(off) - (*problem.pose, *problem.twist)
     off[2] = math.remainder(off[2], 2.0 * math.pi)
@@ -288,6 +282,7 @@ class Bounds(NamedTuple):
     margin_floor: float
     braking: float  # [s] from now on, in which the robot must be able to stop
     half_node: float  # [s] between two tests on the way, and the discs of what moves
+    late: float  # [s] that the job may end after the plan, the target in reach
 
 
 @kernel
@@ -336,4 +331,4 @@ def follow(
         states[i + 1, 0], states[i + 1, 1], states[i + 1, 2] = x, y, heading
         states[i + 1, 3], states[i + 1, 4] = v, w
     reached = in_reach(x, y, heading, v, w, job)
-    return True, left <= (LATE if reached else TINY)
+    return True, left <= (bounds.late if reached else TINY)

@@ -271,8 +271,8 @@ class StaaController:
 
     def job(self, problem: BaseProblem, target: Target) -> Job:
         """The target, with a reach that is a little smaller unless the robot is at its limit already."""
-        whole = self.reach.job(target, self.parameters, engaged=problem.engaged)
-        inner = self.reach.job(target, self.parameters, engaged=problem.engaged, slack=self.reach.parameters.plan_slack)
+        whole = self.reach.job(target, self.parameters)
+        inner = self.reach.job(target, self.parameters, slack=self.reach.parameters.plan_slack)
         now = [float(value) for value in (*problem.pose, *problem.twist)]
         return whole if in_reach(*now, whole) and not in_reach(*now, inner) else inner
 

@@ -27,14 +27,8 @@ from motm_twin.planning.candidates import (
 )
 from motm_twin.planning.collision import clearances
 from motm_twin.planning.global_path import GraphCache, costs_on, poses_at
-from motm_twin.planning.placement import SAME_HEADING, SAME_PLACE
 from motm_twin.planning.rejections import Here, Rejection, rejections
 from motm_twin.planning.types import Mode, Target
-
-BESIDE = 2.5  # [m] from the target within which a place to wait is looked for; round a table it is more,
-BESIDE_ROUND = 2.0  # [m] and beyond the circle about a base that is larger than Frankie
-PLACES = 72  # to wait at that are kept, the best: as many as candidates on a ring
-KEEP_CLEARANCE = 0.0  # [m] of the chosen pose: a cell at the edge of what the lidar sees comes and goes
 
 
 class EveryRing:
@@ -64,7 +58,7 @@ class EveryRing:
         wanted = every_ring(target, survey._replace(here=there))
         pose = wanted.pose[wanted.viable()]
         for room in waiting_rooms(survey):
-            places = list(closest_places(target, survey, room, max(BESIDE, model.body.reach + BESIDE_ROUND)))
+            places = list(closest_places(target, survey, room, model.body.reach + model.placement.beside_round))
             if places:
                 break
         if not len(pose) or not places:
@@ -73,7 +67,7 @@ class EveryRing:
         table = self._graphs.table(graph, pose[np.lexsort((pose[:, 1], pose[:, 0]))], model.rates)
         current = costs_of(free, survey._replace(to_next=None)).current
         onward = costs_on(graph, table, poses_at(graph, free.pose, free.place, free.place_of))
-        best = np.argsort(current + model.placement.next_weight * onward, kind="stable")[:PLACES]
+        best = np.argsort(current + model.placement.next_weight * onward, kind="stable")[: model.placement.ring_poses]
         best = np.sort(best[np.isfinite(current[best] + onward[best])])
         if not len(best):
             return None
@@ -106,13 +100,13 @@ def passing_more_slowly(candidates: Candidates, target: Target, survey: Survey) 
 
 
 def _unless_chosen(rejected: list[str], target: Target, pose: Array, survey: Survey) -> list[str]:
-    """The reasons without that of the pose chosen before, as long as it is free at all."""
-    goal, here = survey.last.goal, survey.here
+    """The reasons without that of the pose chosen before, as long as it is free at all: cells come and go."""
+    goal, here, p = survey.last.goal, survey.here, survey.model.placement
     if goal is None or not survey.last.of(target):
         return rejected
-    for i in np.flatnonzero(np.hypot(pose[:, 0] - goal[0], pose[:, 1] - goal[1]) <= SAME_PLACE):
+    for i in np.flatnonzero(np.hypot(pose[:, 0] - goal[0], pose[:, 1] - goal[1]) <= p.same_place):
         swing = abs(math.remainder(pose[i, 2] - goal[2], 2.0 * math.pi))
-        if rejected[i] and swing <= SAME_HEADING:
+        if rejected[i] and swing <= p.same_heading:
             free = clearances(pose[i : i + 1], 1.0, here.field, here.body)[0]
-            rejected[i] = rejected[i] if free < KEEP_CLEARANCE else ""
+            rejected[i] = rejected[i] if free < 0.0 else ""
     return rejected

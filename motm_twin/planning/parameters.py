@@ -4,12 +4,11 @@
 """
 
 import dataclasses
-import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from motm_twin.model.profile import Footprint, RobotProfile
+from motm_twin.model.number import OWN, STAA, Number, Slider, paper
+from motm_twin.model.profile import DEG, Footprint, RobotProfile
 
-DEG = math.pi / 180.0
 TERMINATIONS = ("task", "pass", "reach_goal")
 PENALTIES = ("clearance", "grid")
 SHORTEST_NODE = 0.05  # [s] between nodes of the local search: a control period
@@ -19,22 +18,55 @@ SHORTEST_NODE = 0.05  # [s] between nodes of the local search: a control period
 class PlacementParameters:
     """Base placement (Paper, Sec. IV)."""
 
-    positions: int = 36  # Paper, Sec. IV: 10 deg increments, two tangential headings each
-    radius_min: float = 0.60  # [m] Paper, Sec. IV
-    radius_max: float = 0.80  # [m] Paper, Sec. IV
-    radius_step: float = 0.05  # [m] own: 0.02 finds the same candidates in the shipped scenes
-    next_weight: float = 1.05  # Paper, Sec. IV: weight of C_iN
-    clearance: float = (
-        0.06  # [m] own: a candidate must keep 1 cm more than the search margin, or it cannot be driven to
-    )
-    hysteresis: float = 0.3  # [s] own: cuts changes of mind from 22 to 5 per trial at no cost in time
-    reach_step: float = 0.05  # [m] own: rings searched when no tangential candidate is viable
-    reach_headings: int = 16  # own: headings per position of such a ring
-    reach_slack: float = 0.04  # [m] own: those poses must be this far inside the arm's reach
-    room: float = 0.5  # [m] own: left to what may be moving where the base waits; both wait for each other without it
-    drive_headings: int = 16  # own: arrival headings tried for a drive target that leaves its heading free
-    next_goals: int = 6  # own: best poses of the next target that the local search knows
-    next_poses: int = 72  # own: those to which the way on is counted: all of a ring, and a share of what is more
+    next_weight: Annotated[float, Number("", paper("IV"), "weight of C_iN"),
+        Slider("Weight of the next target", "Base placement",
+            "Weight of the way on to the next target when a place is chosen; 0 ignores it.", (0.0, 3.0, 0.05),
+            paper=1.05)] = 1.05  # fmt: skip
+    radius_min: Annotated[float, Number("m", paper("IV"), "of the first ring"),
+        Slider("Smallest ring", "Base placement", "Radius of the first ring of candidates round the target.",
+            (0.45, 0.7, 0.05), paper=0.6)] = 0.60  # fmt: skip
+    radius_max: Annotated[float, Number("m", paper("IV"), "of the last ring"),
+        Slider("Largest ring", "Base placement",
+            "Radius of the last ring that is tried when the smaller ones have no free candidate.", (0.7, 0.95, 0.05),
+            paper=0.8)] = 0.80  # fmt: skip
+    positions: Annotated[int, Number("", paper("IV"), "10 deg increments, two tangential headings each"),
+        Slider("Positions on a ring", "Base placement",
+            "Positions per ring, each with two tangential headings; 36 are 10 degrees apart.", (12, 48, 4),
+            paper=36.0)] = 36  # fmt: skip
+    hysteresis: Annotated[float, Number("s", OWN, "cuts changes of mind from 22 to 5 per trial at no cost in time"),
+        Slider("Loyalty to the choice", "Base placement",
+            "A new candidate must be this much cheaper than the one chosen before.",
+            (0.0, 2.0, 0.1))] = 0.3  # fmt: skip
+    clearance: Annotated[float,
+        Number("m", OWN, "1 cm more than the search margin, or it cannot be driven to"),
+        Slider("Clearance of a place", "Safety", "Room that a candidate pose must have round the base.",
+            (0.06, 0.2, 0.01))] = 0.06  # fmt: skip
+    radius_step: Annotated[float, Number("m", OWN, "0.02 finds the same candidates in the shipped scenes")] = 0.05
+    reach_step: Annotated[float, Number("m", OWN, "rings searched when no tangential candidate is viable")] = 0.05
+    headings: Annotated[int, Number("", OWN, "tried at a place that leaves them free")] = 16
+    reach_slack: Annotated[float, Number("m", OWN, "those poses must be this far inside the arm's reach")] = 0.04
+    room: Annotated[
+        float, Number("m", OWN, "left to what may be moving where the base waits; both wait for each other without it")
+    ] = 0.5
+    same_place: Annotated[float, Number("m", OWN, "a candidate this near to the last choice, and")] = 0.06
+    same_heading: Annotated[float, Number("rad", OWN, "turned by no more than this, is the same choice")] = 0.15
+    clearly_closer: Annotated[
+        float,
+        Number("m", OWN, "by which a free place must be closer to the target to take the place of the one chosen"),
+    ] = 0.5
+    closest_round: Annotated[
+        float, Number("m", OWN, "round the base, within which the free place closest to a target is looked for")
+    ] = 3.5
+    beside_round: Annotated[float, Number("m", OWN, "the same of a place to wait beside what moves")] = 2.1
+    avoided_cost: Annotated[
+        float, Number("s", OWN, "worth going elsewhere than where the arm did not get to its target: it tried for 6 s")
+    ] = 10.0
+    next_goals: Annotated[int, Number("", OWN, "best poses of the next target that the local search knows")] = 6
+
+    @property
+    def ring_poses(self) -> int:
+        """Candidates on a ring: more of the next target, or of places to wait at, are not counted."""
+        return 2 * self.positions
 
     def __post_init__(self) -> None:
         if not 0.0 < self.radius_min <= self.radius_max:
@@ -47,36 +79,107 @@ class PlacementParameters:
 class StaaParameters:
     """Base controller: STAA* with the paper's modifications, each of which can be switched off."""
 
-    node_duration: float = 0.3  # [s] STAA*: Dt between nodes
-    notches: int = 7  # STAA*: 7 x 7 accelerations
-    cell: float = 0.05  # [m] STAA*: closed list
-    heading_bins: int = 31  # STAA*: closed list
-    speed_bins: int = 4  # own: two nodes in one cell are not the same when one drives and one stands
-    yaw_rate_bins: int = 4  # own: the same
-    epsilon: float = 1.0  # STAA*: weight of the heuristic
-    growth_margin: float = 0.08  # [m] own: the global path grows obstacles by g, half the base's width and this much
-    margin: float = 0.05  # [m] own: clearance that every node keeps
-    margin_floor: float = 0.01  # [m] own: a robot that is inside the margin may come this near while it leaves,
-    margin_cost: float = 3.0  # [s] own: and pays up to this per node for it; without a way back it would be stuck
-    brake_depth: int = 2  # own: nodes up to this depth must be able to stop without a collision
-    local_radius: float = 3.5  # [m] STAA*: local region (an 8 m box there), here a disc
-    grid_weight: float = 0.3  # [s] own: 1 s over 0.25 m (STAA*) costs 6 s per trial beside a table
-    grid_range: float = 0.12  # [m] own: clearance below which the penalty grows from 0 to 1
-    penalty: str = "clearance"  # "clearance": of the footprint; "grid": STAA*, the map's proximity at the hull corners
-    k_min: float = 0.1  # Paper, Sec. III-D
-    k_time: float = 3.0  # [s] Paper, Sec. III-D: k = max(0.1, min(t_h / 3, 1))
-    bezier_offset: float = 0.25  # Paper, Sec. III-E: control points at 25 % of the distance
-    pass_distance: float = 0.15  # [m] own: "sufficiently close" (Paper, Sec. III-C, gives no number)
-    pass_heading: float = 20.0 * DEG  # [rad] own: the same
-    termination: str = "task"  # "task": predicted completion of the job; "pass": Paper, Sec. III-C; "reach_goal": STAA*
-    goal_orientation: bool = True  # Paper, Sec. III-A
-    rotation_cost: bool = True  # Paper, Sec. III-B
-    bezier: bool = True  # Paper, Sec. III-E
-    scale_penalty: bool = True  # Paper, Sec. III-D
-    drive_on: bool = True  # own: a node from which the job gets done is judged by its way to the next target
-    prediction: float = 0.0  # [s] STAA*: 1 s, for which what moves is expected to go on; the paper expects nothing
-    moving_weight: float = 0.0  # [s] STAA*: 1 s per node at what moves, less with every metre; 0 from 1 m on
-    steadiness: float = 0.0  # own: share of the time [s] of full yaw acceleration that is paid for it; STAA* pays none
+    local_radius: Annotated[float, Number("m", STAA, "local region (an 8 m box there), here a disc"),
+        Slider("Local region", "Base control",
+            "How far round the robot the local search looks; beyond it the global path is followed.",
+            (1.5, 5.0, 0.25))] = 3.5  # fmt: skip
+    node_duration: Annotated[float, Number("s", STAA, "between nodes", symbol="Dt"),
+        Slider("Time step of the search", "Base control", "Time between two nodes of the local search.",
+            (0.2, 0.5, 0.05))] = 0.3  # fmt: skip
+    notches: Annotated[int, Number("", STAA, "7 x 7 accelerations"),
+        Slider("Accelerations that are tried", "Base control",
+            "So many from the strongest braking to the strongest acceleration, and as many of turning, at every node.",
+            (5, 7, 2), odd=True)] = 7  # fmt: skip
+    epsilon: Annotated[float, Number("", STAA, "weight of the heuristic", symbol="epsilon"),
+        Slider("Weight of the heuristic", "Base control",
+            "Above 1 the search goes straighter for the goal and finds worse motions sooner.",
+            (0.5, 3.0, 0.1))] = 1.0  # fmt: skip
+    cell: Annotated[float, Number("m", STAA, "closed list")] = 0.05
+    heading_bins: Annotated[int, Number("", STAA, "closed list")] = 31
+    speed_bins: Annotated[
+        int, Number("", OWN, "of speed, and of yaw rate: a node that drives is not the same as one that stands")
+    ] = 4
+    grid_weight: Annotated[float, Number("s", STAA, "its 1 s over 0.25 m costs 6 s per trial beside a table"),
+        Slider("Proximity penalty", "Base control", "Time that a node beside an obstacle is charged for.",
+            (0.0, 2.0, 0.05), paper=1.0)] = 0.3  # fmt: skip
+    grid_range: Annotated[float, Number("m", OWN, "clearance below which the penalty grows from 0 to 1"),
+        Slider("Range of the penalty", "Base control", "Clearance below which the penalty grows from 0 to 1.",
+            (0.04, 0.4, 0.01))] = 0.12  # fmt: skip
+    prediction: Annotated[float,
+        Number("s", STAA, "1 s there, for which what moves is expected to go on; the paper expects nothing"),
+        Slider("Expect what moves", "Base control",
+            "For so long the local search expects what moves to go on as it does; 0: it is an obstacle where it is.",
+            (0.0, 2.0, 0.1), paper=0.0)] = 0.0  # fmt: skip
+    moving_weight: Annotated[float,
+        Number("s", STAA, "1 s per node at what moves there, less with every metre; 0 from 1 m on"),
+        Slider("Penalty beside what is expected", "Base control",
+            "Time that a node at such an obstacle is charged for, less with every metre, nothing from 1 m on.",
+            (0.0, 2.0, 0.1), paper=0.0)] = 0.0  # fmt: skip
+    steadiness: Annotated[float,
+        Number("", OWN, "share of the time [s] of full yaw acceleration that is paid for it; STAA* pays none"),
+        Slider("Steadiness", "Base control",
+            "Part of its time that turning faster or slower is charged for: the base drives fewer wriggles.",
+            (0.0, 0.2, 0.01), paper=0.0)] = 0.0  # fmt: skip
+    penalty: Annotated[str,
+        Number("", STAA, "clearance: of the footprint; grid: the proximity of the map at the hull corners, as there"),
+        Slider("What the penalty looks at", "Base control",
+            "Clearance of the whole footprint, or the map's blurred grid at the corners of the hull.",
+            choices=PENALTIES, paper="grid")] = "clearance"  # fmt: skip
+    pass_distance: Annotated[float, Number("m", OWN, '"sufficiently close" (Paper, Sec. III-C, gives no number)'),
+        Slider("Close enough to pass", "Base control",
+            "Distance from the candidate at which a passing path counts as there.",
+            (0.05, 0.5, 0.01))] = 0.15  # fmt: skip
+    pass_heading: Annotated[float, Number("rad", OWN, "the same of the heading"),
+        Slider("Turned enough to pass", "Base control", "The same for the heading.", (5.0, 60.0, 1.0),
+            degrees=True)] = 20.0 * DEG  # fmt: skip
+    goal_orientation: Annotated[bool, Number("", paper("III-A"), "the local search wants the heading of the candidate"),
+        Slider("Goal orientation", "Modifications",
+            "The local search wants the candidate's heading, not only its position.", paper=True)] = True  # fmt: skip
+    rotation_cost: Annotated[bool, Number("", paper("III-B"), "the global path pays for turning"),
+        Slider("Rotation cost", "Modifications", "The global path pays for turning as PathRTR does.",
+            paper=True)] = True  # fmt: skip
+    termination: Annotated[str,
+        Number("", paper("III-C"), "task: predicted end of the job; pass: as in the paper; reach_goal: as in STAA*"),
+        Slider("When the search is finished", "Modifications",
+            "task: the job is predicted to be done; pass: a path passes the candidate; reach_goal: it stops there.",
+            choices=TERMINATIONS, paper="pass")] = "task"  # fmt: skip
+    drive_on: Annotated[bool,
+        Number("", OWN, "a node from which the job gets done is judged by its way to the next target"),
+        Slider("Drive on to the next target", "Modifications",
+            "Motions that get the job done are judged by their way on to the next target.",
+            paper=False)] = True  # fmt: skip
+    scale_penalty: Annotated[bool, Number("", paper("III-D"), "the penalty fades near the goal"),
+        Slider("Scale the penalty", "Modifications",
+            "The proximity penalty fades while the goal comes near: k = max(k_min, min(t_h / k_time, 1)).",
+            paper=True)] = True  # fmt: skip
+    k_min: Annotated[float, Number("", paper("III-D"), "least scale of the penalty", symbol="k"),
+        Slider("Least scale of the penalty", "Modifications", "What is left of the penalty at the goal.",
+            (0.0, 1.0, 0.05), paper=0.1)] = 0.1  # fmt: skip
+    k_time: Annotated[float, Number("s", paper("III-D"), "k = max(0.1, min(t_h / 3, 1))", symbol="t_h"),
+        Slider("Fading time", "Modifications", "Time before the goal from which on the penalty fades.",
+            (0.5, 10.0, 0.5), paper=3.0)] = 3.0  # fmt: skip
+    bezier: Annotated[bool, Number("", paper("III-E"), "nodes near the goal are judged by a smooth curve"),
+        Slider("Bezier heuristic", "Modifications",
+            "Nodes near the goal are judged by the time of a smooth curve to it.", paper=True)] = True  # fmt: skip
+    bezier_offset: Annotated[float, Number("", paper("III-E"), "control points at 25 % of the distance"),
+        Slider("Bezier control points", "Modifications",
+            "Their distance from the ends, as a share of the straight distance.", (0.05, 0.5, 0.05),
+            paper=0.25)] = 0.25  # fmt: skip
+    margin: Annotated[float, Number("m", OWN, "clearance that every node keeps"),
+        Slider("Clearance on the way", "Safety", "Room that every node of the local search keeps.",
+            (0.03, 0.05, 0.01))] = 0.05  # fmt: skip
+    margin_floor: Annotated[float, Number("m", OWN, "a robot inside the margin may come this near while it leaves")] = (
+        0.01
+    )
+    margin_cost: Annotated[
+        float, Number("s", OWN, "and pays up to this per node for it; without a way back it would be stuck")
+    ] = 3.0
+    brake_depth: Annotated[int, Number("", OWN, "nodes up to this depth must be able to stop without a collision")] = 2
+    growth_margin: Annotated[float,
+        Number("m", OWN, "the global path grows obstacles by g, half the base's width and this much"),
+        Slider("Room beside the way", "Safety",
+            "Obstacles are grown by half the width of the base and this much for the global path.",
+            (0.03, 0.2, 0.01))] = 0.08  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.termination not in TERMINATIONS:
@@ -117,16 +220,25 @@ def fitted(p: StaaParameters, robot: RobotProfile) -> StaaParameters:
 class ReachParameters:
     """When an object is in reach of the arm, and how long a job takes (own, from measured pass-bys of the arm)."""
 
-    r_min: float = 0.35  # [m] arm mount to object, horizontally
-    r_max_pick: float = 0.77  # [m] measured: 0.78 at 0.5 m/s fails
-    r_max_place: float = 0.88  # [m] to the bin's centre; measured: the cube is let go up to 0.135 m nearer
-    azimuth_max: float = 2.6  # [rad] of the object about the mount, either way: joint 1 turns 2.9, not all round
-    relative_speed: float = 0.8  # [m/s] fastest the object may pass the base: joint 1 (2.175 rad/s) does 0.76 at r_min
-    dwell_pick: float = 1.3  # [s] uninterrupted time in reach of a pick: 0.5 s approach and 0.8 s closing
-    dwell_place: float = 0.5  # [s] the same of a drop: 0.3 s approach and 0.2 s opening
-    plan_slack: float = 0.02  # [m] plans keep this far inside the reach: poses are known to 1 cm; costs 0.5 s per trial
-    plan_speed: float = 0.95  # own: and this far below the speed limit
-    engaged_slack: float = 0.0  # [m] added to r_max while the arm is at the object
+    r_min: Annotated[float, Number("m", OWN, "arm mount to object, horizontally")] = 0.35
+    r_max_pick: Annotated[float, Number("m", OWN, "measured: 0.78 at 0.5 m/s fails")] = 0.77
+    r_max_place: Annotated[
+        float, Number("m", OWN, "to the bin's centre; measured: the cube is let go up to 0.135 m nearer")
+    ] = 0.88
+    azimuth_max: Annotated[
+        float, Number("rad", OWN, "of the object about the mount, either way: joint 1 turns 2.9, not all round")
+    ] = 2.6
+    relative_speed: Annotated[
+        float, Number("m/s", OWN, "fastest the object may pass the base: joint 1 (2.175 rad/s) does 0.76 at r_min")
+    ] = 0.8
+    dwell_pick: Annotated[
+        float, Number("s", OWN, "uninterrupted time in reach of a pick: 0.5 s approach and 0.8 s closing")
+    ] = 1.3
+    dwell_place: Annotated[float, Number("s", OWN, "the same of a drop: 0.3 s approach and 0.2 s opening")] = 0.5
+    plan_slack: Annotated[
+        float, Number("m", OWN, "plans keep this far inside the reach: poses are known to 1 cm; costs 0.5 s per trial")
+    ] = 0.02
+    plan_speed: Annotated[float, Number("", OWN, "share of relative_speed that plans use")] = 0.95
 
     def r_max(self, kind: str) -> float:
         """Largest distance [m] from arm mount to target for a "pick" or "place"."""
@@ -142,12 +254,42 @@ class ReachParameters:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class CommitmentParameters:
+    """When a method that keeps its plans is still on one, and when a lattice tells it the way out of a tight place."""
+
+    late: Annotated[
+        float, Number("s", OWN, "that a job may end after its plan, the target in reach: poses are known to 1 cm")
+    ] = 0.1
+    moved: Annotated[
+        float, Number("m", OWN, "by which the target has moved when the plan goes where it no longer is")
+    ] = 0.1
+    follows: Annotated[
+        float,
+        Number("m, rad", OWN, "from where a plan has the robot: localisation is off by 0.06 m and 0.04 rad at most"),
+    ] = 0.15
+    follows_speed: Annotated[
+        float, Number("", OWN, "share of the top speed by which it drives otherwise than the plan says; it does to 2 %")
+    ] = 0.1
+    follows_yaw_rate: Annotated[float, Number("", OWN, "the same of the largest yaw rate")] = 0.0573
+    creeps: Annotated[
+        float,
+        Number(
+            "", OWN, "share of the top speed, below which a robot whose plans do not arrive may be in a tight place"
+        ),
+    ] = 0.3
+    moves_radius: Annotated[
+        float, Number("m", OWN, "beyond the lattice, within which nothing may move: of a person, or a Temi")
+    ] = 0.25
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class PlanningParameters:
     """All parameters of base placement and base control."""
 
     placement: PlacementParameters = PlacementParameters()
     staa: StaaParameters = StaaParameters()
     reach: ReachParameters = ReachParameters()
+    commitment: CommitmentParameters = CommitmentParameters()
 
 
 LEAST_ROOM = 0.02  # [m] beyond half the width of the footprint that a way must have, however tight

@@ -11,7 +11,6 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 from motm_twin.planning.candidates import (
-    AVOIDED_COST,
     Candidates,
     Judged,
     PlacementModel,
@@ -25,12 +24,10 @@ from motm_twin.planning.candidates import (
 from motm_twin.planning.collision import Field
 from motm_twin.planning.cost_to_go import Table
 from motm_twin.planning.global_path import GraphCache, Poses, costs_to, grouped, path_to_goal, poses_at, robot_table
-from motm_twin.planning.parameters import PlanningParameters, room_for
+from motm_twin.planning.parameters import PlacementParameters, PlanningParameters, room_for
 from motm_twin.planning.rejections import Here, Rejection
 from motm_twin.planning.types import BaseProblem, Mode, Placement, Target, empty_path, no_placement
 from motm_twin.planning.visibility import Graph
-
-SAME_PLACE, SAME_HEADING = 0.06, 0.15  # [m], [rad] a candidate this near to the last choice is the same choice
 
 
 class Searched(NamedTuple):
@@ -93,7 +90,7 @@ class NextTargetPlacement(Stateful[PlacementState]):
     def decide(self, problem: BaseProblem, last: PlacementState) -> tuple[Placement, PlacementState]:
         """The choice for a period after that of the last one."""
         self._last = None
-        target = problem.target
+        target, p = problem.target, self.model.placement
         if target is None:
             return no_placement(problem.pose), PlacementState()
         survey = self.survey(problem, last)
@@ -101,11 +98,11 @@ class NextTargetPlacement(Stateful[PlacementState]):
         if poses is not None:
             survey = survey._replace(to_next=self._graphs.table(graph, poses, self.model.rates))
         judged = self.candidates(target, survey)
-        judged = judged._replace(current=_avoiding(judged.current, judged.candidates.pose, problem))
+        judged = judged._replace(current=_avoiding(judged.current, judged.candidates.pose, problem, p.avoided_cost))
         viable = np.isfinite(judged.current)  # an infinite cost times a weight of 0 would be no number
-        cost = judged.current + self.model.placement.next_weight * np.where(viable, judged.onward, 0.0)
+        cost = judged.current + p.next_weight * np.where(viable, judged.onward, 0.0)
         candidates = judged.candidates
-        preferred = cost - self.model.placement.hysteresis * _chosen_before(last, target, candidates.pose)
+        preferred = cost - p.hysteresis * _chosen_before(last, target, candidates.pose, p)
         chosen = int(np.argmin(preferred)) if np.isfinite(preferred).any() else -1
         goal = candidates.pose[chosen] if chosen >= 0 else problem.pose
         next_goals = None if poses is None else frozen(self._best_next(goal, poses, graph))
@@ -153,15 +150,15 @@ class NextTargetPlacement(Stateful[PlacementState]):
         return poses[order]
 
 
-def _avoiding(cost: Array, pose: Array, problem: BaseProblem) -> Array:
-    """The costs [s] of poses (m, 3), more near those from which the arm, or to which the base, did not get."""
+def _avoiding(cost: Array, pose: Array, problem: BaseProblem, dearer: float) -> Array:
+    """The costs [s] of poses (m, 3), ``dearer`` [s] near those where the arm or the base did not get to its target."""
     for avoid in (problem.stuck_at, problem.recovery.avoid):
         if len(avoid):
-            cost = cost + AVOIDED_COST * times_avoided(pose, avoid)
+            cost = cost + dearer * times_avoided(pose, avoid)
     return cost
 
 
-def _chosen_before(last: PlacementState, target: Target, pose: Array) -> Array:
+def _chosen_before(last: PlacementState, target: Target, pose: Array, p: PlacementParameters) -> Array:
     """1 for the candidate that was chosen in the last period, else 0; shape (m,)."""
     same = np.zeros(len(pose))
     goal = last.goal
@@ -170,7 +167,7 @@ def _chosen_before(last: PlacementState, target: Target, pose: Array) -> Array:
     distance = np.hypot(pose[:, 0] - goal[0], pose[:, 1] - goal[1])
     swing = turn_between(pose[:, 2], goal[2])
     nearest = int(np.argmin(distance + swing))
-    if distance[nearest] <= SAME_PLACE and swing[nearest] <= SAME_HEADING:
+    if distance[nearest] <= p.same_place and swing[nearest] <= p.same_heading:
         same[nearest] = 1.0
     return same
 

@@ -108,8 +108,8 @@ class ReachModel:
         self._arm = profile.arm
         self.parameters = parameters
 
-    def job(self, target: Target, staa: StaaParameters, *, engaged: bool = False, slack: float = 0.0) -> Job:
-        """The target for the kernels; `slack` [m] narrows the reach, an engaged arm reaches a little further."""
+    def job(self, target: Target, staa: StaaParameters, *, slack: float = 0.0) -> Job:
+        """The target for the kernels; `slack` [m] narrows the reach."""
         p = self.parameters
         if target.kind == "drive":
             heading = math.nan if target.heading is None else float(target.heading)
@@ -117,7 +117,7 @@ class ReachModel:
                 DRIVE, float(target.position[0]), float(target.position[1]), 0.0, 0.0, 0.0, float(target.tolerance),
                 math.inf, ARRIVED, heading, staa.pass_heading, -1.0,
             )  # fmt: skip
-        r_max = p.r_max(target.kind) + (p.engaged_slack if engaged else 0.0)
+        r_max = p.r_max(target.kind)
         speed = p.relative_speed * (p.plan_speed if slack > 0.0 else 1.0)
         return Job(
             MANIPULATE, float(target.position[0]), float(target.position[1]), self._arm.mount_x, self._arm.mount_y,

@@ -33,7 +33,6 @@ class Settings(NamedTuple):
     cell: float
     heading_bins: int
     speed_bins: int
-    yaw_rate_bins: int
     epsilon: float
     margin: float
     margin_floor: float

@@ -120,7 +120,7 @@ def _cell_of(x: float, y: float, v_bin: int, row: Array, s: Settings) -> int:
     """The cell of the closed list that a node lies in; row of `swing`."""
     i, j = int(math.floor(x / s.cell)) + 100_000, int(math.floor(y / s.cell)) + 100_000
     k, w = int(row[HEADING_BIN]), int(row[YAW_RATE_BIN])
-    return (((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v_bin) * s.yaw_rate_bins + w
+    return (((i * 200_000 + j) * s.heading_bins + k) * s.speed_bins + v_bin) * s.speed_bins + w
 
 
 @kernel
@@ -219,8 +219,8 @@ def _swings(node: int, left: float, by_reach: bool, s: Settings, memory: Memory)
         row[MID_C], row[MID_S] = math.cos(m_heading), math.sin(m_heading)
         turns = row[FACING] / TWO_PI
         row[HEADING_BIN] = min(s.heading_bins - 1, int((turns - math.floor(turns)) * s.heading_bins))
-        yaw_rate_bin = int((w_end + s.w_max) / (2.0 * s.w_max) * s.yaw_rate_bins)
-        row[YAW_RATE_BIN] = min(s.yaw_rate_bins - 1, max(0, yaw_rate_bin))
+        yaw_rate_bin = int((w_end + s.w_max) / (2.0 * s.w_max) * s.speed_bins)
+        row[YAW_RATE_BIN] = min(s.speed_bins - 1, max(0, yaw_rate_bin))
         if by_reach and left > 0.0:
             _turned(row[HALF_WAY:WHOLE_WAY], heading, w_0, w_end, min(0.5, left / dt), dt)
             _turned(row[WHOLE_WAY:], heading, w_0, w_end, min(1.0, left / dt), dt)

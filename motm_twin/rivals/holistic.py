@@ -18,7 +18,7 @@ import numpy as np
 
 from motm_twin.control.arm.controller import ArmWays, Manipulator
 from motm_twin.control.arm.geometry import rotation_error, tilt_for, tool_rotation
-from motm_twin.control.arm.motion import OVER, OVER_RIM, Motion, hand_motion
+from motm_twin.control.arm.motion import Motion, hand_motion
 from motm_twin.control.arm.parameters import ArmParameters, Numbers
 from motm_twin.control.arm.program import ARM, BASE, SLACK
 from motm_twin.control.arm.qp import Program
@@ -111,8 +111,8 @@ class WholeBody:
 
     def _hover(self, view: View) -> Array:
         p, point = self._p, view.target.copy()
-        if view.distance > OVER:
-            point[2] += p.transit_clearance if view.goal.kind == "pick" else OVER_RIM
+        if view.distance > p.sink_distance:
+            point[2] += p.transit_clearance if view.goal.kind == "pick" else p.rim_clearance
         elif view.goal.kind == "pick":
             point[2] += p.hover_height
         return point
@@ -124,7 +124,7 @@ class WholeBody:
         reach, largest = (p.place_reach, p.place_tilt) if view.goal.kind == "place" else (p.pick_reach, p.pick_tilt)
         tilt = 0.0
         if view.radius <= reach:
-            tilt = tilt_for(view.radius, view.p[2] - view.mount[2], p.grasp_stretch, largest)
+            tilt = tilt_for(view.radius, view.p[2] - view.mount[2], p.stretch, largest)
         return tool_rotation(outward if state.yaw is None else state.yaw, tilt, outward)
 
     def program(self, state: ManipulatorState, view: View, motion: Motion, program: Program) -> Program:

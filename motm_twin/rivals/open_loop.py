@@ -18,11 +18,12 @@ import numpy as np
 from motm_twin.control.arm.controller import Decision, Manipulator
 from motm_twin.control.arm.types import ArmInputs, ArmStep, Phase, ProgramStatus
 from motm_twin.control.arm.view import ManipulatorState
-from motm_twin.control.method import ARM_STEPS, ArmParts, Method, PlannerParts, Rehearse, Rehearsed, Timed
+from motm_twin.control.method import ArmParts, Method, PlannerParts, Rehearse, Rehearsed, Timed
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen, to_frame, wrap_angle
 from motm_twin.model.joint_limits import DQ_MAX
 from motm_twin.model.names import MethodError
+from motm_twin.model.period import ARM_STEPS
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful

@@ -15,7 +15,6 @@ from numba import njit
 from motm_twin.control.arm.bodies import FINGERS, HAND_BODY, IntArray, arm_balls
 from motm_twin.control.arm.geometry import ELBOW, stretch, tilt_for, tool_rotation
 from motm_twin.control.arm.parameters import ArmParameters
-from motm_twin.control.arm.view import PREFERRED_RADIUS
 from motm_twin.model.arm_kernels import ELBOW_OFFSET, LOWER, SHOULDER, TOOL, UPPER, WRIST
 from motm_twin.model.exact import angle_of, turn_between
 from motm_twin.model.geometry import Array, frozen
@@ -176,8 +175,8 @@ def hand_rotation(radius: float, yaw: float, task: Task) -> Array | None:
     """The hand at azimuth 0, tilted outwards as little as the reach allows; None when that does not do."""
     arm = ArmParameters()
     largest = arm.pick_tilt if task.kind == "pick" else arm.place_tilt
-    tilt = tilt_for(radius, task.height, arm.grasp_stretch, largest)
-    if stretch(radius, task.height, tilt) > arm.grasp_stretch + _EDGE:
+    tilt = tilt_for(radius, task.height, arm.stretch, largest)
+    if stretch(radius, task.height, tilt) > arm.stretch + _EDGE:
         return None
     return tool_rotation(yaw, tilt, 0.0)
 
@@ -283,6 +282,7 @@ class TargetReach:
         self._objects = {item.name: item for item in known.objects}
         self._bins = {item.name: item for item in known.bins}
         self._release_height, self._release_margin = arm.release_height, arm.release_margin
+        self._preferred_radius = arm.preferred_radius
         for name in self._objects:
             self.of("pick", name)  # now rather than in a period
         for name in self._bins:
@@ -350,7 +350,7 @@ class TargetReach:
         half = max(0.0, place.side / 2.0 - place.wall - 0.02 - self._release_margin)  # 0.02: half a cube
         away = centre - mount
         distance = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-6)
-        wanted = -away * np.maximum(0.0, 1.0 - PREFERRED_RADIUS / distance)[:, None]
+        wanted = -away * np.maximum(0.0, 1.0 - self._preferred_radius / distance)[:, None]
         c, s = math.cos(place.yaw), math.sin(place.yaw)
         x = np.clip(c * wanted[:, 0] + s * wanted[:, 1], -half, half)
         y = np.clip(-s * wanted[:, 0] + c * wanted[:, 1], -half, half)

@@ -26,9 +26,10 @@ class BenchSettings:
         seconds: Page, bus and scale: time of each measurement.
         minutes: Page only: time over which memory is watched.
         visits: Page only: pages that come and break off.
-        share: Soak, period, task, faults and mismatch only: part of the full counts.
+        share: Soak, period, task, faults, mismatch and screening only: part of the full counts.
         kinds: Faults only: these kinds of faults, or none for trials without one.
         scenes: Faults only: these of exp1, exp1a and exp2.
+        numbers: Screening only: these numbers of docs/parameters.md, or groups, as arm.qp or planning.reach.r_min.
         quick: Growth, anytime and solvers only: a few points, half a minute.
         worlds: Barn only: number of worlds like those of the challenge, seeds from 0.
         profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
@@ -49,6 +50,7 @@ class BenchSettings:
     share: float = 1.0
     kinds: tuple[str, ...] = ()
     scenes: tuple[str, ...] = ()
+    numbers: tuple[str, ...] = ()
     quick: FlagCreatePairsOff[bool] = False
     worlds: int | None = None
     profile: Literal["nominal", "controller"] | None = None

@@ -5,6 +5,7 @@ the resolved scene (`model.scene`): m, rad, s. Lists are indexed by an entry's n
 value, and the scene afterwards, must be one that a scene file could have given.
 """
 
+import dataclasses
 import hashlib
 import time
 import traceback
@@ -15,11 +16,13 @@ from typing import Any
 import msgspec
 
 from motm_twin.control.method import Method
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.tick import Tick
-from motm_twin.control.tuning import check, parameter
+from motm_twin.control.tuning import PARAMETERS, check, parameter, tuned
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.names import hint
+from motm_twin.model.number import numbers_of, replaced
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import machine
@@ -76,7 +79,8 @@ class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One trial: everything that its result depends on, besides the source.
 
     ``parameters`` are of `control.tuning`, on top of the method's; ``changes`` are dotted fields of the resolved scene
-    with their new values, as ``{"noise.lidar_range_sd": 0.05, "agents.temi_1.speed": 0.6}``.
+    with their new values, as ``{"noise.lidar_range_sd": 0.05, "agents.temi_1.speed": 0.6}``; ``numbers`` are those of
+    `control.parameters` by their paths, over the method's, whatever sliders allow.
     """
 
     scene: str
@@ -85,6 +89,7 @@ class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     method: str = "motm"
     parameters: dict[str, ParameterValue] = {}
     changes: dict[str, Any] = {}
+    numbers: dict[str, float | bool] = {}
 
 
 class Experiment(msgspec.Struct, frozen=True):
@@ -112,6 +117,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
         whole = hashlib.sha256(source.encode())
         for part in (self.spec.method, self.spec.parameters, self.scene, self.method_text):
             whole.update(b"\0" + msgspec.json.encode(part, order="deterministic"))
+        if self.spec.numbers:
+            whole.update(b"\0" + msgspec.json.encode(self.spec.numbers, order="deterministic"))
         return whole.hexdigest()[:KEY_DIGITS]
 
 
@@ -133,15 +140,32 @@ def jobs_of(specs: Iterable[TrialSpec]) -> list[Job]:
 
 
 def _job(spec: TrialSpec, scene: Scene) -> Job:
-    find_method(spec.method)
+    with_numbers(find_method(spec.method), spec.numbers)
     parameters = {name: check(name, value) for name, value in spec.parameters.items()}
     spec = msgspec.structs.replace(spec, parameters=parameters)
     return Job(spec=spec, scene=changed(scene, spec.changes), method_text=_text_of(spec.method))
 
 
+def with_numbers(method: Method, numbers: Mapping[str, float | bool]) -> Parameters:
+    """The numbers of a method with some of them changed. Raises ValueError for one that is none, or not possible."""
+    whole = tuned(method.parameters)
+    known = {".".join(found.path): found for found in numbers_of(whole)}
+    for name, value in numbers.items():
+        if name not in known:
+            raise ValueError(f"there is no number {name!r}; {hint(name, known)}")
+        found = known[name]
+        whole = replaced(whole, found.path, type(found.default)(value))
+    return whole
+
+
 def method_of(job: Job) -> Method:
-    """The method of a job. Raises MethodError."""
-    return find_method(job.spec.method)
+    """The method of a job, without its value of a number that the job changes. Raises MethodError."""
+    method, changed = find_method(job.spec.method), job.spec.numbers
+    if not changed:
+        return method
+    given = {entry.name for entry in PARAMETERS if ".".join(entry.path) in changed}
+    kept = {name: value for name, value in method.parameters.items() if name not in given}
+    return dataclasses.replace(method, parameters=kept)
 
 
 def _text_of(method: str) -> str:
@@ -179,13 +203,17 @@ def run_job(job: Job) -> Outcome:
 
     began = time.perf_counter()
     try:
-        result = run_scene(job.scene, on_tick=on_tick, method=method_of(job), parameters=dict(job.spec.parameters))
+        numbers = with_numbers(find_method(job.spec.method), job.spec.numbers) if job.spec.numbers else None
+        result = run_scene(
+            job.scene, on_tick=on_tick, method=method_of(job), parameters=dict(job.spec.parameters), numbers=numbers
+        )
     except Exception as error:  # one broken trial must not cost the others
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
         result = broken(job, reason, time_s=periods / PERIODS_PER_S)
     result = parted(job, result, time.perf_counter() - began)
-    session = None if result["success"] else session_of(job, periods, result.get("state_hash", ""))
+    repeats = not job.spec.numbers  # a session has no others than named parameters
+    session = None if result["success"] or not repeats else session_of(job, periods, result.get("state_hash", ""))
     return Outcome(result=result, made_with={**made_with(), MACHINE: machine()}, session=session)
 
 
@@ -195,7 +223,7 @@ def given_up(job: Job, reason: str, source: str) -> Outcome:
     return Outcome(
         result=parted(job, broken(job, reason), 0.0),
         made_with={**made_with(), SOURCE: source, MACHINE: machine()},
-        session=session_of(job, periods, ""),
+        session=None if job.spec.numbers else session_of(job, periods, ""),
     )
 
 
@@ -203,8 +231,9 @@ def parted(job: Job, result: dict[str, Any], seconds: float) -> dict[str, Any]:
     """A result with its spec, and wall-clock measurements in a separate part."""
     rest = {key: value for key, value in result.items() if key not in WALL}
     wall = {key: result[key] for key in WALL if key in result}
-    spec = {"method": job.spec.method, "parameters": dict(job.spec.parameters), "changes": dict(job.spec.changes)}
-    return {**rest, **spec, "wall": {**wall, "seconds": round(seconds, 3)}}
+    spec = job.spec
+    given = {"parameters": dict(spec.parameters), "changes": dict(spec.changes), "numbers": dict(spec.numbers)}
+    return {**rest, "method": spec.method, **given, "wall": {**wall, "seconds": round(seconds, 3)}}
 
 
 def session_of(job: Job, periods: int, state_hash: str) -> Session:

@@ -220,5 +220,6 @@ def test_the_stowed_arm_stays_over_the_base():
 
 def test_a_program_whose_furniture_rows_give_way_names_the_row():
     active = ("joint 4", "lidar static", "hand - table", "forearm - lidar")
-    assert _gave_way(0.0, active) is None
-    assert str(_gave_way(0.05, active)) == "gave way by 0.05 m/s: hand - table is nearer than the joints can brake"
+    assert _gave_way(0.0, active, 0.02) is None
+    gave = str(_gave_way(0.05, active, 0.02))
+    assert gave == "gave way by 0.05 m/s: hand - table is nearer than the joints can brake"

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from motm_twin.control.progress import BACK_OFF, ELSEWHERE, KEEPS, RELOCATIONS, TIGHT, TIGHTEST, Progress, ProgressState
-from motm_twin.control.sequence import NO_PROGRESS, OTHER_ORDER, TaskSequence
+from motm_twin.control.progress import Progress, ProgressParameters, ProgressState
+from motm_twin.control.sequence import SequenceParameters, TaskSequence
 from motm_twin.methods.registry import find_method
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.known import known_world
@@ -16,6 +16,7 @@ from motm_twin.planning.types import BasePlan, Placement
 from motm_twin.twin import Twin
 
 PERIOD = 0.05
+TRIES, LIMITS = ProgressParameters(), SequenceParameters()
 
 
 def standing(cost, goal=(2.0, 0.0, 0.0)):
@@ -55,22 +56,22 @@ def test_a_base_that_gets_nearer_is_left_alone(clock):
 
 
 def test_without_progress_it_backs_off_then_needs_less_room_then_goes_elsewhere(clock):
-    run(clock, 0.0, BACK_OFF + 0.2, lambda time: 5.0)
-    assert clock.recovery(BACK_OFF + 0.2).back_off
-    run(clock, BACK_OFF + 0.2, TIGHT - BACK_OFF, lambda time: 5.0)
-    assert 0.0 < clock.recovery(TIGHT + 0.2).tightness < 1.0
-    assert clock.recovery(TIGHTEST + 0.2).tightness == 1.0
-    run(clock, TIGHT + 0.2, ELSEWHERE - TIGHT + 1.0, lambda time: 5.0)
-    assert clock.recovery(ELSEWHERE + 1.0).avoid.tolist() == [[2.0, 0.0, 0.0]]
+    run(clock, 0.0, TRIES.back_off + 0.2, lambda time: 5.0)
+    assert clock.recovery(TRIES.back_off + 0.2).back_off
+    run(clock, TRIES.back_off + 0.2, TRIES.tight - TRIES.back_off, lambda time: 5.0)
+    assert 0.0 < clock.recovery(TRIES.tight + 0.2).tightness < 1.0
+    assert clock.recovery(TRIES.tightest + 0.2).tightness == 1.0
+    run(clock, TRIES.tight + 0.2, TRIES.elsewhere - TRIES.tight + 1.0, lambda time: 5.0)
+    assert clock.recovery(TRIES.elsewhere + 1.0).avoid.tolist() == [[2.0, 0.0, 0.0]]
 
 
 def test_a_way_that_needs_little_room_is_kept_until_it_is_behind_the_base(clock):
-    run(clock, 0.0, TIGHTEST + 1.0, lambda time: 5.0)
-    begin = TIGHTEST + 1.0
+    run(clock, 0.0, TRIES.tightest + 1.0, lambda time: 5.0)
+    begin = TRIES.tightest + 1.0
     run(clock, begin, 1.0, lambda time: 4.5 - (time - begin))
     assert clock.recovery(begin + 1.0).tightness == 1.0
-    run(clock, begin + 1.0, KEEPS + 2.0, lambda time: 3.0)
-    assert clock.recovery(begin + KEEPS + 30.0).tightness == 1.0  # stands again
+    run(clock, begin + 1.0, TRIES.keeps + 2.0, lambda time: 3.0)
+    assert clock.recovery(begin + TRIES.keeps + 30.0).tightness == 1.0  # stands again
     assert Progress(ProgressState(), PERIOD).recovery(0.0).tightness == 0.0
 
 
@@ -81,7 +82,7 @@ def test_a_base_that_circles_makes_no_progress(clock):
         return (2.0, 0.0, 0.0) if int(time / 4.0) % 2 else (0.0, 2.0, 0.0)
 
     stalled = run(clock, 0.0, 60.0, lambda time: 5.0 - time % 4.0, goal)
-    assert stalled > 60.0 - 4.0 * (RELOCATIONS + 2)
+    assert stalled > 60.0 - 4.0 * (TRIES.relocations + 2)
 
 
 def test_time_in_which_the_arm_works_does_not_count(clock):
@@ -95,17 +96,17 @@ def test_a_task_without_progress_is_put_off_once_then_given_up():
     sequence = TaskSequence(known_world(load_scene("exp1", "trial1", 0)))
     first = sequence.report()[0].target
     pose = np.zeros(3)
-    assert not sequence.hold_up(1.0, OTHER_ORDER - 1.0, None, pose)
-    (event,) = sequence.hold_up(2.0, OTHER_ORDER + 0.1, Reason(kind=Kind.CLOSED_IN, subject=first), pose)
+    assert not sequence.hold_up(1.0, LIMITS.other_order - 1.0, None, pose)
+    (event,) = sequence.hold_up(2.0, LIMITS.other_order + 0.1, Reason(kind=Kind.CLOSED_IN, subject=first), pose)
     assert event.kind == "postponed"
     assert "obstacles close every way" in event.text
     assert sequence.report()[0].target != first
     assert [task.target for task in sequence.report()].count(first) == 1
     assert sequence.report()[-2].target == first
     while sequence.report()[sequence.index].target != first:
-        sequence.hold_up(3.0, OTHER_ORDER + 0.1, None, pose)
-    assert not sequence.hold_up(4.0, NO_PROGRESS - 1.0, None, pose)
-    (event,) = sequence.hold_up(5.0, NO_PROGRESS + 0.1, None, pose)
+        sequence.hold_up(3.0, LIMITS.other_order + 0.1, None, pose)
+    assert not sequence.hold_up(4.0, LIMITS.no_progress - 1.0, None, pose)
+    (event,) = sequence.hold_up(5.0, LIMITS.no_progress + 0.1, None, pose)
     assert event.kind == "failed"
     assert "no progress" in event.text
 

@@ -3,20 +3,14 @@
 import msgspec
 import numpy as np
 
-from motm_twin.control.sequence import (
-    MAX_ATTEMPTS,
-    OUT_OF_REACH,
-    OUTSIDE_LIMIT,
-    PLACE_ATTEMPTS,
-    STALL_LIMIT,
-    TaskSequence,
-)
+from motm_twin.control.sequence import SequenceParameters, TaskSequence
 from motm_twin.model.edits import InsertTask
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.scene import Bin, DriveTo, Pick, Place
 
+LIMITS = SequenceParameters()
 TASKS = (
     Pick(object="a"),
     Place(bin="bin1"),
@@ -60,7 +54,7 @@ def test_an_outcome_of_the_wrong_kind_changes_nothing():
 
 def test_a_missed_grasp_is_tried_again_and_given_up_at_the_limit():
     tasks = sequence()
-    for _ in range(MAX_ATTEMPTS - 1):
+    for _ in range(LIMITS.most_attempts - 1):
         assert tasks.index == 0
         tasks.apply("missed", 1.0)
     assert tasks.index == 2, "the place task of an object that was not picked is skipped"
@@ -81,36 +75,36 @@ def test_a_lost_object_is_picked_again():
 def test_a_task_in_reach_without_progress_is_given_up_with_a_reason():
     tasks = sequence()
     tasks.watch(0.0, True, ELSEWHERE)
-    tasks.watch(STALL_LIMIT - 1.0, True, ELSEWHERE)
+    tasks.watch(LIMITS.stall_limit - 1.0, True, ELSEWHERE)
     assert tasks.index == 0
-    tasks.watch(STALL_LIMIT + 1.0, True, ELSEWHERE)
+    tasks.watch(LIMITS.stall_limit + 1.0, True, ELSEWHERE)
     assert tasks.index == 2
     assert "in reach" in tasks.failures[0]
 
 
 def test_the_reason_is_what_the_arm_waited_for_most_of_the_time_and_not_at_the_end():
     tasks = sequence()
-    for k in range(int(STALL_LIMIT) + 2):
+    for k in range(int(LIMITS.stall_limit) + 2):
         held = Reason(kind=Kind.HELD_OFF, subject="hand", other="static obstacle", value=0.1 + 0.01 * k)
         why = held if k % 3 else Reason(kind=Kind.STARTS_OVER)
         last = Reason(kind=Kind.WAITS_FOR_SIGHT, subject="cube1")
-        tasks.watch(float(k), True, ELSEWHERE, why=last if k == STALL_LIMIT + 1 else why)
+        tasks.watch(float(k), True, ELSEWHERE, why=last if k == LIMITS.stall_limit + 1 else why)
     assert "not done: the hand is held 0.39 m from a seen static obstacle" in tasks.failures[0]
 
 
 def test_being_out_of_reach_for_long_starts_the_stall_clock_again():
     tasks = sequence()
     tasks.watch(0.0, True, ELSEWHERE)
-    tasks.watch(STALL_LIMIT - OUT_OF_REACH - 2.0, False, ELSEWHERE)
-    tasks.watch(STALL_LIMIT - 1.0, False, ELSEWHERE)
-    tasks.watch(STALL_LIMIT, True, ELSEWHERE)
-    tasks.watch(STALL_LIMIT + 5.0, True, ELSEWHERE)
+    tasks.watch(LIMITS.stall_limit - LIMITS.out_of_reach - 2.0, False, ELSEWHERE)
+    tasks.watch(LIMITS.stall_limit - 1.0, False, ELSEWHERE)
+    tasks.watch(LIMITS.stall_limit, True, ELSEWHERE)
+    tasks.watch(LIMITS.stall_limit + 5.0, True, ELSEWHERE)
     assert tasks.index == 0
 
 
 def test_a_base_that_swings_in_and_out_of_reach_does_not_stop_the_stall_clock():
     tasks = sequence()
-    for k in range(int(STALL_LIMIT) + 3):
+    for k in range(int(LIMITS.stall_limit) + 3):
         tasks.watch(float(k), k % 2 == 0, ELSEWHERE)
     assert tasks.index == 2
     assert "in reach" in tasks.failures[0]
@@ -121,7 +115,7 @@ DRIVE_BETWEEN = (Pick(object="a"), DriveTo(point=(0.0, 0.0)), Place(bin="bin1"),
 
 def test_a_pick_that_is_given_up_takes_its_place_along_past_a_drive():
     tasks = sequence(DRIVE_BETWEEN)
-    for _ in range(MAX_ATTEMPTS - 1):
+    for _ in range(LIMITS.most_attempts - 1):
         tasks.apply("missed", 1.0)
     assert tasks.tasks[:3] == (DRIVE_BETWEEN[0], DRIVE_BETWEEN[2], DRIVE_BETWEEN[1])
     assert [task.status for task in tasks.report()] == ["failed", "failed", "active", "waiting", "waiting"]
@@ -132,7 +126,7 @@ def test_a_pick_that_is_given_up_takes_its_place_along_past_a_drive():
 
 def test_an_object_lost_too_often_takes_its_place_along_past_a_drive():
     tasks = sequence(DRIVE_BETWEEN)
-    for _ in range(MAX_ATTEMPTS - 1):
+    for _ in range(LIMITS.most_attempts - 1):
         assert not tasks.failures
         tasks.apply("picked", 1.0)
         tasks.apply("lost", 2.0)
@@ -156,8 +150,8 @@ def test_a_place_with_nothing_held_is_given_up_at_once():
 def test_a_target_that_stays_outside_the_map_is_given_up():
     tasks = sequence()
     tasks.watch(0.0, False, ELSEWHERE, outside=True)
-    assert not tasks.watch(OUTSIDE_LIMIT - 0.1, False, ELSEWHERE, outside=True)
-    (event,) = tasks.watch(OUTSIDE_LIMIT + 0.1, False, ELSEWHERE, outside=True)
+    assert not tasks.watch(LIMITS.outside_limit - 0.1, False, ELSEWHERE, outside=True)
+    (event,) = tasks.watch(LIMITS.outside_limit + 0.1, False, ELSEWHERE, outside=True)
     assert "outside the map" in event.text
     assert tasks.active == TASKS[2]
 
@@ -193,7 +187,7 @@ def stall(tasks: TaskSequence, tries: int) -> str:
 
 def test_a_place_is_tried_again_before_what_is_held_goes_to_the_nearest_other_bin():
     tasks = two_bins()
-    assert stall(tasks, PLACE_ATTEMPTS - 1).endswith("trying again")
+    assert stall(tasks, LIMITS.place_attempts - 1).endswith("trying again")
     assert tasks.active == TASKS[1]
     assert stall(tasks, 1).endswith("a goes to bin2 instead")
     assert tasks.active == Place(bin="bin2")
@@ -204,8 +198,8 @@ def test_a_place_is_tried_again_before_what_is_held_goes_to_the_nearest_other_bi
 
 def test_what_no_bin_takes_is_kept_and_nothing_else_is_picked():
     tasks = two_bins()
-    stall(tasks, PLACE_ATTEMPTS)
-    assert stall(tasks, PLACE_ATTEMPTS).endswith("a stays in the gripper: there is no other bin")
+    stall(tasks, LIMITS.place_attempts)
+    assert stall(tasks, LIMITS.place_attempts).endswith("a stays in the gripper: there is no other bin")
     assert tasks.tasks[tasks.index] == TASKS[2]
     assert tasks.active is None
     assert tasks.refused == ("bin1", "bin2")
@@ -217,13 +211,13 @@ def test_what_no_bin_takes_is_kept_and_nothing_else_is_picked():
 def test_a_bin_outside_the_map_is_not_tried_again():
     tasks = two_bins()
     tasks.watch(0.0, False, ELSEWHERE, outside=True)
-    (event,) = tasks.watch(OUTSIDE_LIMIT + 0.1, False, ELSEWHERE, outside=True)
+    (event,) = tasks.watch(LIMITS.outside_limit + 0.1, False, ELSEWHERE, outside=True)
     assert event.text.endswith("a goes to bin2 instead")
 
 
 def test_what_is_lost_on_its_way_to_the_other_bin_goes_there_after_all():
     tasks = two_bins()
-    stall(tasks, PLACE_ATTEMPTS)
+    stall(tasks, LIMITS.place_attempts)
     tasks.apply("lost", 2.0)
     assert [task.status for task in tasks.report()[:3]] == ["failed", "active", "waiting"]
     assert tasks.active == TASKS[0]
@@ -235,5 +229,5 @@ def test_what_is_lost_on_its_way_to_the_other_bin_goes_there_after_all():
 def test_nothing_is_given_up_while_the_fingers_are_at_work():
     tasks = sequence()
     tasks.watch(0.0, True, ELSEWHERE)
-    assert not tasks.watch(STALL_LIMIT + 1.0, True, ELSEWHERE, busy=True)
-    assert tasks.watch(STALL_LIMIT + 1.0, True, ELSEWHERE)
+    assert not tasks.watch(LIMITS.stall_limit + 1.0, True, ELSEWHERE, busy=True)
+    assert tasks.watch(LIMITS.stall_limit + 1.0, True, ELSEWHERE)

@@ -4,13 +4,14 @@ import math
 
 import pytest
 
-from motm_twin.control.sequence import DRIVE_LIMIT, MAX_ATTEMPTS, TaskSequence
+from motm_twin.control.sequence import SequenceParameters, TaskSequence
 from motm_twin.control.task_list import MOST_TASKS, titled
 from motm_twin.model.edits import InsertTask, MoveTask, RemoveTask
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.scene import Bin, DriveTo, Pick, Place, SceneObject
 
+LIMITS = SequenceParameters()
 TASKS = (Pick(object="a"), Place(bin="left"), Pick(object="b"), Place(bin="right"))
 CORNER = DriveTo(point=(1.0, 1.0))
 
@@ -144,7 +145,7 @@ def test_removing_either_half_of_a_pair_removes_both_past_a_drive(index):
 def test_after_a_pick_that_was_given_up_before_a_drive_the_list_can_be_changed():
     tasks = sequence()
     edit(tasks, InsertTask(tasks=(CORNER,), index=1))
-    for _ in range(MAX_ATTEMPTS - 1):
+    for _ in range(LIMITS.most_attempts - 1):
         tasks.apply("missed", 1.0)
     edit(tasks, InsertTask(tasks=PAIR, index=2))
     edit(tasks, RemoveTask(index=4))
@@ -219,8 +220,8 @@ def test_a_drive_to_a_point_that_stays_blocked_is_given_up():
     edit(tasks, InsertTask(tasks=(CORNER,), index=0))
     elsewhere = KNOWN_START
     tasks.watch(0.0, False, elsewhere, blocked="not free")
-    assert not tasks.watch(DRIVE_LIMIT - 0.1, False, elsewhere, blocked="not free")
-    events = tasks.watch(DRIVE_LIMIT + 0.1, False, elsewhere, blocked="not free")
+    assert not tasks.watch(LIMITS.drive_limit - 0.1, False, elsewhere, blocked="not free")
+    events = tasks.watch(LIMITS.drive_limit + 0.1, False, elsewhere, blocked="not free")
     assert "not free" in events[0].text
     assert tasks.active == TASKS[0]
 

@@ -6,15 +6,17 @@ import math
 import pytest
 
 from motm_twin.control.arm.parameters import ArmParameters
+from motm_twin.control.parameters import Parameters
 from motm_twin.control.tuning import GROUPS, PARAMETERS, PRESETS, check, parameter, tuned
+from motm_twin.model.number import MOTM, OWN, ROBOT, STAA, numbers_of
 from motm_twin.planning.parameters import PlanningParameters, StaaParameters
 
 BY_NAME = {entry.name: entry for entry in PARAMETERS}
 
 
 def raw(entry, objects):
-    value = objects[0] if entry.path[0] == "planning" else objects[1]
-    for name in entry.path[1:]:
+    value = objects
+    for name in entry.path:
         value = getattr(value, name)
     return value
 
@@ -37,8 +39,8 @@ def test_names_are_unique_and_every_entry_is_explained():
 
 
 def test_without_values_the_parameters_are_as_shipped():
-    assert tuned({}) == (PlanningParameters(), ArmParameters())
-    assert tuned({entry.name: entry.default for entry in PARAMETERS}) == (PlanningParameters(), ArmParameters())
+    assert tuned({}) == Parameters()
+    assert tuned({entry.name: entry.default for entry in PARAMETERS}) == Parameters()
 
 
 @pytest.mark.parametrize("name", BY_NAME)
@@ -74,7 +76,7 @@ def test_a_value_that_is_no_number_in_range_is_refused_with_the_range(name, valu
 def test_without_an_acceleration_of_zero_a_robot_could_not_keep_its_speed(value):
     with pytest.raises(ValueError, match="number from 5 to 7"):
         check("notches", value)
-    assert tuned({"notches": 5.0})[0].staa.notches == 5
+    assert tuned({"notches": 5.0}).planning.staa.notches == 5
 
 
 @pytest.mark.parametrize("value", [1.0, 0, "yes", None])
@@ -90,7 +92,7 @@ def test_a_choice_names_what_can_be_chosen(value):
 
 
 def test_a_whole_number_stays_one():
-    assert tuned({"positions": 24.0})[0].placement.positions == 24
+    assert tuned({"positions": 24.0}).planning.placement.positions == 24
     with pytest.raises(ValueError, match="whole"):
         check("positions", 24.5)
 
@@ -117,9 +119,27 @@ def test_the_paper_s_values_are_those_of_its_literal_reading():
 
 def test_presets_are_the_variants_that_are_compared():
     literal = StaaParameters(termination="pass", drive_on=False, grid_weight=1.0, penalty="grid")
-    assert tuned(PRESETS["The paper's words"]) == (PlanningParameters(staa=literal), ArmParameters())
+    assert tuned(PRESETS["The paper's words"]) == Parameters(planning=PlanningParameters(staa=literal))
     switches = ("goal_orientation", "rotation_cost", "bezier", "scale_penalty")
     plain = dataclasses.replace(literal, termination="reach_goal", **dict.fromkeys(switches, False))
     plain = dataclasses.replace(plain, prediction=1.0, moving_weight=1.0)
-    assert tuned(PRESETS["STAA*"]) == (PlanningParameters(staa=plain), ArmParameters())
+    assert tuned(PRESETS["STAA*"]) == Parameters(planning=PlanningParameters(staa=plain))
     assert tuned(PRESETS["As shipped"]) == tuned({})
+
+
+def test_every_number_of_a_parameter_class_says_what_it_is():
+    said = {found.path: found.number for found in numbers_of(Parameters())}
+    assert not [path for path in _scalars(Parameters()) if path not in said]
+    for path, number in said.items():
+        assert number.reason, path
+        assert number.source in (OWN, STAA, MOTM, ROBOT) or number.source.startswith("Paper, Sec. "), path
+
+
+def _scalars(tree, path=()):
+    names = getattr(tree, "__struct_fields__", None) or [field.name for field in dataclasses.fields(tree)]
+    for name in names:
+        value = getattr(tree, name)
+        if isinstance(value, bool | int | float | str):
+            yield (*path, name)
+        else:
+            yield from _scalars(value, (*path, name))

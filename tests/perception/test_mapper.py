@@ -8,8 +8,7 @@ import shapely.affinity
 from motm_twin.model.profile import RobotProfile
 from motm_twin.model.state import state_hash
 from motm_twin.perception.clusters import growth_of
-from motm_twin.perception.mapper import Mapper
-from motm_twin.perception.occupancy import EVIDENCE_MAX
+from motm_twin.perception.mapper import Mapper, MapSettings
 
 from .small_world import box, cast, degrees, look, observe, scan_of
 
@@ -123,7 +122,7 @@ def test_cells_under_the_robot_are_free_once_beams_have_passed_through_them(mapp
     body = box(2.0, -0.5)
     for turn in range(70):
         look(mapper, turn * PERIOD, [body])
-    for turn in range(70, 70 + EVIDENCE_MAX):
+    for turn in range(70, 70 + MapSettings().evidence_most):
         world = look(mapper, turn * PERIOD, [], pose=(1.9, -0.5, np.pi))
     inside = shapely.box(1.6, -0.7, 2.2, -0.3)
     assert occupied_near(world, inside, 1e-9) == 0
@@ -143,7 +142,7 @@ def test_a_box_that_is_put_onto_the_robot_is_in_the_map_while_it_is_hit_and_gone
     for turn in range(10):
         world = look(mapper, turn * PERIOD, [body])
     assert occupied_near(world, body) > 10
-    for turn in range(10, 10 + EVIDENCE_MAX):
+    for turn in range(10, 10 + MapSettings().evidence_most):
         world = look(mapper, turn * PERIOD, [])
     assert not len(world.seen_points)
 

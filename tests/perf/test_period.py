@@ -7,6 +7,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from motm_twin.model.period import ARM_STEPS
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf import growth, period
 from motm_twin.perf.growth import sweeps
@@ -22,7 +23,7 @@ def test_timing_every_arm_step_changes_nothing():
     for _ in range(4):
         twin.advance()
     assert found.state_hash == twin.state_hash()
-    assert len(found.arm_steps) == 4 * twin.loop.settings.arm_steps
+    assert len(found.arm_steps) == 4 * ARM_STEPS
     assert found.table()["period"]["p50"] > 0.0
 
 

@@ -307,7 +307,7 @@ def test_k_shrinks_towards_the_goal_and_stays_one_without_the_modification() -> 
     assert plain.k == 1.0
 
 
-@pytest.mark.parametrize("parameters", [tuned(PRESETS[name])[0] for name in ("STAA*", "The paper's words")])
+@pytest.mark.parametrize("parameters", [tuned(PRESETS[name]).planning for name in ("STAA*", "The paper's words")])
 def test_unmodified_staa_and_the_literal_paper_are_the_same_code_by_configuration(
     parameters: PlanningParameters,
 ) -> None:

@@ -158,7 +158,7 @@ def test_where_nothing_moves_a_prediction_changes_nothing():
 def test_a_plan_that_is_followed_must_keep_clear_of_who_comes():
     states = np.zeros((8, 5))
     states[0, 3] = 0.5  # straight on at 0.5 m/s, 0.15 m in a half node
-    limits, body = Bounds(0.5, 0.25, 1.7, 0.5, 1.75, 0.05, 0.01, 0.6, 0.15), body_of(Footprint())
+    limits, body = Bounds(0.5, 0.25, 1.7, 0.5, 1.75, 0.05, 0.01, 0.6, 0.15, 0.1), body_of(Footprint())
     target = Target(kind="drive", name="there", position=np.array([1.05, 0.0]))
     job = ReachModel(RobotProfile(), ReachParameters()).job(target, StaaParameters())
     field = GraphCache().field(seen([]))

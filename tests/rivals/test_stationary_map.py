@@ -67,7 +67,7 @@ def test_every_stored_posture_reaches_its_cell_within_the_limits_with_the_stored
 
 def test_a_posture_holds_a_face_of_the_cube(pick: ReachabilityMap) -> None:
     for i, j, k in np.argwhere(pick.value > 0.0)[::997]:
-        if stretch(float(RADII[i]), PICK.height, 0.0) > ArmParameters().grasp_stretch:
+        if stretch(float(RADII[i]), PICK.height, 0.0) > ArmParameters().stretch:
             continue  # tilted: the yaw is that before the tilt
         azimuth = -math.pi + 2.0 * math.pi * k / AZIMUTHS
         x = fk_arm(pick.posture[i, j, k])[TCP][:2, 0]
@@ -88,7 +88,7 @@ def test_out_of_reach_is_zero_and_the_best_is_where_the_arm_is_neither_folded_no
 ) -> None:
     arm = ArmParameters()
     for i, radius in enumerate(RADII):
-        if stretch(float(radius), PICK.height, arm.pick_tilt) > arm.grasp_stretch + 1e-3:
+        if stretch(float(radius), PICK.height, arm.pick_tilt) > arm.stretch + 1e-3:
             assert not pick.value[i].any()
     ahead = pick.at(np.array([0.1, 0.6, 0.85, 2.0]), np.zeros(4), np.zeros(4))
     assert ahead[1] > 0.8 * pick.best

@@ -13,7 +13,7 @@ from motm_twin.control.arm.geometry import nearest_static, planar_joints
 from motm_twin.control.arm.grasp_room import GraspRoom
 from motm_twin.control.arm.limits import Limit
 from motm_twin.control.arm.motion import Motion, hand_motion
-from motm_twin.control.arm.overlap import STANDS, ArmOverlap, Overlap
+from motm_twin.control.arm.overlap import ArmOverlap, Overlap
 from motm_twin.control.arm.parameters import ArmParameters, Numbers, numbers
 from motm_twin.control.arm.phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
 from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ArmProgram, Rows, lag_factor
@@ -23,14 +23,12 @@ from motm_twin.control.arm.view import ManipulatorState, View, look
 from motm_twin.model.edits import TaskEdit
 from motm_twin.model.geometry import Array, frozen
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.period import PERIOD
 from motm_twin.model.plant import Actuation
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.model.state import Stateful
 
-_STOWED = 0.25  # [rad] joints this near to the stow pose are there
-_TURNED = 0.8  # [rad] and joint 1, which may turn a little towards the target
 _BOUND_NAMES = ("base speed", "base yaw rate", *(f"joint {k}" for k in range(1, 8)))
-_GIVES_WAY = 0.02  # [m/s] by which rows of furniture give way before that is a fault
 _REST, _NO_SLACK = frozen(np.zeros(7)), frozen(np.zeros(6))
 _GRASPING = (Phase.TRANSIT, Phase.FINAL, Phase.CLOSING, Phase.LIFT, Phase.RETRY)
 
@@ -99,7 +97,7 @@ class Manipulator(Stateful[ManipulatorState]):
         self._numbers = numbers(p)
         self._programs = ArmProgram(known, p, limits)
         self._stow_joints = planar_joints(p.stow_radius, p.stow_height, p.stow_tilt)
-        self._overlap = ArmOverlap(known.robot, self._stow_joints)
+        self._overlap = ArmOverlap(known.robot, self._stow_joints, self.parameters)
         self._state = ManipulatorState()
 
     @property
@@ -140,7 +138,7 @@ class Manipulator(Stateful[ManipulatorState]):
         twist, rates = x[BASE], x[ARM]
         self._state.twist, self._state.rates, self._state.stop_rates = twist.copy(), rates.copy(), None
         active = self._active(rows, answer.active)
-        gave = _gave_way(x[FURNITURE_ELASTIC], active)
+        gave = _gave_way(x[FURNITURE_ELASTIC], active, self.parameters.qp.gives_way)
         return self.report(
             view,
             inputs,
@@ -198,7 +196,7 @@ class Manipulator(Stateful[ManipulatorState]):
         """When the way to the stow pose is stuck: the same program, but led by the joints."""
         p = self.parameters
         error = self._stow_joints - view.q
-        if float(np.abs(error[[1, 2, 3, 4]]).max()) < _STOWED and abs(error[0]) < _TURNED:
+        if float(np.abs(error[[1, 2, 3, 4]]).max()) < p.stowed_error and abs(error[0]) < p.bent:
             return program
         free, c = program.P.copy(), program.c.copy()
         free[SLACK] = p.qp.free_weight
@@ -211,7 +209,7 @@ class Manipulator(Stateful[ManipulatorState]):
         state = self._state
         if state.inside_since is None:
             state.inside_since = view.time
-        withdraws = view.time - state.inside_since > STANDS
+        withdraws = view.time - state.inside_since > self.parameters.overlap_stands
         outcome = start_over(state, view, self.parameters) if withdraws else ""
         state.twist, state.rates = self._overlap.way_out(view.arm, inputs, state.twist, withdraws=withdraws)
         state.stop_rates = None
@@ -230,7 +228,7 @@ class Manipulator(Stateful[ManipulatorState]):
         state, limits, dt = self._state, self.profile.base, _safe_step(inputs.dt)
         if state.stop_rates is None:
             state.stop_rates = state.rates.copy()
-        share = dt / self.parameters.qp.stop_time
+        share = dt / PERIOD
         step = np.abs(state.stop_rates) * share
         state.rates = np.sign(state.rates) * np.maximum(np.abs(state.rates) - step - 1e-12, 0.0)
         brake = np.array([limits.linear_acceleration, limits.yaw_acceleration]) * dt
@@ -274,9 +272,9 @@ class Manipulator(Stateful[ManipulatorState]):
         )
 
 
-def _gave_way(speed: float, active: tuple[str, ...]) -> Reason | None:
-    """The fault of a program whose rows of furniture gave way by a speed [m/s]; None as long as they hold."""
-    if speed < _GIVES_WAY:
+def _gave_way(speed: float, active: tuple[str, ...], least: float) -> Reason | None:
+    """The fault of a program whose rows of furniture gave way by a speed [m/s]; None below the least."""
+    if speed < least:
         return None
     rows = [name for name in active if " - " in name and not name.endswith("lidar")]
     return Reason(kind=Kind.GAVE_WAY, subject=rows[0] if rows else "furniture", value=speed, unit="m/s")

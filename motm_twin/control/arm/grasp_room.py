@@ -33,12 +33,7 @@ from motm_twin.model.known import KnownWorld
 
 REACH = 0.16  # [m] from the centre of an object: no part of the hand is further off
 _WAY = (0.0, 0.05, 0.10)  # [m] above the grasp at which furniture is looked for: hover and lift are no higher
-_BESIDE = 0.003  # [m] that other objects keep from the fingers: how well they are known
 _HIGHER = 0.01  # [m] by which they may be higher beside the object than the camera has it
-_EASY = (0.03, 0.008)  # [m] of room that furniture and objects may leave and cost nothing: localisation; camera
-_SHORT = 2.0  # [rad] of turning that a pair of faces with no room to spare is worth
-_EACH = 100.0  # [rad/m] of turning that each metre less than no room is worth
-_YIELDS = 0.015  # [m] by which furniture may be too near: a tilted palm gets by, fingers are slim
 BLOCKED = 100.0  # [rad] more than any turning
 _BELOW = 0.01  # [m] above the lower face of the object up to which furniture is what it stands on
 _PARTS = (  # of the hand: middle beyond the pad and half width along the closing axis, half depth, bottom over the tool
@@ -62,7 +57,7 @@ class GraspRoom:
 
     def __init__(self, known: KnownWorld, parameters: AvoidanceParameters) -> None:
         """Furniture and bins of the pre-made map."""
-        self._mapped = mapped_solids(known)
+        self._mapped, self._parameters = mapped_solids(known), parameters
         self._keep = np.array([parameters.furniture_d_s, parameters.fingers_d_s])
         self._balls = arm_balls()
 
@@ -84,16 +79,16 @@ class GraspRoom:
         place = np.array([*to_frame(T_odom_world, goal.position), yaw - float(T_odom_world[2])])
         solid, k = _furniture_room(place, goal.side, balls, self._keep, self._mapped.solids)
         item, j = _object_room(goal.position, yaw, width, goal.neighbours)
-        item -= _BESIDE
-        cost = sum(
-            _SHORT * min(1.0, max(0.0, 1.0 - room / easy)) for room, easy in zip((solid, item), _EASY, strict=True)
-        )
+        p = self._parameters
+        item -= p.objects_kept
+        rooms = ((solid, p.easy_furniture), (item, p.easy_objects))
+        cost = sum(p.tight_turn * min(1.0, max(0.0, 1.0 - room / easy)) for room, easy in rooms)
         if min(solid, item) >= 0.0:
             return Room(cost, "", False, False)
-        cost -= _EACH * min(solid, item)
+        cost -= p.tight_slope * min(solid, item)
         if item < 0.0:
             return Room(cost + BLOCKED, goal.neighbour_names[j], bool(goal.neighbours[j, 5] > 0.0), False)
-        blocked = solid < -_YIELDS
+        blocked = solid < -p.furniture_yields
         return Room(cost + BLOCKED * blocked, self._mapped.names[k], blocked, True)
 
 

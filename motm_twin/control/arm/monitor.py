@@ -11,7 +11,7 @@ give way rather than leave no answer. What a joint that does not follow makes of
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -30,25 +30,41 @@ from motm_twin.control.arm.bodies import (
     placed,
 )
 from motm_twin.control.arm.limits import approach_row
+from motm_twin.control.arm.parameters import Numbers, numbers
 from motm_twin.model.arm_kernels import fk_arm
 from motm_twin.model.geometry import Array, frozen, to_frame
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, WRIST_MIN
 from motm_twin.model.known import KnownWorld
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Actuation, Observation
 from motm_twin.model.reason import Kind, Reason
 
-KEPT = 0.003  # [m] that every body of the arm keeps from mapped furniture
-BRAKING = 5.0  # [m/s^2] with which a body can brake before a solid: half of what the joints can with a stretched arm
-OWN_KEPT = 0.015  # [m] the same from floor and own base
-OWN_BRAKING = 2.0  # [m/s^2] the same before its own base: a folded arm has short levers
 _LOOK = 0.15  # [m] from a body of the arm: no hand is so fast that anything further off matters yet
 _ROUNDS = 4  # of holding back the body that is most above its speed: a wedged arm has several
 _ENOUGH = 1e-3  # [m/s] over the line that is left alone
-_TAKING = 0.5  # [s] in which joints get to their limits while the arm takes up the way of a base that brakes
-_REACTION = 0.02  # [s] before a motion that nobody told is seen, and braked
-_LOST = 0.1  # [rad/s] astray from which a joint does not follow: it may stand at once, or go on
 _ORIGIN = frozen(np.zeros(3))
 NOWHERE = frozen(np.zeros(7))
+
+
+class ArmMonitorParameters(msgspec.Struct, frozen=True, kw_only=True):
+    """Distances that the arm keeps from what it must not touch, whatever its program says."""
+
+    kept: Annotated[float, Number("m", OWN, "that every body of the arm keeps from mapped furniture")] = 0.003
+    braking: Annotated[
+        float, Number("m/s^2", OWN, "of a body before a solid: half of what the joints can with a stretched arm")
+    ] = 5.0
+    own_kept: Annotated[float, Number("m", OWN, "that it keeps from floor and own base")] = 0.015
+    own_braking: Annotated[
+        float, Number("m/s^2", OWN, "the same before its own base: a folded arm has short levers")
+    ] = 2.0
+    taking: Annotated[
+        float,
+        Number("s", OWN, "in which joints get to their limits while the arm takes up the way of a base that brakes"),
+    ] = 0.5
+    reaction: Annotated[float, Number("s", OWN, "before a motion that nobody told is seen, and braked")] = 0.02
+    lost: Annotated[
+        float, Number("rad/s", OWN, "astray from which a joint does not follow: it may stand at once, or go on")
+    ] = 0.1
 
 
 class Answer(NamedTuple):
@@ -77,8 +93,10 @@ class _Arm(NamedTuple):
 class ArmMonitor:
     """Keeps the arm off mapped furniture, bins, floor and its own base, whatever its program says. It has no state."""
 
-    def __init__(self, known: KnownWorld) -> None:
+    def __init__(self, known: KnownWorld, parameters: ArmMonitorParameters | None = None) -> None:
         """The robot and the furniture of its map."""
+        parameters = parameters or ArmMonitorParameters()
+        self._lost, self._numbers = parameters.lost, numbers(parameters)
         mapped, own = mapped_solids(known), own_body(known, floor=True)
         self._names = (*mapped.names, *own.names)
         self._furniture, self._own = mapped.solids, own.solids
@@ -104,10 +122,17 @@ class ArmMonitor:
         kept = rates.copy()
         folds = _unfold(kept, observation, dt)
         arm = _Arm(observation.q, observation.dq, kept, astray, self._mount, balls)
-        lost = bool((np.abs(astray) > _LOST).any())
+        lost = bool((np.abs(astray) > self._lost).any())
         settles = dt + self._lag if lost else dt  # all that the joints can, where one of them does not help
         body, solid, distance, speed = _hold_back(
-            arm, there, observation.twist, settles, self._furniture, self._own, self._base.linear_acceleration
+            arm,
+            there,
+            observation.twist,
+            settles,
+            self._furniture,
+            self._own,
+            self._base.linear_acceleration,
+            self._numbers,
         )
         if body < 0:
             why = Reason(kind=Kind.ARM_FOLDS, subject="hand", other="forearm") if folds else None
@@ -136,23 +161,24 @@ def _unfold(rates: Array, now: Observation, dt: float) -> bool:
 
 @njit(cache=True)
 def _hold_back(
-    arm: _Arm, pose: Array, twist: Array, settles: float, furniture: Solids, own: Solids, braking: float
-) -> tuple[int, int, float, float]:
+    arm: _Arm, pose: Array, twist: Array, settles: float, furniture: Solids, own: Solids, braking: float,
+    numbers: Numbers,
+) -> tuple[int, int, float, float]:  # fmt: skip
     """Lower the arm's rates, in place, until no body is above its speed, or the joints brake all they can.
 
     ``pose`` (3,) of the base in the frame of the furniture, ``twist`` (2,) its own now, ``braking`` [m/s^2] what it
     can; joints come to a rate in the time ``settles`` [s]. Returns body and solid, furniture first and then its
     ``own``, that were most above it, their distance [m] and speed [m/s]; body -1: none was.
     """
-    T = fk_arm(arm.q)
+    T, p = fk_arm(arm.q), numbers[0]
     seen, own_seen = _near(T, arm, pose, furniture, -1), _near(T, arm, _ORIGIN, own, COLUMN)
     solids = furniture.z.shape[0]
     found, solid, near, speed = -1, 0, np.inf, 0.0
     row, own_row = np.empty(9), np.empty(9)
     for _ in range(_ROUNDS):
-        excess, b, k, fast = _worst(T, arm, pose, twist, seen, (KEPT, BRAKING, braking), row)
+        excess, b, k, fast = _worst(T, arm, pose, twist, seen, (p.kept, p.braking, braking), row, numbers)
         own_excess, own_b, own_k, own_fast = _worst(
-            T, arm, _ORIGIN, _ORIGIN, own_seen, (OWN_KEPT, OWN_BRAKING, braking), own_row
+            T, arm, _ORIGIN, _ORIGIN, own_seen, (p.own_kept, p.own_braking, braking), own_row, numbers
         )
         if max(excess, own_excess) < _ENOUGH:
             break
@@ -162,7 +188,7 @@ def _hold_back(
         if found < 0:
             found, solid, speed = b, k, fast
             near = seen[0][b, k] if k < solids else own_seen[0][b, k - solids]
-        _slow(arm, row, excess, settles)
+        _slow(arm, row, excess, settles, p.lost)
     return found, solid, near, speed
 
 
@@ -179,7 +205,7 @@ def _near(T: Array, arm: _Arm, pose: Array, solids: Solids, column: int) -> tupl
 @njit(cache=True)
 def _worst(
     T: Array, arm: _Arm, pose: Array, twist: Array, seen: tuple[Array, Array, IntArray],
-    line: tuple[float, float, float], worst: Array,
+    line: tuple[float, float, float], worst: Array, numbers: Numbers,
 ) -> tuple[float, int, int, float]:  # fmt: skip
     """Excess [m/s] of the body that is most above its speed, body and solid, its speed; fills in its row (9,).
 
@@ -187,6 +213,7 @@ def _worst(
     of the arm, and of the base for what the arm cannot take up.
     """
     distance, away, ball = seen
+    p = numbers[0]
     excess, b, k, fast, row = 0.0, -1, 0, 0.0, np.empty(9)
     for i in range(distance.shape[0]):
         for n in range(distance.shape[1]):
@@ -201,15 +228,15 @@ def _worst(
             for joint in range(7):
                 part = row[2 + joint] * arm.rates[joint]
                 approach += part
-                if abs(arm.astray[joint]) > _LOST:
+                if abs(arm.astray[joint]) > p.lost:
                     feared += max(row[2 + joint] * arm.dq[joint], 0.0) - part
             room = max(d - line[0], 0.0)
             over = approach - math.sqrt(2.0 * line[1] * room)
             if feared > 0.0:
-                left = max(room - _REACTION * (approach + feared), 0.0)
+                left = max(room - p.reaction * (approach + feared), 0.0)
                 over = max(over, approach + feared - math.sqrt(2.0 * line[1] * left))
             if carried > 0.0:
-                over = max(over, carried - _taken_up(arm.q, row) - math.sqrt(2.0 * line[2] * room))
+                over = max(over, carried - _taken_up(arm.q, row, p.taking) - math.sqrt(2.0 * line[2] * room))
             if over > excess:
                 excess, b, k, fast = over, i, n, approach
                 worst[:] = row
@@ -217,24 +244,24 @@ def _worst(
 
 
 @njit(cache=True)
-def _taken_up(q: Array, row: Array) -> float:
+def _taken_up(q: Array, row: Array, taking: float) -> float:
     """Speed [m/s] of the base along a row (9,) that the arm can take up before its joints are at their limits."""
     total = 0.0
     for k in range(7):
         room = q[k] - Q_MIN[k] if row[2 + k] > 0.0 else Q_MAX[k] - q[k]
-        total += abs(row[2 + k]) * min(DQ_MAX[k], max(room, 0.0) / _TAKING)
+        total += abs(row[2 + k]) * min(DQ_MAX[k], max(room, 0.0) / taking)
     return total
 
 
 @njit(cache=True)
-def _slow(arm: _Arm, row: Array, excess: float, settles: float) -> None:
+def _slow(arm: _Arm, row: Array, excess: float, settles: float, lost: float) -> None:
     """Take a speed [m/s] along a row off the arm's rates, by each joint that follows as it can brake.
 
     Joints come to a rate in the time ``settles`` [s].
     """
     able = 0.0
     for k in range(7):
-        able += abs(row[2 + k]) * DDQ_MAX[k] * settles if abs(arm.astray[k]) < _LOST else 0.0
+        able += abs(row[2 + k]) * DDQ_MAX[k] * settles if abs(arm.astray[k]) < lost else 0.0
     share = min(1.0, excess / max(able, 1e-9))
     for k in range(7):
         most = DDQ_MAX[k] * settles

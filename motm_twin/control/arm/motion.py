@@ -34,19 +34,6 @@ _SWINGS = {
     Phase.TRANSIT: _OUT,
 }  # phases in which the hand swings about the mount
 _ANCHORED = (Phase.CLOSING, Phase.LIFT, Phase.RELEASE)  # phases in which it keeps to a point chosen before
-_EASE = 1.5  # a transit of T seconds goes at gain EASE / T: it begins briskly and arrives softly
-_RADIAL, _VERTICAL, _ANGULAR = 0.9, 0.5, 3.0  # [m/s], [m/s], [rad/s] largest
-_FOOT_RADIUS = 0.26  # [m] from the mount within which the hand is over the base
-_FUNNEL = 2.5  # height above the grasp point per metre of horizontal error
-_SURE = 0.004  # [m] of horizontal error that does not keep the hand up
-_TILT_ROOM = 1.5  # [rad/m] of tilt that the arm, folded at the stow pose, gains when the hand moves out
-_TURN_BY, _TURN_TIME = 0.3, 0.7  # [s] before arrival by which the hand is turned to the object, and for how long
-_BESIDE = 0.5  # [rad] of azimuth from the target beyond which the arm swings in its own plane
-_FAR = 0.8  # [m] no tilt for more radius than this before arrival
-OVER_RIM = 0.04  # [m] that an object is carried higher than it is released
-OVER = 0.15  # [m] horizontal distance within which a transit sinks to the hover height
-_NEIGHBOURS = 0.6  # [m] from where an object was taken within which it is carried over the others
-_HAND_CLEAR = 0.35  # [m] radius beyond which a retracting hand keeps its height
 
 
 class Motion(NamedTuple):
@@ -98,7 +85,7 @@ def hand_motion(
         kind, state.anchor if phase in _ANCHORED else view.target, inputs.plan_times, inputs.plan_poses,
         view.radius, view.azimuth, view.distance, view.time_to_range, _GOALS.index(view.goal.kind), state.clear_z,
         state.anchor, math.nan if state.yaw is None or phase == Phase.RELEASE else state.yaw,
-        parameters.hold_speed if phase == Phase.CLOSING else _RADIAL,
+        parameters.hold_speed if phase == Phase.CLOSING else parameters.hand_speed,
     )  # fmt: skip
     error, velocity = _motion(view.arm, way, numbers, reference)
     return Motion(reference, error, velocity)
@@ -118,9 +105,9 @@ def _motion(arm: Arm, way: _Way, parameters: Numbers, reference: Array) -> tuple
         planar, rotation = 1.0, _stow_rotation(arm.p, arm.mount, parameters)
         swing = _stowed(arm, way, parameters)
     else:
-        planar = _planar_share(arm.p, arm.mount, arm.target, way.time_to_range)
+        planar = _planar_share(arm, way.time_to_range, parameters)
         rotation = _transit_rotation(arm, way, planar, parameters)
-        beside = hypot(arm.p[0] - way.anchor[0], arm.p[1] - way.anchor[1]) < _NEIGHBOURS
+        beside = hypot(arm.p[0] - way.anchor[0], arm.p[1] - way.anchor[1]) < parameters[0].neighbours
         swing = _inbound(arm, way, way.clear_z if beside else -math.inf, parameters)
     _swing(swing, rotation, arm, planar, parameters, velocity, reference)
     return norm(reference - arm.p), velocity
@@ -151,7 +138,7 @@ def _final_point(state: ManipulatorState, view: View, p: ArmParameters) -> Array
             waited = max(0.0, view.time - state.since - p.search_after)
             point[2] += min(p.search_rise, p.search_speed * waited)
         return point
-    point[2] += min(max((view.distance - _SURE) * _FUNNEL, 0.0), p.hover_height)
+    point[2] += min(max((view.distance - p.funnel_radius) * p.funnel_slope, 0.0), p.hover_height)
     return point
 
 
@@ -163,10 +150,10 @@ def _fixed(arm: Arm, way: _Way, point: Array, parameters: Numbers, velocity: Arr
     """
     n, p, mount = parameters[0], arm.p, arm.mount
     linear = capped(n.k_P * (point - p), way.fastest)
-    linear[2] = min(max(linear[2], -_VERTICAL), _VERTICAL)
+    linear[2] = min(max(linear[2], -n.vertical_speed), n.vertical_speed)
     outward = _outward(mount, way.over)
     radius = hypot(way.over[0] - mount[0], way.over[1] - mount[1])
-    tilt = tilt_for(radius, p[2] - mount[2], n.grasp_stretch, _largest_tilt(way.goal == _PLACE, parameters))
+    tilt = tilt_for(radius, p[2] - mount[2], n.stretch, _largest_tilt(way.goal == _PLACE, parameters))
     rotation = tool_rotation(_outward(mount, p) if math.isnan(way.yaw) else way.yaw, tilt, outward)
     velocity[:3], velocity[3:] = linear, _turn(rotation, arm.R, parameters)
 
@@ -177,7 +164,7 @@ def _stowed(arm: Arm, way: _Way, parameters: Numbers) -> _Swing:
     n, p, mount = parameters[0], arm.p, arm.mount
     azimuth = 0.0 if way.goal == _NONE else min(max(way.azimuth, -n.stow_azimuth), n.stow_azimuth)
     z = mount[2] + n.stow_height
-    if hypot(p[0] - mount[0], p[1] - mount[1]) > _HAND_CLEAR:
+    if hypot(p[0] - mount[0], p[1] - mount[1]) > n.retract_radius:
         z = max(z, way.clear_z)
     return _Swing(n.stow_radius, azimuth, z, 0.0, 0.0, n.k_transit, n.k_transit)
 
@@ -210,7 +197,7 @@ def _swing(
     across = radius * turning
     linear = carried_velocity(p, pose, twist)
     linear += np.array([c * radial - s * across, s * radial + c * across, 0.0])
-    linear[2] = min(max(n.k_transit * (swing.z - p[2]), -_VERTICAL), _VERTICAL)
+    linear[2] = min(max(n.k_transit * (swing.z - p[2]), -n.vertical_speed), n.vertical_speed)
     angular = _turn(rotation, arm.R, parameters)
     angular[2] += planar * (twist[1] + turning)
     velocity[:3], velocity[3:] = linear, angular
@@ -228,19 +215,19 @@ def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
     pick, place, distance = way.goal == _PICK, way.goal == _PLACE, way.distance
     remaining = way.time_to_range if math.isfinite(way.time_to_range) else n.abandon_time
     radius, azimuth = polar(target, pose_at(remaining, pose, way.plan_times, way.plan_poses), arm.base_mount)
-    gain = n.k_transit if remaining <= 0.0 else min(n.k_transit, _EASE / remaining)
+    gain = n.k_transit if remaining <= 0.0 else min(n.k_transit, n.ease / remaining)
     radius_rate, azimuth_rate = 0.0, 0.0
     if remaining <= 0.0:
         radius_rate, azimuth_rate = _apparent_motion(target, pose, arm.expected, radius, azimuth)
     over = n.transit_clearance
-    if distance < OVER:
+    if distance < n.sink_distance:
         over = n.hover_height if pick else 0.0
     elif place:
-        over = OVER_RIM
+        over = n.rim_clearance
     z = target[2] + over
-    if place and distance >= OVER:
+    if place and distance >= n.sink_distance:
         z = max(z, lowest)  # what stands beside where the object was taken from is not swept off the table
-    hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.hover_stretch)
+    hover = reach_radius(z - mount[2], _largest_tilt(place, parameters), n.stretch)
     if radius > hover:
         radius, radius_rate = hover, 0.0
     early = max(0.0, remaining - n.extension_lead) * n.extension_speed
@@ -252,8 +239,8 @@ def _inbound(arm: Arm, way: _Way, lowest: float, parameters: Numbers) -> _Swing:
     turned = min(max(turned, 0.0), 1.0)
     if radius > n.swing_radius and turned < 1.0:
         radius, radius_rate = n.swing_radius + turned * (radius - n.swing_radius), turned * radius_rate
-    if arm.p[2] < z - 0.03 and now < _FOOT_RADIUS + 0.02:  # first up, then out
-        radius, radius_rate = min(radius, _FOOT_RADIUS), 0.0
+    if arm.p[2] < z - 0.03 and now < n.foot_radius + 0.02:  # first up, then out
+        radius, radius_rate = min(radius, n.foot_radius), 0.0
     return _Swing(max(radius, n.swing_radius), azimuth, z, radius_rate, azimuth_rate, n.k_transit, gain)
 
 
@@ -278,15 +265,16 @@ def _apparent_motion(target: Array, pose: Array, twist: Array, radius: float, az
 
 @njit(cache=True)
 def _turn(rotation: Array, R: Array, parameters: Numbers) -> Array:
-    return capped(parameters[0].k_orientation * rotation_error(R, rotation), _ANGULAR)
+    return capped(parameters[0].k_orientation * rotation_error(R, rotation), parameters[0].turning_rate)
 
 
 @njit(cache=True)
-def _planar_share(p: Array, mount: Array, target: Array, time_to_range: float) -> float:
+def _planar_share(arm: Arm, time_to_range: float, parameters: Numbers) -> float:
     """1 as long as the arm should swing in one plane, 0 when the hand must be turned to the object."""
-    soon = min(max((time_to_range - _TURN_BY) / _TURN_TIME, 0.0), 1.0)
-    beside = abs(wrap_angle(_outward(mount, target) - _outward(mount, p)))
-    return max(soon, min(max((beside - _BESIDE) / _BESIDE, 0.0), 1.0))
+    n = parameters[0]
+    soon = min(max((time_to_range - n.turn_by) / n.turn_time, 0.0), 1.0)
+    beside = abs(wrap_angle(_outward(arm.mount, arm.target) - _outward(arm.mount, arm.p)))
+    return max(soon, min(max((beside - n.plane_azimuth) / n.plane_azimuth, 0.0), 1.0))
 
 
 @njit(cache=True)
@@ -296,10 +284,10 @@ def _transit_rotation(arm: Arm, way: _Way, planar: float, parameters: Numbers) -
     own, outward = _outward(mount, p), _outward(mount, arm.target)
     near = hypot(p[0] - mount[0], p[1] - mount[1])
     largest = _largest_tilt(way.goal == _PLACE, parameters)
-    tilt = tilt_for(min(way.radius, _FAR), p[2] - mount[2], n.grasp_stretch, largest)
+    tilt = tilt_for(min(way.radius, n.tilt_radius), p[2] - mount[2], n.stretch, largest)
     if pick:
         tilt = max(tilt, _look_tilt(arm, outward, parameters))
-    tilt = min(tilt, n.stow_tilt + _TILT_ROOM * max(0.0, near - n.stow_radius))
+    tilt = min(tilt, n.stow_tilt + n.tilt_room * max(0.0, near - n.stow_radius))
     outward += planar * wrap_angle(own - outward)
     wanted = way.yaw if pick and not math.isnan(way.yaw) else own
     return tool_rotation(wanted + planar * wrap_angle(own - wanted), tilt, outward)

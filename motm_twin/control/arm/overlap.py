@@ -1,8 +1,8 @@
 """Something stands where the arm is: a person put it there, or pushed the robot into it.
 
 The lidar sees its near side below the arm, and how far it reaches beyond nobody knows. So the arm stands, and the base
-with it, for `STANDS`; then the arm goes back to its stow pose by its joints, no faster than a touch does harm. It has
-no goal meanwhile.
+with it, for `overlap_stands`; then the arm goes back to its stow pose by its joints, no faster than a touch does harm.
+It has no goal meanwhile.
 """
 
 import math
@@ -13,6 +13,7 @@ from numba import njit
 
 from motm_twin.control.arm.bodies import BODIES, arm_balls, placed
 from motm_twin.control.arm.limits import seen_distances
+from motm_twin.control.arm.parameters import ArmParameters
 from motm_twin.control.arm.types import ArmInputs
 from motm_twin.control.arm.view import Arm
 from motm_twin.model.exact import norm, times
@@ -20,10 +21,6 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX
 from motm_twin.model.profile import RobotProfile
 
-DEPTH = 0.05  # [m] by which a seen cell must reach into a body of the arm: beside a post the forearm comes within half
-CLEAR = 0.0  # [m] down to which an overlap that was found lasts
-STANDS = 10.0  # [s] for which the arm stands before it goes back to its stow pose: who put it there may take it away
-SLOW = 0.1  # [m/s] of the hand on that way: a touch at this speed does no harm
 _STOWED = 0.02  # [rad] joints this near to the stow pose are there
 
 
@@ -37,9 +34,9 @@ class Overlap(NamedTuple):
 class ArmOverlap:
     """Finds what is seen where the arm is, and tells the robot how to get out of it."""
 
-    def __init__(self, profile: RobotProfile, stow_joints: Array) -> None:
+    def __init__(self, profile: RobotProfile, stow_joints: Array, parameters: ArmParameters) -> None:
         """The arm's way out leads to its stow joints (7,) [rad]."""
-        self._profile, self._stow = profile, stow_joints
+        self._profile, self._stow, self._parameters = profile, stow_joints, parameters
         self._balls = arm_balls()
 
     def find(self, arm: Arm, inputs: ArmInputs, held_side: float, *, lasts: bool) -> Overlap | None:
@@ -51,7 +48,7 @@ class ArmOverlap:
         distance, _, _ = seen_distances(arm.T, balls, len(BODIES), 0.0, points, arm.mount, arm.pose[2])
         deepest = int(distance.argmin())
         depth = -float(distance[deepest, 0])
-        return Overlap(BODIES[deepest], depth) if depth > (CLEAR if lasts else DEPTH) else None
+        return Overlap(BODIES[deepest], depth) if depth > (0.0 if lasts else self._parameters.overlap_depth) else None
 
     def way_out(self, arm: Arm, inputs: ArmInputs, twist: Array, *, withdraws: bool) -> tuple[Array, Array]:
         """Base twist (2,) after that commanded last, and arm rates (7,): the joints stop, or go to the stow pose.
@@ -67,7 +64,8 @@ class ArmOverlap:
         joints = np.zeros(7)
         if withdraws and not leaving and float(np.abs(way).max()) > _STOWED:
             hand = norm(times(arm.jacobian[:3], way))
-            joints = way * min(1.0, SLOW / max(hand, 1e-9), SLOW / max(float(np.abs(way).max()) * 0.5, 1e-9))
+            slow = self._parameters.overlap_speed
+            joints = way * min(1.0, slow / max(hand, 1e-9), slow / max(float(np.abs(way).max()) * 0.5, 1e-9))
         return after, np.clip(joints, arm.dq - DDQ_MAX * dt, arm.dq + DDQ_MAX * dt)
 
     def _inside_base(self, pose: Array, points: Array) -> bool:

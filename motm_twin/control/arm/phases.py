@@ -21,19 +21,7 @@ from motm_twin.model.profile import RobotProfile
 from motm_twin.model.reason import Kind, Reason
 
 GRAVITY = 9.81  # [m/s^2]
-_LONGEST = 30.0  # [s] beyond the closing time after which a closing counts as failed, should the fingers still move
-_LATE = 0.05  # [s] after the closing should be over, fingers that still move are late
-_STILL = 1.0  # [s] that late fingers are expected to need still, and at least as long as they are late already
-_MOVED = 0.03  # [m] by which an object seen away from the fingers ends a closing
-_LEFT = 0.02  # [m] by which the hand may leave the object while it closes
-_OPEN_ROOM = 0.015  # [m] wider than the object: the fingers are open enough for another try
 _UNSURE = Reason(kind=Kind.WAITS_FOR_STATE, subject="robot")
-_YAW_TIME = 1.0  # [s] before arrival at which the faces are settled
-_MID_DWELL = 0.6  # [s] after arrival the base is about nearest
-_HOVER = 0.75  # [m] from the mount, about where a hand waits for its target
-_LOOK_AGAIN = 1.0  # [s] for which there must be no room before an object is left alone
-_BENT = 0.8  # [rad] of joints 1 to 5 from those of the stow pose, beyond which an arm is folded another way
-_LEVEL = 0.05  # [m] of height error at which a transit has arrived
 
 
 Outcome = tuple[str, Reason | None]  # what a step ended in, and why
@@ -94,7 +82,7 @@ def advance(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
         return _lift(state, view, rules)
     if state.phase == Phase.RELEASE:
         return _release(state, view, rules)
-    return _retry(state, view)
+    return _retry(state, view, rules.parameters)
 
 
 def _impatient(state: ManipulatorState, view: View, rules: PhaseRules) -> bool:
@@ -162,7 +150,7 @@ def _leave(state: ManipulatorState, view: View, inputs: ArmInputs, rules: PhaseR
     duration = rules.timing.transit_duration(_way(view, inputs, rules), speed, view.time_to_range)
     if duration is None or view.time_to_range > rules.parameters.abandon_time:
         return NOTHING
-    if not state.holding and view.width < view.goal.side + _OPEN_ROOM:
+    if not state.holding and view.width < view.goal.side + rules.parameters.open_room:
         return "", Reason(kind=Kind.GRIPPER_NOT_OPEN, subject="gripper")
     enter(state, Phase.TRANSIT, view.time)
     return NOTHING
@@ -172,7 +160,7 @@ def _stowed(view: View, p: ArmParameters) -> bool:
     """The hand is at the stow pose, and the arm is not turned or folded another way to hold it there."""
     near = math.hypot(view.p[0] - view.mount[0], view.p[1] - view.mount[1]) < 2.0 * p.stow_radius
     bent = np.abs(planar_joints(p.stow_radius, p.stow_height, p.stow_tilt) - view.q)[:5]
-    return near and float(bent.max()) < _BENT
+    return near and float(bent.max()) < p.bent
 
 
 def _way(view: View, inputs: ArmInputs, rules: PhaseRules) -> float:
@@ -180,18 +168,20 @@ def _way(view: View, inputs: ArmInputs, rules: PhaseRules) -> float:
     if not math.isfinite(view.time_to_range):
         return view.distance
     return _way_later(
-        view.time_to_range, view.pose, inputs.plan_times, inputs.plan_poses, view.target, view.p, rules.mount
-    )
+        view.time_to_range, view.pose, inputs.plan_times, inputs.plan_poses, view.target, view.p, rules.mount,
+        rules.parameters.hover_radius,
+    )  # fmt: skip
 
 
 @njit(cache=True)
 def _way_later(
-    ahead: float, pose: Array, plan_times: Array, plan_poses: Array, target: Array, p: Array, mount: Array
-) -> float:
+    ahead: float, pose: Array, plan_times: Array, plan_poses: Array, target: Array, p: Array, mount: Array,
+    hover: float,
+) -> float:  # fmt: skip
     """The same ``ahead`` [s] of now."""
     there = _in_base(pose_at(ahead, pose, plan_times, plan_poses), target)
     away = there[:2] - mount[:2]
-    there[:2] = mount[:2] + away * min(1.0, _HOVER / max(norm(away), 1e-6))
+    there[:2] = mount[:2] + away * min(1.0, hover / max(norm(away), 1e-6))
     return norm(there - _in_base(pose, p))
 
 
@@ -218,7 +208,7 @@ def _arrive(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Phase
     if view.goal.kind == "place":
         state.anchor = view.target.copy()
         enter(state, Phase.RELEASE, view.time)
-    elif view.p[2] < view.target[2] + p.hover_height + _LEVEL:
+    elif view.p[2] < view.target[2] + p.hover_height + p.level_error:
         enter(state, Phase.FINAL, view.time)
     return NOTHING
 
@@ -233,7 +223,7 @@ def _crowded(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
         return NOTHING
     since = view.time if state.no_room_since is None else min(state.no_room_since, view.time)
     state.no_room_since = since
-    if view.time - since < _LOOK_AGAIN:
+    if view.time - since < p.look_again:
         return "", state.tight
     reason = state.tight
     _rest(state, view.time)
@@ -246,11 +236,11 @@ def choose_yaw(state: ManipulatorState, view: View, inputs: ArmInputs, rules: Ph
     The hand's yaw is natural (joint 7 in its middle) half a dwell after arrival, when the base is nearest. The faces
     nearest to that are taken, unless there is little room beside them and more beside the others.
     """
-    goal = view.goal
-    ahead = view.time_to_range + _MID_DWELL
+    goal, p = view.goal, rules.parameters
+    ahead = view.time_to_range + p.mid_dwell
     natural = _azimuth_later(ahead, view.pose, inputs.plan_times, inputs.plan_poses, view.target, rules.mount)
-    near = natural if state.yaw is None or view.time_to_range > _YAW_TIME else state.yaw
-    width = max(view.width, goal.side + _OPEN_ROOM)
+    near = natural if state.yaw is None or view.time_to_range > p.yaw_time else state.yaw
+    width = max(view.width, goal.side + p.open_room)
     state.yaw, room = rules.room.yaw(goal, near, natural, width, inputs.T_odom_world)
     state.tight = Reason(kind=Kind.NO_ROOM, subject=goal.name, other=room.what) if room.what else None
     if not room.blocked:
@@ -305,11 +295,11 @@ def _close(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
     p = rules.parameters
     elapsed = view.time - state.since
     closing_time = rules.profile.gripper.closing_time
-    if view.width < state.side - p.held_tolerance or elapsed > closing_time + _LONGEST:
+    if view.width < state.side - p.held_tolerance or elapsed > closing_time + p.longest_closing:
         return _miss(state, view, rules, Kind.CLOSED_ON_NOTHING)
-    if norm(view.p - state.anchor) > _LEFT:
+    if norm(view.p - state.anchor) > p.left_error:
         return _miss(state, view, rules, Kind.LEFT_OBJECT)
-    if math.hypot(*(state.anchor[:2] - view.target[:2])) > _MOVED:
+    if math.hypot(*(state.anchor[:2] - view.target[:2])) > p.pushed_away:
         return _miss(state, view, rules, Kind.PUSHED_AWAY)
     closed = view.width < state.side + 0.5 * (
         rules.profile.gripper.max_width - state.side
@@ -332,13 +322,13 @@ def _miss(state: ManipulatorState, view: View, rules: PhaseRules, kind: Kind) ->
 def _lateness(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
     """Time [s] by which this closing has taken longer than the gripper should: the next one is expected to, too."""
     over = view.time - state.since - rules.profile.gripper.closing_time
-    return over if over > _LATE else 0.0
+    return over if over > rules.parameters.late_after else 0.0
 
 
-def _left_to_close(state: ManipulatorState, elapsed: float, closing_time: float) -> float:
+def _left_to_close(state: ManipulatorState, elapsed: float, closing_time: float, p: ArmParameters) -> float:
     """Time [s] that a closing is expected to need still. How late the fingers will be, nobody knows."""
     left = closing_time + state.late - elapsed
-    return max(0.0, left) if left >= -_LATE else max(_STILL, -left)
+    return max(0.0, left) if left >= -p.late_after else max(p.late_for, -left)
 
 
 def _lift(state: ManipulatorState, view: View, rules: PhaseRules) -> Outcome:
@@ -397,10 +387,10 @@ def _in_square(state: ManipulatorState, view: View, rules: PhaseRules, point: Ar
     return bool(np.abs(to_frame(frame, point[:2])).max() <= half)
 
 
-def _retry(state: ManipulatorState, view: View) -> Outcome:
+def _retry(state: ManipulatorState, view: View, p: ArmParameters) -> Outcome:
     if view.goal.kind != "pick":
         _rest(state, view.time)
-    elif not view.gripper_moving and view.width > view.goal.side + _OPEN_ROOM:
+    elif not view.gripper_moving and view.width > view.goal.side + p.open_room:
         enter(state, Phase.TRANSIT, view.time)
     return "", Reason(kind=Kind.OPENS_AGAIN, subject=view.goal.name)
 
@@ -433,6 +423,6 @@ def dwell(state: ManipulatorState, view: View, rules: PhaseRules) -> float:
     if state.phase == Phase.LIFT:
         return 0.0 if state.reported else lift
     if state.phase == Phase.CLOSING:
-        return _left_to_close(state, elapsed, gripper.closing_time) + lift
+        return _left_to_close(state, elapsed, gripper.closing_time, p) + lift
     settle = max(0.05, p.settle_time - elapsed) if state.phase == Phase.FINAL else p.settle_time
     return settle + gripper.closing_time + lift + state.late

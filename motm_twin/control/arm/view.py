@@ -19,7 +19,6 @@ from motm_twin.model.state import LATER
 
 _NOTHING, _PICK, _PLACE = 0, 1, 2
 _GOALS = {"pick": _PICK, "place": _PLACE}
-PREFERRED_RADIUS = 0.60  # [m] from the mount at which the arm is most at ease
 
 
 @dataclass
@@ -148,8 +147,9 @@ def look(inputs: ArmInputs, base_mount: Array, beta: float, parameters: ArmParam
     )  # fmt: skip
     kind = _GOALS.get(goal.kind, _NOTHING)
     arm, radius, azimuth, distance, dexterity, nearest, total = _look(
-        told, inputs.obstacles.points, inputs.plan_poses, kind, half, parameters.release_height, beta
-    )
+        told, inputs.obstacles.points, inputs.plan_poses, kind, half, parameters.release_height,
+        parameters.preferred_radius, beta,
+    )  # fmt: skip
     return View(
         time=observation.time,
         dt=inputs.dt,
@@ -186,7 +186,14 @@ class Told(NamedTuple):
 
 @njit(cache=True)
 def _look(
-    told: Told, points: Array, plan_poses: Array, goal: int, half: float, rise: float, beta: float
+    told: Told,
+    points: Array,
+    plan_poses: Array,
+    goal: int,
+    half: float,
+    rise: float,
+    preferred: float,
+    beta: float,
 ) -> tuple[Arm, float, float, float, float, float, float]:
     """The arm, what `View` has beside it, and a sum of all numbers, finite when each is.
 
@@ -201,7 +208,7 @@ def _look(
     if goal == _PICK:
         target[:] = t.position
     elif goal == _PLACE:  # the point of the release square that is easiest to reach
-        target[:2] = release_point(t.position, t.yaw, half, mount, PREFERRED_RADIUS)
+        target[:2] = release_point(t.position, t.yaw, half, mount, preferred)
         target[2] = t.position[2] + rise
     else:
         target[:] = mount + np.array([1.0, 0.0, 0.0])

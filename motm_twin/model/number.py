@@ -1,0 +1,86 @@
+"""Meaning of a tunable number, as an annotation on the field that has it; the field itself has the value.
+
+    hysteresis: Annotated[float, Number("s", OWN, "cuts changes of mind")] = 0.3
+
+Tables of documents, the sliders of the page and the screening (`studies/screening.py`) are derived from it.
+"""
+
+import dataclasses
+import typing
+from collections.abc import Iterator
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, NamedTuple
+
+import msgspec
+
+from motm_twin.model.edits import ParameterValue
+
+OWN, STAA, MOTM = "own", "STAA*", "MotM"  # sources; another one is a section of the paper, as `paper` writes it
+ROBOT = "robot"  # a fact about the arm or gripper, which another one would have otherwise
+
+
+def paper(section: str) -> str:
+    """The source of a number that a section of the paper gives."""
+    return f"Paper, Sec. {section}"
+
+
+@dataclass(frozen=True)
+class Number:
+    """Unit, source and reason of a field; ``symbol`` as in the paper or its sources."""
+
+    unit: str
+    source: str
+    reason: str
+    _: KW_ONLY
+    symbol: str = ""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A way for a person to change a number while the twin runs; beside its `Number`."""
+
+    title: str
+    group: str  # one of `control.tuning.GROUPS`
+    help: str  # one sentence
+    span: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a number: lowest and highest value, and step
+    _: KW_ONLY
+    choices: tuple[str, ...] = ()  # of a text
+    paper: ParameterValue | None = None  # None: the paper gives no value
+    name: str = ""  # in commands, where it is not that of the field
+    degrees: bool = False  # the field is in radians
+    odd: bool = False  # an odd number, so that there is one in the middle
+
+
+class Found(NamedTuple):
+    """A number in a tree of parameters."""
+
+    path: tuple[str, ...]
+    default: Any
+    number: Number
+    slider: Slider | None
+
+    @property
+    def ours(self) -> bool:
+        """Its value is a choice of this project: nobody published another one for the same thing."""
+        return self.number.source == OWN or (self.slider is not None and self.slider.paper not in (None, self.default))
+
+
+def numbers_of(tree: Any, path: tuple[str, ...] = ()) -> Iterator[Found]:
+    """Every field with a `Number` of nested parameter objects, in the order in which they are written."""
+    annotations = typing.get_type_hints(type(tree), include_extras=True)
+    for name, annotation in annotations.items():
+        value = getattr(tree, name)
+        said = {type(each): each for each in getattr(annotation, "__metadata__", ())}
+        if Number in said:
+            yield Found((*path, name), value, said[Number], said.get(Slider))
+        if isinstance(value, msgspec.Struct) or dataclasses.is_dataclass(value):
+            yield from numbers_of(value, (*path, name))
+
+
+def replaced(tree: Any, path: tuple[str, ...], value: Any) -> Any:
+    """A copy of nested frozen objects in which one value is another."""
+    name, *rest = path
+    inner = replaced(getattr(tree, name), tuple(rest), value) if rest else value
+    if isinstance(tree, msgspec.Struct):
+        return msgspec.structs.replace(tree, **{name: inner})
+    return dataclasses.replace(tree, **{name: inner})
