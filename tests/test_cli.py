@@ -234,13 +234,13 @@ def test_what_if_says_that_a_recording_is_no_session_and_what_makes_one(call, tm
 def test_ctrl_c_is_one_line_and_exit_code_130_and_the_session_so_far_is_kept(call, monkeypatch, tmp_path):
     path = tmp_path / "run.json"
 
-    def interrupted(scene, *, on_tick, method):
+    def interrupted(scene, *, on_tick, method, parameters):
         def until_then(tick):
             on_tick(tick)
             if tick.index == 29:
                 raise KeyboardInterrupt
 
-        return run_scene(scene, on_tick=until_then, method=method)
+        return run_scene(scene, on_tick=until_then, method=method, parameters=parameters)
 
     monkeypatch.setattr("motm_twin.cli.run.run_scene", interrupted)
     for options, said in (((), ""), (("--save", str(path)), f"; the 1.50 s before are in {path}")):

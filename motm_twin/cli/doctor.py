@@ -1,4 +1,4 @@
-"""`motm-twin doctor`: what works on this machine, what does not, and the cure; one line each."""
+"""`motm-twin doctor`: one line for each thing that works on this machine or does not, with the cure."""
 
 import ctypes.util
 import importlib
@@ -26,7 +26,7 @@ NEEDED = {  # module: distribution
 
 
 class Mark(StrEnum):
-    """How good an answer is."""
+    """Grade of an answer."""
 
     GOOD = "good"
     NOTE = "note"  # something that not everybody needs is missing

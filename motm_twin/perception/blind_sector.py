@@ -8,6 +8,7 @@ return something, or have missed nothing for a while; for longer each time.
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -15,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Scan
 from motm_twin.model.reason import Kind, Reason
 from motm_twin.perception.finding import Finding
@@ -27,14 +29,18 @@ NEVER = -math.inf  # [s]
 class SectorSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the check of single beams."""
 
-    doubt: float = 3.0  # [s] after which furniture that no beam has seen since is believed to be gone
-    rest: float = 5.0  # [s], times the number of times that the beams were blind, without a miss: trusted again
-    reach: float = 6.0  # [m] mapped furniture further away may be missed by thin beams
-    bin: float = 0.1  # [m] of outline that is remembered as one place
-    margin: float = 0.15  # [m] and this share of the range: a return so near the map's edge is that edge
-    share: float = 0.03
-    proofs: int = 3  # beams that prove a sector blind, or that it sees again
-    speed: float = 0.5  # share that the base keeps while people could come up unseen
+    doubt: Annotated[float, Number("s", OWN, "after which furniture that no beam has seen since is gone")] = 3.0
+    rest: Annotated[
+        float, Number("s", OWN, "times the number of times that the beams were blind, without a miss: trusted again")
+    ] = 5.0
+    reach: Annotated[float, Number("m", OWN, "mapped furniture further away may be missed by thin beams")] = 6.0
+    bin: Annotated[float, Number("m", OWN, "of outline that is remembered as one place")] = 0.1
+    margin: Annotated[
+        float, Number("m", OWN, "and `share` of the range: a return so near the map's edge is that edge")
+    ] = 0.15
+    share: Annotated[float, Number("", OWN, "as `margin`")] = 0.03
+    proofs: Annotated[int, Number("", OWN, "beams that prove a sector blind, or that it sees again")] = 3
+    speed: Annotated[float, Number("", OWN, "share that the base keeps while people could come up unseen")] = 0.5
 
 
 @dataclass

@@ -231,6 +231,7 @@ def test_every_command_has_its_key_and_passes_with_what_is_allowed():
         "announce": {"name": "table"},
         "drive": {"v": 0.5},
         "hand_over": {"to": "", "name": ""},
+        "audience": {"pages": 50},
     }
     for seq, name in enumerate(COMMAND_NAMES, 1):
         admitted = gate.admit(name, envelope({"type": name, **allowed.get(name, {})}, seq=seq, name="Ann"))
