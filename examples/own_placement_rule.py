@@ -15,13 +15,11 @@ import math
 
 import numpy as np
 
-from motm_twin.methods.method import Method, PlannerParts
+from motm_twin.methods.method import BaseChoices, Method
 from motm_twin.model.reason import own
 from motm_twin.planning.candidates import ring
 from motm_twin.planning.collision import body_of, clearances, field_of
-from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.placement import NextTargetPlacement
-from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.reach import ReachModel
 from motm_twin.planning.types import Placement
 
@@ -128,11 +126,9 @@ def _angle(difference):
     return np.abs((difference + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def planner(parts: PlannerParts) -> BasePlanner:
-    """This rule, and the base controller of the paper."""
-    graphs = parts.graphs or GraphCache()
-    rule = StraightLines(parts.known.robot, parts.parameters, graphs)
-    return BasePlanner(parts.known.robot, parts.parameters, clock=parts.clock, placement=rule, graphs=graphs)
+def placement(materials, candidates):
+    """This rule; the base controller stays that of the paper."""
+    return StraightLines(materials.parts.known.robot, materials.parts.parameters, materials.graphs)
 
 
 STRAIGHT = Method(
@@ -140,7 +136,7 @@ STRAIGHT = Method(
     title="straight lines",
     summary="Candidates are compared by straight drives instead of paths.",
     source="own",
-    planner=planner,
+    planner=BaseChoices(placement=placement),
 )
 
 

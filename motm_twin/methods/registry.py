@@ -105,7 +105,7 @@ class IgnoreFarMovers:
         return {"standing": self.standing, "still": self.still}
 
 
-def every_ring(materials: Materials) -> EveryRing:
+def all_rings(materials: Materials) -> EveryRing:
     """Candidates on all rings; where none is viable, the robot waits beside the dynamic obstacle."""
     view = materials.view
     return EveryRing(view.still if isinstance(view, IgnoreFarMovers) else None)
@@ -129,7 +129,7 @@ FAST = Method(
         "accelerations, for half the computing, and of plans of equal time the steadier one is taken."
     ),
     parameters={"bezier_offset": 0.1, "notches": 5, "steadiness": 0.02},
-    planner=BaseChoices(view=IgnoreFarMovers, candidates=every_ring, commitment=keep_plans),
+    planner=BaseChoices(view=IgnoreFarMovers, candidates=all_rings, commitment=keep_plans),
 )
 
 

@@ -245,7 +245,7 @@ def measured(point: Point, *, most: int | None = None) -> dict[str, Any]:
 def bench_growth(out: Path, console: Console, *, quick: bool = False, picture: Path = PICTURE) -> bool:
     """Measure all sweeps, print, write ``out/growth.json`` and the picture; True when the goal for 1,000 is reached.
 
-    Takes about 15 minutes; ``quick``: the first two points of each sweep for a second, nothing is judged.
+    Takes about 5 minutes; ``quick``: the first two points of each sweep for a second, nothing is judged.
     """
     console.print(f"\n[bold]{NAME}[/bold]: {TITLE}")
     found: dict[str, list[dict[str, Any]]] = {}

@@ -288,7 +288,7 @@ class StaaController:
     def penalty_scale(self, t_h: float) -> float:
         """k of the proximity penalty t_h [s] before the goal; 1 where it does not fade."""
         p = self.parameters
-        return proximity_scale(t_h, p.k_min, p.k_time) if p.scale_penalty else 1.0
+        return staa.proximity_scale(t_h, p.k_min, p.k_time) if p.scale_penalty else 1.0
 
     def at_goal(self, pose: Array, placement: Placement) -> bool:
         """The base is where it was to go, as near as the search takes it."""
@@ -433,8 +433,3 @@ _ARRIVED = {Kind.CLOSEST: Kind.WAITS_AT_CLOSEST, Kind.BESIDE_TAKEN: Kind.WAITS_B
 def _arrived(why: Reason) -> Reason:
     """The reason of a place, once the base stands there."""
     return msgspec.structs.replace(why, kind=_ARRIVED.get(why.kind, why.kind))
-
-
-def proximity_scale(t_h: float, k_min: float = 0.1, k_time: float = 3.0) -> float:
-    """k = max(0.1, min(t_h / 3, 1)): scale of the proximity penalty t_h [s] before the goal (Paper, Sec. III-D)."""
-    return max(k_min, min(t_h / k_time, 1.0))

@@ -99,7 +99,7 @@ class StaaParameters:
     speed_bins: Annotated[
         int, Number("", OWN, "of speed, and of yaw rate: a node that drives is not the same as one that stands")
     ] = 4
-    grid_weight: Annotated[float, Number("s", STAA, "its 1 s over 0.25 m costs 6 s per trial beside a table"),
+    grid_weight: Annotated[float, Number("s", STAA, "either penalty; 1 s over 0.25 m costs 6 s per trial at a table"),
         Slider("Proximity penalty", "Base control", "Time that a node beside an obstacle is charged for.",
             (0.0, 2.0, 0.05), paper=1.0)] = 0.3  # fmt: skip
     grid_range: Annotated[float, Number("m", OWN, "clearance below which the penalty grows from 0 to 1"),
@@ -155,7 +155,7 @@ class StaaParameters:
     k_min: Annotated[float, Number("", paper("III-D"), "least scale of the penalty", symbol="k"),
         Slider("Least scale of the penalty", "Modifications", "What is left of the penalty at the goal.",
             (0.0, 1.0, 0.05), paper=0.1)] = 0.1  # fmt: skip
-    k_time: Annotated[float, Number("s", paper("III-D"), "k = max(0.1, min(t_h / 3, 1))", symbol="t_h"),
+    k_time: Annotated[float, Number("s", paper("III-D"), "k = max(0.1, min(t_h / 3, 1))"),
         Slider("Fading time", "Modifications", "Time before the goal from which on the penalty fades.",
             (0.5, 10.0, 0.5), paper=3.0)] = 3.0  # fmt: skip
     bezier: Annotated[bool, Number("", paper("III-E"), "nodes near the goal are judged by a smooth curve"),

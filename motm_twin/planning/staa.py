@@ -334,11 +334,17 @@ def _job_after(
 
 
 @inlined
+def proximity_scale(t_h: float, k_min: float, k_time: float) -> float:
+    """k = max(0.1, min(t_h / 3, 1)): scale of the proximity penalty t_h [s] before the goal (Paper, Sec. III-D)."""
+    return max(k_min, min(t_h / k_time, 1.0))
+
+
+@inlined
 def _penalties(
     before: Array, pose: Array, free: float, t_goal: float, s: Settings, world: World
 ) -> tuple[float, float, float]:
     """Costs [s] of a node: beside obstacles, inside the margin, and of turning faster or slower."""
-    k = max(s.k_min, min(t_goal / s.k_time, 1.0)) if s.scale_penalty else 1.0
+    k = proximity_scale(t_goal, s.k_min, s.k_time) if s.scale_penalty else 1.0
     cost = _penalty(pose[0], pose[1], pose[2], free, s, world) if s.grid_weight > 0.0 else 0.0
     inside = s.margin_cost * max(0.0, 1.0 - max(0.0, free) / s.margin)
     return k * s.grid_weight * cost, inside, s.steadiness * abs(pose[4] - before[4]) / s.b_max

@@ -75,7 +75,7 @@ class PlanStatus(StrEnum):
 
     GOAL = "goal"  # a node ends the search
     ABORTED = "aborted"  # the best node so far
-    BRAKING = "braking"  # the queue is dry
+    BRAKING = "braking"  # no candidate, no path, or the search found nothing
     ESCAPING = "escaping"  # it leaves what it overlaps
     IDLE = "idle"
     BY_HAND = "by hand"
@@ -92,7 +92,7 @@ class Placement(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     cost_next: Array  # C_iN [s], shape (n,)
     cost: Array  # C_i [s], shape (n,)
     rejected: tuple[str, ...]  # "" when viable, else the reason, length n
-    chosen: int  # index into poses; -1: `goal` is not one of them
+    chosen: int  # index into poses; -1: there is none, and the base brakes
     goal: Array  # pose to drive to, shape (3,)
     goal_has_heading: bool
     why: Reason  # this goal

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motm_twin.planning.bezier import bezier_curve, curve_length, curve_time
-from motm_twin.planning.controller import proximity_scale
 from motm_twin.planning.rtr import path_rtr, path_rtr_both, turn
+from motm_twin.planning.staa import proximity_scale
 
 DEG = math.pi / 180.0
 LIMITS = {"v_f": 0.5, "v_r": 0.25, "w_max": 100.0 * DEG}
@@ -73,4 +73,4 @@ def test_the_bezier_time_is_never_below_the_straight_drive_nor_its_own_turning(
 
 @pytest.mark.parametrize(("t_h", "k"), [(0.0, 0.1), (0.2, 0.1), (0.3, 0.1), (1.5, 0.5), (3.0, 1.0), (12.0, 1.0)])
 def test_k_is_the_papers_scale_of_the_proximity_penalty(t_h: float, k: float) -> None:
-    assert proximity_scale(t_h) == pytest.approx(k)
+    assert proximity_scale(t_h, 0.1, 3.0) == pytest.approx(k)

@@ -5,7 +5,8 @@ All of them are one line: at the distance d the approach speed may be
     xi (d - d_s) / (d_i - d_s),    negative below d_s: retreat        (Paper, Sec. V)
 
 A limit is a class with `names`, `soft` and `rows`. To add one, write it and list it in `arm_limits`: nothing else has
-to know of it. Those of the lidar are soft: mapped furniture, and the robot's own base, must not give way for them.
+to know of it. Those of the lidar are soft, but for the height: mapped furniture and the robot's own base must not give
+way for them.
 
 As printed in the paper the line reads as a bound of d-dot; it must bound the approach, -d-dot. The line goes on beyond
 d_i, as an allowance above xi: where it began only at d_i, a hand that swings at 1 m/s was 0.4 m/s over it.
@@ -85,7 +86,7 @@ class Limit(Protocol):
     """A limit of the arm's speed."""
 
     names: tuple[str, ...]  # of what its rows may be about, as Ticks tell them
-    soft: bool  # gives way before furniture does
+    soft: bool  # gives way by a variable of its own, so that furniture does not give way with it
 
     def rows(self, arm: Arm, around: Around) -> Rows:
         """Its rows in this step."""
