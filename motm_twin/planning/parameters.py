@@ -223,7 +223,7 @@ class ReachParameters:
     r_min: Annotated[float, Number("m", OWN, "arm mount to object, horizontally")] = 0.35
     r_max_pick: Annotated[float, Number("m", OWN, "measured: 0.78 at 0.5 m/s fails")] = 0.77
     r_max_place: Annotated[
-        float, Number("m", OWN, "to the bin's centre; measured: the cube is let go up to 0.135 m nearer")
+        float, Number("m", OWN, "to the bin's centre; measured: the cube is let go up to 0.115 m nearer")
     ] = 0.88
     azimuth_max: Annotated[
         float, Number("rad", OWN, "of the object about the mount, either way: joint 1 turns 2.9, not all round")
