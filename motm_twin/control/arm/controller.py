@@ -16,7 +16,7 @@ from motm_twin.control.arm.motion import Motion, hand_motion
 from motm_twin.control.arm.overlap import ArmOverlap, Overlap
 from motm_twin.control.arm.parameters import ArmParameters, Numbers, numbers
 from motm_twin.control.arm.phases import PhaseRules, advance, dwell, engaged, fingers_at_work, start_over
-from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ArmProgram, Rows, lag_factor
+from motm_twin.control.arm.program import ARM, BASE, FURNITURE_ELASTIC, SLACK, ActiveRows, ArmProgram, lag_factor
 from motm_twin.control.arm.qp import Program, load, solve
 from motm_twin.control.arm.types import ArmInputs, ArmStep, ArmTiming, Phase, ProgramStatus, TransitRule
 from motm_twin.control.arm.view import ManipulatorState, View, look
@@ -160,7 +160,7 @@ class Manipulator(Stateful[ManipulatorState]):
         """The view of this step."""
         return look(inputs, self._rules.mount, lag_factor(inputs.dt, self.profile), self.parameters)
 
-    def _active(self, rows: Rows, active: IntArray) -> tuple[str, ...]:
+    def _active(self, rows: ActiveRows, active: IntArray) -> tuple[str, ...]:
         """Names of the active rows, and of the active bounds of base twist and arm rates."""
         names, which, count = rows.names, rows.which.item, len(rows.which)
         found: dict[str, None] = {}
@@ -184,7 +184,7 @@ class Manipulator(Stateful[ManipulatorState]):
             return np.vstack([state.relaxed, view.target[None, :2]])
         return state.relaxed
 
-    def _program(self, view: View, inputs: ArmInputs, motion: Motion) -> tuple[Program, Rows]:
+    def _program(self, view: View, inputs: ArmInputs, motion: Motion) -> tuple[Program, ActiveRows]:
         """The program of this step."""
         state = self._state
         program, rows = self._programs.fill(view, state, inputs, self._relaxing(view, inputs), motion.velocity)

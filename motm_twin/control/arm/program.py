@@ -25,12 +25,12 @@ from motm_twin.control.arm.limits import (
     IntArray,
     LidarLimits,
     Limit,
+    Rows,
     arm_limits,
     damper_line,
     furniture_distances,
     lidar_limits,
 )
-from motm_twin.control.arm.limits import Rows as LimitRows
 from motm_twin.control.arm.parameters import ArmParameters, Numbers, QpParameters, numbers
 from motm_twin.control.arm.qp import Program
 from motm_twin.control.arm.types import ArmInputs, Phase
@@ -61,7 +61,7 @@ _SPEED = 2  # row of `joint_limits`
 _FREE = 1.0e3  # bound of elastic variables [m/s]
 
 
-class Rows(NamedTuple):
+class ActiveRows(NamedTuple):
     """The inequality rows of one step."""
 
     names: tuple[str, ...]  # of all that rows may be about
@@ -105,7 +105,7 @@ class ArmProgram:
 
     def fill(
         self, view: View, state: ManipulatorState, inputs: ArmInputs, relaxing: Array, velocity: Array
-    ) -> tuple[Program, Rows]:
+    ) -> tuple[Program, ActiveRows]:
         """The program of one step, for the hand's ``velocity`` (6,).
 
         ``relaxing`` [m], shape (t, 2): grasps for which static obstacles give way. The commands that the state
@@ -123,7 +123,7 @@ class ArmProgram:
             (view.manipulability, view.beta, inputs.dt, swinging),
         )  # fmt: skip
         program = Program(P=cost, c=c, A=A, b=b, G=G, h=h, lower=lower, upper=upper, slack=_SLACKS)
-        return program, Rows(self._names, which, *_limiter(around.gripper))
+        return program, ActiveRows(self._names, which, *_limiter(around.gripper))
 
     def _joints(self, rates: Array, stuck: int | None) -> tuple[Array, _Constants]:
         """Arm rates commanded last and constants; a ``stuck`` joint is only tried, and the others do its work."""
@@ -226,9 +226,7 @@ def _base_bounds(previous: Array, dt: float, base: Numbers, lower: Array, upper:
         lower[k], upper[k] = min(low, high), max(low, high)
 
 
-def stacked(
-    limits: Sequence[tuple[LimitRows, int, bool]], beta: float, measured: Array
-) -> tuple[Array, Array, IntArray]:
+def stacked(limits: Sequence[tuple[Rows, int, bool]], beta: float, measured: Array) -> tuple[Array, Array, IntArray]:
     """G (k, 17), h (k,), and the name of each row, from the rows of limits, the first of its names, and its softness.
 
     Soft ones give way with another elastic variable than the others.
