@@ -6,9 +6,11 @@ from fakes_of_viser import Scene as Drawn
 
 from motm_twin.bus.encode import tick_message
 from motm_twin.model.edits import InsertTask
+from motm_twin.model.known import known_world
 from motm_twin.model.scene import Pick, Scene
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_file import load_scene
+from motm_twin.perception.base_map import base_map
 from motm_twin.record.replay import rerun
 from motm_twin.sessions.session import load_session, save_session
 from motm_twin.sim.referee_geometry import RobotShapes
@@ -89,3 +91,28 @@ def test_the_page_draws_the_base_alone(tmp_path):
     assert {name for name in batches if drawn.handles[name].batched_positions[:, 2].max() > -1.0} <= {
         "/robot/silhouette"
     }
+
+
+UNDER = """
+format: motm-scene/1
+robot: {name: cart, arm: none}
+furniture:
+  bridge: {shape: box, centre: [1.5, 0.0], size: [0.6, 12.0], z: [Z, 0.9]}
+  end: {shape: box, centre: [3.9, 0.0], size: [0.2, 12.0], z: [0.0, 0.9]}
+tasks: [{drive_to: {x: 3.0, y: 0.0, tolerance: 0.2}}]
+time_limit: 30
+"""
+
+
+def test_it_passes_under_what_is_higher_than_its_base(tmp_path):
+    result = run_scene(scene_of(tmp_path, UNDER.replace("Z", "0.5")))
+    assert result["success"] and result["contacts"] == []
+    assert result["path_length_m"] < 4.0  # straight on
+
+
+@pytest.mark.parametrize(("z", "arm", "blocked"), [(0.5, "none", False), (0.4, "none", True), (0.5, "{mount_x: 0.15}", True)])
+def test_what_it_cannot_pass_under_is_in_its_map(tmp_path, z, arm, blocked):
+    scene = scene_of(tmp_path, UNDER.replace("Z", str(z)).replace("arm: none", f"arm: {arm}"))
+    found = base_map(known_world(scene), 0.05)
+    row, column = found.grid.cell_of(np.array([1.5, 0.0]))
+    assert bool(found.occupied[row, column]) is blocked

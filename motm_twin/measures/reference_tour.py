@@ -20,7 +20,6 @@ from shapely.geometry.base import BaseGeometry
 from motm_twin.model.geometry import Array
 from motm_twin.model.known import KnownWorld
 from motm_twin.model.scene import Cylinder, DriveTo, Pick, Scene, Solid
-from motm_twin.perception.base_map import OVERHEAD
 from motm_twin.perception.footprints import outline
 
 REACH = 0.80  # [m] R, radius of the disc round every pick and drop
@@ -55,7 +54,8 @@ def reference_tour(
 
     The first point is the start; a place that cannot be reached at all makes the legs from there on infinitely long.
     """
-    grown, inner = _grown(world.solids, margin), _grown(world.solids, margin - INSET)
+    solids = tuple(solid for solid in world.solids if solid.z_min < world.robot.top)
+    grown, inner = _grown(solids, margin), _grown(solids, margin - INSET)
     stops = stops_of(world, reach)
     walls, corners = _edges(inner), np.ascontiguousarray(_edges(grown)[:, :2])
     between = _shortest(_lengths(corners, corners, walls))
@@ -90,8 +90,6 @@ def _grown(solids: tuple[Solid, ...], margin: float) -> BaseGeometry:
     """Union of all furniture that stands in the way, grown by the margin [m]."""
     bodies = []
     for solid in solids:
-        if solid.z_min >= OVERHEAD:
-            continue
         if isinstance(solid.shape, Cylinder):
             bodies.append(shapely.Point(solid.shape.centre).buffer(solid.shape.radius + margin, quad_segs=16))
         else:

@@ -11,6 +11,10 @@ import msgspec
 DEG = math.pi / 180.0
 
 
+RAISED, CARRIED = 1.22, 0.92  # [m] of the raised and of the carried arm above its mount
+OVER = 0.05  # [m] that a robot without an arm keeps from what it passes under
+
+
 class Footprint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Rectangle of the base body in the base frame, centred at ``(offset_x, 0)``."""
 
@@ -95,3 +99,13 @@ class RobotProfile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     gripper: Gripper = Gripper()
     lidar: Lidar = Lidar()
     camera: GripperCamera = GripperCamera()
+
+    @property
+    def top(self) -> float:
+        """Height [m] up to which the robot reaches: what begins above it is no obstacle."""
+        return self.arm.mount_z + RAISED if self.has_arm else self.driving_top
+
+    @property
+    def driving_top(self) -> float:
+        """The same while it drives, with the arm where it is carried."""
+        return self.arm.mount_z + CARRIED if self.has_arm else self.footprint.height + OVER

@@ -22,7 +22,6 @@ from motm_twin.model.scene_shapes import base_outline, bin_solid, outline
 from motm_twin.model.scene_yaml import Node
 
 TOUCH = 1e-3  # [m]
-ROBOT_TOP = 1.3  # [m] furniture that begins above this leaves room for base and arm
 ARM_REACH = 0.855  # [m] of the Panda from its shoulder; Paper, Sec. IV
 LINK_RADIUS = 0.05  # [m] of the arm's thinnest part: what is nearer to its middle line is inside it
 _ARM_LINE = [2, 4, 5, 7, HAND, TCP]  # frames along the arm above its foot, which stands on the base
@@ -36,7 +35,7 @@ def blocking(scene: Scene, height: float) -> list[Solid]:
 def check_start(scene: Scene, root: Node) -> None:
     """The robot starts clear of furniture and agents."""
     body, node = base_outline(scene.start, scene.robot.footprint), root.at("start")
-    for solid in blocking(scene, ROBOT_TOP):
+    for solid in blocking(scene, scene.robot.driving_top):
         if outline(solid.shape).intersects(body):
             raise node.error(f"the robot's footprint overlaps '{solid.name}' at the start: move the start pose")
     for agent in scene.agents:
@@ -127,7 +126,7 @@ def free_space(scene: Scene) -> Any:
     """Places that the base frame can reach from the start, for the disc inscribed in the footprint."""
     body = scene.robot.footprint
     radius = min(body.width / 2.0, body.length / 2.0 - abs(body.offset_x))
-    walls = unary_union([outline(solid.shape) for solid in blocking(scene, ROBOT_TOP)])
+    walls = unary_union([outline(solid.shape) for solid in blocking(scene, scene.robot.driving_top)])
     free = box(*scene.bounds).difference(walls.buffer(radius - TOUCH))
     start = ShapelyPoint(scene.start[:2])
     parts = getattr(free, "geoms", [free])
@@ -172,6 +171,6 @@ def _check_goal(scene: Scene, task: DriveTo, free: Any, node: Node) -> None:
     if task.heading is None:
         return
     body = base_outline((*task.point, task.heading), scene.robot.footprint)
-    for solid in blocking(scene, ROBOT_TOP):
+    for solid in blocking(scene, scene.robot.driving_top):
         if outline(solid.shape).intersects(body):
             raise node.error(f"the robot's footprint overlaps '{solid.name}' there: move it or leave heading_deg out")

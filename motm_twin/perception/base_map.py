@@ -14,7 +14,6 @@ from motm_twin.perception.footprints import distance_to_shape, distance_to_solid
 from motm_twin.perception.grid import WHOLE, Grid, grid_over
 
 FAR = 3.0  # [m] further than this nothing asks how far it is: a base may be planned 1 m from anything
-OVERHEAD = 1.6  # [m] furniture that begins above this is no obstacle: neither base nor raised arm reaches it
 
 
 class BaseMap(msgspec.Struct, frozen=True, kw_only=True, eq=False, weakref=True):
@@ -47,8 +46,8 @@ def base_map(known: KnownWorld, resolution: float) -> BaseMap:
 
 def _build(known: KnownWorld, resolution: float) -> BaseMap:
     grid = grid_over(known.bounds, resolution)
-    solids = tuple(solid for solid in known_solids(known) if solid.z_min < OVERHEAD)
-    furniture = tuple(solid for solid in known.solids if solid.z_min < OVERHEAD)
+    solids = tuple(solid for solid in known_solids(known) if solid.z_min < known.robot.top)
+    furniture = tuple(solid for solid in known.solids if solid.z_min < known.robot.top)
     polygons = merged_outlines((*furniture, *uncovered(solids[len(furniture) :], furniture)))
     corners = [(*polygon.min(axis=0), *polygon.max(axis=0)) for polygon in polygons]
     at_lidar = tuple(solid for solid in solids if solid.z_min <= known.robot.lidar.z <= solid.z_max)

@@ -15,7 +15,6 @@ from motm_twin.model.known import KnownWorld
 from motm_twin.model.number import OWN, Number
 from motm_twin.model.plant import Scan
 from motm_twin.model.reason import Kind, Reason
-from motm_twin.perception.base_map import OVERHEAD
 from motm_twin.perception.finding import Finding
 from motm_twin.perception.footprints import outline
 
@@ -79,7 +78,7 @@ def map_segments(known: KnownWorld) -> Array:
     z = known.robot.lidar.z
     edges = [np.zeros((0, 4))]
     for solid in known.solids:
-        if solid.z_min <= z <= solid.z_max and solid.z_min < OVERHEAD:
+        if solid.z_min <= z <= solid.z_max and solid.z_min < known.robot.top:
             corners = outline(solid.shape)
             edges.append(np.hstack([corners, np.roll(corners, -1, axis=0)]))
     return np.ascontiguousarray(np.vstack(edges))
