@@ -110,7 +110,9 @@ def test_it_passes_under_what_is_higher_than_its_base(tmp_path):
     assert result["path_length_m"] < 4.0  # straight on
 
 
-@pytest.mark.parametrize(("z", "arm", "blocked"), [(0.5, "none", False), (0.4, "none", True), (0.5, "{mount_x: 0.15}", True)])
+@pytest.mark.parametrize(
+    ("z", "arm", "blocked"), [(0.5, "none", False), (0.4, "none", True), (0.5, "{mount_x: 0.15}", True)]
+)
 def test_what_it_cannot_pass_under_is_in_its_map(tmp_path, z, arm, blocked):
     scene = scene_of(tmp_path, UNDER.replace("Z", str(z)).replace("arm: none", f"arm: {arm}"))
     found = base_map(known_world(scene), 0.05)

@@ -8,7 +8,7 @@ from motm_twin.control.tick import ObjectBelief
 from motm_twin.model.geometry import Array, compose, from_frame, inverse, to_frame, wrap_angle
 from motm_twin.model.known import KnownWorld, known_solids
 from motm_twin.model.plant import Observation
-from motm_twin.model.scene import DriveTo, Pick, Task
+from motm_twin.model.scene import Bin, DriveTo, Pick, Task
 from motm_twin.perception.footprints import distance_to_shape, outline
 from motm_twin.perception.objects import ObjectTracker
 from motm_twin.planning.parameters import ReachParameters
@@ -104,7 +104,8 @@ class Targets:
                 kind="none", name="", position=np.zeros(3), yaw=0.0, side=side, position_sd=0.0, last_seen=None
             )
         place = self.bins[task.bin]
-        position = from_frame(T_odom_world, np.array([*place.centre, place.rim_z]))
+        top = self._top_of(place, held, observation, T_odom_world)
+        position = from_frame(T_odom_world, np.array([*place.centre, top]))
         return ArmGoal(
             kind="place",
             name=place.name,
@@ -115,6 +116,18 @@ class Targets:
             last_seen=observation.time,
             release_half_width=place.side / 2.0 - place.wall,
         )
+
+    def _top_of(self, place: Bin, held: str, observation: Observation, T_odom_world: Array) -> float:
+        """Height [m] over which an object is let go: the bin's rim, or what was seen to lie higher in it."""
+        top, frame = place.rim_z, np.array([*place.centre, place.yaw])
+        for name, item in self.objects.items():
+            position, _, sd, _ = self.tracker.belief(name, observation)
+            if name == held or sd > self.tracker.seen_sd:
+                continue
+            x, y, z = to_frame(T_odom_world, position).tolist()
+            if z + 0.5 * item.side > top and np.abs(to_frame(frame, np.array([x, y]))).max() < 0.5 * place.side:
+                top = z + 0.5 * item.side
+        return top
 
     def top_below(self, point: Array) -> float | None:
         """Height [m] of the furniture of the map below a point (3,) [m], world; None over the floor."""

@@ -118,6 +118,11 @@ class ObjectTracker(Stateful[TrackerState]):
             seen=np.array([name in tracks for name in self._priors], dtype=bool),
         )
 
+    @property
+    def seen_sd(self) -> float:
+        """Standard deviation [m] below which an object that was let go has been seen since."""
+        return 0.5 * self._settings.bin_sd
+
     def knows(self, name: str) -> bool:
         """This is an object of the scene."""
         return name in self._priors
