@@ -281,6 +281,7 @@ class Twin:
         for part, state in old.parts().items():
             self.loop.parts()[part].restore(state.snapshot())
         self.loop.mapper.adopt(old.mapper.snapshot())
+        self.loop.self_check.adopt(old.self_check.snapshot())
 
     def _planner(
         self, known: KnownWorld, planning: PlanningParameters, graphs: GraphCache | None = None

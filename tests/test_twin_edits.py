@@ -15,6 +15,7 @@ from motm_twin.model.edits import (
     MoveBody,
     MoveObject,
     MoveTask,
+    RemoveBody,
     RemoveTask,
     SetParameter,
 )
@@ -217,6 +218,17 @@ def test_an_announced_table_takes_its_cubes_its_place_on_the_map_and_the_believe
     assert occupied(tick.map, 4.5, 2.3)
     tick = advance_until(twin, lambda tick: tick.truth.places == 1, 900)
     assert not caused(tick)
+
+
+def test_the_check_of_single_beams_follows_a_map_with_other_edges():
+    twin = Twin(SCENE)
+    advance(twin, 20)
+    twin.post(RemoveBody(name="cabinet"))
+    twin.advance()
+    twin.post(Announce(name="cabinet"))
+    advance(twin, 20)
+    check = twin.loop.self_check
+    assert len(check.snapshot().sector.gone) == check.outline.first[-1] < Twin(SCENE).loop.self_check.outline.first[-1]
 
 
 def test_an_announced_bin_is_served_where_it_stands_now():

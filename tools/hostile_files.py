@@ -267,9 +267,12 @@ def _require_sentence(error: SessionError) -> None:
         raise AssertionError(f"not printable: {str(error)[:200]!r}") from error
 
 
-def judge(kind: Sessions | Recordings, path: Path, rng: random.Random) -> str:
-    """Read one file; "read", "refused", or what is wrong with how it was read."""
-    before = _forget_peak()
+def judge(kind: Sessions | Recordings, path: Path, rng: random.Random, parent: float) -> str:
+    """Read one file; "read", "refused", or what is wrong with how it was read.
+
+    ``parent`` [MB]: memory that this process began with, as the child of another.
+    """
+    _forget_peak()
     began, said = time.monotonic(), io.StringIO()
     try:
         with redirect_stdout(said):
@@ -281,15 +284,13 @@ def judge(kind: Sessions | Recordings, path: Path, rng: random.Random) -> str:
         return traceback.format_exc()
     if (seconds := time.monotonic() - began) > SECONDS:
         return f"took {seconds:.1f} s"
-    if (most := _peak_mb() - before + PROGRAM) > MEGABYTES:
+    if (most := _peak_mb() - parent + PROGRAM) > MEGABYTES:
         return f"took {most:.0f} MB"
     return verdict
 
 
-def _forget_peak() -> float:
-    """Memory of this process now [MB], from which its peak is counted: it may be the child of a large one."""
+def _forget_peak() -> None:
     Path("/proc/self/clear_refs").write_text("5")
-    return _peak_mb()
 
 
 def _peak_mb() -> float:
@@ -360,13 +361,15 @@ class Hunt:
 
     def _read(self, at: int, end: int, pipe: Connection) -> None:
         sys.stderr = open(os.devnull, "w")  # noqa: PTH123 - until the child ends
+        _forget_peak()
+        parent = _peak_mb()
         for number in range(at, end):
             kind, rng = self._kind(number), self._rng(number)
             path = self._folder / f"mutated{kind.suffix}"
             path.write_bytes(kind.make(rng))
             began = time.monotonic()
-            verdict = judge(kind, path, rng)
-            pipe.send((verdict, time.monotonic() - began, _peak_mb()))
+            verdict = judge(kind, path, rng, parent)
+            pipe.send((verdict, time.monotonic() - began, _peak_mb() - parent + PROGRAM))
         pipe.close()
 
     def _rng(self, number: int) -> random.Random:

@@ -87,7 +87,7 @@ def _commented(numbers: list[tuple[ast.expr, ast.expr]], comments: dict[int, str
 
 
 def _meanings(file: str, name: str) -> dict[str, Number]:
-    """What the fields of a class say of themselves."""
+    """Rows of a class: its fields, and their descriptions."""
     owner = getattr(importlib.import_module(file.removesuffix(".py").replace("/", ".")), name)
     found = {}
     for field, annotation in typing.get_type_hints(owner, include_extras=True).items():

@@ -126,6 +126,7 @@ class TwinLoop:
             **live.status(),
             reference_tour=self._tour,
             recording="" if self._data is None else self._data.recording,
+            pages=self._pages if self._hold or self._again else -1,
         )
 
     def run(self) -> None:
@@ -225,6 +226,7 @@ class TwinLoop:
                 self._outdated = True
             case Audience(pages=pages):
                 self._pages = pages
+                self._sink.status()
                 if self._held and pages and self._state == "paused":
                     self._set_state("playing", "")
             case _ if isinstance(command, Edit):

@@ -274,6 +274,7 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     span: Vector = []  # [s] first and last period of the recording that is played; empty: no recording is played
     method: str = UNNAMED_METHOD  # that drives: the name of one of `methods`
     methods: list[MethodChoice] = []  # that can be loaded
+    pages: int = -1  # that show it, as `audience` tells it; -1: it need not know
 
 
 class GridInfo(msgspec.Struct, frozen=True, kw_only=True):

@@ -61,6 +61,10 @@ def serve(given: ServeSettings) -> int:
 def _checked(given: ServeSettings) -> PageSettings:
     """Check all but the scene and the method; the page with its token. Raises ValueError, OSError."""
     Keys(given.twin)
+    if given.paused and given.play:
+        raise ValueError("--paused and --play exclude each other")
+    if given.loop and given.plant != "simulated":
+        raise ValueError("--loop is for the simulated robot: another one does not begin anew by itself")
     if given.open_bus and given.secure is not None:
         raise ValueError("--open-bus and --secure exclude each other")
     if given.connect is not None:

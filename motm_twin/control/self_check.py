@@ -80,8 +80,13 @@ class SelfCheck(Stateful[SelfCheckState]):
         self._known, self._tracker = known, tracker
         self._settings, self._slow_age = settings, slow_age
         self._segments = map_segments(known)
-        self._outline = Outline.of(self._segments, self._settings.sector.bin)
-        self._state = SelfCheckState(SectorState.of(known.robot.lidar.beams, int(self._outline.first[-1])))
+        self.outline = Outline.of(self._segments, self._settings.sector.bin)
+        self._state = SelfCheckState(SectorState.of(known.robot.lidar.beams, int(self.outline.first[-1])))
+
+    def adopt(self, state: SelfCheckState) -> None:
+        """Go on from the state of a check with another map."""
+        self.restore(state)
+        self._state.sector.move_to(int(self.outline.first[-1]))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -184,8 +189,10 @@ class SelfCheck(Stateful[SelfCheckState]):
                 pose = localisation_check.carried(local, scan, now).pose
                 odometry = believed.odometry
                 state.of_scan = check_sweep(state.sweep, scan, pose, odometry, self._segments, settings.sweeps)
-                if state.of_scan is None and local.mode == "":  # elsewhere it would not be the map that is missed
-                    scan, state.of_scan = check_sector(state.sector, scan, pose, self._outline, settings.sector)
+                sure = state.of_scan is None and local.mode == ""  # else it may not be the map that is missed
+                at = pose if sure else None
+                scan, half_blind = check_sector(state.sector, scan, at, self.outline, settings.sector)
+                state.of_scan = state.of_scan or half_blind
                 state.waiting = scan if state.of_scan is None or state.of_scan.base > 0.0 else None
         if state.waiting is not None and local.mode != "doubt":
             state.good, state.waiting = state.waiting, None

@@ -104,7 +104,7 @@ class Targets:
                 kind="none", name="", position=np.zeros(3), yaw=0.0, side=side, position_sd=0.0, last_seen=None
             )
         place = self.bins[task.bin]
-        top = self._top_of(place, held, observation, T_odom_world)
+        top = self._top_of(place, held, T_odom_world)
         position = from_frame(T_odom_world, np.array([*place.centre, top]))
         return ArmGoal(
             kind="place",
@@ -117,16 +117,13 @@ class Targets:
             release_half_width=place.side / 2.0 - place.wall,
         )
 
-    def _top_of(self, place: Bin, held: str, observation: Observation, T_odom_world: Array) -> float:
+    def _top_of(self, place: Bin, held: str, T_odom_world: Array) -> float:
         """Height [m] over which an object is let go: the bin's rim, or what was seen to lie higher in it."""
-        top, frame = place.rim_z, np.array([*place.centre, place.yaw])
-        for name, item in self.objects.items():
-            position, _, sd, _ = self.tracker.belief(name, observation)
-            if name == held or sd > self.tracker.seen_sd:
-                continue
-            x, y, z = to_frame(T_odom_world, position).tolist()
-            if z + 0.5 * item.side > top and np.abs(to_frame(frame, np.array([x, y]))).max() < 0.5 * place.side:
-                top = z + 0.5 * item.side
+        top, frame = place.rim_z, compose(T_odom_world, np.array([*place.centre, place.yaw]))
+        for name, position in self.tracker.seen_places():
+            above = float(position[2]) + 0.5 * self.objects[name].side
+            if above > top and name != held and np.abs(to_frame(frame, position[:2])).max() < 0.5 * place.side:
+                top = above
         return top
 
     def top_below(self, point: Array) -> float | None:

@@ -47,6 +47,7 @@ class SectorSettings(msgspec.Struct, frozen=True, kw_only=True):
 class SectorState:
     """Memory of the check. Arrays are as long as there are beams, or bins of the map's outlines."""
 
+    unseen: NDArray[np.bool_]  # beams that are not trusted now
     doubted: Array  # stamp [s] since when each beam has missed furniture; nan: it is trusted
     proved: NDArray[np.bool_]  # beams that have missed what others have seen since
     blind: NDArray[np.bool_]  # beams of a sector with enough of these
@@ -61,10 +62,22 @@ class SectorState:
     def of(cls, beams: int, bins: int) -> "SectorState":
         """Nothing is known yet."""
         return cls(
-            np.full(beams, math.nan), np.zeros(beams, bool), np.zeros(beams, bool), np.zeros(beams, np.int64),
-            np.full(beams, NEVER), np.full(beams, NEVER), np.zeros(bins, bool), np.full(bins, -1),
-            np.full(bins, math.nan),
-        )  # fmt: skip
+            unseen=np.zeros(beams, bool),
+            doubted=np.full(beams, math.nan),
+            proved=np.zeros(beams, bool),
+            blind=np.zeros(beams, bool),
+            times=np.zeros(beams, np.int64),
+            miss=np.full(beams, NEVER),
+            returned=np.full(beams, NEVER),
+            gone=np.zeros(bins, bool),
+            missed=np.full(bins, -1),
+            missing=np.full(bins, math.nan),
+        )
+
+    def move_to(self, bins: int) -> None:
+        """Go on with another map of so many bins: which beams are blind is kept, what they missed is forgotten."""
+        fresh = SectorState.of(0, bins)
+        self.gone, self.missed, self.missing = fresh.gone, fresh.missed, fresh.missing
 
 
 class Outline(msgspec.Struct, frozen=True, eq=False):
@@ -82,29 +95,35 @@ class Outline(msgspec.Struct, frozen=True, eq=False):
 
 
 def check_sector(
-    state: SectorState, scan: Scan, pose: Array, outline: Outline, settings: SectorSettings
+    state: SectorState, scan: Scan, pose: Array | None, outline: Outline, settings: SectorSettings
 ) -> tuple[Scan, Finding | None]:
     """The sweep without what its blind beams say, and the finding; the same sweep when all beams are trusted.
 
-    ``pose`` (3,): where the sweep was made.
+    ``pose`` (3,): where the sweep was made; None where that is in doubt: what is known of the beams stays as it is.
     """
-    if not len(outline.segments):
-        return scan, None
-    reach = min(settings.reach, scan.range_max)
-    expected = seen_edges(pose, scan.origin, scan.angle_min, scan.angle_step, len(scan.ranges), outline.segments, reach)
-    run = max(settings.proofs, math.ceil(BLIND_ANGLE / abs(scan.angle_step)))
-    limits = (settings.doubt, settings.rest, settings.margin, settings.share, run, settings.proofs)
-    unseen = _follow(
-        (state.doubted, state.proved, state.blind, state.times, state.miss, state.returned),
-        (state.gone, state.missed, state.missing),
-        scan.ranges, expected, outline.first, scan.stamp, limits,
-    )  # fmt: skip
+    if pose is not None and len(outline.segments):
+        _look(state, scan, pose, outline, settings)
+    unseen = state.unseen
     if not unseen.any():
         return scan, None
     wide = math.degrees(abs(scan.angle_step)) * int(unseen.sum())
     why = Reason(kind=Kind.SCAN_SECTOR, subject="lidar", value=wide, limit=math.degrees(BLIND_ANGLE), unit="deg")
     finding = Finding(reason=why, base=settings.speed if state.blind.any() else 1.0)
-    return msgspec.structs.replace(scan, ranges=np.where(unseen, np.nan, scan.ranges), blind=unseen), finding
+    ranges = np.where(unseen, np.nan, scan.ranges)
+    return msgspec.structs.replace(scan, ranges=ranges, blind=unseen.copy()), finding
+
+
+def _look(state: SectorState, scan: Scan, pose: Array, outline: Outline, settings: SectorSettings) -> None:
+    """Compare a sweep with the map, and tell which beams are not trusted."""
+    reach = min(settings.reach, scan.range_max)
+    expected = seen_edges(pose, scan.origin, scan.angle_min, scan.angle_step, len(scan.ranges), outline.segments, reach)
+    run = max(settings.proofs, math.ceil(BLIND_ANGLE / abs(scan.angle_step)))
+    limits = (settings.doubt, settings.rest, settings.margin, settings.share, run, settings.proofs)
+    state.unseen = _follow(
+        (state.doubted, state.proved, state.blind, state.times, state.miss, state.returned),
+        (state.gone, state.missed, state.missing),
+        scan.ranges, expected, outline.first, scan.stamp, limits,
+    )  # fmt: skip
 
 
 @njit(cache=True)

@@ -6,7 +6,7 @@ detections that agree with each other: then somebody has moved it.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -118,10 +118,10 @@ class ObjectTracker(Stateful[TrackerState]):
             seen=np.array([name in tracks for name in self._priors], dtype=bool),
         )
 
-    @property
-    def seen_sd(self) -> float:
-        """Standard deviation [m] below which an object that was let go has been seen since."""
-        return 0.5 * self._settings.bin_sd
+    def seen_places(self) -> Iterator[tuple[str, Array]]:
+        """Objects that were seen, since they were let go if they were: names and positions (3,) [m], odometry frame."""
+        sure = (0.5 * self._settings.bin_sd) ** 2
+        return ((name, track.position) for name, track in self._state.tracks.items() if track.variance <= sure)
 
     def knows(self, name: str) -> bool:
         """This is an object of the scene."""

@@ -32,7 +32,7 @@ from motm_twin.ui.scene.scene_view import SceneView
 from motm_twin.ui.what_if import OwnMethod
 
 FRAME = 1.0 / 30.0  # [s] at most thirty pictures a second
-TELL = 3.0  # [s] between two reports of how many look
+TELL = 1.0  # [s] between two reports of how many look
 SLOW = 0.1  # [s] between updates of ghosts, candidates and panels
 ROOM = 4000  # payloads that may wait for the history; then the oldest are lost, as they are for any slow reader
 TITLES = {"refused": "Not done", "recording": "Recording"}  # kinds of events that are told on every page
@@ -52,7 +52,7 @@ class Viewer:
         self._forget_events = tell_events(client, lambda text, title: self._hub.tell(None, text, title))
         self._scene = SceneView(server, self._hub)
         self._panels = Panels(server, self._hub, self._scene)
-        self._pages, self._told = 0, 0.0  # last told to the twin, and when [s]
+        self._told = 0.0  # [s] when the twin was told last how many look
 
     def stop(self) -> None:
         """Make `run` return."""
@@ -83,10 +83,11 @@ class Viewer:
             part.stop()
 
     def _tell_audience(self, shown: Shown, now: float) -> None:
-        """Tell the twin how many pages have a picture: at every change, and now and then in case it started anew."""
-        pages = len(self._hub.visitors)
-        if shown.tick is not None and (pages != self._pages or now >= self._told + TELL):
-            self._pages, self._told = pages, now
+        """Tell a twin that wants to know it how many pages have a picture."""
+        pages, known = len(self._hub.visitors), -1 if shown.status is None else shown.status.pages
+        ready = shown.tick is not None and shown.state in ("playing", "paused", "done")
+        if ready and known not in (-1, pages) and now >= self._told + TELL:
+            self._told = now
             self._hub.send(None, Audience(pages=pages))
 
     def _shown(self) -> Shown:

@@ -28,6 +28,7 @@ def test_a_run_waits_at_its_start_until_a_page_shows_it_and_says_so():
     with Running(playing=True, hold=True) as running:
         assert state(running) == "paused" and "first page" in running.loop.status().text
         assert [tick.index for tick in running.sink.ticks] == [0]
+        assert running.loop.status().pages == 0
         assert running.ask(Audience(pages=0)) == "" and state(running) == "paused"
         assert running.ask(Audience(pages=1)) == "" and state(running) == "playing"
         assert running.loop.status().driver == ""
@@ -73,3 +74,8 @@ def test_a_driver_keeps_what_has_ended(again):
         later = time.monotonic() + 4.0 * loop.AGAIN
         until(lambda: time.monotonic() > later, "no time passes")
         assert len(running.twins) == 1
+
+
+def test_a_twin_that_waits_for_nobody_does_not_ask():
+    with Running(playing=False) as running:
+        assert running.loop.status().pages == -1

@@ -45,7 +45,7 @@ def started(capfd, monkeypatch, tmp_path):
 
 @pytest.fixture
 def run(started):
-    """What an example prints that ends well."""
+    """Output of an example that ends well."""
 
     def called(name, *words):
         code, out, err = started(name, *words)

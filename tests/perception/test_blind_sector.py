@@ -1,5 +1,6 @@
 """A lidar that is blind over a part of its beams: what is there is unknown, until it is known to see again."""
 
+import copy
 import math
 
 import msgspec
@@ -8,6 +9,7 @@ import pytest
 
 from motm_twin.model.plant import Scan
 from motm_twin.model.scene_file import load_scene
+from motm_twin.model.state import state_hash
 from motm_twin.perception.blind_sector import Outline, SectorSettings, SectorState, check_sector
 from motm_twin.perception.scan import CheckedScan, check_scan
 from motm_twin.perception.sweeps import expected_ranges
@@ -107,6 +109,28 @@ def test_a_blind_sector_that_misses_nothing_any_more_is_trusted_again_later_each
             k += 1
         waited.append(k - began)
     assert 90 < waited[0] < 110 and waited[1] > 1.8 * waited[0]
+
+
+def test_while_the_pose_is_in_doubt_blind_beams_stay_blind_and_nothing_is_learned():
+    outline = Outline.of(ROOM, SETTINGS.bin)
+    state = SectorState.of(BEAMS, int(outline.first[-1]))
+    for scan in turning(60, blind=True):
+        check_sector(state, scan, scan.pose, outline, SETTINGS)
+    before = copy.deepcopy(state)
+    used, found = check_sector(state, sweep(2.0, 60, blind=True), None, outline, SETTINGS)
+    assert np.isnan(used.ranges[AHEAD]).all() and found is not None and found.base == SETTINGS.speed
+    assert state_hash(state) == state_hash(before)
+
+
+def test_on_another_map_blind_beams_stay_blind():
+    outline, other = Outline.of(ROOM, SETTINGS.bin), Outline.of(np.vstack([ROOM, TABLE + 2.0]), SETTINGS.bin)
+    state = SectorState.of(BEAMS, int(outline.first[-1]))
+    for scan in turning(60, blind=True):
+        check_sector(state, scan, scan.pose, outline, SETTINGS)
+    state.move_to(int(other.first[-1]))
+    assert len(state.gone) == len(state.missed) == len(state.missing) == other.first[-1]
+    scan = sweep(2.65, 61, blind=True)
+    assert check_sector(state, scan, scan.pose, other, SETTINGS)[0].blind[AHEAD].all()
 
 
 def test_what_is_known_to_be_blind_makes_no_scan_bad():
