@@ -18,6 +18,7 @@ from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
 from motm_twin.ui.panel.disturb_tab import DisturbTab
 from motm_twin.ui.panel.drive_tab import DriveTab
+from motm_twin.ui.panel.overlay import Overlay
 from motm_twin.ui.panel.plots import PLOTS, PLOTS_KEY
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.tune_tab import TuneTab
@@ -96,7 +97,7 @@ class HelpCard:
         with panel.add_tab("How to drive", viser.Icon.INFO_CIRCLE):
             gui.add_html(SHORT)
             gui.add_button("Got it", icon=viser.Icon.CHECK).on_click(self._hub.watching(lambda *_: self.close()))
-        panel.float(x=16, y=-16, width=CARD_WIDTH)
+        panel.float(x=16, y=16, width=CARD_WIDTH)
 
     def close(self) -> None:
         """Put it away."""
@@ -144,7 +145,7 @@ WIDTH = 330  # [px]
 TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
 CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
 RETURN = 20.0  # [s] a page that connects this soon after another one left counts as the same person
-VIOLET = "#7c3aed"  # looking back
+PAST = "#334155"  # looking back
 _STATES = {
     "playing": ("Running", GREEN),
     "paused": ("Paused", MUTED),
@@ -233,7 +234,8 @@ class Panel:
             tune = TuneTab(gui, hub, visitor)
         with tabs.add_tab("Replay", icon.HISTORY):
             replay = ReplayTab(gui, hub, visitor)
-        self._blocks: list[Block] = [wheel, drive, disturb, why, tune, replay]
+        overlay = Overlay(gui, hub, visitor, drive, replay)
+        self._blocks: list[Block] = [wheel, drive, disturb, why, tune, replay, overlay]
         add_commands(scene, drive, disturb, replay, self._help)
         if new:
             self._help.open()
@@ -277,13 +279,13 @@ def status_card(state: str, status: StatusMessage | None, note: str, *, looked_a
 
     ``looked_at``: time [s] of the earlier period that is shown, which then stands in the place of the newest.
     """
-    name, colour = _STATES.get(state, (state, MUTED)) if looked_at is None else ("Looking back", VIOLET)
+    name, colour = _STATES.get(state, (state, MUTED)) if looked_at is None else ("Looking back", PAST)
     clock, line = "", "white-space:nowrap;overflow:hidden;text-overflow:ellipsis"
     rows = []
     if status is not None:
-        violet = "" if looked_at is None else f";color:{VIOLET}"
+        past = "" if looked_at is None else f";color:{PAST}"
         now = status.time if looked_at is None else looked_at
-        clock = f'<span style="font-size:17px;font-weight:600{violet}">{now:.2f} s</span>'
+        clock = f'<span style="font-size:17px;font-weight:600{past}">{now:.2f} s</span>'
         where = text(f"{status.scene}{f' / {status.variant}' if status.variant else ''}, seed {status.seed}")
         rows = [f'<div class="mu" style="{line};margin-top:4px">{where}</div>']
         rows.append(f'<div class="mu" style="{line}">{_speed(state, status)}</div>')
@@ -378,7 +380,7 @@ def back_line(shown: Shown) -> str:
     live = "" if shown.newest is None else f"live: {shown.newest.time:.2f} s"
     runs_on = ", runs on" if shown.state == "playing" else ""
     return card(
-        f'<div style="border-left:3px solid {VIOLET};background:{VIOLET}14;padding:4px 8px">'
+        f'<div style="border-left:3px solid {PAST};background:{PAST}14;padding:4px 8px">'
         f"looking back &middot; <b>{shown.tick.time:.2f} s</b> ({live}{runs_on})</div>",
         style="line-height:1.4;padding:4px 12px 10px 12px",
     )
