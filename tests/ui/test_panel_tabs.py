@@ -76,8 +76,8 @@ def test_it_can_be_shown_before_there_is_a_twin(person):
 def test_what_the_robot_does_stands_above_the_tabs_and_nowhere_else(person):
     person.shows()
     said, page = headline(person.ticks[-1], person.scene), person.panel
-    assert [html.content for html in texts(page) if "big" in html.content] == [said]
-    assert page._headline._impl.parent_container_id == page._status._impl.parent_container_id
+    assert [html for html in texts(page) if 'class="big' in html.content] == [page._status]
+    assert page._status.content.count(said) == 1
 
 
 def texts(part, depth=3):

@@ -37,7 +37,6 @@ class DriveTab(Block):
         self._filled: tuple = ("", "", 0, "")  # the same as this program or a press of Load left them
         self._speed = self._told_speed = 1.0  # wanted by this visitor; by the twin
         self.parts = [TaskBlock(gui, hub, visitor)]
-        self._progress = gui.add_html("")
         hint = "the camera; keys 1 to 5"
         self.row(PRESETS, lambda preset: scene.cameras.choose(visitor.client, preset), anybody=True, hint=hint)
         with gui.add_folder("Scene", expand_by_default=False):
@@ -48,6 +47,7 @@ class DriveTab(Block):
             self._method = self.choice("Method", ("",), hint=hint)
             self._about = gui.add_html("")
             self.button("Load", self._load_scene, icon=viser.Icon.REFRESH)
+        self._progress = gui.add_html("")  # the last: it grows and shrinks
 
     def enable(self, driving: bool) -> None:
         """Disable while somebody else drives; a choice that was not loaded is then dropped."""

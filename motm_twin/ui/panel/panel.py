@@ -22,8 +22,8 @@ from motm_twin.ui.panel.overlay import Overlay
 from motm_twin.ui.panel.plots import PLOTS, PLOTS_KEY
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.tune_tab import TuneTab
-from motm_twin.ui.panel.why_tab import WhyTab, headline
-from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, sentence, text
+from motm_twin.ui.panel.why_tab import WhyTab, headline, held_up
+from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, text
 from motm_twin.ui.scene.cameras import PRESETS
 from motm_twin.ui.scene.scene_view import SceneView
 
@@ -220,7 +220,6 @@ class Panel:
         gui.add_html(STYLE)
         self._status = gui.add_html(status_card("waiting", None, "connecting"))
         wheel = Wheel(gui, hub, visitor)
-        self._headline = gui.add_html("")
         tabs, icon = gui.add_tab_group(), viser.Icon
         self._help = HelpCard(hub, visitor)
         with tabs.add_tab("Drive", icon.STEERING_WHEEL):
@@ -251,9 +250,9 @@ class Panel:
         looked_at = None if shown.live or shown.tick is None else shown.tick.time
         driving = self._hub.drives(self.visitor)
         aiming = driving and bool(shown.view.placing or shown.view.sending)
-        said = status_card(shown.state, shown.status, self._note(shown), looked_at=looked_at)
+        says = "" if shown.tick is None else headline(shown.tick, shown.scene)
+        said = status_card(shown.state, shown.status, self._note(shown), looked_at=looked_at, says=says)
         self._status.content = TOP + said + (CROSSHAIR if aiming else "")
-        self._headline.content = "" if shown.tick is None else headline(shown.tick, shown.scene)
         if driving != self._driving:
             self._driving = driving
             for block in self._blocks:
@@ -271,11 +270,13 @@ class Panel:
             return ""  # the headline says so
         if not status.text and status.plant in ("zenoh", "mirror"):
             return status.plant_text  # state of the robot in another program, and its refusals
-        return status.text
+        return status.text or ("" if shown.tick is None else held_up(shown.tick, shown.scene))
 
 
-def status_card(state: str, status: StatusMessage | None, note: str, *, looked_at: float | None = None) -> str:
-    """State of the server, time, wanted and actual speed, and a sentence when there is something to say, as HTML.
+def status_card(
+    state: str, status: StatusMessage | None, note: str, *, looked_at: float | None = None, says: str = ""
+) -> str:
+    """State, time, speed, what the robot does (HTML), and one line when something is wrong; always of one height.
 
     ``looked_at``: time [s] of the earlier period that is shown, which then stands in the place of the newest.
     """
@@ -287,26 +288,26 @@ def status_card(state: str, status: StatusMessage | None, note: str, *, looked_a
         now = status.time if looked_at is None else looked_at
         clock = f'<span style="font-size:17px;font-weight:600{past}">{now:.2f} s</span>'
         where = text(f"{status.scene}{f' / {status.variant}' if status.variant else ''}, seed {status.seed}")
-        rows = [f'<div class="mu" style="{line};margin-top:4px">{where}</div>']
-        rows.append(f'<div class="mu" style="{line}">{_speed(state, status)}</div>')
-    if note:
-        rows.append(sentence(note, _STATES[state][1] if state in {"error", "lost", "done"} else AMBER))
+        rows = [f'<div class="mu" style="{line};margin-top:3px">{where} &middot; {_speed(state, status)}</div>']
+    rows.append(says or '<div class="big two"></div>')
+    alarm = _STATES[state][1] if state in {"error", "lost", "done"} else AMBER
+    rows.append(f'<div class="alert" title="{text(note)}" style="color:{alarm}">{text(note)}</div>')
     head = (
         f'<div style="display:flex;justify-content:space-between;align-items:center">{chip(name, colour)}{clock}</div>'
     )
-    return card(head, *rows, style="padding:8px 12px")
+    return card(head, *rows, style="padding:8px 12px 2px")
 
 
 def _speed(state: str, status: StatusMessage) -> str:
     wanted = f"{status.speed:g}&times;"
     if state != "playing" or status.actual_speed <= 0.0:  # not known yet
-        return f"speed {wanted}"
+        return wanted
     capped = f' <b style="color:{AMBER}">CAPPED</b>' if status.capped else ""
-    return f"speed {wanted}, actual {status.actual_speed:.2f}&times;{capped}"
+    return f"{wanted}, actual {status.actual_speed:.2f}&times;{capped}"
 
 
 class Wheel(Block):
-    """The driver, and the time shown: asking for a hand-over, handing over, and returning to live."""
+    """The driver, once there are two people: asking for a hand-over, and handing over."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         super().__init__(gui, hub, visitor)
@@ -318,23 +319,19 @@ class Wheel(Block):
         )
         self._name = gui.add_text("Your name", visitor.name, visible=False, hint=f"up to {NAME_MAX} characters")
         self._name.on_update(hub.watching(lambda event, _: self._rename(event.target.value)))
-        self._back_line = gui.add_html("")
-        self._back = self.button("Back to live", hub.playback.live, visible=False, icon=icon.PLAYER_SKIP_FORWARD)
 
     def _refresh(self, shown: Shown) -> None:
         hub, visitor, status = self.hub, self.visitor, shown.status
         driver = "" if status is None else status.driver
         mine, asker = driver == visitor.sender, hub.asker()
         others = len(hub.visitors) > 1 or (driver != "" and not mine)
-        self._line.content = driver_line(status, visitor.sender)
+        self._line.content = driver_line(status, visitor.sender) if others else ""
         self._asked.content = asked_line(asker.name) if mine and asker is not None else ""
         self._yield.visible = mine and others
         self._yield.label = "Hand over" if asker is None else f"Hand over to {asker.name}"
         self._ask.visible = driver != "" and not mine
         self._ask.label = "You have asked for the wheel" if hub.asks(visitor) else "Ask for the wheel"
         self._name.visible = others
-        self._back_line.content = back_line(shown)
-        self._back.visible = not shown.live
 
     def _hand_over(self) -> None:
         asker = self.hub.asker()
@@ -371,16 +368,3 @@ def _line(colour: str, content: str) -> str:
         f'margin-right:7px"></span>'
     )
     return card(dot, content, style="line-height:1.4;padding:0 12px 10px 12px")
-
-
-def back_line(shown: Shown) -> str:
-    """The note that an earlier period is shown, as HTML; "" while the newest is."""
-    if shown.live or shown.tick is None:
-        return ""
-    live = "" if shown.newest is None else f"live: {shown.newest.time:.2f} s"
-    runs_on = ", runs on" if shown.state == "playing" else ""
-    return card(
-        f'<div style="border-left:3px solid {PAST};background:{PAST}14;padding:4px 8px">'
-        f"looking back &middot; <b>{shown.tick.time:.2f} s</b> ({live}{runs_on})</div>",
-        style="line-height:1.4;padding:4px 12px 10px 12px",
-    )

@@ -101,8 +101,15 @@ def headline(tick: TickMessage, scene: Scene | None = None) -> str:
     """One big sentence: the robot's activity, and with the scene the body that it avoids."""
     colour = GREEN if tick.done and tick.success else "#111827"
     near = avoided(tick, scene)
-    says, lines = explain.doing(tick) + (near and f", {near}"), "" if tick.done else " two"
-    return card(f'<div class="big{lines}" style="color:{colour}">{text(says)}.</div>')
+    says = explain.doing(tick) + (near and f", {near}")
+    return f'<div class="big two" style="color:{colour}">{text(says)}.</div>'
+
+
+def held_up(tick: TickMessage, scene: Scene | None = None) -> str:
+    """Reason why the robot waits or is slowed; "" when nothing holds it up."""
+    said = explain.doing(tick).lower() if tick.done else ""
+    reasons = explain.waiting(tick, limited_by(tick, scene))
+    return next((why for why, holds in reasons if holds and why.lower() != said), "")
 
 
 def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessage | None = None) -> str:

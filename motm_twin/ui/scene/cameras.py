@@ -90,10 +90,10 @@ def _fitted(points: Array, direction: Array, aspect: float, below: float) -> Vie
     up = np.cross(right, forward)
     across, high, deep = points @ right, points @ up, points @ forward
     tangent = math.tan(FIELD_OF_VIEW / 2)
-    sides = tuple((across, deep, edge * tangent * aspect) for edge in (_EDGE, _EDGE))
+    side = (across, deep, _EDGE * tangent * aspect)
     ends = (high, deep, (_EDGE - 2.0 * below) * tangent), (high, deep, _EDGE * tangent)
-    back = min(_farthest(*sides), _farthest(*ends))
-    position = _middle(*sides, back) * right + _middle(*ends, back) * up + back * forward
+    back = min(_farthest(side, side), _farthest(*ends))
+    position = _middle(side, side, back) * right + _middle(*ends, back) * up + back * forward
     along = (0.2 - position[2]) / forward[2]
     return position, position + along * forward
 
