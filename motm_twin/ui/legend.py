@@ -1,7 +1,10 @@
 """Layers of the scene: the chips of the legend, and the nodes that each switches. Each page has its own choice."""
 
+from typing import Any
+
 import msgspec
 
+from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
 
 PLACES, STAA = "places", "staa"
@@ -41,3 +44,8 @@ LAYERS = (
           ("/plan/staa_path",), on=False),
 )  # fmt: skip
 OFF_AT_FIRST = frozenset(layer.key for layer in LAYERS if not layer.on)
+
+
+def names_of(scene: Scene) -> dict[str, Any]:
+    """Names of the scene and of what stands still in it, with places [m]."""
+    return {"scene": scene.title or scene.name, "bins": [(box.name, *box.centre, box.rim_z) for box in scene.bins]}

@@ -51,11 +51,11 @@ def with_scripts(response: Response | None) -> Response | None:
 
 
 @functools.cache
-def scripts() -> str:
-    """All scripts and styles of the page, as HTML."""
+def scripts(names: tuple[str, ...] = SCRIPTS) -> str:
+    """Scripts of the page in this order, and all styles, as HTML."""
     place = web_assets_dir() / "page"
     styles = "".join(f"<style>{(place / name).read_text(encoding='utf-8')}</style>" for name in STYLES)
-    return styles + "".join(f"<script>{(place / name).read_text(encoding='utf-8')}</script>" for name in SCRIPTS)
+    return styles + "".join(f"<script>{(place / name).read_text(encoding='utf-8')}</script>" for name in names)
 
 
 @functools.lru_cache(maxsize=2)

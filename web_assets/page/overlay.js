@@ -16,7 +16,8 @@
   const data = {}; // by mark
   let ask = null, asked = 0;
   const say = (...words) => {
-    if (ask) motm.send({ type: "GuiUpdateMessage", uuid: ask, updates: { value: JSON.stringify([++asked, ...words]) } });
+    if (motm.answer) motm.answer(...words);
+    else if (ask) motm.send({ type: "GuiUpdateMessage", uuid: ask, updates: { value: JSON.stringify([++asked, ...words]) } });
   };
 
   // layers
@@ -137,11 +138,14 @@
   // timeline
 
   const bounds = () => {
-    const last = data.now?.span?.[1] ?? 0, start = Math.max(0, last - LENGTH);
+    const span = data.now?.span;
+    if (motm.answer && span) return span;
+    const start = Math.max(0, (span?.[1] ?? 0) - LENGTH);
     return [start, start + LENGTH];
   };
-  const at = (time) => ((time - bounds()[0]) / LENGTH) * track.clientWidth;
-  const timeAt = (x) => bounds()[0] + (x / Math.max(1, track.clientWidth)) * LENGTH;
+  const length = () => Math.max(0.05, bounds()[1] - bounds()[0]);
+  const at = (time) => ((time - bounds()[0]) / length()) * track.clientWidth;
+  const timeAt = (x) => bounds()[0] + (x / Math.max(1, track.clientWidth)) * length();
   const draw = () => {
     const ratio = devicePixelRatio, width = track.clientWidth, height = track.clientHeight, now = data.now;
     if (!width || !now) return;
@@ -160,7 +164,8 @@
     }
     pen.fillStyle = "#64748b";
     pen.font = "10px system-ui, sans-serif";
-    for (let mark = Math.ceil(bounds()[0] / 20) * 20; mark < bounds()[1]; mark += 20) {
+    const step = length() > 60 ? 20 : length() > 15 ? 5 : 1;
+    for (let mark = Math.ceil(bounds()[0] / step) * step; mark < bounds()[1]; mark += step) {
       pen.fillRect(at(mark), middle + 4, 1, 4);
       pen.fillText(`${mark}`, at(mark) + 3, height - 1);
     }
@@ -308,7 +313,7 @@
   const covered = setInterval(() => {
     const now = performance.now(), count = renderer?.info.memory.geometries ?? 0;
     if (count !== parts) [parts, changed] = [count, now];
-    const whole = data.now && data.now.t !== null && parts > 0 && now - changed > STILL && ask;
+    const whole = data.now && data.now.t !== null && parts > 0 && now - changed > STILL && (ask || motm.answer);
     cover.lastChild.textContent = !data.now ? "connecting" : data.now.t === null ? data.now.text || data.now.state : `drawing the scene: ${parts} parts`;
     if (!whole && now - begun < COVER) return;
     clearInterval(covered);
@@ -317,24 +322,26 @@
   }, 100);
   const begun = performance.now();
   let parts = 0, changed = begun;
-  motm.taps.push((messages) => {
-    const changed = new Set();
-    for (const message of messages) {
-      const content = message.type === "GuiHtmlMessage" ? message.props.content : message.type === "GuiUpdateMessage" ? message.updates.content : "";
-      const mark = typeof content === "string" && MARK.exec(content);
-      if (message.type === "GuiTextMessage" && message.props.label === ASK) ask = message.uuid;
-      if (!mark) continue;
-      if (mark[1] === "legend") data.legend ?? changed.add("legend");
-      data[mark[1]] = JSON.parse(content.slice(mark[0].length));
-      changed.add(mark[1]);
-    }
-    if (changed.has("legend")) {
+  const says = make("div", { class: "says" });
+  motm.learn = (mark, value) => {
+    const first = mark === "legend" && !data.legend;
+    data[mark] = value;
+    if (first) {
       for (const layer of data.legend) if (!layer.on) hidden.add(layer.key);
       for (const layer of data.legend) if (hidden.has(layer.key)) apply(layer, false);
       legend();
     }
+    if (mark === "now" || mark === "events") bring();
+    if (value.says !== undefined) says.textContent = value.says;
+  };
+  motm.taps.push((messages) => {
+    for (const message of messages) {
+      const content = message.type === "GuiHtmlMessage" ? message.props.content : message.type === "GuiUpdateMessage" ? message.updates.content : "";
+      const mark = typeof content === "string" && MARK.exec(content);
+      if (message.type === "GuiTextMessage" && message.props.label === ASK) ask = message.uuid;
+      if (mark) motm.learn(mark[1], JSON.parse(content.slice(mark[0].length)));
+    }
     switched(messages);
-    if (changed.has("now") || changed.has("events")) bring();
   });
   const place = () => {
     const canvas = document.querySelector("canvas:not(.track)");
@@ -347,6 +354,8 @@
   };
   addEventListener("DOMContentLoaded", () => {
     document.body.append(root, cover);
+    if (motm.answer) document.body.append(says);
+    root.classList.toggle("recorded", Boolean(motm.answer));
     new ResizeObserver(place).observe(document.body);
     setInterval(place, 500); // panels come, go and are dragged
     place();

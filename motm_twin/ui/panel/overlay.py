@@ -13,7 +13,7 @@ import viser
 
 from motm_twin.bus.commands import Reset, Speed, Step
 from motm_twin.ui.hub import Hub, Shown, Visitor
-from motm_twin.ui.legend import LAYERS
+from motm_twin.ui.legend import LAYERS, names_of
 from motm_twin.ui.panel.drive_tab import SPEEDS, DriveTab
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.widgets import Block
@@ -56,8 +56,7 @@ class Overlay(Block):
         hub, status, span = self.hub, shown.status, self.hub.span
         if shown.scene is not None and shown.scene is not self._scene:
             self._scene = shown.scene
-            bins = [(box.name, *box.centre, box.rim_z) for box in shown.scene.bins]
-            self._names.content = _packed("names", {"scene": shown.scene.title or shown.scene.name, "bins": bins})
+            self._names.content = _packed("names", names_of(shown.scene))
         if self._count != hub.events.count:
             self._count, found = hub.events.count, hub.events.last(EVENTS)
             self._events.content = _packed("events", [(round(e.time, 2), e.kind, e.text) for e in found])

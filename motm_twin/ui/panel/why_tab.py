@@ -100,9 +100,13 @@ class WhyTab(Block):
 def headline(tick: TickMessage, scene: Scene | None = None) -> str:
     """One big sentence: the robot's activity, and with the scene the body that it avoids."""
     colour = GREEN if tick.done and tick.success else "#111827"
+    return f'<div class="big two" style="color:{colour}">{text(says(tick, scene))}</div>'
+
+
+def says(tick: TickMessage, scene: Scene | None = None) -> str:
+    """One sentence: what the robot does, and whom it avoids."""
     near = avoided(tick, scene)
-    says = explain.doing(tick) + (near and f", {near}")
-    return f'<div class="big two" style="color:{colour}">{text(says)}.</div>'
+    return explain.doing(tick) + (near and f", {near}") + "."
 
 
 def held_up(tick: TickMessage, scene: Scene | None = None) -> str:
