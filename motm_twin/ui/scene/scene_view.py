@@ -108,7 +108,7 @@ class SceneView:
 
 
 class LidarView:
-    """What the beams of the newest sweep have met, at the height of the lidar."""
+    """Points where the beams of the newest sweep have ended, at the height of the lidar."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._points = server.scene.add_point_cloud(
