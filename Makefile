@@ -7,7 +7,7 @@ WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$(( n < 2 ? 2 : n ))
 TEST_WORKERS ?= $(shell echo $$(( $(WORKERS) + 1 ))) # tests wait for pages, programs and messages half of their time
 TESTS ?= tests
 
-.PHONY: help run test check quick format bench image wheel lock clean
+.PHONY: help run test check quick format bench docs image wheel lock clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -41,6 +41,10 @@ bench: .venv/.ready-run ## the numbers of the paper and ours, as a table (all gr
 
 quick: .venv/.ready-dev ## the report of the paper's experiments with one trial of each kind, into out/quick
 	@$(PYTHON_ENV) MOTM_CHROMIUM="$$(tools/chromium.sh)" $(BIN)/motm-twin paper --quick --workers $(WORKERS) --out out/quick
+
+docs: .venv/.ready-dev ## build the documentation as a site into build/site, without the network
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet $(ARGS)
+	@echo "the site: build/site/index.html"
 
 wheel: .venv/.ready-dev ## build the wheel into dist/
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist .

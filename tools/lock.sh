@@ -16,7 +16,7 @@ lock() { # lock NAME ARGS...: the dev lock comes first and pins the other two
   "${compile[@]}" "$@" -o "$tmp/$name"
   { echo "$header"; cat "$tmp/$name"; } >"$name"
 }
-lock requirements-dev.lock pyproject.toml --extra dev
+lock requirements-dev.lock pyproject.toml --extra dev --extra docs
 lock requirements.lock pyproject.toml -c requirements-dev.lock
 echo "hatchling>=1.27" >"$tmp/build.in"
 lock requirements-build.lock "$tmp/build.in" -c requirements-dev.lock
