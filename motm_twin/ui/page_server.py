@@ -35,7 +35,7 @@ from motm_twin.bus.private_folder import folder, own_secret
 from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.program import give_back
 
-SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "overlay.js")  # in this order
+SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "tour.js", "overlay.js")  # in this order
 STYLES = ("overlay.css",)
 
 

@@ -101,11 +101,12 @@ class Visitor:
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     @classmethod
-    def enter(cls, browser, twin, view=VIEW, *, fine=False):
+    def enter(cls, browser, twin, view=VIEW, *, fine=False, welcome=False):
         """Open the page in a new window and put the introduction away.
 
         The scene is drawn as everybody sees it when ``fine``; else with rough edges, at most twice a second and
-        always with one dot per pixel: smooth edges take half of what software needs for a picture.
+        always with one dot per pixel: smooth edges take half of what software needs for a picture. ``welcome``: the
+        card of the first visit stays.
         """
         page = browser.new_page(viewport=view)
         visitor = cls(page, twin)
@@ -114,7 +115,8 @@ class Visitor:
         page.goto(twin.url if fine else f"{twin.url}&fixedDpr=1")
         visitor.button("Play", "Pause", "Restart").wait_for(timeout=SHOWN * 1000)
         page.locator(".cover").wait_for(state="detached", timeout=SHOWN * 1000)
-        visitor.close_notes()
+        if not welcome:
+            visitor.close_notes()
         until(visitor.overlooks, SHOWN, "its camera does not find the overview")
         return visitor
 

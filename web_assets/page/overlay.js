@@ -6,6 +6,7 @@
   const MARK = /^<!--motm:(\w+)-->/, ASK = "motm-ask";
   const LENGTH = 120; // [s] of the timeline
   const NEAR = 7, REACH = 22; // [px] from a mark, and from the middle of a thing
+  const REST = 700; // [ms]
   const COVER = 20000, STILL = 500; // [ms] after which a page is shown as it is; without a new part the scene is whole
   const KINDS = {
     picked: ["up", "#15803d"], placed: ["dot", "#15803d"], arrived: ["dot", "#15803d"], done: ["flag", "#15803d"],
@@ -13,12 +14,14 @@
     contact: ["cross", "#b91c1c"], error: ["cross", "#b91c1c"], cut_in: ["square", "#b45309"], stop: ["square", "#b45309"],
     fault: ["square", "#b91c1c"], edit: ["diamond", "#334155"], branch: ["fork", "#334155"],
   };
-  const data = {}; // by mark
+  const data = (motm.data = {}); // by mark
   let ask = null, asked = 0;
   const say = (...words) => {
     if (motm.answer) motm.answer(...words);
     else if (ask) motm.send({ type: "GuiUpdateMessage", uuid: ask, updates: { value: JSON.stringify([++asked, ...words]) } });
   };
+
+  motm.say = say;
 
   // layers
 
@@ -49,6 +52,21 @@
     }, 280);
     blinking = { layer, timer };
   };
+  // A display that is slow would never finish a picture of the ground before the next one comes.
+  let ground = 0, later = null;
+  const rest = (messages) => {
+    const at = messages.findIndex(({ type, name, updates }) => type === "SceneNodeUpdateMessage" && name === "/map" && updates._data);
+    if (at < 0 || !motm.slow()) return;
+    const now = performance.now();
+    if (later === null && now - ground > REST) return void (ground = now);
+    const [message] = messages.splice(at, 1);
+    if (later === null) setTimeout(() => {
+      motm.show([later]);
+      [later, ground] = [null, performance.now()];
+    }, REST);
+    later = message;
+  };
+  motm.blink = (key) => blink(data.legend.find((layer) => layer.key === key));
   const switched = (messages) => {
     const more = [];
     for (const message of messages) {
@@ -91,9 +109,8 @@
   const button = (name, title, act, label = title) => {
     const made = make("button", { type: "button", title, "aria-label": label, onclick: () => act() }, sign(name));
     made.press = (name, label, title) => {
-      if (made.dataset.sign === name) return;
+      if (made.dataset.sign !== name) made.replaceChildren(sign(name));
       made.dataset.sign = name;
-      made.replaceChildren(sign(name));
       made.setAttribute("aria-label", label);
       made.title = title;
     };
@@ -200,7 +217,7 @@
     if (!now) return;
     const past = !now.live;
     controls.play.press(
-      now.playing ? "pause" : !past && now.state === "done" ? "restart" : "play",
+      now.playing ? "pause" : "play",
       now.playing ? "Pause" : !past && now.state === "done" ? "Restart" : "Play", "Play or pause (space)");
     for (const name of ["reset", "back", "play", "on", "live", "branch", "undo"]) controls[name].disabled = !now.mine;
     track.toggleAttribute("aria-disabled", !now.mine);
@@ -319,6 +336,7 @@
     clearInterval(covered);
     cover.remove();
     say("drawn");
+    motm.offer?.();
   }, 100);
   const begun = performance.now();
   let parts = 0, changed = begun;
@@ -332,7 +350,8 @@
       legend();
     }
     if (mark === "now" || mark === "events") bring();
-    if (value.says !== undefined) says.textContent = value.says;
+    if (mark === "now") motm.changed?.();
+    if (typeof value.says === "string") says.textContent = value.says;
   };
   motm.taps.push((messages) => {
     for (const message of messages) {
@@ -341,6 +360,7 @@
       if (message.type === "GuiTextMessage" && message.props.label === ASK) ask = message.uuid;
       if (mark) motm.learn(mark[1], JSON.parse(content.slice(mark[0].length)));
     }
+    rest(messages);
     switched(messages);
   });
   const place = () => {
@@ -350,12 +370,18 @@
     root.style.left = `${left}px`;
     root.style.width = `${width}px`;
     root.classList.toggle("narrow", width < 620);
+    if (!folded && innerWidth <= 700) {
+      const sheet = document.querySelector('.mantine-Paper-root[style*="max-height: 60%"] [style*="3.5em"]');
+      folded = Boolean(sheet);
+      sheet?.click(); // a phone begins with the scene
+    }
     draw();
   };
+  let folded = false;
   addEventListener("DOMContentLoaded", () => {
     document.body.append(root, cover);
-    if (motm.answer) document.body.append(says);
-    root.classList.toggle("recorded", Boolean(motm.answer));
+    document.body.append(says);
+    for (const part of [root, says]) part.classList.toggle("recorded", Boolean(motm.answer));
     new ResizeObserver(place).observe(document.body);
     setInterval(place, 500); // panels come, go and are dragged
     place();

@@ -1,7 +1,8 @@
 // Plays a recording in a page without a server: it takes the place of the worker that would talk to one.
 //
-// The element "motm-recording" holds, gzipped and in base64, JSON with `messages` ([s, message] in order of time),
-// `buffers` (arrays that messages refer to, base64), and what the overlay shows (motm_twin/ui/export.py).
+// The element "motm-recording" holds, gzipped and in base64, the length of a text (4 bytes), JSON with `messages` ([s,
+// message] in order of time) and what the overlay shows, and the arrays that messages refer to, all padded to 8 bytes
+// (motm_twin/ui/export.py).
 (() => {
   const ARRAYS = { "<f4": Float32Array, "<f8": Float64Array, "|u1": Uint8Array, "<u2": Uint16Array, "<u4": Uint32Array,
     "|i1": Int8Array, "<i2": Int16Array, "<i4": Int32Array, "<f2": Uint16Array };
@@ -23,10 +24,18 @@
   const load = async () => {
     const packed = bytes(document.getElementById("motm-recording").textContent);
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-    const read = await new Response(stream).json(), buffers = read.buffers.map(bytes);
+    const all = await new Response(stream).arrayBuffer(), length = new DataView(all).getUint32(0, true);
+    const read = JSON.parse(new TextDecoder().decode(new Uint8Array(all, 4, length)));
+    const padded = (size) => Math.ceil(size / 8) * 8;
+    let start = padded(4 + length);
+    const buffers = read.lengths.map((size) => {
+      const part = all.slice(start, start + size);
+      start += padded(size);
+      return part;
+    });
     const whole = (value) => {
       if (value === null || typeof value !== "object") return value;
-      if ("__binary_index" in value) return new ARRAYS[value.dtype](buffers[value.__binary_index].buffer.slice(0));
+      if ("__binary_index" in value) return new ARRAYS[value.dtype](buffers[value.__binary_index]);
       for (const key of Object.keys(value)) value[key] = whole(value[key]);
       return value;
     };
@@ -74,7 +83,7 @@
       playing = !playing;
       if (playing && at >= recording.last) at = recording.first;
     },
-    step: (count) => ((playing = false), show(at + 0.05 * count)),
+    step: (count) => ((playing = false), show(at + recording.step * count)),
     speed: (name) => (speed = name),
     look: (seconds) => ((playing = false), show(recording.last - seconds)),
   };

@@ -30,6 +30,7 @@
   const motm = (window.motm = {
     taps: [],
     glides: 0,
+    slow: () => pace > SLOW - 1,
     place: (name) => shown.get(`SetPositionMessage ${name}`)?.position,
     show: (messages) => (held ? waiting.push(messages) : deliver(messages)),
     send: (message) => worker?.postMessage({ type: "send", message }),

@@ -14,8 +14,10 @@ import viser
 from motm_twin.bus.commands import Reset, Speed, Step
 from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.legend import LAYERS, names_of
+from motm_twin.ui.panel.disturb_tab import DisturbTab
 from motm_twin.ui.panel.drive_tab import SPEEDS, DriveTab
 from motm_twin.ui.panel.replay_tab import ReplayTab
+from motm_twin.ui.panel.why_tab import NEXT_WEIGHT, says
 from motm_twin.ui.panel.widgets import Block
 
 ASK = "motm-ask"  # label of the widget that the script writes to
@@ -26,7 +28,9 @@ EVENTS = 200  # on the timeline
 class Overlay(Block):
     """One visitor's."""
 
-    def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor, drive: DriveTab, replay: ReplayTab) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, hub: Hub, visitor: Visitor, drive: DriveTab, disturb: DisturbTab, replay: ReplayTab
+    ) -> None:
         super().__init__(gui, hub, visitor)
         self._drive, self._replay = drive, replay
         self._legend, self._now, self._events, self._names = (gui.add_html("", visible=False) for _ in range(4))
@@ -46,6 +50,8 @@ class Overlay(Block):
             "save": (False, replay.save),
             "page": (False, replay.export),
             "picture": (False, replay.screenshot),
+            "temi": (True, lambda: disturb.add("temi")),
+            "ahead": (True, self._ahead),
             "hide": (False, self._hide),
             "drawn": (False, self._drawn),
         }
@@ -68,7 +74,9 @@ class Overlay(Block):
             "live": shown.live,
             "playing": shown.state == "playing" if shown.live else hub.playback.playing,
             "speed": next((name for name, factor in SPEEDS.items() if status and factor == status.speed), "1x"),
+            "says": "" if shown.tick is None else says(shown.tick, shown.scene),
             "mine": hub.drives(self.visitor),
+            "picked": shown.view.picked,
             "aside": None if status is None else status.aside,
         }
         self._now.content = _packed("now", now)
@@ -98,6 +106,11 @@ class Overlay(Block):
             self.send(Step())
         else:
             self._replay.step(int(periods))
+
+    def _ahead(self) -> None:
+        """Compare the run with one that does not count what comes after the next target."""
+        if self.shown is not None and self.shown.newest is not None:
+            self.hub.what_if.start({NEXT_WEIGHT: 0.0}, 0, self.shown.newest.run)
 
     def _drawn(self) -> None:
         self.visitor.drawn = True

@@ -1,11 +1,10 @@
 """The panel of one visitor: state of the twin, who drives, tabs to drive, disturb, explain, tune and look back; keys.
 
 One is made for every browser page when it connects, and dropped when the page closes. Viser's palette lists the
-commands (the icon on top). A small card greets a new visitor.
+commands (the icon on top).
 """
 
 import threading
-import time
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -30,7 +29,6 @@ from motm_twin.ui.scene.scene_view import SceneView
 # No arrow keys: they belong to the slider or list that has the focus. None of W A S D Q E: they fly Viser's camera.
 _FLY = ("Fly the camera", "W A S D Q E")
 _SHOWN = {"delete": "Del", "escape": "Esc"}
-CARD_WIDTH = 330  # [px] of the small card
 SHORT = """<div style="font-size:13.5px;line-height:1.5;padding:4px 12px 8px 12px;display:grid;
 grid-template-columns:58px 1fr;gap:3px 8px">
 <b style="color:#256396">Look</b><span>drag to turn, right-drag to move, wheel to zoom</span>
@@ -79,36 +77,15 @@ def add_commands(
 
 
 class HelpCard:
-    """The small card of one visitor, and the window with all keys."""
+    """The window with all keys of one visitor."""
 
     def __init__(self, hub: Hub, visitor: Visitor) -> None:
         self._hub, self._visitor = hub, visitor
-        self._panel: viser.PanelHandle | None = None
         self._window: viser.GuiModalHandle | None = None
-        self.read = False
         self.keys: list[tuple[str, str]] = []  # action and its key
-
-    def open(self) -> None:
-        """Show the small card, in the corner of the scene where the robot is not."""
-        if self._panel is not None:
-            return
-        gui = self._visitor.client.gui
-        self._panel = panel = gui.add_panel()
-        with panel.add_tab("How to drive", viser.Icon.INFO_CIRCLE):
-            gui.add_html(SHORT)
-            gui.add_button("Got it", icon=viser.Icon.CHECK).on_click(self._hub.watching(lambda *_: self.close()))
-        panel.float(x=16, y=16, width=CARD_WIDTH)
-
-    def close(self) -> None:
-        """Put it away."""
-        self.read = True
-        panel, self._panel = self._panel, None
-        if panel is not None:
-            panel.remove()
 
     def show_keys(self) -> None:
         """Show or hide a window with all commands and their keys."""
-        self.close()
         if self._hide_keys():
             return
         gui = self._visitor.client.gui
@@ -144,7 +121,6 @@ warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 WIDTH = 330  # [px]
 TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
 CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
-RETURN = 20.0  # [s] a page that connects this soon after another one left counts as the same person
 PAST = "#334155"  # looking back
 _STATES = {
     "playing": ("Running", GREEN),
@@ -165,7 +141,6 @@ class Panels:
         self._lock = threading.Lock()
         self._panels: dict[int, Panel] = {}
         self._scene: tuple[str, str, int] | None = None
-        self._left = -1e9  # [s] monotonic, when a page left whose visitor knows how to drive
         server.on_client_connect(self._enter)
         server.on_client_disconnect(self._leave)
 
@@ -190,7 +165,7 @@ class Panels:
     async def _enter(self, client: viser.ClientHandle) -> None:
         visitor = self._hub.enter(client)
         try:
-            panel = Panel(self._hub, visitor, self._scene_view, new=time.monotonic() - self._left > RETURN)
+            panel = Panel(self._hub, visitor, self._scene_view)
         except Exception as error:
             self._hub.tell_error(visitor, error, "There is no panel")
             return
@@ -199,18 +174,16 @@ class Panels:
 
     async def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            panel = self._panels.pop(client.client_id, None)
-        if panel is not None and panel.knows_how:
-            self._left = time.monotonic()
+            self._panels.pop(client.client_id, None)
         visitor = self._hub.leave(client)
         if visitor is not None:
             self._scene_view.leave(visitor)
 
 
 class Panel:
-    """The widgets of one visitor; a ``new`` one is told how to drive."""
+    """The widgets of one visitor."""
 
-    def __init__(self, hub: Hub, visitor: Visitor, scene: SceneView, *, new: bool = True) -> None:
+    def __init__(self, hub: Hub, visitor: Visitor, scene: SceneView) -> None:
         self.visitor, self._hub = visitor, hub
         gui = visitor.client.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=colours.BRAND)
@@ -233,17 +206,10 @@ class Panel:
             tune = TuneTab(gui, hub, visitor)
         with tabs.add_tab("Replay", icon.HISTORY):
             replay = ReplayTab(gui, hub, visitor)
-        overlay = Overlay(gui, hub, visitor, drive, replay)
+        overlay = Overlay(gui, hub, visitor, drive, disturb, replay)
         self._blocks: list[Block] = [wheel, drive, disturb, why, tune, replay, overlay]
         add_commands(scene, drive, disturb, replay, self._help)
-        if new:
-            self._help.open()
         self._driving: bool | None = None
-
-    @property
-    def knows_how(self) -> bool:
-        """True for a visitor who has read how to drive."""
-        return self._help.read
 
     def update(self, shown: Shown) -> None:
         """Show this."""
