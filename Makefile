@@ -19,6 +19,9 @@ help: ## this list
 .venv/.ready-dev: pyproject.toml requirements-dev.lock
 	@tools/setup.sh dev
 
+.venv/.ready-docs: pyproject.toml requirements-docs.lock
+	@tools/setup.sh docs
+
 run: .venv/.ready-run ## set up, start the twin and its page (SCENE=exp1), print the address
 	@$(PYTHON_ENV) $(BIN)/motm-twin serve $(SCENE) --loop $(ARGS)
 
@@ -42,7 +45,7 @@ bench: .venv/.ready-run ## the numbers of the paper and ours, as a table (all gr
 quick: .venv/.ready-dev ## the report of the paper's experiments with one trial of each kind, into out/quick
 	@$(PYTHON_ENV) MOTM_CHROMIUM="$$(tools/chromium.sh)" $(BIN)/motm-twin paper --quick --workers $(WORKERS) --out out/quick
 
-docs: .venv/.ready-dev ## build the documentation as a site into build/site, without the network
+docs: .venv/.ready-docs ## build the documentation as a site into build/site, without the network
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet $(ARGS)
 	@echo "the site: build/site/index.html"
 
