@@ -60,13 +60,13 @@ class Reader:
         return done.stdout
 
     def _serve(self, command):
-        """In a second terminal, until the address of the page is printed."""
+        """In a second terminal, until the page is there and the scene is loaded."""
         with self._log.open("w", encoding="utf-8") as log:
             self._served.append(
                 subprocess.Popen(command.split(), cwd=self.folder, env=self._env, stdout=log, stderr=log)
             )
         deadline = time.monotonic() + START
-        while "Page:" not in (said := self._log.read_text(encoding="utf-8")):
+        while not all(word in (said := self._log.read_text(encoding="utf-8")) for word in ("Page:", "paused:")):
             assert self._served[-1].poll() is None, said
             assert time.monotonic() < deadline, said
             time.sleep(0.1)
