@@ -328,6 +328,7 @@
   // a link to a moment: #t=47.5&cam=Follow
 
   const link = new URLSearchParams(location.hash.slice(1));
+  if (location.hash) history.replaceState(null, "", location.pathname + location.search); // Viser would try to connect to it
   const follow = () => {
     const time = Number(link.get("t")), last = data.now?.span?.[1];
     if (link.has("cam")) say("camera", link.get("cam"));
