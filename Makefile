@@ -7,7 +7,7 @@ WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$(( n < 2 ? 2 : n ))
 TEST_WORKERS ?= $(shell echo $$(( $(WORKERS) + 1 ))) # tests wait for pages, programs and messages half of their time
 TESTS ?= tests
 
-.PHONY: help run test check quick format bench image wheel lock clean
+.PHONY: help run test check quick format bench docs image wheel lock clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -18,6 +18,9 @@ help: ## this list
 
 .venv/.ready-dev: pyproject.toml requirements-dev.lock
 	@tools/setup.sh dev
+
+.venv/.ready-docs: pyproject.toml requirements-docs.lock
+	@tools/setup.sh docs
 
 run: .venv/.ready-run ## set up, start the twin and its page (SCENE=exp1), print the address
 	@$(PYTHON_ENV) $(BIN)/motm-twin serve $(SCENE) --loop $(ARGS)
@@ -41,6 +44,10 @@ bench: .venv/.ready-run ## the numbers of the paper and ours, as a table (all gr
 
 quick: .venv/.ready-dev ## the report of the paper's experiments with one trial of each kind, into out/quick
 	@$(PYTHON_ENV) MOTM_CHROMIUM="$$(tools/chromium.sh)" $(BIN)/motm-twin paper --quick --workers $(WORKERS) --out out/quick
+
+docs: .venv/.ready-docs ## build the documentation as a site into build/site, without the network
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet $(ARGS)
+	@echo "the site: build/site/index.html"
 
 wheel: .venv/.ready-dev ## build the wheel into dist/
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist .

@@ -46,7 +46,13 @@ def methods_table() -> str:
 
 def _method(method: Method) -> str:
     other = ", ".join(f"`{name}` {_value(value)}" for name, value in method.parameters.items())
-    return _row(f"`{method.name}`", f"**{method.title}.** {method.summary}", method.source, other)
+    said = f"**{_literal(method.title)}.** {_literal(method.summary)}"
+    return _row(f"`{method.name}`", said, _literal(method.source), other)
+
+
+def _literal(text: str) -> str:
+    """The text with its stars, which Markdown would take for emphasis (STAA*)."""
+    return text.replace("*", r"\*")
 
 
 def _value(value: float | str | bool) -> str:

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Make or update .venv from the hashed locks: `tools/setup.sh run` for users, `tools/setup.sh dev` for tests and checks.
+# Make or update .venv from the hashed locks: `tools/setup.sh run` for users, `dev` for tests and checks, `docs` for the site.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-kind=${1:?run or dev}
+kind=${1:?run, dev or docs}
 
 find_python() {
   local name
@@ -27,6 +27,12 @@ if [ ! -x .venv/bin/python ]; then
 fi
 
 pip() { .venv/bin/python -m pip --disable-pip-version-check "$@"; }
+if [ "$kind" = docs ]; then
+  echo "setup: installing the packages that build the site (about 20 MB the first time)"
+  pip install -qq --require-hashes --only-binary :all: -r requirements-docs.lock
+  touch .venv/.ready-docs
+  exit
+fi
 echo "setup: installing the locked packages (about $([ "$kind" = dev ] && echo 350 || echo 200) MB the first time)"
 if [ "$kind" = dev ]; then
   pip install -qq --require-hashes --only-binary :all: -r requirements-dev.lock

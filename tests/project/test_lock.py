@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-build.lock")
+LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-build.lock", "requirements-docs.lock")
 REQUIREMENT = re.compile(r"^([a-z0-9-]+)==([^\s;]+)(?: ; [^\\]+?)?(?: \\)?$")
 
 
@@ -53,15 +53,17 @@ def test_the_locks_hold_every_declared_dependency():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     runtime = {normalised(one) for one in project["project"]["dependencies"]}
     dev = {normalised(one) for one in project["project"]["optional-dependencies"]["dev"]}
+    docs = {normalised(one) for one in project["project"]["optional-dependencies"]["docs"]}
     build = {normalised(one) for one in project["build-system"]["requires"]}
     assert runtime <= set(pins("requirements.lock"))
-    assert runtime | dev <= set(pins("requirements-dev.lock"))
+    assert docs <= set(pins("requirements-docs.lock"))
+    assert runtime | dev | docs <= set(pins("requirements-dev.lock"))
     assert build <= set(pins("requirements-build.lock"))
 
 
-def test_runtime_and_dev_locks_agree_on_every_version():
+def test_the_locks_agree_on_every_version():
     dev = pins("requirements-dev.lock")
-    for name in ("requirements.lock", "requirements-build.lock"):
+    for name in LOCKS:
         for package, versions in pins(name).items():
             assert versions == dev[package], package
 
