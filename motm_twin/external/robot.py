@@ -23,7 +23,8 @@ from motm_twin.external.emulator import Link, LinkSpec
 from motm_twin.external.guard import CommandGuard
 from motm_twin.external.messages import detection_list, scan_data, truth_data, vector
 from motm_twin.model.scene import Scene
-from motm_twin.sim.plant import SUBSTEP, SimulatedPlant
+from motm_twin.plants import make_plant
+from motm_twin.sim.plant import SUBSTEP
 
 TRUTH_STEPS = 5  # steps between two messages of truth: 20 Hz
 
@@ -41,7 +42,7 @@ class ReferenceRobot:
 
     def _begin(self, scene: Scene) -> None:
         self.scene, self.life = scene, secrets.token_hex(6)
-        self._plant = SimulatedPlant(scene)
+        self._plant = make_plant(scene)
         self._guard = CommandGuard(self.life, scene.robot.base)
         self._up: Link[bytes] = Link(self._spec, 0)
         self._down: Link[tuple[str, bytes]] = Link(self._spec, 1)

@@ -1,0 +1,54 @@
+"""State of the contact dynamics: MuJoCo's own, references of the drives, and what was felt."""
+
+from dataclasses import dataclass, field
+
+from motm_twin.model.geometry import Array
+from motm_twin.sim.actuators import ArmState, BaseState
+
+
+@dataclass
+class Press:
+    """A contact with force that goes on."""
+
+    began: float  # [s]
+    last: float
+    bodies: tuple[str, ...]  # of the robot, in order
+    force: float  # [N] largest
+    impulse: float  # [Ns]
+
+
+@dataclass
+class Grasp:
+    """Fingers and what is between them."""
+
+    width: float  # [m] that the drive is told
+    waits: int = 0  # substeps until the fingers begin to move
+    still: int = 0  # substeps for which they have not moved
+    pressed: str = ""  # object that both pads press
+    loose: int = 0  # substeps for which a held object was not pressed by both
+    forces: tuple[float, float] = (0.0, 0.0)  # [N] of left and right pad on it
+
+
+@dataclass
+class PhysicsState:
+    """Everything that changes, beside what the kinematic plant has too."""
+
+    integration: Array  # of MuJoCo: mjSTATE_INTEGRATION
+    base: BaseState  # reference of the base's drives: its speeds
+    arm: ArmState  # reference of the arm's drives
+    grasp: Grasp
+    quiet: dict[str, int] = field(default_factory=dict)  # substeps for which a falling object has been at rest
+    presses: dict[str, Press] = field(default_factory=dict)  # contacts of the robot that go on, by the other
+    felt: list["Force"] = field(default_factory=list)  # those that have ended
+
+
+@dataclass(frozen=True)
+class Force:
+    """A contact of the robot, as its forces tell it."""
+
+    time: float  # [s] when it began
+    body: str  # that touched first
+    other: str
+    force: float  # [N] largest
+    impulse: float  # [Ns]
+    duration: float  # [s]
