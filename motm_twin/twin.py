@@ -43,7 +43,7 @@ from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
 from motm_twin.plants import make_plant
-from motm_twin.sessions.session import Cut, LoggedEdit, Session, plain
+from motm_twin.sessions.session import Cut, LoggedEdit, Session, made_with, plain
 
 POINTED_AT = 0.15  # [m] error of a belief beyond which an object added to the task list is shown to the robot
 
@@ -202,6 +202,7 @@ class Twin:
         whole = self._broken is None
         return Session(
             title=title if whole else f"{title} (until period {self._broken}, which broke off: no state hash)".lstrip(),
+            made_with=made_with(physics=self.scene.physics is not None),
             scene=self.scene,
             method=self.method.name,
             parameters=dict(self._start),

@@ -28,7 +28,7 @@ Run = Callable[[BenchSettings, Console], bool]  # True when every number was rea
 
 
 def _group(name: str) -> Run:
-    return lambda given, console: bench_group(GROUPS[name], given.out, given.workers, console)
+    return lambda given, console: bench_group(GROUPS[name].on(given.plant), given.out, given.workers, console)
 
 
 def _period(given: BenchSettings, console: Console) -> bool:
@@ -57,7 +57,8 @@ RUNS: dict[str, Run] = {
     ),
     surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
 }
-ALL = (*GROUPS, task.NAME)  # of the name "all"
+OF_EXTRA = "physics"  # group that needs an extra
+ALL = (*(name for name in GROUPS if name != OF_EXTRA), task.NAME)  # of the name "all"
 TRIAL = 0.12  # [min] of one trial on one of two processes
 MINUTES = {  # of the others, on two cores
     "period": 5, "page": 10, "bus": 6, "soak": 45, "scale": 12, "efficiency": 6, "growth": 5, "anytime": 7,
@@ -174,7 +175,7 @@ def bench_experiments(names: list[str], given: BenchSettings, console: Console) 
     """Run experiments, print a table each, write the summaries; the exit code."""
     try:
         changes = changes_of(given.changes)
-        chosen = [experiment(name, given.methods, given.trials).changed(changes) for name in names]
+        chosen = [experiment(name, given.methods, given.trials).on(given.plant).changed(changes) for name in names]
         for each in chosen:
             console.print(f"[bold]{each.name}[/bold]: {each.title}, {len(each.specs)} trials")
         results = run(

@@ -19,7 +19,7 @@ from motm_twin.plants import with_plant
 from motm_twin.program import table_console
 from motm_twin.record.replay import Tracker
 from motm_twin.record.what_if import PERIODS_PER_SECOND, parse_changes
-from motm_twin.sessions.session import Session, SessionError, save_session
+from motm_twin.sessions.session import Session, SessionError, made_with, save_session
 from motm_twin.trial import run_scene
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def run_headless(
         changed = {name: value for name, value in whole.items() if value != parameter(name).default}
         saved = Session(
             title=f"{loaded.title}, headless",
+            made_with=made_with(physics=loaded.physics is not None),
             scene=loaded,
             method=method.name,
             parameters=changed,

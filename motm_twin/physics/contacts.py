@@ -1,14 +1,19 @@
 """Contacts as MuJoCo has them: forces of the pads on an object, and of the robot on everything else."""
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
-from motm_twin.physics.state import Force, Press
+from motm_twin.model.plant import Contact, ContactForce
+from motm_twin.physics.state import Press
 from motm_twin.physics.world_model import Kind
 from motm_twin.sim.plant_state import PlantState
 
 FELT = 0.5  # [N] below which a contact is none
 ENDED = 0.1  # [s] apart after which a contact has ended, as with the referee
+_NONE = -2  # index of no object
+_OF_ROBOT = ("base", "panda_", "held:")
 _FLOOR, _SOLID, _CUBE, _BODY, _LEFT, _RIGHT, _ROLLS, _AGENT = range(8)
 
 
@@ -26,10 +31,11 @@ class Contacts:
         for i, name in enumerate(names):
             if name.startswith("object:"):
                 self._object[i] = self._objects.index(name.removeprefix("object:"))
-        self.begin()
+        self.begin("")
 
-    def begin(self) -> None:
-        """A substep begins."""
+    def begin(self, lifted: str) -> None:
+        """A substep begins, with an object held in the air, or ""."""
+        self._lifted = self._objects.index(lifted) if lifted else _NONE
         self.deepest, self.deepest_pair = 0.0, ""
         self._peaks: dict[tuple[int, int], list[float]] = {}
         self._pads = np.zeros((len(self._objects), 2))
@@ -42,13 +48,14 @@ class Contacts:
         if not len(pairs):
             return
         kinds = self._class[pairs]
-        one, two = kinds[:, 0], kinds[:, 1]
         depth = -data.contact.dist
         worst = int(np.argmax(depth))
         if depth[worst] > self.deepest:
             self.deepest = float(depth[worst])
             self.deepest_pair = " and ".join(self._names[int(g)] for g in pairs[worst])
-        robot = ((one == _BODY) | (one == _LEFT) | (one == _RIGHT)), ((two == _BODY) | (two == _LEFT) | (two == _RIGHT))
+        held = self._object[pairs] == self._lifted
+        own = (kinds == _BODY) | (kinds == _LEFT) | (kinds == _RIGHT) | held
+        robot = own[:, 0], own[:, 1]
         rows = np.flatnonzero(robot[0] | robot[1])
         if not len(rows):
             return
@@ -62,6 +69,9 @@ class Contacts:
             item = int(self._object[b])
             if item >= 0 and side in (_LEFT, _RIGHT):
                 self._pads[item, side - _LEFT] += force
+            elif side == _CUBE and int(self._class[b]) in (_LEFT, _RIGHT):
+                self._pads[int(self._object[a]), int(self._class[b]) - _LEFT] += force
+                continue
             if force > FELT:
                 peak = self._peaks.setdefault((a, b), [0.0, 0.0])
                 peak[0] = max(peak[0], force)
@@ -88,7 +98,7 @@ class Contacts:
             press = p.presses.get(other)
             if press is None:
                 press = p.presses[other] = Press(began=now, last=now, bodies=(), force=0.0, impulse=0.0)
-            body = self._names[a]
+            body = f"held:{self._names[a]}" if self._class[a] == _CUBE else self._names[a]
             press.bodies = press.bodies if body in press.bodies else (*press.bodies, body)
             press.last, press.force, press.impulse = now, max(press.force, force), press.impulse + impulse
         for other in [other for other, press in p.presses.items() if now - press.last > ENDED]:
@@ -101,9 +111,33 @@ class Contacts:
                 self._names[i] = names[number]
 
 
-def force_of(other: str, press: Press) -> Force:
+def force_of(other: str, press: Press) -> ContactForce:
     """A contact as far as it has gone."""
-    return Force(press.began, press.bodies[0], other, press.force, press.impulse, press.last - press.began)
+    return ContactForce(
+        time=press.began, body=press.bodies[0], other=other, force=press.force, impulse=press.impulse,
+        duration=press.last - press.began,
+    )  # fmt: skip
+
+
+def disagreements(judged: Sequence[Contact], felt: Sequence[ContactForce]) -> tuple[str, ...]:
+    """One sentence for each contact of the robot that only the referee's geometry has, or only the forces."""
+    robots = [one for one in judged if one.body.startswith(_OF_ROBOT)]
+    found = [
+        (force.time, f"{force.time:.2f} s: {force.body} pressed {force.other} with {force.force:.1f} N, unseen")
+        for force in felt
+        if not any(one.other == force.other and _together(one, force) for one in robots)
+    ]
+    found += [
+        (one.time, f"{one.time:.2f} s: {one.body} and {one.other} overlap by {1e3 * one.depth:.2f} mm without a force")
+        for one in robots
+        if not any(one.other == force.other and _together(one, force) for force in felt)
+    ]
+    return tuple(text for _, text in sorted(found))
+
+
+def _together(one: Contact, force: ContactForce) -> bool:
+    """Both go on at the same time, but for what parts two episodes."""
+    return one.time - ENDED <= force.time + force.duration and force.time - ENDED <= one.time + one.duration
 
 
 def _own_name(name: str) -> str:

@@ -5,18 +5,20 @@ plant can be copied, restored and edited like the kinematic one.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from motm_twin.model.arm_kernels import ARM_FRAMES, FLANGE, HAND, HAND_LENGTH, TCP
+from motm_twin.model.exact import norm
 from motm_twin.model.geometry import Array, wrap_angle
 from motm_twin.model.joint_limits import Q_MAX, Q_MIN
 from motm_twin.model.kinematics import LINKS
+from motm_twin.model.plant import Contact, PhysicsTruth
 from motm_twin.model.scene import Scene
-from motm_twin.physics.contacts import Contacts
+from motm_twin.physics.contacts import Contacts, disagreements, force_of
 from motm_twin.physics.gripping import Fingers
 from motm_twin.physics.robot_model import DAMPING, STIFFNESS, WHEEL_GAIN, WHEEL_RADIUS, base_inertia, track
 from motm_twin.physics.state import Grasp, PhysicsState
@@ -26,6 +28,7 @@ from motm_twin.sim.layout import Scenery
 from motm_twin.sim.mechanics import NO_SLIDES, Moved, Surroundings, Told
 from motm_twin.sim.objects import FLOOR_LEVEL, ObjectState, over
 from motm_twin.sim.plant_state import PlantState
+from motm_twin.sim.referee import SUPPORT_CLEAR
 from motm_twin.sim.solids import Solids
 
 SUBSTEP = 0.01  # [s]
@@ -39,7 +42,7 @@ _AT_REST = 0.02  # [m/s] below which an object that fell comes to rest ...
 _REST = 8  # ... after so many substeps
 _FALLS = 0.15  # [m/s] downwards from which an object falls
 _DEEP = 0.01  # [m] of penetration that tells of a broken simulation: what falls goes less far in a step
-_FAST = 1.1  # times a joint's largest speed
+_UNDONE = 100  # substeps after an edit in which bodies that a person put into each other part again
 
 
 class _Free(NamedTuple):
@@ -70,7 +73,7 @@ class Dynamics:
 
     def begin(self, state: PlantState, scenery: Scenery) -> tuple[Array, Mapping[str, Array] | None]:
         """Put everything where the scene has it, and let it come to rest."""
-        self._prepare(state, scenery)
+        self.prepare(state, scenery)
         data, start = self._data, state.base.pose.copy()
         mujoco.mj_resetData(self._model, data)
         self._put_base(start, level=True)
@@ -107,14 +110,14 @@ class Dynamics:
 
     def grip(self, state: PlantState, now: float, frames: Array) -> None:
         """The fingers are told to open or to close."""
-        self._fingers.command(state.gripper, state.physics.grasp, state.gripper_command, now)
+        self._fingers.command(state, now)
 
     def substep(self, state: PlantState, told: Told, around: Surroundings) -> Moved:
         """Move everything on by `SUBSTEP`."""
         s, p, model, data = state, state.physics, self._model, self._data
         slides, riding = around.slide() if s.slides else (NO_SLIDES, ())
         scenery = around.scenery
-        self._prepare(s, scenery)
+        self.prepare(s, scenery)
         self._load(s)
         if riding:
             self._take_edits(s)
@@ -128,7 +131,7 @@ class Dynamics:
         turned = data.qpos[self._wheel_q].copy()
         self._fingers.reference(s.gripper, p.grasp, stuck=told.stuck)
         faults: dict[str, str] = {}
-        self._contacts.begin()
+        self._contacts.begin(_lifted(s))
         for k in range(_STEPS):
             share = (k + 1) / _STEPS
             self._drive(began, p.base, told.grip, share)
@@ -157,19 +160,30 @@ class Dynamics:
             faults=tuple(faults.items()),
         )
 
+    def felt(self, state: PlantState, judged: Sequence[Contact]) -> PhysicsTruth | None:
+        """Forces and grasps so far, and where forces and the referee disagree."""
+        p = state.physics
+        forces = (*p.felt, *(force_of(other, press) for other, press in p.presses.items()))
+        return PhysicsTruth(
+            forces=tuple(sorted(forces, key=lambda one: one.time)),
+            disagreements=disagreements(judged, forces),
+            grasps=tuple(p.grasp.done),
+            finger_forces=p.grasp.forces,
+        )
+
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
         """Take over what a person has changed in the state."""
-        kept = self._kind
-        self._load_after_edit(state, scenery, kept)
+        self._load_after_edit(state, scenery)
         self._take_edits(state)
-        mujoco.mj_forward(self._model, self._data)
+        mujoco.mj_kinematics(self._model, self._data)
         self._save(state)
+        state.physics.edited = state.substep
         return self._links()
 
     # -- the model -----------------------------------------------------------------------------------------------
 
-    def _prepare(self, state: PlantState, scenery: Scenery) -> None:
-        """A model that fits the state, with all solids where they stand."""
+    def prepare(self, state: PlantState, scenery: Scenery) -> None:
+        """Have a model that fits the state, with all solids where they stand."""
         solids = scenery.solids
         if solids is self._solids and self._kind is not None and self._agents_of(state) == self._kind.agents:
             return
@@ -233,16 +247,15 @@ class Dynamics:
         mujoco.mj_getState(self._model, self._data, whole, _STATE)
         state.physics.integration = whole
 
-    def _load_after_edit(self, state: PlantState, scenery: Scenery, kept: Kind | None) -> None:
+    def _load_after_edit(self, state: PlantState, scenery: Scenery) -> None:
         """The state in a model that fits the edited world: agents may have come or gone, and solids."""
-        if kept is None or len(state.physics.integration) != mujoco.mj_stateSize(self._model, _STATE):
-            raise AssertionError("a plant is edited in the state that it has")
+        kept = self._kind
         self._load(state)
         old, before = self._data, (self._model, self._agents)
         q, v, warm = old.qpos.copy(), old.qvel.copy(), old.qacc_warmstart.copy()
         ctrl = {before[0].actuator(i).name: old.ctrl[i] for i in range(before[0].nu)}
         now = old.time
-        self._prepare(state, scenery)
+        self.prepare(state, scenery)
         if self._kind is kept:
             return
         data = self._data
@@ -393,10 +406,10 @@ class Dynamics:
         if self._robot.has_arm:
             s.arm.q, s.arm.dq = data.qpos[self._joints].copy(), data.qvel[self._rates].copy()
             frames = self._frames_of(self._links())
+            speed = norm(frames[TCP, :3, 3] - s.tcp) / SUBSTEP
             s.tcp = frames[TCP, :3, 3].copy()
-            hand = frames[HAND]
             width = float(data.qpos[self._sliders].sum())
-            self._fingers.read(s, hand, width, self._contacts, s.substep * SUBSTEP)
+            self._fingers.read(s, frames[HAND], width, self._contacts, s.substep * SUBSTEP, speed)
         for item in s.objects:
             self._read_object(s, item, scenery.solids)
         for one in s.agents:
@@ -436,13 +449,19 @@ class Dynamics:
         if not np.isfinite(data.qpos).all():
             faults["solver"] = f"{now:.2f} s: MuJoCo's state is not finite"
         deep = self._contacts.deepest
-        if deep > _DEEP:
+        if deep > _DEEP and s.substep - s.physics.edited > _UNDONE and not s.slides:
             faults["penetration"] = f"{now:.2f} s: {self._contacts.deepest_pair} overlap by {1e3 * deep:.1f} mm"
         if self._robot.has_arm:
             q = data.qpos[self._joints]
             over_limit = float(np.maximum(q - Q_MAX, Q_MIN - q).max())
             if over_limit > 0.01:
                 faults["joint position"] = f"{now:.2f} s: joint position exceeded by {over_limit:.3g} rad"
+
+
+def _lifted(s: PlantState) -> str:
+    """Object that is held clear of what it was taken from, as the referee has it."""
+    item = next((item for item in s.objects if item.name == s.gripper.held), None)
+    return item.name if item is not None and item.position[2] > s.gripper.held_from_z + SUPPORT_CLEAR else ""
 
 
 def _about_z(yaw: float) -> tuple[float, float, float, float]:

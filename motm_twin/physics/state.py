@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from motm_twin.model.geometry import Array
+from motm_twin.model.plant import ContactForce, GraspTruth
 from motm_twin.sim.actuators import ArmState, BaseState
 
 
@@ -27,6 +28,11 @@ class Grasp:
     pressed: str = ""  # object that both pads press
     loose: int = 0  # substeps for which a held object was not pressed by both
     forces: tuple[float, float] = (0.0, 0.0)  # [N] of left and right pad on it
+    began: float = 0.0  # [s] of the command to close
+    speed: float = 0.0  # [m/s] largest of the tool centre point since then
+    places: dict[str, Array] = field(default_factory=dict)  # [m] of the objects then
+    taken: tuple[Array, Array] | None = None  # position and rotation in the hand of what is held, when it was taken
+    done: list[GraspTruth] = field(default_factory=list)  # all grasps, the newest last
 
 
 @dataclass
@@ -39,16 +45,5 @@ class PhysicsState:
     grasp: Grasp
     quiet: dict[str, int] = field(default_factory=dict)  # substeps for which a falling object has been at rest
     presses: dict[str, Press] = field(default_factory=dict)  # contacts of the robot that go on, by the other
-    felt: list["Force"] = field(default_factory=list)  # those that have ended
-
-
-@dataclass(frozen=True)
-class Force:
-    """A contact of the robot, as its forces tell it."""
-
-    time: float  # [s] when it began
-    body: str  # that touched first
-    other: str
-    force: float  # [N] largest
-    impulse: float  # [Ns]
-    duration: float  # [s]
+    edited: int = -1000  # substep of a person's newest edit
+    felt: list[ContactForce] = field(default_factory=list)  # those that have ended

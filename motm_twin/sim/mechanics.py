@@ -1,6 +1,6 @@
 """Motion of robot, objects and agents in a substep: by kinematics here, by contact dynamics in the room `physics`."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
@@ -9,6 +9,7 @@ import numpy as np
 
 from motm_twin.model.arm_kernels import HAND, TCP
 from motm_twin.model.geometry import Array
+from motm_twin.model.plant import Contact, PhysicsTruth
 from motm_twin.model.scene import Point
 from motm_twin.sim.actuators import Arm, Base
 from motm_twin.sim.gripper import Gripper
@@ -81,6 +82,14 @@ class Mechanics(Protocol):
         """Move everything on; ``state.substep`` counts up when robot and objects have moved."""
         ...
 
+    def prepare(self, state: PlantState, scenery: Scenery) -> None:
+        """Another state comes, which was restored."""
+        ...
+
+    def felt(self, state: PlantState, judged: Sequence[Contact]) -> PhysicsTruth | None:
+        """Forces so far, beside the referee's contacts; None without any."""
+        ...
+
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
         """A person has changed the state; the links as they are now."""
         ...
@@ -138,6 +147,13 @@ class Kinematics:
             slides=slides,
             riding=riding,
         )
+
+    def prepare(self, state: PlantState, scenery: Scenery) -> None:
+        """Nothing beside the state has to fit it."""
+
+    def felt(self, state: PlantState, judged: Sequence[Contact]) -> PhysicsTruth | None:
+        """Kinematics have no forces."""
+        return None
 
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
         """Nothing beside the state knows of it."""

@@ -179,6 +179,7 @@ class SimulatedPlant(Stateful[PlantState]):
         """Continue from a snapshot."""
         super().restore(state)
         self._show(self._effects.scenery(self._state, self._scenery), self._state.agents)
+        self._mechanics.prepare(self._state, self._scenery)
 
     def rehearsal(self) -> Rehearsal:
         """Try pending edits one after another; discard it before `apply`, `step` or `restore`."""
@@ -216,7 +217,9 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def truth(self) -> Truth:
         """Ground truth, for readers of Ticks."""
-        return truth_of(self._state, self._furnishings, self._referee, SUBSTEP)
+        truth = truth_of(self._state, self._furnishings, self._referee, SUBSTEP)
+        felt = self._mechanics.felt(self._state, truth.contacts)
+        return truth if felt is None else msgspec.structs.replace(truth, physics=felt)
 
     def _substep(self) -> None:
         s = self._state
