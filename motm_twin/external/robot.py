@@ -38,11 +38,13 @@ class ReferenceRobot:
     def __init__(self, scene: Scene, *, send: Send, link: LinkSpec | None = None, clock: str = "real") -> None:
         """``send`` is called for every message that leaves; ``clock``: real or shared, see `Info`."""
         self._send, self._spec, self._clock = send, link or LinkSpec(), clock
+        self._physics = scene.physics  # of this robot, whatever scene a twin puts it into
         self._begin(scene)
 
     def _begin(self, scene: Scene) -> None:
-        self.scene, self.life = scene, secrets.token_hex(6)
+        scene = msgspec.structs.replace(scene, physics=scene.physics or self._physics)
         self._plant = make_plant(scene)
+        self.scene, self.life = scene, secrets.token_hex(6)
         self._guard = CommandGuard(self.life, scene.robot.base)
         self._up: Link[bytes] = Link(self._spec, 0)
         self._down: Link[tuple[str, bytes]] = Link(self._spec, 1)
@@ -80,7 +82,10 @@ class ReferenceRobot:
 
     def reset(self, request: ResetRequest) -> PlantAnswer:
         """Begin again: another life."""
-        self._begin(request.scene or self.scene)
+        try:
+            self._begin(request.scene or self.scene)
+        except ValueError as error:
+            return PlantAnswer(version=VERSION, ok=False, life=self.life, reason=str(error))
         return PlantAnswer(version=VERSION, ok=True, life=self.life)
 
     def edit(self, request: EditRequest) -> PlantAnswer:
