@@ -152,6 +152,9 @@ class PhysicsTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     disagreements: tuple[str, ...]  # contacts that the referee's geometry has and the forces have not, and the reverse
     grasps: tuple[GraspTruth, ...]  # so far
     finger_forces: tuple[float, float]  # [N] on the object between the pads now
+    external_torque: tuple[float, ...]  # [Nm] of the joints now, as an arm estimates it that thinks its base at rest
+    torque_peaks: tuple[float, ...]  # [Nm] largest magnitudes so far
+    reflexes: tuple[str, ...]  # thresholds of the Panda's reflex that they passed, with the first time
 
 
 class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):

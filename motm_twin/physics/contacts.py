@@ -87,10 +87,10 @@ class Contacts:
         left, right = mean[best].tolist()
         return (self._objects[best], (left, right)) if min(left, right) > FELT else ("", (left, right))
 
-    def tell(self, s: PlantState, dt: float) -> None:
-        """Add what was felt in the substep to the contacts so far; fingers at the object between them make none."""
+    def tell(self, s: PlantState, dt: float, between: set[str]) -> None:
+        """Add what was felt in the substep to the contacts so far; fingers at objects between them make none."""
         p, now = s.physics, s.substep * dt
-        inside = {s.gripper.held, p.grasp.pressed, self.pinched[0]}
+        inside = between | {s.gripper.held, self.pinched[0]}
         for (a, b), (force, impulse) in sorted(self._peaks.items()):
             other = self._names[b]
             if other in inside and self._class[a] in (_LEFT, _RIGHT):

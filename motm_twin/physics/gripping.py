@@ -109,7 +109,8 @@ class Fingers:
         turned = product(state.rotation_in_hand, grasp.taken[1].T.copy())
         turn = math.acos(max(-1.0, min(1.0, 0.5 * (float(np.trace(turned)) - 1.0))))
         newest = grasp.done[-1]
-        grasp.done[-1] = msgspec.structs.replace(newest, slip=max(newest.slip, slip), turn=max(newest.turn, turn))
+        if state.phase == "closed":
+            grasp.done[-1] = msgspec.structs.replace(newest, slip=max(newest.slip, slip), turn=max(newest.turn, turn))
 
     def _close(self, s: PlantState, now: float) -> None:
         state, grasp = s.gripper, s.physics.grasp

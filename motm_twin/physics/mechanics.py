@@ -20,10 +20,13 @@ from motm_twin.model.plant import Contact, PhysicsTruth
 from motm_twin.model.scene import Scene
 from motm_twin.physics.contacts import Contacts, disagreements, force_of
 from motm_twin.physics.gripping import Fingers
+from motm_twin.physics.reflex import ACCELERATING, NOMINAL, ArmAlone
 from motm_twin.physics.robot_model import DAMPING, STIFFNESS, WHEEL_GAIN, WHEEL_RADIUS, base_inertia, track
 from motm_twin.physics.state import Grasp, PhysicsState
 from motm_twin.physics.world_model import TIMESTEP, Kind, Standing, compile_model, kind_of, standing
 from motm_twin.sim.actuators import ArmState, BaseState, drives
+from motm_twin.sim.cube_contacts import between_pads
+from motm_twin.sim.grasp import near
 from motm_twin.sim.layout import Scenery
 from motm_twin.sim.mechanics import NO_SLIDES, Moved, Surroundings, Told
 from motm_twin.sim.objects import FLOOR_LEVEL, ObjectState, over
@@ -66,6 +69,7 @@ class Dynamics:
         self._base, self._arm = drives(scene, SUBSTEP)
         self._track = track(scene.robot)
         self._inertia = base_inertia(scene.robot, scene.physics)
+        self._alone = ArmAlone(scene.robot, scene.physics) if scene.robot.has_arm else None
         self._gain = np.array(DAMPING) / np.array(STIFFNESS)
         self._fingers = Fingers(scene.robot.gripper, scene.physics, [item.side for item in scene.objects], SUBSTEP)
         self._kind: Kind | None = None
@@ -131,6 +135,7 @@ class Dynamics:
         turned = data.qpos[self._wheel_q].copy()
         self._fingers.reference(s.gripper, p.grasp, stuck=told.stuck)
         faults: dict[str, str] = {}
+        torque, rates = np.zeros(len(self._rates)), data.qvel[self._rates].copy()
         self._contacts.begin(_lifted(s))
         for k in range(_STEPS):
             share = (k + 1) / _STEPS
@@ -140,7 +145,9 @@ class Dynamics:
                 data.ctrl[self._width] = p.grasp.width
             mujoco.mj_step(model, data)
             self._contacts.look(data, TIMESTEP)
+            torque += data.qfrc_actuator[self._rates] / _STEPS
         s.substep += 1
+        self._estimate(s, torque, rates)
         mean = self._wheels((data.qpos[self._wheel_q] - turned) / SUBSTEP / max(told.grip, 1e-3))
         s.path_length += told.grip * abs(mean[0]) * SUBSTEP
         mujoco.mj_kinematics(model, data)
@@ -148,7 +155,7 @@ class Dynamics:
         self._check(s, faults)
         links = self._links()
         v, w = self._wheels(data.qvel[self._wheel_v] / max(told.grip, 1e-3))
-        self._contacts.tell(s, SUBSTEP)
+        self._contacts.tell(s, SUBSTEP, _between(s, links, self._robot.has_arm))
         twist = self._read(s, scenery, (v, w))
         return Moved(
             frames=self._frames_of(links),
@@ -169,6 +176,9 @@ class Dynamics:
             disagreements=disagreements(judged, forces),
             grasps=tuple(p.grasp.done),
             finger_forces=p.grasp.forces,
+            external_torque=tuple(p.torque.tolist()),
+            torque_peaks=tuple(p.torque_peaks.tolist()),
+            reflexes=tuple(p.reflexes.values()),
         )
 
     def edited(self, state: PlantState, scenery: Scenery) -> Mapping[str, Array] | None:
@@ -218,6 +228,7 @@ class Dynamics:
             drive = [model.actuator(f"agent:{name}:{axis}").id for axis in ("x", "y", "yaw")]
             at = np.array([int(one.qposadr[0]) for one in joints]), np.array([int(one.dofadr[0]) for one in joints])
             self._agents[name] = (*at, np.array(drive))
+        self._rates = np.zeros(0, dtype=np.int64)
         self._link_bodies = {"base_link": self._free.body}
         if self._robot.has_arm:
             arm = [model.joint(f"panda_joint{k}") for k in range(1, 8)]
@@ -360,6 +371,23 @@ class Dynamics:
             way[2] = wrap_angle(float(way[2]))
             data.ctrl[at[2]] = way / SUBSTEP
 
+    def _estimate(self, s: PlantState, torque: Array, before: Array) -> None:
+        """External torque on the arm over the substep, from its own torques and its rates before, shape (7,)."""
+        if self._alone is None:
+            return
+        p, data = s.physics, self._data
+        dq = data.qvel[self._rates]
+        q = data.qpos[self._joints] - 0.5 * SUBSTEP * dq
+        ddq = (dq - before) / SUBSTEP
+        p.torque = torque - self._alone.torque(q, 0.5 * (dq + before), ddq, s.gripper.width)
+        most = np.abs(p.torque)
+        p.torque_peaks = np.maximum(p.torque_peaks, most)
+        joint = int(most.argmax())
+        for name, limit in (("nominal", NOMINAL), ("accelerating", ACCELERATING)):
+            if most[joint] > limit:
+                at = s.substep * SUBSTEP
+                p.reflexes.setdefault(name, f"{at:.2f} s: joint {joint + 1}, {most[joint]:.1f} Nm over {limit:g}")
+
     # -- reading -------------------------------------------------------------------------------------------------
 
     def _planar(self) -> Array:
@@ -403,6 +431,8 @@ class Dynamics:
         s.base.v, s.base.w = wheels
         c, sine = math.cos(s.base.pose[2]), math.sin(s.base.pose[2])
         vx, vy = data.qvel[at.v : at.v + 2].tolist()
+        for item in s.objects:
+            self._read_pose(item)
         if self._robot.has_arm:
             s.arm.q, s.arm.dq = data.qpos[self._joints].copy(), data.qvel[self._rates].copy()
             frames = self._frames_of(self._links())
@@ -411,13 +441,13 @@ class Dynamics:
             width = float(data.qpos[self._sliders].sum())
             self._fingers.read(s, frames[HAND], width, self._contacts, s.substep * SUBSTEP, speed)
         for item in s.objects:
-            self._read_object(s, item, scenery.solids)
+            self._read_object_state(s, item, scenery.solids)
         for one in s.agents:
             one.pose = self._agent_pose(one.agent.name)
         return np.array([c * vx + sine * vy, data.qvel[at.v + 5]])
 
-    def _read_object(self, s: PlantState, item: ObjectState, solids: Solids) -> None:
-        """Pose and state of an object; one that rests and has hardly moved stays where it was."""
+    def _read_pose(self, item: ObjectState) -> None:
+        """Pose of an object; one that rests and has hardly moved stays where it was."""
         data, at = self._data, self._objects[item.name]
         position, rotation = data.qpos[at.q : at.q + 3], _rotation(data.qpos[at.q + 3 : at.q + 7])
         moved = max(np.abs(position - item.position).max(), np.abs(rotation - item.rotation).max())
@@ -425,6 +455,10 @@ class Dynamics:
         if moved > _STILL or item.state in ("held", "falling"):
             item.position, item.rotation = position.copy(), rotation
             item.yaw = _upright_yaw(rotation)
+
+    def _read_object_state(self, s: PlantState, item: ObjectState, solids: Solids) -> None:
+        """State of an object, after what the fingers hold is known."""
+        data, at = self._data, self._objects[item.name]
         speed = float(np.abs(data.qvel[at.v : at.v + 6] * (1.0, 1.0, 1.0, 0.03, 0.03, 0.03)).max())
         quiet = s.physics.quiet
         if item.name == s.gripper.held:
@@ -462,6 +496,15 @@ def _lifted(s: PlantState) -> str:
     """Object that is held clear of what it was taken from, as the referee has it."""
     item = next((item for item in s.objects if item.name == s.gripper.held), None)
     return item.name if item is not None and item.position[2] > s.gripper.held_from_z + SUPPORT_CLEAR else ""
+
+
+def _between(s: PlantState, links: Mapping[str, Array], has_arm: bool) -> set[str]:
+    """Objects between the pads: fingers that touch them grasp or release them, as the referee has it."""
+    if not has_arm:
+        return set()
+    hand = links["panda_hand"]
+    places = [(item.name, np.array([*item.position, item.yaw])) for item in s.objects if near(s.tcp, item.position)]
+    return {name for name, place in places if between_pads(hand, s.gripper.width, place)}
 
 
 def _about_z(yaw: float) -> tuple[float, float, float, float]:

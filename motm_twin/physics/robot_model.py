@@ -103,6 +103,13 @@ def add_robot(world: ET.Element, root: ET.Element, profile: RobotProfile, physic
     _add_wheels(base, root, profile, physics)
     if not profile.has_arm:
         return {}
+    files = add_arm_alone(base, root, profile, physics)
+    _exclude_neighbours(root)
+    return files
+
+
+def add_arm_alone(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> dict[str, bytes]:
+    """Add the arm to a base; the files of its meshes."""
     asset = _section(root, "asset")
     files = {}
     for link in COLLISION:
@@ -110,7 +117,6 @@ def add_robot(world: ET.Element, root: ET.Element, profile: RobotProfile, physic
         files[name] = (web_assets_dir() / COLLISION[link]).read_bytes()
         ET.SubElement(asset, "mesh", name=link, file=name)
     _add_arm(base, root, profile, physics)
-    _exclude_neighbours(root)
     return files
 
 
@@ -211,6 +217,21 @@ def _add_joint(body: ET.Element, actuator: ET.Element, joint: ET.Element) -> Non
         actuator, "general", name=name, joint=name, biastype="affine", gainprm=text(STIFFNESS[k]),
         biasprm=text(0.0, -STIFFNESS[k], -DAMPING[k]),
     )  # fmt: skip
+
+
+def add_fingers(hand: ET.Element, root: ET.Element, physics: Physics) -> None:
+    """The fingers on a hand that no arm carries."""
+    urdf = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
+    for joint in urdf.findall("joint[@type='prismatic']"):
+        child, origin = joint.find("child"), joint.find("origin")
+        assert child is not None
+        assert origin is not None
+        link = child.attrib["link"]
+        body = ET.SubElement(hand, "body", name=link, pos=origin.attrib["xyz"])
+        mass, centre, inertia = INERTIALS[link]
+        ET.SubElement(body, "inertial", mass=text(mass), pos=text(*centre), fullinertia=text(*inertia))
+        _add_finger(body, joint, physics)
+    _couple_fingers(root, _section(root, "actuator"), physics)
 
 
 def _add_finger(body: ET.Element, joint: ET.Element, physics: Physics) -> None:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from motm_twin.model.geometry import Array
 from motm_twin.model.plant import ContactForce, GraspTruth
 from motm_twin.sim.actuators import ArmState, BaseState
@@ -45,5 +47,8 @@ class PhysicsState:
     grasp: Grasp
     quiet: dict[str, int] = field(default_factory=dict)  # substeps for which a falling object has been at rest
     presses: dict[str, Press] = field(default_factory=dict)  # contacts of the robot that go on, by the other
+    torque: Array = field(default_factory=lambda: np.zeros(7))  # [Nm] external, as the arm estimates it
+    torque_peaks: Array = field(default_factory=lambda: np.zeros(7))  # [Nm] largest magnitude so far
+    reflexes: dict[str, str] = field(default_factory=dict)  # threshold: when it was first passed, and by which joint
     edited: int = -1000  # substep of a person's newest edit
     felt: list[ContactForce] = field(default_factory=list)  # those that have ended

@@ -87,18 +87,13 @@ def kind_of(solids: Sequence[Standing], objects: Sequence[ObjectState], agents: 
 def compile_model(scene: Scene, physics: Physics, kind: Kind) -> mujoco.MjModel:
     """The model of a scene; bodies of its solids are named by their number, s0, s1, ..."""
     root = ET.Element("mujoco", model=scene.name)
-    ET.SubElement(root, "compiler", angle="radian", autolimits="true", eulerseq="XYZ")
-    option = ET.SubElement(
-        root, "option", timestep=text(TIMESTEP), integrator="implicitfast", cone="elliptic", impratio="10",
-        solver="Newton", iterations=str(_MOST_ITERATIONS), tolerance="1e-8", noslip_iterations="3",
-    )  # fmt: skip
-    ET.SubElement(option, "flag", sensor="disable")
+    add_options(root)
     ET.SubElement(root, "asset")
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "geom", name="floor", type="plane", size="0 0 1", contype=str(FLOOR), conaffinity="0")
     files = add_robot(world, root, scene.robot, physics)
     for name, side in kind.objects:
-        _add_object(world, name, side, physics)
+        add_object(world, name, side, physics)
     for name, of, radius, height in kind.agents:
         _add_agent(world, root, name, (of, radius, height))
     for i, shape in enumerate(kind.shapes):
@@ -106,7 +101,18 @@ def compile_model(scene: Scene, physics: Physics, kind: Kind) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), files)
 
 
-def _add_object(world: ET.Element, name: str, side: float, physics: Physics) -> None:
+def add_options(root: ET.Element) -> None:
+    """How MuJoCo solves: small steps, true friction cones, and few iterations against creeping."""
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true", eulerseq="XYZ")
+    option = ET.SubElement(
+        root, "option", timestep=text(TIMESTEP), integrator="implicitfast", cone="elliptic", impratio="10",
+        solver="Newton", iterations=str(_MOST_ITERATIONS), tolerance="1e-8", noslip_iterations="3",
+    )  # fmt: skip
+    ET.SubElement(option, "flag", sensor="disable")
+
+
+def add_object(world: ET.Element, name: str, side: float, physics: Physics) -> None:
+    """A cube that moves freely."""
     mass = physics.object_mass or physics.object_density * side**3
     body = ET.SubElement(world, "body", name=f"object:{name}")
     ET.SubElement(body, "freejoint", name=f"object:{name}")
