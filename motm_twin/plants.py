@@ -31,10 +31,15 @@ def with_plant(scene: Scene, plant: str) -> Scene:
     return scene
 
 
-def require_physics(scene: Scene) -> None:
-    """Raise SceneError without MuJoCo, or for a scene whose faults are those of the kinematic gripper."""
+def require_mujoco() -> None:
+    """Raise SceneError without MuJoCo."""
     if find_spec("mujoco") is None:
         raise SceneError('contact dynamics need MuJoCo: pip install "motm_twin[physics]"')
+
+
+def require_physics(scene: Scene) -> None:
+    """Raise SceneError without MuJoCo, or for a scene whose faults are those of the kinematic gripper."""
+    require_mujoco()
     faults, none = scene.faults, Faults()
     for field in ("grasp_misses", "grasp_slips", "grasp_failure_probability", "grasp_delay", "grasp_delay_spread"):
         if getattr(faults, field) != getattr(none, field):

@@ -15,6 +15,7 @@ from motm_twin.physics.contacts import FELT
 from motm_twin.physics.gripping import BEYOND, BUILD_UP, PRESSING
 from motm_twin.physics.robot_model import FLOOR, SOLID, add_fingers, text
 from motm_twin.physics.world_model import TIMESTEP, add_object, add_options
+from motm_twin.sim.grasp import STRICT
 from motm_twin.sim.gripper import Gripper
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import NOTHING
@@ -67,9 +68,9 @@ def physics_holds(cell: Cell) -> bool:
     return float(data.qpos[7]) > 0.5 * SIDE + 0.5 * LIFT and _pressed(model, data)
 
 
-def rule_holds(cell: Cell) -> bool:
-    """The same by the grasp rule of the kinematic plant."""
-    gripper = Gripper(GripperSpec(closing_time=cell.closing_time), ObjectWorld(_DT), _DT)
+def rule_holds(cell: Cell, rule: str = STRICT) -> bool:
+    """The same by a grasp rule of the kinematic plant."""
+    gripper = Gripper(GripperSpec(closing_time=cell.closing_time), ObjectWorld(_DT), _DT, rule)
     state = gripper.start()
     item = ObjectState(name="cube", position=np.array([0.0, 0.0, 0.5 * SIDE]), yaw=0.0, side=SIDE)
     item.turn_to(cell.yaw)

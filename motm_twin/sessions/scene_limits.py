@@ -61,6 +61,7 @@ def _check_ranges(scene: Scene) -> None:
     _within(scene.mismatch, scene_format.MismatchFile, "scene.mismatch")
     _fits(scene.detections, Literal["anonymous", "named"], "scene.detections")
     _within(scene.faults, scene_format.FaultsFile, "scene.faults")
+    _fits(scene.grasp_rule, Literal["strict", "swept"], "scene.grasp_rule")
     if scene.physics is not None and (problem := bounds.problem(scene.physics)):
         raise SceneError(f"scene.physics: {problem}")
     for part, limits in _ROBOT.items():
