@@ -18,7 +18,7 @@ RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
 TILT = math.radians(30.0)  # of the tool axis from straight down
 
 # The rule of ``motm-twin bench grasp_rule``, instead: what contact dynamics hold, with a margin. A cube must be between
-# the fingers when they begin; they turn it and push it to their middle. Only its place along the pads counts at the end.
+# the fingers when they begin; they turn it and push it to their middle. At the end its place along the pads counts.
 STRICT, SWEPT = "strict", "swept"
 ALONG_AT_END = 0.028  # [m] along the pads when they are firm
 LESS_BY_PUSH = 0.2  # [m] of those for each metre that the hand has moved across the pads: one pad turns the cube away
