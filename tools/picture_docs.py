@@ -76,7 +76,7 @@ def replay(person: Visitor) -> None:
     play_to(person, 14.0)
     person.tab("Replay")
     for _ in range(40):
-        person.press("\N{BLACK LEFT-POINTING TRIANGLE} 1")
+        person.press("Back by one period")
     person.says("Looking back")
 
 

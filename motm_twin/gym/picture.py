@@ -13,7 +13,7 @@ from motm_twin.model.arm_kernels import TCP, fk_arm
 from motm_twin.model.geometry import Array, from_frame
 from motm_twin.model.plant import BodyTruth, Truth
 from motm_twin.model.scene import Bin, Box, Cylinder, Prism, Scene
-from motm_twin.ui.colours import BRAND, GLOBAL_PATH, NAMED, TARGET, TRAIL, Rgb
+from motm_twin.ui.colours import BRAND, NAMED, PEOPLE, TARGET, WAY_THERE, Rgb
 
 WIDTH = 800  # pixels
 HEADER = 26  # pixels of the line of text
@@ -50,7 +50,7 @@ class TopView:
         pen = ImageDraw.Draw(image)
         self._scan(pen, truth, view)
         if len(self._trail) > 1:
-            pen.line(self._pixels(self._trail), fill=TRAIL, width=FINER, joint="curve")
+            pen.line(self._pixels(self._trail), fill=PEOPLE, width=FINER, joint="curve")
         for body in truth.obstacles:
             self._body(pen, body, LOW)
         for body in truth.agents:
@@ -145,7 +145,7 @@ class TopView:
         pen.line(line, fill=INK, width=round(0.11 * self._scale), joint="curve")
         pen.line(line, fill=ARM, width=round(0.08 * self._scale), joint="curve")
         x, y = line[-1]
-        pen.ellipse((x - 4 * FINER, y - 4 * FINER, x + 4 * FINER, y + 4 * FINER), outline=GLOBAL_PATH, width=2 * FINER)
+        pen.ellipse((x - 4 * FINER, y - 4 * FINER, x + 4 * FINER, y + 4 * FINER), outline=WAY_THERE, width=2 * FINER)
 
     def _header(self, pen: ImageDraw.ImageDraw, view: AgentView, score: Score) -> None:
         target = view.target

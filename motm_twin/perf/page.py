@@ -1,6 +1,7 @@
 """Page benchmark: cost of the page to the control loop and the machine, and delays seen by its users."""
 
 import itertools
+import json
 import logging
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +20,8 @@ from motm_twin.perf import page_reader
 from motm_twin.perf.page_reader import PageReader
 from motm_twin.perf.processes import Served, act, cpu_seconds, memory_mb, now, restart, served, ticks, wait_for
 from motm_twin.perf.report import Limit, Report, Steps, conclude, measure, percentiles
-from motm_twin.ui.hub import LAYERS
+from motm_twin.ui.legend import OFF_AT_FIRST
+from motm_twin.ui.panel.overlay import ASK
 
 READERS = 5
 DRAG_LENGTH, DRAG_POINTS, DRAG_INTERVAL = 0.3, 5, 0.05  # [m], points, [s] between two of them
@@ -47,18 +49,14 @@ def periods(served: Served, seconds: float, readers: int) -> tuple[list[float], 
 
 @contextmanager
 def all_layers(reader: PageReader) -> Iterator[None]:
-    """Every layer of the page switched on, by its checkbox, for as long as the block runs."""
-    if not reader.wait(lambda reader: all(reader.find(name, "Checkbox") for name in LAYERS), 20.0):
-        missing = [name for name in LAYERS if not reader.find(name, "Checkbox")]
-        raise TimeoutError(f"no checkbox for {missing} within 20 s")
-    before = {name: bool(reader.widgets[reader.find(name, "Checkbox") or ""]["value"]) for name in LAYERS}
-    for name in LAYERS:
-        reader.set(name, True, "Checkbox")
+    """Every layer of the page switched on for as long as the block runs, as its legend does it."""
+    if not reader.wait(lambda reader: reader.find(ASK), 20.0):
+        raise TimeoutError("no legend within 20 s")
+    reader.set(ASK, json.dumps([1, "hide", []]))
     try:
         yield
     finally:
-        for name, value in before.items():
-            reader.set(name, value, "Checkbox")
+        reader.set(ASK, json.dumps([2, "hide", sorted(OFF_AT_FIRST)]))
 
 
 def drawing(served: Served, seconds: float) -> dict[str, float]:
@@ -81,7 +79,7 @@ def joining(served: Served, count: int) -> list[float]:
     waits = []
     for _ in range(count):
         with PageReader(served.port, token=served.token) as reader:
-            whole = reader.wait(lambda reader: reader.replayed is not None and reader.find("Pause"), 30.0)
+            whole = reader.wait(lambda reader: reader.replayed is not None and reader.find("Load"), 30.0)
             waits.append(time.monotonic() - reader.started if whole else float("nan"))
     return waits
 
@@ -89,7 +87,7 @@ def joining(served: Served, count: int) -> list[float]:
 def scene_bytes(served: Served) -> float:
     """Bytes that the websocket sends a new visitor until he has everything; the twin should be paused."""
     with PageReader(served.port, token=served.token) as reader:
-        if not reader.wait(lambda reader: reader.replayed is not None and reader.find("Play"), 30.0):
+        if not reader.wait(lambda reader: reader.replayed is not None and reader.find("Load"), 30.0):
             raise TimeoutError("no whole scene within 30 s")
         time.sleep(1.0)  # the last of the panel
         return float(reader.bytes)

@@ -137,7 +137,7 @@ def _goal(placement: PlacementMessage) -> list[Message]:
     if x is None or y is None:
         return []
     arrow = (0.35, 0.05, 0.05) if yaw is not None else (0.01, 0.12, 0.12)
-    return [_solid("goal", 0, ARROW, (x, y, _LIFT), yaw or 0.0, arrow, _rgba(colours.GOAL))]
+    return [_solid("goal", 0, ARROW, (x, y, _LIFT), yaw or 0.0, arrow, _rgba(colours.TARGET))]
 
 
 def _cost_colours(costs: Sequence[float | None]) -> list[Rgba]:

@@ -1,26 +1,24 @@
-"""Colours of the page, each with one meaning. Candidate costs use a scale that colour-blind people can read."""
+"""Colours of the page, each with one meaning, that colour-blind people can tell apart by brightness or shape.
+
+The ground is brown where it is costly, paths are red, cyan and blue, and costs go from yellow to violet.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Rgb = tuple[int, int, int]
 
-BRAND: Rgb = (37, 99, 150)
-GLOBAL_PATH: Rgb = (214, 40, 40)
-NEXT_PATH: Rgb = (0, 178, 202)
-BEZIER: Rgb = (245, 158, 11)
-GHOST: Rgb = (44, 104, 200)
-GOAL: Rgb = (230, 57, 125)
-REJECTED: Rgb = (158, 162, 168)
-TRAIL: Rgb = (112, 72, 196)
-STAA_PATH: Rgb = (250, 204, 21)
-INSPECTED: Rgb = (124, 58, 237)
-INSPECTED_NEXT: Rgb = (192, 132, 252)
-SELECTED: Rgb = (37, 132, 255)
+BRAND: Rgb = (37, 99, 150)  # of the panel
+WAY_THERE: Rgb = (214, 40, 40)
+WAY_ON: Rgb = (0, 178, 202)
+PLAN: Rgb = (44, 104, 200)
+PLAN_LIGHT: Rgb = (120, 168, 232)
 TARGET: Rgb = (230, 57, 125)
-DRIVE_TO: Rgb = (22, 140, 90)
-BELIEF: Rgb = (255, 170, 60)
-OTHERS: tuple[Rgb, ...] = ((240, 140, 30), (120, 80, 200))
+PEOPLE: Rgb = (96, 104, 118)
+STAA_PATH: Rgb = (40, 44, 52)
+REJECTED: Rgb = (158, 162, 168)
+SELECTED: Rgb = (17, 24, 39)
+OTHERS: tuple[Rgb, ...] = ((240, 140, 30), (22, 140, 90))  # two runs that are compared
 
 NAMED: dict[str, Rgb] = {
     "red": (232, 22, 28),
@@ -38,8 +36,8 @@ _VIRIDIS = np.array(
      (170, 220, 50), (253, 231, 37)], dtype=float
 )  # fmt: skip
 _GROUND = np.array(
-    [(64, 176, 90, 0), (72, 184, 92, 70), (140, 200, 70, 105), (236, 196, 60, 130), (240, 130, 50, 150),
-     (222, 48, 44, 175)], dtype=float
+    [(214, 186, 140, 0), (212, 180, 130, 70), (200, 158, 100, 110), (182, 132, 74, 140), (158, 104, 52, 160),
+     (128, 76, 34, 185)], dtype=float
 )  # fmt: skip
 
 
@@ -49,8 +47,13 @@ def scale(values: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def ground_table() -> NDArray[np.uint8]:
-    """Free to occupied as transparent, green, yellow, red with alpha, for every value of a byte; shape (256, 4)."""
+    """Free to occupied as clear to dark brown with alpha, for every value of a byte; shape (256, 4)."""
     return _interpolate(_GROUND, np.linspace(0.0, 1.0, 256))
+
+
+def linear(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Colours of points, which the page draws without decoding: 0 to 255, sRGB to linear."""
+    return 255.0 * (values / 255.0) ** 2.2
 
 
 def css(colour: Rgb) -> str:
@@ -61,6 +64,12 @@ def css(colour: Rgb) -> str:
 def viridis_css() -> str:
     """The candidate scale as a CSS gradient from cheap to expensive."""
     stops = ", ".join(css(tuple(int(c) for c in colour)) for colour in _VIRIDIS[::-1])  # type: ignore[arg-type]
+    return f"linear-gradient(90deg, {stops})"
+
+
+def ground_css() -> str:
+    """The scale of the ground as a CSS gradient from free to occupied."""
+    stops = ", ".join("rgba({:.0f}, {:.0f}, {:.0f}, {:.2f})".format(*row[:3], row[3] / 185) for row in _GROUND)
     return f"linear-gradient(90deg, {stops})"
 
 

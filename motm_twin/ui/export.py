@@ -1,9 +1,13 @@
 """The last seconds as one HTML file that plays without a server: ``python -m motm_twin.ui.export INPUT OUTPUT``.
 
 A separate process draws the periods of the history as the page does, into a private Viser server, and keeps what that
-would have sent. The page is not disturbed.
+would have sent. In the file, web_assets/page/player.js sends it, and the page looks as the live one does, with timeline
+and legend. The page that is looked at is not disturbed.
 """
 
+import base64
+import gzip
+import hashlib
 import html
 import os
 import secrets
@@ -14,10 +18,12 @@ import threading
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import viser
+from viser.infra import StateSerializer
 
 from motm_twin.bus.client import Grid, NoSession
 from motm_twin.bus.connection import LOOPBACK
@@ -25,13 +31,16 @@ from motm_twin.bus.messages import GridInfo, TickMessage
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import History, unpacked
 from motm_twin.ui.hub import Hub, Shown
-from motm_twin.ui.page_server import open_page
+from motm_twin.ui.legend import LAYERS, names_of
+from motm_twin.ui.page_server import open_page, scripts
+from motm_twin.ui.panel.why_tab import says
 from motm_twin.ui.scene.scene_view import SceneView
 
-RATE = 20.0  # [Hz] frames of the recording, at most one per period
+RATE = 10.0  # [Hz] frames of the recording: the page glides between them
 TIMEOUT = 180.0  # [s] for the whole export
 NICENESS = 10  # more than the viewer's: it is not interactive
-LAST = 1.0  # [s] for which the last frame stays
+FINEST, LARGE = 2.0**-13, 16384  # [m] or of a quaternion; [bytes] arrays that are meshes and stay as they are
+PLAYED = ("smooth.js", "overlay.js", "player.js")  # scripts of a page without a server, in this order
 _PROGRESS = "progress "
 
 
@@ -133,42 +142,97 @@ def draw(recording: Recording, server: viser.ViserServer, progress: Callable[[fl
     hub = Hub(_NoTwin())  # type: ignore[arg-type] - what the view asks of it
     view = SceneView(server, hub)
     read, grids = msgspec.json.Decoder(TickMessage).decode, [unpacked(*entry) for entry in recording.grids]
-    serializer, before, first = None, 0.0, 0.0
-    count = len(recording.frames)
-    tick: TickMessage | None = None
+    serializer, before = None, 0.0
+    shown: list[TickMessage] = []
     for number, frame in enumerate(recording.frames, 1):
         tick = read(zlib.decompress(frame.tick))
         grid = grids[frame.grid] if frame.grid >= 0 else None
         if serializer is not None:
             serializer.insert_sleep(max(0.0, tick.time - before))
-        shown = Shown(
-            state="done", status=None, scene=scene, tick=tick, newest=tick, live=False, view=hub.view, grid=grid
+        view.draw(
+            Shown(state="done", status=None, scene=scene, tick=tick, newest=tick, live=False, view=hub.view, grid=grid),
+            max(0.0, tick.time - before),
+            slow=True,
         )
-        view.draw(shown, max(0.0, tick.time - before), slow=True)
         if serializer is None:
-            serializer, first = server.get_scene_serializer(), tick.time
+            serializer = server.get_scene_serializer()
         before = tick.time
-        progress(number / count)
-    assert serializer is not None and tick is not None
-    serializer.insert_sleep(LAST)
+        shown.append(tick)
+        progress(number / len(recording.frames))
+    assert serializer is not None
     view.stop()
     hub.stop()
-    page = serializer.as_html()
-    return _with_caption(page, f"{scene.title or scene.name}, {first:.1f} to {tick.time:.1f} s")
+    return page(serializer, scene, shown)
 
 
-def _with_caption(page: str, caption: str) -> str:
-    """The page with a title, and a line in its corner."""
-    name = html.escape(caption)
-    start, end = page.index("<title>"), page.index("</title>")
-    page = page[:start] + f"<title>{name}" + page[end:]
-    line = (
-        '<div style="position:fixed;left:12px;top:10px;z-index:9;font:13px/1.4 sans-serif;color:#374151;'
-        f'background:#ffffffcc;border-radius:6px;padding:3px 9px;pointer-events:none">{name}<br>'
-        '<span style="color:#6b7280">recorded with motm-twin; drag to turn, wheel to zoom</span></div>'
-    )
-    end = page.rindex("</body>")
-    return page[:end] + line + page[end:]
+def page(serializer: StateSerializer, scene: Scene, ticks: list[TickMessage]) -> str:
+    """The HTML that plays what was sent while these periods were drawn."""
+    first, last = ticks[0].time, ticks[-1].time
+    recorded, buffers = flat([(first + time, message) for time, message in serializer._messages], serializer)
+    said: list[tuple[float, str]] = []
+    for tick in ticks:
+        sentence = says(tick, scene)
+        if not said or said[-1][1] != sentence:
+            said.append((round(tick.time, 2), sentence))
+    content = {
+        "first": first,
+        "last": last,
+        "step": (last - first) / max(1, len(ticks) - 1),
+        "messages": recorded,
+        "lengths": [len(buffer) for buffer in buffers],
+        "says": said,
+        "legend": [layer for layer in LAYERS if layer.on],
+        "names": names_of(scene),
+        "events": [(round(event.time, 2), event.kind, event.text) for tick in ticks for event in tick.events],
+    }
+    packed = base64.b64encode(gzip.compress(blob(msgspec.json.encode(content), buffers), 9, mtime=0)).decode()
+    title = html.escape(f"{scene.title or scene.name}, {first:.1f} to {last:.1f} s")
+    client = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text(encoding="utf-8")
+    before, head, after = client.partition("<head>")
+    start, end = after.index("<title>"), after.index("</title>")
+    after = f"{after[:start]}<title>{title}{after[end:]}"
+    data = f'<script id="motm-recording" type="application/octet-stream">{packed}</script>'
+    return before + head + scripts(PLAYED) + data + after
+
+
+def blob(text: bytes, buffers: list[bytes]) -> bytes:
+    """Length of a text (4 bytes, little-endian), the text, and buffers, each padded to a multiple of 8 bytes."""
+    parts = [len(text).to_bytes(4, "little") + text, *buffers]
+    return b"".join(part + bytes(-len(part) % 8) for part in parts)
+
+
+def flat(
+    messages: list[tuple[float, dict[str, Any]]], serializer: StateSerializer
+) -> tuple[list[tuple[float, dict[str, Any]]], list[bytes]]:
+    """Messages as JSON takes them, and the arrays that they refer to, each once.
+
+    Numbers of updates are rounded to `FINEST`, which nobody sees and makes a page a third smaller.
+    """
+    numbers: dict[bytes, int] = {}
+    found: list[bytes] = []
+
+    def number(data: bytes | memoryview) -> int:
+        key = hashlib.sha256(data).digest()
+        if key not in numbers:
+            numbers[key] = len(found)
+            found.append(bytes(data))
+        return numbers[key]
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, bytes | memoryview):
+            return {"__binary_index": number(value), "dtype": "|u1"}
+        if isinstance(value, dict):
+            if "__binary_index" in value:
+                data = serializer._binary_buffers[value["__binary_index"]]
+                if value["dtype"] == "<f4" and len(data) < LARGE:
+                    data = memoryview(np.round(np.frombuffer(data, "<f4") / FINEST) * np.float32(FINEST)).cast("B")
+                return {**value, "__binary_index": number(data)}
+            return {key: plain(entry) for key, entry in value.items()}
+        if isinstance(value, float):
+            return round(value / FINEST) * FINEST
+        return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+    return [(round(time, 3), plain(message)) for time, message in messages], found
 
 
 def main() -> None:

@@ -34,12 +34,13 @@ from motm_twin.bus.messages import StatusMessage, TickMessage
 from motm_twin.model.period import PERIOD
 from motm_twin.model.scene import Scene
 from motm_twin.ui.history import History, Playback, Span
+from motm_twin.ui.legend import OFF_AT_FIRST, STAA
+from motm_twin.ui.marks import EventMarks
 from motm_twin.ui.what_if import OwnMethod, WhatIf
 
-LAYERS = ("Occupancy grid", "Candidates", "Paths", "Ghosts", "Trails", "Unmodified STAA* path")
-OFF_AT_FIRST = ("Unmodified STAA* path",)
 LOOKING_BACK = "looking back: return to live or branch from here"
 NOTE_TIME = 6.0  # [s] a note stays on the page
+BLIND = 20.0  # [s] a page may need until it shows the scene
 NOTES = 2  # at a time: they lie over the scene
 WAITING = 100  # commands that may wait to be sent
 PATIENT = (HandOver, Inspect, Load, Pause, Play, Reset, Seed, Speed, TakeWheel)  # hold for whatever is being loaded
@@ -59,8 +60,16 @@ class Visitor:
     name: str
     gone: bool = False  # speaks no more
     sent: float = -1e9  # [s] monotonic, of the last command
+    drawn: bool = False  # its page shows the scene
+    since: float = field(default_factory=time.monotonic)  # [s] monotonic
+    hidden: frozenset[str] = OFF_AT_FIRST  # layers that this page does not show
     notes: list[tuple[viser.NotificationHandle, str]] = field(default_factory=list)  # that may be on the page
     _noting: threading.Lock = field(default_factory=threading.Lock)
+
+    @property
+    def looks(self) -> bool:
+        """True for a page that shows the scene; one that does not tell is believed to after a while."""
+        return self.drawn or time.monotonic() - self.since > BLIND
 
     def show(self, note: viser.NotificationHandle, text: str) -> None:
         """Add a note; an equal one and the oldest are removed, so that notes never pile up."""
@@ -81,9 +90,7 @@ class Visitor:
 class View:
     """The driver's choice of what is shown, for everybody."""
 
-    layers: dict[str, bool] = field(default_factory=lambda: {name: name not in OFF_AT_FIRST for name in LAYERS})
     picked: int | None = None  # candidate whose costs and paths are shown
-    staa_path: bool = False  # path of unmodified STAA*
     selected: str = ""  # body, cube or piece of furniture selected for the next action
     sending: str = ""  # agent that goes where the floor is clicked next
     placing: str = ""  # body just added: moved to the next click on the floor
@@ -117,7 +124,7 @@ class Hub:
         self.client, self.view = client, View()
         self.history: History | None = None  # set by the viewer
         self.what_if = WhatIf(client.session, own_method=own_method)
-        self.playback = Playback(self.view)
+        self.playback, self.events = Playback(self.view), EventMarks()
         self._asking: dict[str, Visitor] = {}
         self._speaking = threading.Lock()
         self._visitors: dict[int, Visitor] = {}
@@ -280,10 +287,15 @@ class Hub:
             return ""
         return f"still {status.text or 'loading'}: try again when it runs"
 
+    @property
+    def staa(self) -> bool:
+        """True while somebody wants to see the path of unmodified STAA*."""
+        return any(STAA not in visitor.hidden for visitor in self.visitors)
+
     def inspect(self) -> None:
         """Ask the twin to explain what the view needs."""
         picked = -1 if self.view.picked is None else self.view.picked
-        self.send(None, Inspect(candidate=picked, staa_path=self.view.staa_path))
+        self.send(None, Inspect(candidate=picked, staa_path=self.staa))
 
     def _send_queued(self) -> None:
         while not self._stop.is_set():

@@ -1,4 +1,4 @@
-"""The server of the page: Viser's, with a door for those who may load it, and scripts for keys and reconnection.
+"""The server of the page: Viser's, with a door for those who may load it, and scripts of our own (web_assets/page).
 
 Viser has no login and checks no origin, so its listener is wrapped here. The names in Host and Origin are checked, so
 that no other web page can reach the twin through the visitor's browser, and none may show it in a frame. With a token,
@@ -32,100 +32,11 @@ from websockets.http11 import Request, Response
 
 from motm_twin.bus.connection import LOOPBACK, free_port, require_free_port
 from motm_twin.bus.private_folder import folder, own_secret
+from motm_twin.model.data_dirs import web_assets_dir
 from motm_twin.program import give_back
 
-# Keys work wherever the focus is, except in text fields, and a tap is a click.
-#
-# Viser listens for keys at the top of the document, but its tabs and handles keep Space and Enter to themselves, its
-# checkboxes and closed lists count as fields, and Space also presses the button that was clicked last. The script takes
-# plain keys before any widget does and hands them to the document; Enter, Tab and the arrows stay with the widgets, and
-# Escape with what lies over the page. A window of ours with a Close button is closed by Escape, and by a click beside
-# it; under it only H does what it always does.
-#
-# Browsers capture a finger to the canvas from its first touch on, which Viser takes for a gesture in
-# progress, so that no tap would be a click. The script releases the capture.
-KEYS = """<script>
-(() => {
-  const noText = /^(checkbox|radio|range|button|submit|reset|file|color)$/;
-  const closedList = (e) => e.getAttribute("aria-haspopup") === "listbox" && e.getAttribute("aria-expanded") !== "true";
-  const typing = (e) => e.isContentEditable || e.tagName === "TEXTAREA" || e.tagName === "SELECT" ||
-    (e.tagName === "INPUT" && !noText.test(e.type) && !closedList(e));
-  const covers = "[role=dialog], [role=listbox]";
-  const covered = () => [...document.querySelectorAll(covers)].some((e) => e.checkVisibility());
-  const closing = () => [...document.querySelectorAll("[role=dialog] button")].find(
-    (e) => e.textContent.trim() === "Close" && e.checkVisibility());
-  const take = (event) => {
-    const at = event.target;
-    const close = closing();
-    if (event.isTrusted && close && event.key !== "Tab" && event.key.toLowerCase() !== "h") {
-      if (event.type === "keyup") return;
-      event.stopImmediatePropagation();
-      if (event.key === "Escape") close.click();
-      return;
-    }
-    if (!event.isTrusted || !(at instanceof Element) || typing(at) || event.ctrlKey || event.altKey || event.metaKey)
-      return;
-    if (event.type === "keydown" && event.key === "Enter" && at.type === "checkbox") at.click();
-    if (event.key.length !== 1 && event.key !== "Delete" && (event.key !== "Escape" || covered())) return;
-    event.preventDefault();
-    event.stopImmediatePropagation();
-    if (event.repeat && event.key === " ") return;
-    const { key, code, shiftKey, repeat } = event;
-    const again = { key, code, shiftKey, repeat, bubbles: true, cancelable: true };
-    document.body.dispatchEvent(new KeyboardEvent(event.type, again));
-  };
-  addEventListener("keydown", take, true);
-  addEventListener("keyup", take, true);
-  addEventListener("pointerdown", (event) => {
-    const at = event.target, close = closing();
-    if (close && !at.closest("[role=dialog]")) close.click();
-    if (event.pointerType === "mouse" || !(at instanceof HTMLCanvasElement)) return;
-    if (at.hasPointerCapture(event.pointerId)) at.releasePointerCapture(event.pointerId);
-  }, true);
-})();
-</script>"""
-
-
-# Viser's page tries to connect anew once a second, and gives up the attempt before. After some that have failed, a
-# browser waits up to 5 s before it makes another (Chromium's throttle of websockets), so that all are given up before
-# they are made: the page of a server that was away for half a minute never came back. The script lets an attempt end
-# (Viser ends it after 5 s) before the next begins. While there is no connection a line over the scene says so; Viser
-# only fades its panel.
-RECONNECT = """<script>
-(() => {
-  const words = "Connection to the server lost. This page reconnects by itself while it is in front.";
-  const line = document.createElement("div");
-  line.setAttribute("role", "status");
-  line.textContent = words;
-  line.style.cssText = "position:fixed;top:12px;left:12px;z-index:10000;padding:6px 12px;border-radius:6px;" +
-    "background:#b91c1c;color:#fff;font:14px system-ui,sans-serif;max-width:calc(100vw - 48px)";
-  const known = new WeakSet(), trying = new WeakSet();
-  let connected = false;
-  const heard = (worker, type) => {
-    if (type !== "connected" && type !== "closed") return;
-    trying.delete(worker);
-    if (type === "connected") line.remove();
-    else if (connected) document.body.append(line);
-    connected ||= type === "connected";
-  };
-  const post = Worker.prototype.postMessage;
-  Worker.prototype.postMessage = function (data, ...rest) {
-    const type = data?.type;
-    if (type === "set_server" || type === "retry") {
-      if (!known.has(this)) {
-        known.add(this);
-        this.addEventListener("message", (event) => heard(this, event.data?.type));
-      }
-      if (type === "retry" && trying.has(this)) return;
-      trying.add(this);
-    }
-    return post.call(this, data, ...rest);
-  };
-})();
-</script>"""
-
-
-SCRIPTS = (KEYS, RECONNECT)
+SCRIPTS = ("keys.js", "reconnect.js", "smooth.js", "tour.js", "overlay.js")  # in this order
+STYLES = ("overlay.css",)
 
 
 def with_scripts(response: Response | None) -> Response | None:
@@ -139,6 +50,14 @@ def with_scripts(response: Response | None) -> Response | None:
     return Response(response.status_code, response.reason_phrase, headers, body)
 
 
+@functools.cache
+def scripts(names: tuple[str, ...] = SCRIPTS) -> str:
+    """Scripts of the page in this order, and all styles, as HTML."""
+    place = web_assets_dir() / "page"
+    styles = "".join(f"<style>{(place / name).read_text(encoding='utf-8')}</style>" for name in STYLES)
+    return styles + "".join(f"<script>{(place / name).read_text(encoding='utf-8')}</script>" for name in names)
+
+
 @functools.lru_cache(maxsize=2)
 def _inserted(body: bytes, zipped: bool) -> bytes:
     """The page with the scripts at the start of its head. Raises ValueError for a page without one."""
@@ -146,7 +65,7 @@ def _inserted(body: bytes, zipped: bool) -> bytes:
     before, head, after = page.partition(b"<head>")
     if not head:
         raise ValueError("Viser's page has no <head> for our scripts: this Viser is not the pinned one")
-    page = before + head + "".join(SCRIPTS).encode() + after
+    page = before + head + scripts().encode() + after
     return gzip.compress(page, mtime=0) if zipped else page
 
 
@@ -168,6 +87,7 @@ BYTES, BYTES_BURST = 2e6, 16e6  # [1/s] of one page, and at once
 LARGEST = 8 * 1024 * 1024  # bytes of a message
 QUEUED = 4  # unread messages of one page
 TIDY = 0.5  # [s] after a page has left, memory is given back for it and for those that have left since
+PICTURE = 1024  # messages that are sent at once: more than a picture has
 TRY_LATER = 1013  # code with which a websocket is closed
 
 
@@ -436,14 +356,17 @@ class LoopEvent(asyncio.Event):
 
 
 def write_through_the_loop() -> None:
-    """Have all message buffers that Viser makes from now on wake their senders in the event loop."""
+    """Have all message buffers that Viser makes from now on wake their senders in the event loop.
+
+    Each sends a whole picture at once.
+    """
     original = AsyncMessageBuffer.__init__
     if getattr(original, "wakes_in_the_loop", False):
         return
 
     def init(self: AsyncMessageBuffer, *arguments: Any, **named: Any) -> None:
         original(self, *arguments, **named)
-        self.message_event = LoopEvent()
+        self.message_event, self.max_window_size = LoopEvent(), PICTURE
 
     init.wakes_in_the_loop = True  # pyright: ignore[reportFunctionMemberAccess]
     AsyncMessageBuffer.__init__ = init

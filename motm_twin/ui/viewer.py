@@ -35,6 +35,7 @@ FRAME = 1.0 / 30.0  # [s] at most thirty pictures a second
 TELL = 1.0  # [s] between two reports of how many look
 SLOW = 0.1  # [s] between updates of ghosts, candidates and panels
 ROOM = 4000  # payloads that may wait for the history; then the oldest are lost, as they are for any slow reader
+FIRST_TICK = 600.0  # [s] to wait for a twin before earlier events are asked for
 TITLES = {"refused": "Not done", "recording": "Recording"}  # kinds of events that are told on every page
 NICENESS = 5  # drawing yields to control
 
@@ -49,7 +50,7 @@ class Viewer:
         self._hub = Hub(client, own_method)
         self._hub.history = self._history = History()
         self._writer = HistoryWriter(client, self._history)
-        self._forget_events = tell_events(client, lambda text, title: self._hub.tell(None, text, title))
+        self._forget_events = follow_events(client, self._hub)
         self._scene = SceneView(server, self._hub)
         self._panels = Panels(server, self._hub, self._scene)
         self._told = 0.0  # [s] when the twin was told last how many look
@@ -84,7 +85,10 @@ class Viewer:
 
     def _tell_audience(self, shown: Shown, now: float) -> None:
         """Tell a twin that wants to know it how many pages have a picture."""
-        pages, known = len(self._hub.visitors), -1 if shown.status is None else shown.status.pages
+        pages, known = (
+            sum(visitor.looks for visitor in self._hub.visitors),
+            -1 if shown.status is None else shown.status.pages,
+        )
         ready = shown.tick is not None and shown.state in ("playing", "paused", "done")
         if ready and known not in (-1, pages) and now >= self._told + TELL:
             self._told = now
@@ -92,6 +96,8 @@ class Viewer:
 
     def _shown(self) -> Shown:
         status, tick = self._client.status(), self._client.tick()
+        if tick is not None:
+            self._hub.events.follow(tick)
         state = "waiting" if status is None else status.state if self._client.alive else "lost"
         looking_back = self._looking_back()
         return Shown(
@@ -154,8 +160,11 @@ class HistoryWriter:
                 traceback.print_exc()
 
 
-def tell_events(client: TwinClient, tell: Callable[[str, str], None]) -> Callable[[], None]:
-    """Show events that no period has, such as a refusal by the robot, as notes; returns the function that ends this."""
+def follow_events(client: TwinClient, hub: Hub) -> Callable[[], None]:
+    """Keep events for the timeline, and show those that no period has, such as a refusal by the robot, as notes.
+
+    Returns the function that ends this.
+    """
     decode = msgspec.json.Decoder(NumberedEvent).decode
 
     def take(payload: bytes) -> None:  # in Zenoh's thread: a note is only queued for the page
@@ -163,11 +172,17 @@ def tell_events(client: TwinClient, tell: Callable[[str, str], None]) -> Callabl
             event = decode(payload)
         except msgspec.MsgspecError:
             return  # of another version: the ticks say so
+        hub.events.add([event])
         if event.kind in TITLES:
-            tell(event.text, TITLES[event.kind])
+            hub.tell(None, event.text, TITLES[event.kind])
+
+    def earlier() -> None:
+        if client.wait_tick(0, FIRST_TICK) and (found := client.events(0)) is not None:
+            hub.events.add(found.events)
 
     forget = client.on_sample(client.keys.event, take)
     client.follow(client.keys.event)
+    threading.Thread(target=earlier, name="earlier events", daemon=True).start()
     return forget
 
 

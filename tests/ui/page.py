@@ -101,11 +101,12 @@ class Visitor:
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     @classmethod
-    def enter(cls, browser, twin, view=VIEW, *, fine=False):
+    def enter(cls, browser, twin, view=VIEW, *, fine=False, welcome=False):
         """Open the page in a new window and put the introduction away.
 
         The scene is drawn as everybody sees it when ``fine``; else with rough edges, at most twice a second and
-        always with one dot per pixel: smooth edges take half of what software needs for a picture.
+        always with one dot per pixel: smooth edges take half of what software needs for a picture. ``welcome``: the
+        card of the first visit stays.
         """
         page = browser.new_page(viewport=view)
         visitor = cls(page, twin)
@@ -113,7 +114,9 @@ class Visitor:
             page.add_init_script(path=LIGHTLY)
         page.goto(twin.url if fine else f"{twin.url}&fixedDpr=1")
         visitor.button("Play", "Pause", "Restart").wait_for(timeout=SHOWN * 1000)
-        visitor.close_notes()
+        page.locator(".cover").wait_for(state="detached", timeout=SHOWN * 1000)
+        if not welcome:
+            visitor.close_notes()
         until(visitor.overlooks, SHOWN, "its camera does not find the overview")
         return visitor
 
@@ -143,7 +146,9 @@ class Visitor:
 
     def picture(self):
         """The scene as it is shown, shape (height, width, 3), without what lies over it at its edges."""
-        shot = self.page.screenshot(clip=self._canvas(), timeout=SHOWN * 1000)
+        box, legend = self._canvas(), self.page.locator("#motm .chips").bounding_box()
+        clip = {**box, "height": legend["y"] - box["y"]}
+        shot = self.page.screenshot(clip=clip, timeout=SHOWN * 1000)
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=float)
 
     def settled(self, quiet=2):
@@ -160,7 +165,7 @@ class Visitor:
 
     def _canvas(self):
         """Where the scene is on the screen."""
-        return self.page.locator("canvas").first.bounding_box()
+        return self.page.locator("canvas[data-engine]").bounding_box()
 
     # panel
 
@@ -192,6 +197,25 @@ class Visitor:
     def unfold(self, folder):
         """Open a folder of the panel."""
         self.page.get_by_text(folder, exact=True).locator("visible=true").first.click()
+
+    def look_back_to(self, share):
+        """Drag the dot of the timeline to a share of what is kept."""
+        track = self.page.get_by_role("slider", name="Time", exact=True)
+        box, low, high, now = track.bounding_box(), *(
+            float(track.get_attribute(f"aria-value{name}")) for name in ("min", "max", "now")
+        )  # fmt: skip
+        start = max(0.0, high - 120.0)
+        x, end = (box["x"] + (time - start) / 120.0 * box["width"] for time in (now, low + share * (high - low)))
+        y = box["y"] + box["height"] / 2
+        self.page.mouse.move(x, y)
+        self.page.mouse.down()
+        self.page.mouse.move((x + end) / 2, y)
+        self.page.mouse.move(end, y)
+        self.page.mouse.up()
+
+    def speed(self, name):
+        """Choose a speed below the scene."""
+        self.page.get_by_label("Speed of the twin").select_option(name)
 
     def choose(self, label, option):
         """Choose from a list of the panel."""

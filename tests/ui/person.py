@@ -1,6 +1,7 @@
 """A panel without a browser, and somebody who uses it."""
 
 import asyncio
+import json
 import threading
 import time
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ from motm_twin.bus.commands import Answer
 from motm_twin.bus.messages import BeliefMessage, SceneChoice, StatusMessage
 from motm_twin.ui.history import History
 from motm_twin.ui.hub import Hub, Shown
+from motm_twin.ui.panel.overlay import ASK
 from motm_twin.ui.panel.panel import Panel
 
 replace = msgspec.structs.replace
@@ -140,6 +142,10 @@ class Person:
         if rows:
             rows[number]._impl.value = text
         self._does(rows[number] if rows else self.widget(text))
+
+    def asks(self, *words):
+        """Ask for something as the script of the page does."""
+        self.chooses(ASK, json.dumps([1, *words]))
 
     def chooses(self, label, value):
         """Set a slider, list or box."""

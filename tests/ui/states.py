@@ -101,7 +101,7 @@ def looking_back(person):
     at(person, DRIVEN)
     person.tab("Replay")
     for back in range(1, BACK + 1):
-        person.press("\N{BLACK LEFT-POINTING TRIANGLE} 1")
+        person.press("Back by one period")
         person.says(f"period {DRIVEN - back}")
 
 

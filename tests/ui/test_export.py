@@ -66,9 +66,27 @@ def test_the_page_plays_from_a_file_without_a_server(history, tmp_path):
             first = picture(page)
         while np.abs(picture(page) - first).max() < 50.0:  # the robot is still where it was
             page.wait_for_timeout(200)
+        moves_in_time(page)
         assert not errors
         assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
         assert page.locator("img[src=x]").count() == 0
+
+
+def moves_in_time(page):
+    """Back to the start by the timeline, and on again; the picture and the sentence go along."""
+    track, clock = page.get_by_role("slider", name="Time", exact=True), page.locator("#motm .clock")
+    assert page.locator(".says").inner_text().endswith(".")
+    box = track.bounding_box()
+    for share in (0.0, 1.0, 0.0):
+        before = picture(page)
+        page.mouse.click(box["x"] + 1 + share * (box["width"] - 2), box["y"] + box["height"] / 2)
+        first, last = (float(track.get_attribute(f"aria-value{end}")) for end in ("min", "max"))
+        assert abs(float(clock.inner_text().split()[0]) - (last if share else first)) < 0.1
+        while np.abs(picture(page) - before).max() < 50.0:
+            page.wait_for_timeout(200)
+    page.get_by_role("button", name="Play", exact=True).click()
+    while float(clock.inner_text().split()[0]) < first + 0.5:
+        page.wait_for_timeout(100)
 
 
 def picture(page):

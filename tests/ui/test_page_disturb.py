@@ -75,7 +75,7 @@ def test_the_page_loads_the_robot_moves_and_avoids_a_temi_that_is_dragged_into_i
             f"dragged to {target}, but the Temi is at {client.tick().obstacles[0].position}",
         )
         visitor.tab("Drive")
-        visitor.choose("Speed", "4x")
+        visitor.speed("4x")
         visitor.press("Play")
         visitor.state("Running")
 
@@ -103,7 +103,7 @@ def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_n
         evil = AddObstacle(name=EVIL, shape="temi", x=-0.6, y=-1.2)
         for command in (Pause(), Reset(), evil, HandOver()):  # of another program: the page drives from here on
             until(lambda command=command: client.command(command).ok, 60.0, f"not done: {command}")
-        visitor.choose("Speed", "1/2")
+        visitor.speed("1/2")
         visitor.tab("Disturb")
         visitor.page.keyboard.press("Space")
         until(lambda: client.status().state == "playing", 30.0, "not playing")
@@ -124,7 +124,7 @@ def test_the_robot_its_sensors_and_bodies_are_disturbed_by_mouse_and_a_hostile_n
 def speed(visitor, factor):
     """Choose how fast time runs, and come back to the tab."""
     visitor.tab("Drive")
-    visitor.choose("Speed", factor)
+    visitor.speed(factor)
     visitor.tab("Disturb")
 
 

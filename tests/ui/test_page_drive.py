@@ -1,5 +1,6 @@
 """The page in Chromium: driving by mouse, every scene and method, and a server that is killed and there again."""
 
+import json
 import os
 import signal
 
@@ -10,6 +11,7 @@ from motm_twin.bus.library import FileLibrary
 from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.methods.registry import METHODS
 from motm_twin.perf.page_reader import PageReader
+from motm_twin.ui.panel.overlay import ASK
 
 LITTLE = {"width": 720, "height": 440}  # less than the panel is high; drawing takes time
 POINTER = "([x, y]) => getComputedStyle(document.elementFromPoint(x, y)).cursor"
@@ -27,11 +29,11 @@ def test_play_pause_step_speed_and_another_scene_by_mouse_and_a_server_that_dies
         until(lambda: client.status().state == "paused", 30.0, "not paused")
         before = client.tick().index
         for step in (1, 2):
-            visitor.press("Step")
+            visitor.press("On by one period")
             until(lambda step=step: client.tick().index == before + step, 30.0, f"step {step}")
         visitor.press("Reset")
         until(lambda: client.tick().index == 0, 30.0, "reset")
-        visitor.choose("Speed", "1/2")
+        visitor.speed("1/2")
         until(lambda: client.status().speed == 0.5, 30.0, "speed")
         visitor.press("Play")
         until(lambda: client.status().state == "playing", 30.0, "not playing")
@@ -70,8 +72,7 @@ def test_every_shipped_scene_can_be_chosen_and_stays_paused(begun):
     with PageReader(twin.port, token=twin.token) as page:
         client = twin.client
         assert page.wait(lambda page: page.find("Load") and page.find("Variant"), 60.0)
-        assert page.wait(lambda page: page.find("Pause"), 60.0)
-        page.set("Pause", True)
+        page.set(ASK, json.dumps([1, "toggle"]))
         until(lambda: client.status().state == "paused", 30.0, "not paused")
         for choice in FileLibrary("exp1").choices():
             run, variant = client.tick().run, choice.variants[-1]

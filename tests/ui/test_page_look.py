@@ -12,7 +12,7 @@ import pytest
 from page import changed, until, visiting
 
 from motm_twin.sessions.session import Session
-from motm_twin.ui.hub import LAYERS
+from motm_twin.ui.legend import LAYERS
 from motm_twin.ui.scene.picking import CANDIDATE_HEIGHT
 
 SIGHT = 1e-4  # share of the pixels that must change at least
@@ -39,11 +39,11 @@ def test_layers_candidates_looking_back_branching_and_saving_by_mouse(browser, b
         visitor.tab("Replay")
         visitor.says("(live)")
         for back in range(1, BACK + 1):
-            visitor.press("\N{BLACK LEFT-POINTING TRIANGLE} 1")
+            visitor.press("Back by one period")
             visitor.says(f"period {newest.index - back}")
         visitor.says("Looking back")
         assert client.tick().index == newest.index  # the twin does not notice
-        visitor.press("Branch from here")
+        visitor.press("Branch")
         branched = until(lambda: client.tick().run > newest.run and client.tick(), 30.0, "no branch")
         assert branched.index == newest.index - BACK
         visitor.says("(live)")
@@ -96,11 +96,11 @@ def pause_on_the_way(visitor):
 def undo_and_again(visitor, newest, branched):
     """Undo goes on from the end of what was set aside, and once more from that of the branch."""
     client = visitor.twin.client
-    for words, index in (("Branch undone", newest.index), ("Undo: on from", branched.index)):
+    for index in (newest.index, branched.index):
         run = client.tick().run
-        visitor.page.get_by_role("button", name="Undo").locator("visible=true").first.click(timeout=60_000)
+        visitor.page.get_by_role("button", name="Undo the branch").locator("visible=true").first.click(timeout=60_000)
         until(lambda run=run: client.tick().run > run, 60.0, "nothing is undone")
-        visitor.says(words)
+        visitor.says("Branch undone")
         assert index <= client.tick().index <= index + 1
 
 
@@ -122,16 +122,13 @@ def candidates(visitor):
 
 
 def layers(visitor):
-    """Each layer, switched off or on, changes the picture."""
-    visitor.tab("Drive")
-    visitor.unfold("Layers")
-    before = visitor.settled()
-    for name in LAYERS:
-        visitor.page.get_by_label(name, exact=True).click()
-        until(lambda before=before: changed(before, visitor.picture()) > SIGHT, 30.0, f"layer {name} changes nothing")
+    """Each layer, switched off or on at its chip, changes the picture."""
+    for layer in LAYERS:
+        chip = visitor.page.get_by_role("button", name=layer.title, exact=True)
         before = visitor.settled(quiet=1)
-    for name in LAYERS:  # they stay as they are when a visitor leaves
-        visitor.page.get_by_label(name, exact=True).click()
+        chip.click()
+        visitor.page.mouse.move(2, 2)
+        until(lambda before=before: changed(before, visitor.picture()) > SIGHT, 30.0, f"{layer.key} changes nothing")
 
 
 def rerun_is_equal(path, periods):

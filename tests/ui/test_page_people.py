@@ -105,7 +105,7 @@ def deliver(visitor):
     assert [(task.kind, task.target) for task in tasks[1:]] == [("pick", "cube"), ("place", "bin")]
     visitor.state("Running")  # the twin goes on by itself
     visitor.tab("Drive")
-    visitor.choose("Speed", "8x")
+    visitor.speed("8x")
     until(lambda: client.tick().score.places == 1, 120.0, "the cube is not delivered")
     box = client.scene().bins[0]
     assert math.dist(middle(client, "cube")[:2], box.centre) < box.side / 2
@@ -143,6 +143,7 @@ def test_on_a_tablet_the_robot_is_in_view_and_a_finger_plays_and_drags_a_temi(br
         visitor = Visitor(page, twin)
         page.goto(twin.url)
         visitor.button("Play").wait_for(timeout=60_000)
+        page.locator(".cover").wait_for(state="detached", timeout=60_000)
         visitor.close_notes()
         start = client.tick().robot.true_pose
         x, y = visitor.aim((*start[:2], GRAB))

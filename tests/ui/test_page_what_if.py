@@ -21,13 +21,13 @@ SLIDER = "Smallest ring"
 def test_a_what_if_from_an_earlier_moment_by_mouse_shows_both_robots_and_both_times(browser, begun):
     with visiting(browser, begun("room", "delivery")) as visitor:
         client, page = visitor.twin.client, visitor.page
-        visitor.choose("Speed", "8x")
+        visitor.speed("8x")
         until(lambda: client.status().state == "done", 240.0, "the run does not end")
         visitor.state("Finished")
         newest = client.tick()
 
         visitor.tab("Replay")
-        slide(visitor, "Seconds before now", 0.1)
+        visitor.look_back_to(0.1)
         visitor.says("Looking back")
         period = int(
             page.get_by_text(re.compile(r"\(period \d+\)")).first.inner_text().split("(period ")[1].split(")")[0]

@@ -21,7 +21,7 @@ from motm_twin.ui.panel.disturb import Thing
 from motm_twin.ui.panel.disturb_tab import about, faults
 from motm_twin.ui.panel.drive_tab import ended_lines, jobs, label, moved
 from motm_twin.ui.panel.panel import asked_line, driver_line, status_card
-from motm_twin.ui.panel.replay_tab import file_name, rerun_text, slider_start
+from motm_twin.ui.panel.replay_tab import file_name, rerun_text
 from motm_twin.ui.panel.widgets import HOLD, Block, follow
 
 HOSTILE = '<img src=x onerror="alert(1)">&"\''
@@ -287,12 +287,6 @@ def test_files_have_names_that_any_system_takes():
 
 def test_a_picture_of_an_earlier_moment_has_its_time_in_its_name():
     assert file_name(status(), "png", looked_at=4.25) == "exp2-random-0-4.25s.png"
-
-
-def test_the_slider_of_replay_spans_what_is_kept():
-    assert slider_start(None) == slider_start(Span(0, 0, 0.05, 0.05)) == -1.0
-    assert slider_start(Span(0, 683, 0.05, 34.20)) == -35.0
-    assert slider_start(Span(100, 2499, 5.05, 125.0)) == -120.0
 
 
 def test_the_headline_shows_the_time_that_is_looked_at():

@@ -1,9 +1,11 @@
 """A whole panel without a browser: its widgets are made, follow what is shown, and send what they should."""
 
+import json
+
 import msgspec
 import pytest
 import viser
-from person import Person, grey_, label
+from person import Client, Person, grey_, label, status
 
 from motm_twin.bus.commands import (
     AddObstacle,
@@ -24,6 +26,7 @@ from motm_twin.bus.commands import (
     SendAgent,
     SetParameter,
     Speed,
+    Step,
     UndoBranch,
 )
 from motm_twin.bus.encode import tick_message
@@ -33,8 +36,11 @@ from motm_twin.methods.registry import FAST
 from motm_twin.model.furniture import pieces
 from motm_twin.model.scene_file import load_scene
 from motm_twin.twin import Twin
-from motm_twin.ui.hub import Shown
+from motm_twin.ui.hub import BLIND, Hub, Shown
+from motm_twin.ui.legend import LAYERS, STAA
+from motm_twin.ui.panel.overlay import ASK, MARK
 from motm_twin.ui.panel.why_tab import headline
+from motm_twin.ui.scene.scene_view import SceneView
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +76,8 @@ def test_it_can_be_shown_before_there_is_a_twin(person):
 def test_what_the_robot_does_stands_above_the_tabs_and_nowhere_else(person):
     person.shows()
     said, page = headline(person.ticks[-1], person.scene), person.panel
-    assert [html.content for html in texts(page) if "big" in html.content] == [said]
-    assert page._headline._impl.parent_container_id == page._status._impl.parent_container_id
+    assert [html for html in texts(page) if 'class="big' in html.content] == [page._status]
+    assert page._status.content.count(said) == 1
 
 
 def texts(part, depth=3):
@@ -82,11 +88,7 @@ def texts(part, depth=3):
     return found + [html for part in inner for html in texts(part, depth - 1)]
 
 
-def test_play_speed_and_scene(person):
-    person.presses("Pause")
-    assert person.sent == [Pause()]
-    person.chooses("Speed", "2x")
-    assert person.sent == [Speed(factor=2.0)]
+def test_another_scene_is_chosen(person):
     person.chooses("Scene", "exp1")
     assert person.widget("Variant").options == ("trial1",)
     person.presses("Load")
@@ -101,11 +103,11 @@ def test_a_run_that_has_ended_begins_anew_by_its_button_and_by_no_key_that_was_m
     person.sent.clear()
     drive.toggle()
     assert person.sent == [] and "Restart" in person.page.notes[-1]
-    person.presses("Restart")
+    person.asks("toggle")
     assert person.sent == [Play()]
     person.shows("paused")
     drive.toggle()
-    assert person.last == Play() and person.widget("Play")
+    assert person.last == Play()
 
 
 def test_news_of_an_earlier_load_do_not_undo_what_a_person_chooses_next(person):
@@ -224,25 +226,24 @@ def test_what_is_refused_is_not_said_to_be_added_and_every_press_is_answered(per
 
 
 def test_nothing_is_changed_while_looking_back(person):
-    person.chooses("Seconds before now", -0.5)
+    person.asks("look", 0.5)
     assert person.hub.view.at == 19
     person.shows()
     for press in ("Temi", "✕", "◀ Left"):
         person.presses(press)
         assert all(not isinstance(c, RemoveTask | PushRobot) for c in person.sent) and person.client.heard == []
     assert len(person.page.notes) == 3 and "looking back" in person.page.notes[0]
-    person.presses("Branch from here")
+    person.asks("branch")
     assert person.last == Branch(index=19) and person.hub.view.at is None
 
 
 def test_a_branch_says_what_it_does_and_is_undone(person):
-    assert not person.widget("Undo").visible
     newest = msgspec.structs.replace(person.ticks[19], run=5, first=19, past=4)
     person.shows(tick=newest, aside=1.5)
     assert "goes on from 0.95 s" in person.page.notes[-1]
     person.shows(tick=newest)
     assert len(person.page.notes) == 1
-    person.presses("Undo: on from 1.50 s")
+    person.asks("undo")
     assert person.last == UndoBranch()
     person.shows(tick=msgspec.structs.replace(newest, run=6, first=30, past=4), aside=1.0)
     assert "as before the branch" in person.page.notes[-1]
@@ -258,9 +259,9 @@ def test_who_only_looks_has_grey_widgets(person):
     grey = [widget.label for widget in person.widgets.values() if grey_(widget)]
     assert len(grey) > 50
     usable = {label(widget) for widget in person.widgets.values() if not grey_(widget)}
-    assert {"Ask for the wheel", "Your name", "Save the session", "Screenshot"} <= usable
+    assert {"Ask for the wheel", "Your name", "Save the session"} <= usable
     person.shows(driver=person.visitor.sender)
-    assert not person.widget("Step")._impl.props.disabled
+    assert not person.widget("Load")._impl.props.disabled
     person.presses("Hand over")
     assert person.last == HandOver()
 
@@ -273,3 +274,76 @@ def test_what_does_not_change_is_not_sent_again(person):
     for _ in range(20):
         person.shows()
     assert [message for message in queued if "Gui" in type(message).__name__] == []
+
+
+def overlaid(person, mark):
+    """What the script over the scene reads."""
+    overlay, start = person.panel._blocks[-1], MARK.format(mark)
+    contents = (getattr(overlay, f"_{name}").content for name in ("legend", "now", "events", "names"))
+    return json.loads(next(content for content in contents if content.startswith(start)).removeprefix(start))
+
+
+def test_the_timeline_knows_what_is_kept_and_the_legend_what_is_drawn(person):
+    now = overlaid(person, "now")
+    assert (now["state"], now["live"], now["mine"], now["t"]) == ("playing", True, True, 1.45)
+    assert now["span"] == [0.0, 1.45]
+    assert {layer["key"] for layer in overlaid(person, "legend")} == {layer.key for layer in LAYERS}
+    drawn = {name for name in nodes_of_a_view() if not name.startswith(("/scene", "/light", "/furniture"))}
+    for layer in LAYERS:
+        for node in layer.nodes:
+            assert node == "/map" or any(f"{name}/".startswith(f"{node}/") for name in drawn), node
+    assert [name for name, *_ in overlaid(person, "names")["bins"]] == [box.name for box in person.scene.bins]
+
+
+def nodes_of_a_view():
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    hub = Hub(Client())
+    view = SceneView(server, hub)
+    names = set(server.scene._handle_from_node_name)
+    view.stop()
+    hub.stop()
+    server.stop()
+    return names
+
+
+def test_the_timeline_plays_steps_and_looks_back(person):
+    person.client.status = lambda: person.status
+    person.asks("toggle")
+    assert person.last == Pause()
+    person.asks("speed", "1/4")
+    assert person.last == Speed(factor=0.25)
+    person.asks("step", 1)
+    assert person.last == Step()
+    person.asks("step", -1)
+    assert person.hub.view.at == 28 and person.sent == []
+    person.shows()
+    assert overlaid(person, "now")["live"] is False
+    person.asks("toggle")  # the past, not the twin
+    assert person.hub.playback.playing and person.sent == []
+    person.asks("live")
+    assert person.hub.view.at is None
+
+
+def test_what_no_script_of_ours_would_ask_is_left(person):
+    for words in ("", "no JSON", "[1]", '[1, "format"]', "{}", "[1, []]", "17"):
+        person.chooses(ASK, words)
+    assert person.sent == [] and person.page.notes == []
+
+
+def test_who_only_looks_may_hide_layers_and_save_but_not_drive(person):
+    person.shows(driver="somebody", driver_name="Bob")
+    person.client.status = lambda: status(driver="somebody", driver_name="Bob")
+    person.asks("hide", ["grid", STAA])
+    assert person.visitor.hidden == {"grid", STAA} and not person.hub.staa
+    person.asks("hide", [])
+    assert person.hub.staa  # somebody wants to see it
+    person.asks("toggle")
+    assert person.sent == [] and "Bob" in person.page.notes[-1]
+
+
+def test_a_page_counts_as_a_look_once_it_has_drawn(person):
+    assert not person.visitor.looks
+    person.asks("drawn")
+    assert person.visitor.looks
+    person.visitor.drawn, person.visitor.since = False, person.visitor.since - BLIND
+    assert person.visitor.looks  # one without our script

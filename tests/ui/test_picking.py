@@ -145,11 +145,11 @@ def pointing(tick, around):
     return made
 
 
-def click(pointing, point):
+def click(pointing, point, hidden=frozenset()):
     """Look at a point from above and click it."""
     eye = np.array([point[0], point[1], 5.0])
     event = SimpleNamespace(ray_origin=eye, ray_direction=np.array([0.0, 0.0, -1.0]))
-    asyncio.run(pointing._click(event, None))
+    asyncio.run(pointing._click(event, SimpleNamespace(hidden=hidden)))
     return pointing._hub
 
 

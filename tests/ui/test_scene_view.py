@@ -166,13 +166,12 @@ def test_relative_costs_run_from_the_cheapest_to_the_dearest(tick):
     assert tuple(colours.scale(np.array([0.0]))[0]) == (253, 231, 37)
 
 
-def test_free_ground_is_clear_and_occupied_ground_is_red():
+def test_free_ground_is_clear_and_occupied_ground_is_dark_brown():
     table = colours.ground_table()
     assert table.shape == (256, 4)
     assert table[0, 3] == 0
     red, green, blue, alpha = (int(value) for value in table[255])
-    assert red > 2 * green
-    assert red > 2 * blue
+    assert 200 > red > green > blue
     assert alpha > 100
 
 

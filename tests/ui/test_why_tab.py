@@ -236,4 +236,4 @@ def test_a_candidate_tells_its_costs_or_why_it_is_out(tick):
     assert "<span>1 of " in chosen
     out = next(index for index, reason in enumerate(placement.rejected) if reason)
     assert "rejected: collision with object table" in candidate_card(placement, out)
-    assert "global path" in candidate_card(placement, None)
+    assert "linear-gradient" in candidate_card(placement, None)

@@ -115,7 +115,7 @@ def _corner(client: TwinClient, box: Any, shown: list[Moment]) -> tuple[int, int
     wide, high = box["width"], box["height"]
     scene = client.scene()
     assert scene is not None  # the page has drawn it
-    eye, look_at = overview(scene, wide / high)
+    eye, look_at = overview(scene, wide / high, below=0.0)
     forward = (look_at - eye) / np.linalg.norm(look_at - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

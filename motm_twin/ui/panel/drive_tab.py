@@ -1,4 +1,4 @@
-"""The Drive tab: play, step, speed, camera, the list of tasks, scene and method, layers."""
+"""The Drive tab: the list of tasks, camera, scene and method. Play, step and speed are below the scene."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,22 +7,20 @@ from functools import partial
 import viser
 from msgspec.structs import replace
 
-from motm_twin.bus.commands import Load, MoveTask, Pause, Play, RemoveTask, Reset, Speed, Step
+from motm_twin.bus.commands import Load, MoveTask, Pause, Play, RemoveTask, Speed
 from motm_twin.bus.messages import MethodChoice, SceneChoice, StatusMessage, TaskMessage, TickMessage
 from motm_twin.methods import DEFAULT_METHOD
-from motm_twin.ui.hub import LAYERS, Hub, Shown, Visitor
+from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.explain import method_title
 from motm_twin.ui.panel.score import count_line, result_card
 from motm_twin.ui.panel.why_tab import now_card
-from motm_twin.ui.panel.widgets import BLUE, GREEN, RED, Block, follow, note, text
+from motm_twin.ui.panel.widgets import BLUE, GREEN, RED, Block, note, text
 from motm_twin.ui.scene.cameras import PRESETS
 from motm_twin.ui.scene.picking import delivery
 from motm_twin.ui.scene.scene_view import SceneView
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0, "8x": 8.0}
 UP, DOWN, DELETE = "▲", "▼", "✕"
-_PLAY = "Play", viser.Icon.PLAYER_PLAY
-_PRESSED = {"playing": ("Pause", viser.Icon.PLAYER_PAUSE), "done": ("Restart", viser.Icon.REFRESH)}  # by state
 _SIGNS = {"done": ("✓", GREEN), "active": ("▶", BLUE), "failed": ("✗", RED)}
 _WAITING = ("○", "#9ca3af")
 _HOW = "Click a cube, then a bin. Click the floor to send the robot there."
@@ -37,16 +35,10 @@ class DriveTab(Block):
         self._methods: list[MethodChoice] = []
         self._loaded: tuple = ()  # scene, variant, seed and method
         self._filled: tuple = ("", "", 0, "")  # the same as this program or a press of Load left them
-        self._shown_speed = "1x"
-        self._play = self.button("Play", self._press, icon=viser.Icon.PLAYER_PLAY, hint="space")
-        hint = "N: one period of 50 ms; R: from the start"
-        self.row(("Step", "Reset"), lambda name: self.send(Step() if name == "Step" else Reset()), hint=hint)
-        hint, speed = "wanted real-time factor", lambda name: self.send(Speed(factor=SPEEDS[name]))
-        self._speed = self.choice("Speed", SPEEDS, speed, initial_value="1x", hint=hint)
+        self._speed = self._told_speed = 1.0  # wanted by this visitor; by the twin
+        self.parts = [TaskBlock(gui, hub, visitor)]
         hint = "the camera; keys 1 to 5"
         self.row(PRESETS, lambda preset: scene.cameras.choose(visitor.client, preset), anybody=True, hint=hint)
-        self._progress = gui.add_html("")
-        self.parts = [TaskBlock(gui, hub, visitor)]
         with gui.add_folder("Scene", expand_by_default=False):
             self._scene = self.choice("Scene", ("",), lambda _: self._offer_variants())
             self._variant = self.choice("Variant", ("",))
@@ -55,12 +47,7 @@ class DriveTab(Block):
             self._method = self.choice("Method", ("",), hint=hint)
             self._about = gui.add_html("")
             self.button("Load", self._load_scene, icon=viser.Icon.REFRESH)
-        with gui.add_folder("Layers", expand_by_default=False):
-            layers = hub.view.layers
-            self._layers = {
-                name: self.driven(gui.add_checkbox(name, layers[name]), partial(layers.__setitem__, name))
-                for name in LAYERS
-            }
+        self._progress = gui.add_html("")  # the last: it grows and shrinks
 
     def enable(self, driving: bool) -> None:
         """Disable while somebody else drives; a choice that was not loaded is then dropped."""
@@ -69,33 +56,29 @@ class DriveTab(Block):
         super().enable(driving)
 
     def _refresh(self, shown: Shown) -> None:
-        pressed, icon = _PRESSED.get(shown.state, _PLAY)
-        if self._play.label != pressed:
-            self._play.label, self._play.icon = pressed, icon
         if shown.status is not None:
             self._show_status(shown.status)
         if shown.tick is not None:
             now = now_card(shown.tick, shown.scene, shown.status)
             self._progress.content = now + count_line(shown.tick) + result_card(shown.tick, shown.status, shown.scene)
-        for name, box in self._layers.items():
-            follow(box, shown.view.layers[name])
 
     def toggle(self) -> None:
         """Play or pause; a key press meant to pause does not restart a run that has just ended."""
         if self._state() == "done":
-            self.tell("the run has ended: press Restart, or give the robot another task")
+            self.tell("the run has ended: press Restart below the scene, or give the robot another task")
         else:
-            self._press()
+            self.press()
 
     def faster(self, steps: int) -> None:
         """Request a higher or lower speed."""
-        names = list(SPEEDS)
-        number = names.index(self._speed.value) + steps
-        if 0 <= number < len(names):
-            self._speed.value = names[number]  # at once: the next press counts from here
-            self.send(Speed(factor=SPEEDS[names[number]]))
+        factors = list(SPEEDS.values())
+        number = factors.index(self._speed) + steps
+        if 0 <= number < len(factors):
+            self._speed = factors[number]  # at once: the next press counts from here
+            self.send(Speed(factor=factors[number]))
 
-    def _press(self) -> None:
+    def press(self) -> None:
+        """Play or pause, or begin again after the end."""
         self.send(Pause() if self._state() == "playing" else Play())
 
     def _state(self) -> str:
@@ -120,9 +103,8 @@ class DriveTab(Block):
                 self._fill(status)
         method = self._chosen_method()
         self._about.content = "" if method is None else note(text(method.summary))
-        speed = next((name for name, factor in SPEEDS.items() if factor == status.speed), None)
-        if speed is not None and speed != self._shown_speed:
-            self._shown_speed = self._speed.value = speed
+        if status.speed in SPEEDS.values() and status.speed != self._told_speed:
+            self._told_speed = self._speed = status.speed
 
     def _fill(self, status: StatusMessage) -> None:
         self._scene.value = status.scene

@@ -1,11 +1,10 @@
 """The panel of one visitor: state of the twin, who drives, tabs to drive, disturb, explain, tune and look back; keys.
 
 One is made for every browser page when it connects, and dropped when the page closes. Viser's palette lists the
-commands (the icon on top). A small card greets a new visitor.
+commands (the icon on top).
 """
 
 import threading
-import time
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -18,18 +17,18 @@ from motm_twin.ui import colours
 from motm_twin.ui.hub import Hub, Shown, Visitor, clean_name
 from motm_twin.ui.panel.disturb_tab import DisturbTab
 from motm_twin.ui.panel.drive_tab import DriveTab
+from motm_twin.ui.panel.overlay import Overlay
 from motm_twin.ui.panel.plots import PLOTS, PLOTS_KEY
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.tune_tab import TuneTab
-from motm_twin.ui.panel.why_tab import WhyTab, headline
-from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, sentence, text
+from motm_twin.ui.panel.why_tab import WhyTab, headline, held_up
+from motm_twin.ui.panel.widgets import AMBER, BLUE, GREEN, MUTED, RED, STYLE, Block, card, chip, text
 from motm_twin.ui.scene.cameras import PRESETS
 from motm_twin.ui.scene.scene_view import SceneView
 
 # No arrow keys: they belong to the slider or list that has the focus. None of W A S D Q E: they fly Viser's camera.
 _FLY = ("Fly the camera", "W A S D Q E")
 _SHOWN = {"delete": "Del", "escape": "Esc"}
-CARD_WIDTH = 330  # [px] of the small card
 SHORT = """<div style="font-size:13.5px;line-height:1.5;padding:4px 12px 8px 12px;display:grid;
 grid-template-columns:58px 1fr;gap:3px 8px">
 <b style="color:#256396">Look</b><span>drag to turn, right-drag to move, wheel to zoom</span>
@@ -78,36 +77,15 @@ def add_commands(
 
 
 class HelpCard:
-    """The small card of one visitor, and the window with all keys."""
+    """The window with all keys of one visitor."""
 
     def __init__(self, hub: Hub, visitor: Visitor) -> None:
         self._hub, self._visitor = hub, visitor
-        self._panel: viser.PanelHandle | None = None
         self._window: viser.GuiModalHandle | None = None
-        self.read = False
         self.keys: list[tuple[str, str]] = []  # action and its key
-
-    def open(self) -> None:
-        """Show the small card, in the corner of the scene where the robot is not."""
-        if self._panel is not None:
-            return
-        gui = self._visitor.client.gui
-        self._panel = panel = gui.add_panel()
-        with panel.add_tab("How to drive", viser.Icon.INFO_CIRCLE):
-            gui.add_html(SHORT)
-            gui.add_button("Got it", icon=viser.Icon.CHECK).on_click(self._hub.watching(lambda *_: self.close()))
-        panel.float(x=16, y=-16, width=CARD_WIDTH)
-
-    def close(self) -> None:
-        """Put it away."""
-        self.read = True
-        panel, self._panel = self._panel, None
-        if panel is not None:
-            panel.remove()
 
     def show_keys(self) -> None:
         """Show or hide a window with all commands and their keys."""
-        self.close()
         if self._hide_keys():
             return
         gui = self._visitor.client.gui
@@ -143,8 +121,7 @@ warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
 WIDTH = 330  # [px]
 TOP = '<i class="motm-top"></i>'  # its block stays in sight when the panel is scrolled
 CROSSHAIR = "<style>canvas, div:has(> canvas) {cursor: crosshair !important}</style>"  # the floor is clicked next
-RETURN = 20.0  # [s] a page that connects this soon after another one left counts as the same person
-VIOLET = "#7c3aed"  # looking back
+PAST = "#334155"  # looking back
 _STATES = {
     "playing": ("Running", GREEN),
     "paused": ("Paused", MUTED),
@@ -164,7 +141,6 @@ class Panels:
         self._lock = threading.Lock()
         self._panels: dict[int, Panel] = {}
         self._scene: tuple[str, str, int] | None = None
-        self._left = -1e9  # [s] monotonic, when a page left whose visitor knows how to drive
         server.on_client_connect(self._enter)
         server.on_client_disconnect(self._leave)
 
@@ -189,7 +165,7 @@ class Panels:
     async def _enter(self, client: viser.ClientHandle) -> None:
         visitor = self._hub.enter(client)
         try:
-            panel = Panel(self._hub, visitor, self._scene_view, new=time.monotonic() - self._left > RETURN)
+            panel = Panel(self._hub, visitor, self._scene_view)
         except Exception as error:
             self._hub.tell_error(visitor, error, "There is no panel")
             return
@@ -198,18 +174,16 @@ class Panels:
 
     async def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            panel = self._panels.pop(client.client_id, None)
-        if panel is not None and panel.knows_how:
-            self._left = time.monotonic()
+            self._panels.pop(client.client_id, None)
         visitor = self._hub.leave(client)
         if visitor is not None:
             self._scene_view.leave(visitor)
 
 
 class Panel:
-    """The widgets of one visitor; a ``new`` one is told how to drive."""
+    """The widgets of one visitor."""
 
-    def __init__(self, hub: Hub, visitor: Visitor, scene: SceneView, *, new: bool = True) -> None:
+    def __init__(self, hub: Hub, visitor: Visitor, scene: SceneView) -> None:
         self.visitor, self._hub = visitor, hub
         gui = visitor.client.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=colours.BRAND)
@@ -219,7 +193,6 @@ class Panel:
         gui.add_html(STYLE)
         self._status = gui.add_html(status_card("waiting", None, "connecting"))
         wheel = Wheel(gui, hub, visitor)
-        self._headline = gui.add_html("")
         tabs, icon = gui.add_tab_group(), viser.Icon
         self._help = HelpCard(hub, visitor)
         with tabs.add_tab("Drive", icon.STEERING_WHEEL):
@@ -233,25 +206,19 @@ class Panel:
             tune = TuneTab(gui, hub, visitor)
         with tabs.add_tab("Replay", icon.HISTORY):
             replay = ReplayTab(gui, hub, visitor)
-        self._blocks: list[Block] = [wheel, drive, disturb, why, tune, replay]
+        overlay = Overlay(gui, hub, visitor, drive, disturb, replay)
+        self._blocks: list[Block] = [wheel, drive, disturb, why, tune, replay, overlay]
         add_commands(scene, drive, disturb, replay, self._help)
-        if new:
-            self._help.open()
         self._driving: bool | None = None
-
-    @property
-    def knows_how(self) -> bool:
-        """True for a visitor who has read how to drive."""
-        return self._help.read
 
     def update(self, shown: Shown) -> None:
         """Show this."""
         looked_at = None if shown.live or shown.tick is None else shown.tick.time
         driving = self._hub.drives(self.visitor)
         aiming = driving and bool(shown.view.placing or shown.view.sending)
-        said = status_card(shown.state, shown.status, self._note(shown), looked_at=looked_at)
+        says = "" if shown.tick is None else headline(shown.tick, shown.scene)
+        said = status_card(shown.state, shown.status, self._note(shown), looked_at=looked_at, says=says)
         self._status.content = TOP + said + (CROSSHAIR if aiming else "")
-        self._headline.content = "" if shown.tick is None else headline(shown.tick, shown.scene)
         if driving != self._driving:
             self._driving = driving
             for block in self._blocks:
@@ -269,42 +236,44 @@ class Panel:
             return ""  # the headline says so
         if not status.text and status.plant in ("zenoh", "mirror"):
             return status.plant_text  # state of the robot in another program, and its refusals
-        return status.text
+        return status.text or ("" if shown.tick is None else held_up(shown.tick, shown.scene))
 
 
-def status_card(state: str, status: StatusMessage | None, note: str, *, looked_at: float | None = None) -> str:
-    """State of the server, time, wanted and actual speed, and a sentence when there is something to say, as HTML.
+def status_card(
+    state: str, status: StatusMessage | None, note: str, *, looked_at: float | None = None, says: str = ""
+) -> str:
+    """State, time, speed, what the robot does (HTML), and one line when something is wrong; always of one height.
 
     ``looked_at``: time [s] of the earlier period that is shown, which then stands in the place of the newest.
     """
-    name, colour = _STATES.get(state, (state, MUTED)) if looked_at is None else ("Looking back", VIOLET)
+    name, colour = _STATES.get(state, (state, MUTED)) if looked_at is None else ("Looking back", PAST)
     clock, line = "", "white-space:nowrap;overflow:hidden;text-overflow:ellipsis"
     rows = []
     if status is not None:
-        violet = "" if looked_at is None else f";color:{VIOLET}"
+        past = "" if looked_at is None else f";color:{PAST}"
         now = status.time if looked_at is None else looked_at
-        clock = f'<span style="font-size:17px;font-weight:600{violet}">{now:.2f} s</span>'
+        clock = f'<span style="font-size:17px;font-weight:600{past}">{now:.2f} s</span>'
         where = text(f"{status.scene}{f' / {status.variant}' if status.variant else ''}, seed {status.seed}")
-        rows = [f'<div class="mu" style="{line};margin-top:4px">{where}</div>']
-        rows.append(f'<div class="mu" style="{line}">{_speed(state, status)}</div>')
-    if note:
-        rows.append(sentence(note, _STATES[state][1] if state in {"error", "lost", "done"} else AMBER))
+        rows = [f'<div class="mu" style="{line};margin-top:3px">{where} &middot; {_speed(state, status)}</div>']
+    rows.append(says or '<div class="big two"></div>')
+    alarm = _STATES[state][1] if state in {"error", "lost", "done"} else AMBER
+    rows.append(f'<div class="alert" title="{text(note)}" style="color:{alarm}">{text(note)}</div>')
     head = (
         f'<div style="display:flex;justify-content:space-between;align-items:center">{chip(name, colour)}{clock}</div>'
     )
-    return card(head, *rows, style="padding:8px 12px")
+    return card(head, *rows, style="padding:8px 12px 2px")
 
 
 def _speed(state: str, status: StatusMessage) -> str:
     wanted = f"{status.speed:g}&times;"
     if state != "playing" or status.actual_speed <= 0.0:  # not known yet
-        return f"speed {wanted}"
+        return wanted
     capped = f' <b style="color:{AMBER}">CAPPED</b>' if status.capped else ""
-    return f"speed {wanted}, actual {status.actual_speed:.2f}&times;{capped}"
+    return f"{wanted}, actual {status.actual_speed:.2f}&times;{capped}"
 
 
 class Wheel(Block):
-    """The driver, and the time shown: asking for a hand-over, handing over, and returning to live."""
+    """The driver, once there are two people: asking for a hand-over, and handing over."""
 
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         super().__init__(gui, hub, visitor)
@@ -316,23 +285,19 @@ class Wheel(Block):
         )
         self._name = gui.add_text("Your name", visitor.name, visible=False, hint=f"up to {NAME_MAX} characters")
         self._name.on_update(hub.watching(lambda event, _: self._rename(event.target.value)))
-        self._back_line = gui.add_html("")
-        self._back = self.button("Back to live", hub.playback.live, visible=False, icon=icon.PLAYER_SKIP_FORWARD)
 
     def _refresh(self, shown: Shown) -> None:
         hub, visitor, status = self.hub, self.visitor, shown.status
         driver = "" if status is None else status.driver
         mine, asker = driver == visitor.sender, hub.asker()
         others = len(hub.visitors) > 1 or (driver != "" and not mine)
-        self._line.content = driver_line(status, visitor.sender)
+        self._line.content = driver_line(status, visitor.sender) if others else ""
         self._asked.content = asked_line(asker.name) if mine and asker is not None else ""
         self._yield.visible = mine and others
         self._yield.label = "Hand over" if asker is None else f"Hand over to {asker.name}"
         self._ask.visible = driver != "" and not mine
         self._ask.label = "You have asked for the wheel" if hub.asks(visitor) else "Ask for the wheel"
         self._name.visible = others
-        self._back_line.content = back_line(shown)
-        self._back.visible = not shown.live
 
     def _hand_over(self) -> None:
         asker = self.hub.asker()
@@ -369,16 +334,3 @@ def _line(colour: str, content: str) -> str:
         f'margin-right:7px"></span>'
     )
     return card(dot, content, style="line-height:1.4;padding:0 12px 10px 12px")
-
-
-def back_line(shown: Shown) -> str:
-    """The note that an earlier period is shown, as HTML; "" while the newest is."""
-    if shown.live or shown.tick is None:
-        return ""
-    live = "" if shown.newest is None else f"live: {shown.newest.time:.2f} s"
-    runs_on = ", runs on" if shown.state == "playing" else ""
-    return card(
-        f'<div style="border-left:3px solid {VIOLET};background:{VIOLET}14;padding:4px 8px">'
-        f"looking back &middot; <b>{shown.tick.time:.2f} s</b> ({live}{runs_on})</div>",
-        style="line-height:1.4;padding:4px 12px 10px 12px",
-    )

@@ -1,8 +1,7 @@
-"""The Replay tab: the last two minutes, branching, and files to take home."""
+"""The Replay tab: what a branch would do, a played recording, and files to take home. The timeline does the rest."""
 
 import asyncio
 import io
-import math
 import re
 import time
 
@@ -18,10 +17,8 @@ from motm_twin.ui.hub import Hub, Shown, Visitor
 from motm_twin.ui.panel.widgets import HOLD, Block, note
 
 SPAN_LEAST = 1.0  # [s] of the slider
-NOW = ((0.0, "now"),)  # its right end
 SPEEDS = {"1/4": 0.25, "1/2": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 EXPORTS = {"10 s": 10.0, "30 s": 30.0, "60 s": 60.0}
-BEFORE, PLAY, PAUSE, AFTER, LIVE = "◀ 1", "Play", "Pause", "1 ▶", "Live"
 PICTURE = (1200, 1920)  # [px] height, width
 RENDER_TIME = 60.0  # [s] for a browser to draw one picture
 _CODE = "background:#f3f4f6;border-radius:3px;padding:0 4px"
@@ -33,7 +30,7 @@ class ReplayTab(Block):
     def __init__(self, gui: viser.GuiApi, hub: Hub, visitor: Visitor) -> None:
         super().__init__(gui, hub, visitor)
         icon = viser.Icon
-        self._sought = self._touched = -1e9  # [s] monotonic, when the sliders were moved
+        self._sought = -1e9  # [s] monotonic, when the slider was moved
         self._run: int | None = None
         self._exporting = False
         gui.add_html('<div class="motm-stacked"></div>')
@@ -42,39 +39,30 @@ class ReplayTab(Block):
             self._seek,
         )
         self._line = gui.add_html("")
-        self._slider = self.driven(
-            gui.add_slider("Seconds before now", -SPAN_LEAST, 0.0, PERIOD, 0.0, marks=NOW), self._look
+        hint = "of what is looked back at; Play is below the scene"
+        self._speed: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+            "Playback speed", tuple(SPEEDS), initial_value="1x", hint=hint
         )
-        self._play = self.row((BEFORE, PLAY, AFTER, LIVE), self._move, hint="keys J, K, L")
-        self._speed: viser.GuiDropdownHandle[str] = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x")
-        hint = "the twin goes back to the shown moment and on from there; Undo brings back what came after"
-        self._branch = self.button("Branch from here", self.branch, icon=icon.GIT_BRANCH, hint=hint)
         self._consequence = gui.add_html(branch_text(None))
-        self._undo = self.button("Undo", self.undo, icon=icon.ARROW_BACK_UP, visible=False)
         gui.add_divider()
         self.button("Save the session", self.save, anybody=True, icon=icon.DOWNLOAD, hint="V")
         self._saved = gui.add_html(rerun_text("scene-variant-seed-time.json").replace("Saved as", "Saves"))
         gui.add_divider()
         hint = "the last seconds as one HTML file, to be sent on"
-        self.row(tuple(EXPORTS), lambda name: self._export(EXPORTS[name]), label="As a page", hint=hint, anybody=True)
+        self.row(tuple(EXPORTS), lambda name: self.export(EXPORTS[name]), label="As a page", hint=hint, anybody=True)
         self._bar = gui.add_progress_bar(0.0, animated=True, visible=False)
-        self.button("Screenshot", self.screenshot, anybody=True, icon=icon.CAMERA)
 
     def _refresh(self, shown: Shown) -> None:
         self._show_position(shown)
         span = self.hub.span
         self._line.content = span_line(shown, span)
-        if time.monotonic() - self._touched > HOLD:
-            start = slider_start(span)
-            self._slider.min = start
-            self._slider.value = round(max(start, -shown.behind) / PERIOD) * PERIOD
-        self._play.options = (BEFORE, PAUSE if self.hub.playback.playing else PLAY, AFTER, LIVE)
-        self._branch.disabled = shown.live or not self.usable
         self._consequence.content = branch_text(shown)
-        aside = None if shown.status is None else shown.status.aside
-        self._undo.visible = aside is not None
-        self._undo.label = "Undo" if aside is None else f"Undo: on from {aside:.2f} s"
         self._announce(shown)
+
+    @property
+    def speed(self) -> float:
+        """Speed at which the past is played."""
+        return SPEEDS[self._speed.value]
 
     def step(self, periods: int) -> None:
         """Look one period earlier or later."""
@@ -116,7 +104,8 @@ class ReplayTab(Block):
         await asyncio.to_thread(Image.fromarray(picture[..., :3]).save, buffer, "PNG")
         self._download(file_name(self._status(), "png", looked_at=looked_at), buffer.getvalue())
 
-    async def _export(self, seconds: float) -> None:
+    async def export(self, seconds: float) -> None:
+        """Download the last seconds [s] as a page that plays without a server."""
         shown, history = self.shown, self.hub.history
         if shown is None or shown.scene is None or history is None:
             return
@@ -151,21 +140,6 @@ class ReplayTab(Block):
         self._sought = time.monotonic()
         self.hub.playback.live()
         self.send(Branch(index=round(float(value) / PERIOD)))
-
-    def _look(self, value: float) -> None:
-        self._touched = time.monotonic()
-        self.hub.playback.look(-float(value), self.hub.span)
-
-    def _move(self, name: str) -> None:
-        playback = self.hub.playback
-        if name == LIVE:
-            playback.live()
-        elif name == PAUSE:
-            playback.pause()
-        elif name == PLAY:
-            playback.play(SPEEDS[self._speed.value], self.hub.span)
-        else:
-            self.step(1 if name == AFTER else -1)
 
     def _announce(self, shown: Shown) -> None:
         """Tell this visitor once about a branch that has happened, whoever made it."""
@@ -206,12 +180,6 @@ def span_line(shown: Shown, span: Span | None) -> str:
     return note(f"at <b>{shown.tick.time:.2f} s</b> ({at}) &middot; {kept}")
 
 
-def slider_start(span: Span | None) -> float:
-    """Left end [s] of the slider of seconds before now: all that is kept, in whole seconds so that it seldom moves."""
-    kept = 0.0 if span is None else span.last_time - span.first_time
-    return -max(SPAN_LEAST, float(math.ceil(kept - 1e-6)))
-
-
 def branch_text(shown: Shown | None) -> str:
     """Consequence of a branch from the shown moment, as HTML."""
     if shown is None or shown.live or shown.tick is None or shown.newest is None:
@@ -226,7 +194,7 @@ def branched(newest: TickMessage) -> tuple[str, str]:
     """Text and title of the note about a branch, or its undoing, once its first periods have arrived."""
     start = newest.first * PERIOD
     if newest.past == newest.run - 1:
-        return f"the twin goes on from {start:.2f} s; Undo in the Replay tab brings back what came after", "Branched"
+        return f"the twin goes on from {start:.2f} s; Undo, below the scene, brings back what came after", "Branched"
     return f"the twin goes on from {start:.2f} s, as before the branch; Undo brings the branch back", "Branch undone"
 
 

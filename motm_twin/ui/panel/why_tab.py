@@ -100,9 +100,20 @@ class WhyTab(Block):
 def headline(tick: TickMessage, scene: Scene | None = None) -> str:
     """One big sentence: the robot's activity, and with the scene the body that it avoids."""
     colour = GREEN if tick.done and tick.success else "#111827"
+    return f'<div class="big two" style="color:{colour}">{text(says(tick, scene))}</div>'
+
+
+def says(tick: TickMessage, scene: Scene | None = None) -> str:
+    """One sentence: what the robot does, and whom it avoids."""
     near = avoided(tick, scene)
-    says, lines = explain.doing(tick) + (near and f", {near}"), "" if tick.done else " two"
-    return card(f'<div class="big{lines}" style="color:{colour}">{text(says)}.</div>')
+    return explain.doing(tick) + (near and f", {near}") + "."
+
+
+def held_up(tick: TickMessage, scene: Scene | None = None) -> str:
+    """Reason why the robot waits or is slowed; "" when nothing holds it up."""
+    said = explain.doing(tick).lower() if tick.done else ""
+    reasons = explain.waiting(tick, limited_by(tick, scene))
+    return next((why for why, holds in reasons if holds and why.lower() != said), "")
 
 
 def now_card(tick: TickMessage, scene: Scene | None = None, status: StatusMessage | None = None) -> str:
@@ -280,9 +291,9 @@ def _costs(placement: PlacementMessage, index: int, weight: float) -> list[str]:
     parts = []
     dearest = max((cost for cost in placement.cost if cost is not None), default=0.0)
     if here is not None and dearest > 0.0:
-        parts.append(piece(0.0, here / dearest, colours.css(colours.INSPECTED)))
+        parts.append(piece(0.0, here / dearest, colours.css(colours.WAY_THERE)))
         if onward is not None:
-            parts.append(piece(here / dearest, (here + weight * onward) / dearest, colours.css(colours.INSPECTED_NEXT)))
+            parts.append(piece(here / dearest, (here + weight * onward) / dearest, colours.css(colours.WAY_ON)))
     return [pairs(rows), f'<div style="margin-top:4px">{bar(*parts, height=7)}</div>']
 
 
@@ -315,25 +326,11 @@ def _hint(placement: PlacementMessage) -> str:
 
 
 def legend(placement: PlacementMessage | None = None) -> str:
-    """The meaning of the colours."""
+    """The scale of costs; the scene has a legend of the rest."""
     known = [cost for cost in (placement.cost if placement else []) if cost is not None]
     low, high = (f"{min(known):.1f} s", f"{max(known):.1f} s") if known else ("cheap", "dear")
-    lines = [
-        (colours.GLOBAL_PATH, "global path"),
-        (colours.NEXT_PATH, "on to the next target"),
-        (colours.BEZIER, "B&eacute;zier"),
-        (colours.GHOST, "local plan"),
-    ]
-    marks = "".join(
-        f'<span style="white-space:nowrap;margin-right:10px"><span style="display:inline-block;width:14px;height:4px;'
-        f'border-radius:2px;vertical-align:middle;background:{colours.css(colour)}"></span> {name}</span>'
-        for colour, name in lines
-    )
     return card(
         '<div style="display:flex;align-items:center;gap:6px">'
         f'<span style="white-space:nowrap">{low}</span><span style="flex:1;height:8px;border-radius:4px;background:'
         f'{colours.viridis_css()}"></span><span style="white-space:nowrap">{high}</span></div>'
-        f'<div class="mu" style="margin-top:3px">{marks}<span style="white-space:nowrap">'
-        f'<span style="display:inline-block;width:8px;height:8px;border-radius:4px;background:'
-        f'{colours.css(colours.REJECTED)}"></span> rejected</span></div>'
     )

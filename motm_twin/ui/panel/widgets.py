@@ -214,7 +214,8 @@ STYLE = """<style>
 .mm table{width:100%;border-collapse:collapse}
 .mm td{padding:1px 0;vertical-align:top}.mm td+td{text-align:right;padding-left:8px;white-space:nowrap}
 .mm .ex{border-bottom:1px dotted #9ca3af;cursor:help}
-.mm .two{min-height:43px}
+.mm .big{margin-top:5px}.mm .two{height:43px;overflow:hidden}
+.mm .alert{height:19px;margin-top:3px;white-space:nowrap;overflow:hidden;text-overflow:ellipsis;cursor:help}
 .mn{font-size:12px;line-height:1.45;color:#6b7280;padding:0 12px 6px 12px;font-variant-numeric:tabular-nums}
 .mm hr{border:0;border-top:1px solid #e5e7eb;margin:5px 0}
 div:has(> .motm-top) {position: sticky; top: 0; z-index: 5; background: var(--mantine-color-body, white)}

@@ -44,9 +44,13 @@ class BodyView:
         self._bodies: dict[str, _Drawn] = {}
         self._colours: dict[str, colours.Rgb] = {}
         self._trails = server.scene.add_line_segments(
-            f"{ROOT}/trails", np.zeros((1, 2, 3), dtype=np.float32), colours.TRAIL, thickness=0.02, visible=False
+            f"{ROOT}/trails",
+            np.zeros((1, 2, 3), dtype=np.float32),
+            np.zeros((1, 2, 3), dtype=np.uint8),
+            thickness=0.02,
+            visible=False,  # given one colour, it would stay white when it gets several
         )
-        self.trails_on = self.movers_on = True
+        self.on = True  # Temis, persons and their trails
 
     def show(self, scene: Scene) -> None:
         """Forget the bodies of the last scene."""
@@ -78,13 +82,12 @@ class BodyView:
                 points = np.array([(x, y, 0.012) for x, y in drawn.trail])
                 pieces.append(np.stack([points[:-1], points[1:]], axis=1))
                 fade = np.linspace(0.0, 0.9, len(points) - 1)[:, None]
-                tone = np.array(colours.TRAIL) * fade + FLOOR * (1.0 - fade)
+                tone = colours.linear(np.array(colours.PEOPLE) * fade + FLOOR * (1.0 - fade))
                 tones.append(np.repeat(tone[:, None, :], 2, axis=1))
-        self._trails.visible = bool(pieces) and self.trails_on
+        self._trails.visible = bool(pieces) and self.on
         if pieces:
-            with self._server.atomic():
-                self._trails.points = np.concatenate(pieces).astype(np.float32)
-                self._trails.colors = np.concatenate(tones).astype(np.uint8)
+            self._trails.points = np.concatenate(pieces).astype(np.float32)
+            self._trails.colors = np.concatenate(tones).astype(np.uint8)
 
     def _place(self, name: str, body: BodyMessage, place: tuple, time: float) -> str:
         """Draw one body at ``place``: x, y, z [m] and heading [rad]."""
@@ -105,7 +108,7 @@ class BodyView:
             if mover:
                 _lengthen(drawn.trail, (x, y), time - drawn.time)
         drawn.time = time
-        drawn.handle.visible = self.movers_on or not mover
+        drawn.handle.visible = self.on or not mover
         if drawn.shadow is not None:
             drawn.shadow.visible = drawn.handle.visible
         self._mark_frozen(name, drawn, body)

@@ -23,6 +23,7 @@ FIELD_OF_VIEW = math.radians(40.0)  # vertical
 ASPECT = 1.18  # width / height of the picture beside the panel on a 1280 x 800 screen
 SAME_ASPECT = 0.03  # share by which an aspect ratio may differ without another pose
 _EDGE = 0.93  # share of the picture that is used
+BELOW = 0.12  # share of its height that timeline and legend take
 _FROM = np.array([-0.40, -0.72, 0.60])  # direction of the overview from the scene
 _ABOVE = np.array([0.0, -0.012, 1.0])
 _ROBOT = 0.45  # [m] kept free round the start
@@ -46,14 +47,17 @@ _MEMORY = 90  # sent poses that echoes are compared with
 _MADE = np.array([-5.0, 0.0, 0.0])  # [m] where a page's camera is before Viser puts it anywhere: three.js's (0, 0, 5)
 
 
-def overview(scene: Scene, aspect: float = ASPECT) -> View:
-    """Position and look-at point [m] that show the whole of a scene from its front left."""
-    return _fitted(extent(scene), _FROM, aspect)
+def overview(scene: Scene, aspect: float = ASPECT, *, below: float = BELOW) -> View:
+    """Position and look-at point [m] that show the whole of a scene from its front left.
+
+    ``below``: share of the picture's height that stays free at its lower edge.
+    """
+    return _fitted(extent(scene), _FROM, aspect, below)
 
 
 def from_above(scene: Scene, aspect: float = ASPECT) -> View:
     """Position and look-at point [m] for a plan view, x to the right."""
-    return _fitted(extent(scene), _ABOVE, aspect)
+    return _fitted(extent(scene), _ABOVE, aspect, BELOW)
 
 
 def extent(scene: Scene) -> Array:
@@ -77,7 +81,7 @@ def extent(scene: Scene) -> Array:
     return np.array(points)
 
 
-def _fitted(points: Array, direction: Array, aspect: float) -> View:
+def _fitted(points: Array, direction: Array, aspect: float, below: float) -> View:
     """The nearest eye in a direction that has all points within the picture, centred; and its look-at point."""
     aspect = ASPECT if abs(aspect / ASPECT - 1.0) <= SAME_ASPECT else aspect
     forward = -direction / np.linalg.norm(direction)
@@ -85,18 +89,28 @@ def _fitted(points: Array, direction: Array, aspect: float) -> View:
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)
     across, high, deep = points @ right, points @ up, points @ forward
-    tangent = _EDGE * math.tan(FIELD_OF_VIEW / 2)
-    eye_x, back_x = _between(across, deep, tangent * aspect)
-    eye_y, back_y = _between(high, deep, tangent)
-    position = eye_x * right + eye_y * up + min(back_x, back_y) * forward
+    tangent = math.tan(FIELD_OF_VIEW / 2)
+    side = (across, deep, _EDGE * tangent * aspect)
+    ends = (high, deep, (_EDGE - 2.0 * below) * tangent), (high, deep, _EDGE * tangent)
+    back = min(_farthest(side, side), _farthest(*ends))
+    position = _middle(side, side, back) * right + _middle(*ends, back) * up + back * forward
     along = (0.2 - position[2]) / forward[2]
     return position, position + along * forward
 
 
-def _between(side: Array, deep: Array, tangent: float) -> tuple[float, float]:
-    """Place of the eye along one axis of the picture, and the greatest depth at which both edges hold everything."""
-    low, high = float(np.max(-side - tangent * deep)), float(np.max(side - tangent * deep))
-    return (high - low) / 2, -(high + low) / (2 * tangent)
+Edge = tuple[Array, Array, float]  # points across, their depth, and the slope of an edge of the picture
+
+
+def _farthest(low: Edge, high: Edge) -> float:
+    """Greatest depth of the eye at which both edges hold everything."""
+    return -(float(np.max(-low[0] - low[2] * low[1])) + float(np.max(high[0] - high[2] * high[1]))) / (low[2] + high[2])
+
+
+def _middle(low: Edge, high: Edge, back: float) -> float:
+    """Place of the eye along an axis of the picture, at a depth, with as much room at one edge as at the other."""
+    least = float(np.max(high[0] - high[2] * high[1])) + high[2] * back
+    most = -float(np.max(-low[0] - low[2] * low[1])) - low[2] * back
+    return (least + most) / 2
 
 
 @dataclass
@@ -158,15 +172,21 @@ class Cameras:
             eye = self._eyes.get(client.client_id)
             return "Free" if eye is None else eye.mode
 
-    def update(self, pose: Array, hand: Array, dt: float) -> None:
-        """Advance moves and rides; base pose, transform of the hand (4, 4), and time [s] since the last call."""
+    def update(self, pose: Array, hand: Array, dt: float, *, ride: bool = True) -> None:
+        """Advance moves and rides; base pose, transform of the hand (4, 4), and time [s] since the last call.
+
+        ``ride``: those that ride along go on now, with a new picture.
+        """
         now = time.monotonic()
         clients = self._server.get_clients()
         wanted: dict[int, View] = {}
         with self._lock:
             self._base, self._hand = pose, hand
             for number, eye in self._eyes.items():
-                if number in clients and (view := self._view(eye, clients[number], now, dt)) is not None:
+                if number not in clients:
+                    continue
+                view = self._view(eye, clients[number], now, dt)
+                if view is not None and (ride or eye.mode not in RIDES or eye.ease_from is not None):
                     wanted[number] = view
                     eye.sent.append(view[0])
                     eye.look_at = view[1]

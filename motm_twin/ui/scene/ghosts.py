@@ -37,12 +37,12 @@ class GhostView:
     def __init__(self, server: viser.ViserServer) -> None:
         scene = server.scene
         self._silhouettes = add_batch(
-            scene, f"{ROOT}/silhouette", hull_mesh(LINKS[0]), SILHOUETTES, colours.GHOST,
+            scene, f"{ROOT}/silhouette", hull_mesh(LINKS[0]), SILHOUETTES, colours.PLAN,
             batched_opacities=np.array(FADES_IN, dtype=np.float32), opacity=0.99, side="front",
         )  # fmt: skip
         self._arrival = [
             add_batch(
-                scene, f"{ROOT}/arrival/{link}", hull_mesh(link), 1, colours.GHOST, opacity=ARRIVAL_OPACITY,
+                scene, f"{ROOT}/arrival/{link}", hull_mesh(link), 1, colours.PLAN, opacity=ARRIVAL_OPACITY,
                 side="front",
             )
             for link in ARRIVAL_LINKS

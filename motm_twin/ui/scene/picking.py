@@ -22,6 +22,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.scene import DriveTo, Pick, Place, PlanarPose, Scene
 from motm_twin.model.scene_shapes import outline, rectangle
 from motm_twin.ui.hub import Hub, Visitor
+from motm_twin.ui.legend import PLACES
 
 SELECTABLE = ("object", "bin", "body", "piece")
 SLACK = 0.014  # [rad] tolerance for small things
@@ -213,7 +214,7 @@ class Clicks:
         hub.keep_wheel(visitor)
         ray = Ray.through(event.ray_origin, np.add(event.ray_origin, event.ray_direction))
         aiming = bool(view.sending or view.placing)  # at the floor: dots that lie there are not meant
-        hit = self.surroundings.first(ray, tick, candidates=view.layers["Candidates"] and not aiming)
+        hit = self.surroundings.first(ray, tick, candidates=PLACES not in visitor.hidden and not aiming)
         kind = "" if hit is None else hit.kind
         if kind != "floor":
             view.sending = view.placing = ""  # cancelled

@@ -27,13 +27,13 @@ OFF = 0.01  # [m] a belief must be wrong by this much to be shown
 MOST_BELIEFS, MOST_DRIVES = 16, 8
 Points = list[list[float]]
 _LOOKS = {  # of paths: colour, height and width [m], dashed
-    "global_path": (colours.GLOBAL_PATH, 0.022, 0.032),
-    "next_path": (colours.NEXT_PATH, 0.018, 0.028),
-    "bezier": (colours.BEZIER, 0.026, 0.02),
-    "local_plan": (colours.BRAND, 0.030, 0.02),
-    "staa_path": (colours.STAA_PATH, 0.016, 0.030),
-    "inspected": (colours.INSPECTED, 0.034, 0.026),
-    "inspected_next": (colours.INSPECTED_NEXT, 0.034, 0.026, True),
+    "global_path": (colours.WAY_THERE, 0.022, 0.032),
+    "next_path": (colours.WAY_ON, 0.018, 0.028),
+    "bezier": (colours.PLAN_LIGHT, 0.026, 0.02),
+    "local_plan": (colours.PLAN, 0.030, 0.02),
+    "staa_path": (colours.STAA_PATH, 0.016, 0.030, True),
+    "inspected": (colours.WAY_THERE, 0.034, 0.026, True),
+    "inspected_next": (colours.WAY_ON, 0.034, 0.026, True),
 }
 
 
@@ -68,7 +68,7 @@ class CandidateView:
             server.scene, f"{PLAN}/candidates", _pointed_ball(), CAPACITY, grey, batched_scales=np.full(CAPACITY, 1e-3)
         )
         self._goal = server.scene.add_line_segments(
-            f"{PLAN}/goal", _goal_mark(), colours.GOAL, thickness=0.022, visible=False
+            f"{PLAN}/goal", _goal_mark(), colours.TARGET, thickness=0.022, visible=False
         )
         self._key: tuple = ()
 
@@ -108,8 +108,7 @@ class PlanView:
     def __init__(self, server: viser.ViserServer) -> None:
         self._lines = {name: PathLine(server, name, *look) for name, look in _LOOKS.items()}
         self.candidates = CandidateView(server)
-        self.candidates_on = self.paths_on = True
-        self.staa_on = False
+        self.on, self.staa_on = True, False
         self.picked: int | None = None
 
     def update(self, tick: TickMessage) -> None:
@@ -117,17 +116,17 @@ class PlanView:
         plan, found = tick.plan, tick.inspected
         inspected = found if found is not None and found.candidate == self.picked else None
         paths: dict[str, tuple[Points, bool]] = {
-            "global_path": (plan.global_path, self.paths_on),
-            "next_path": (plan.next_path, self.paths_on),
-            "bezier": (plan.bezier, self.paths_on),
-            "local_plan": ([pose[:2] for pose in plan.local_poses], self.paths_on),
+            "global_path": (plan.global_path, True),
+            "next_path": (plan.next_path, True),
+            "bezier": (plan.bezier, True),
+            "local_plan": ([pose[:2] for pose in plan.local_poses], True),
             "staa_path": (plan.staa_path, self.staa_on),
             "inspected": (inspected.path if inspected else [], True),
             "inspected_next": (inspected.next_path if inspected else [], True),
         }
         for name, (points, on) in paths.items():
-            self._lines[name].update(points, on)
-        self.candidates.update(tick.placement, self.candidates_on, self.picked)
+            self._lines[name].update(points, on and (self.on or name.startswith("inspected")))
+        self.candidates.update(tick.placement, self.on, self.picked)
 
 
 def dashes(points: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -174,10 +173,10 @@ class MarksView:
         self._target = add.add_line_segments(
             f"{MARKS}/target", ring(0.06), colours.TARGET, thickness=0.010, visible=False
         )
-        self._drives = add_batch(add, f"{MARKS}/drive_to", _flag(), MOST_DRIVES, colours.DRIVE_TO)
+        self._drives = add_batch(add, f"{MARKS}/drive_to", _flag(), MOST_DRIVES, colours.TARGET)
         cube = trimesh.creation.box((1.0, 1.0, 1.0))
         self._beliefs = add_batch(
-            add, f"{MARKS}/beliefs", (cube.vertices, cube.faces), MOST_BELIEFS, colours.BELIEF, opacity=0.45,
+            add, f"{MARKS}/beliefs", (cube.vertices, cube.faces), MOST_BELIEFS, colours.TARGET, opacity=0.45,
             batched_scales=np.full(MOST_BELIEFS, 0.04),
         )  # fmt: skip
 

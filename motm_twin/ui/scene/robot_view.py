@@ -26,7 +26,7 @@ ROOT, OTHERS = "/robot", "/others"
 AWAY = (0.0, 0.0, -100.0)  # [m] where unused parts of a batch wait
 MOST = 2  # robots of a comparison
 MOST_MOVERS = 16  # of each run that are drawn
-COLOUR_NAMES = ("orange", "violet")  # of `colours.OTHERS`
+COLOUR_NAMES = ("orange", "green")  # of `colours.OTHERS`
 _ROUND = 20  # corners of a cylinder
 _WITHIN = 0.96  # where both runs have one at the same place, that of the second is within that of the first
 _LABEL_HEIGHT = 1.15  # [m]
@@ -71,6 +71,7 @@ class RobotView:
             for part, dark in (("base", box_shadow_glb(0.7, 0.5, 0.3)), ("arm", round_shadow_glb(0.15, 1.0)))
         ]
         self._has_arm = True
+        self.on = True
         self.hand = np.eye(4)  # transform to the world, for a camera that rides on it
 
     def configure(self, profile: RobotProfile) -> None:
@@ -93,7 +94,7 @@ class RobotView:
         self._shadows[0].wxyz = SO3.from_z_radians(heading).wxyz
         for parts in (self._links, self._shadows):
             for number, handle in enumerate(parts):
-                handle.visible = self._has_arm or number == 0
+                handle.visible = self.on and (self._has_arm or number == 0)
 
 
 class ComparisonView:

@@ -18,7 +18,7 @@ from motm_twin.ui.scene.picking import Clicks, Surroundings
 from motm_twin.ui.scene.plan_view import MarksView, PlanView, target_spot
 from motm_twin.ui.scene.robot_view import ComparisonView, RobotView
 
-STAA_LAYER = "Unmodified STAA* path"
+CLOCK = "/clock"  # node whose position is the time [s] and run of a picture, for the page's script
 MAP_HEIGHT = 0.002  # [m] above the floor
 
 
@@ -37,7 +37,9 @@ class SceneView:
         self.cameras = Cameras(server)
         self._scene: Scene | None = None
         self._surroundings: Surroundings | None = None
+        self._clock = server.scene.add_frame(CLOCK, show_axes=False)
         self._drawn: TickMessage | None = None
+        self._live = True  # the twin's own run is shown
 
     def stop(self) -> None:
         """Let go of everything."""
@@ -48,7 +50,7 @@ class SceneView:
         self._drag.leave(visitor)
 
     def draw(self, shown: Shown, dt: float, *, slow: bool) -> None:
-        """Draw one picture; ``slow`` parts (plan, map, ghosts) only when asked to."""
+        """Draw one picture, all of one period; ``slow``: also what has changed within the period, such as a choice."""
         if shown.scene is not None and shown.scene is not self._scene:
             self._show_scene(shown.scene)
         tick, surroundings = shown.tick, self._surroundings
@@ -56,35 +58,35 @@ class SceneView:
             return
         surroundings.update(tick)
         self._clicks.surroundings, self._clicks.tick = surroundings, tick
+        fresh = tick is not self._drawn
+        live = self._hub.what_if.watched is None  # else two other runs are watched, and their Temis
+        if live != self._live:
+            self._live, fresh = live, True
+            for part in (self._bodies, self._ghosts, self._plan, self._robot):
+                part.on = live
         with self._server.atomic():
-            if tick is not self._drawn:
+            if fresh:
                 self._robot.update(tick)
             self._bodies.update(tick)
             self._furniture.update(tick)
             self._selection.update(shown.view.selected, tick, surroundings, live=shown.live)
+            if fresh or slow:
+                self._draw_plan(shown, tick, surroundings)
+            self._clock.position = (tick.time, tick.run, 0.0)  # the last: what has come before it is one picture
         self._drawn = tick
-        if slow:
-            self._draw_slow(shown, tick, surroundings)
-        self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt)
+        self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt, ride=fresh)
 
-    def _draw_slow(self, shown: Shown, tick: TickMessage, surroundings: Surroundings) -> None:
-        view = shown.view
-        layers = view.layers
-        if layers[STAA_LAYER] != view.staa_path:
-            view.staa_path = layers[STAA_LAYER]
+    def _draw_plan(self, shown: Shown, tick: TickMessage, surroundings: Surroundings) -> None:
+        if self._hub.staa != self._plan.staa_on:
+            self._plan.staa_on = self._hub.staa
             self._hub.inspect()
-        live = self._hub.what_if.watched is None  # else two other runs are watched, and who is about in them
-        self._bodies.movers_on = live
-        self._ghosts.on, self._bodies.trails_on = live and layers["Ghosts"], live and layers["Trails"]
-        self._plan.candidates_on, self._plan.paths_on = live and layers["Candidates"], live and layers["Paths"]
-        self._plan.staa_on, self._plan.picked = live and view.staa_path, view.picked
-        with self._server.atomic():
-            self._ghosts.update(tick, target_spot(tick, surroundings))
-            self._plan.update(tick)
-            self._marks.update(tick, surroundings)
-            self._others.update(self._hub.what_if.others(tick.time, tick.run))
+        self._plan.picked = shown.view.picked
+        self._ghosts.update(tick, target_spot(tick, surroundings))
+        self._plan.update(tick)
+        self._marks.update(tick, surroundings)
+        self._others.update(self._hub.what_if.others(tick.time, tick.run))
         self._bodies.update_trails()
-        self._map.update(shown.grid, layers["Occupancy grid"])
+        self._map.update(shown.grid)
 
     def _show_scene(self, scene: Scene) -> None:
         self._scene, self._drawn = scene, None
@@ -106,10 +108,8 @@ class MapView:
         self._handle: viser.ImageHandle | None = None
         self._key: tuple = ()
 
-    def update(self, grid: Grid | None, on: bool) -> None:
+    def update(self, grid: Grid | None) -> None:
         """Show this grid; its image is replaced when a new one has arrived."""
-        if self._handle is not None:
-            self._handle.visible = on
         if grid is None or grid is self._shown:
             return
         self._shown, info = grid, grid.info
@@ -120,6 +120,4 @@ class MapView:
         self._key = key
         width, height = info.width * info.resolution, info.height * info.resolution
         middle = (info.origin[0] + width / 2, info.origin[1] + height / 2, MAP_HEIGHT)
-        self._handle = self._scene.add_image(
-            "/map", picture, width, height, format="png", position=middle, visible=on, **NO_SHADOW
-        )
+        self._handle = self._scene.add_image("/map", picture, width, height, format="png", position=middle, **NO_SHADOW)

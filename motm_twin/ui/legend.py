@@ -1,0 +1,51 @@
+"""Layers of the scene: the chips of the legend, and the nodes that each switches. Each page has its own choice."""
+
+from typing import Any
+
+import msgspec
+
+from motm_twin.model.scene import Scene
+from motm_twin.ui import colours
+
+PLACES, STAA = "places", "staa"
+
+
+class Layer(msgspec.Struct, frozen=True):
+    """One chip."""
+
+    key: str
+    title: str
+    hint: str  # one sentence
+    swatch: str  # CSS background
+    shape: str  # of the swatch: area | dots | line | dashed | frame
+    nodes: tuple[str, ...]  # paths of nodes, or of their parents
+    on: bool = True  # at first
+
+
+LAYERS = (
+    Layer("grid", "Ground", "occupancy grid: dark is occupied, lighter is the margin round it", colours.ground_css(),
+          "area", ("/map",)),
+    Layer(PLACES, "Where the base could stand", "candidate base poses: yellow is cheap, violet dear, grey impossible; "
+          "click one to read its costs", colours.viridis_css(), "dots", ("/plan/candidates",)),
+    Layer("there", "Way there", "global path to the chosen place; dashed: to the place that you clicked",
+          colours.css(colours.WAY_THERE), "line", ("/plan/global_path", "/plan/inspected")),
+    Layer("on", "Way on", "path from there to the next target, which the choice of the place counts in; dashed: from "
+          "the place that you clicked", colours.css(colours.WAY_ON), "line",
+          ("/plan/next_path", "/plan/inspected_next")),
+    Layer("plan", "Plan", "motion of the next seconds, as the local search found it: silhouettes of the base, and the "
+          "whole robot at its next grasp or release; light: the curve on which the search judges how to arrive",
+          colours.css(colours.PLAN), "line",
+          ("/plan/local_plan", "/plan/bezier", "/robot/silhouette", "/robot/arrival")),
+    Layer("target", "Target", "the chosen place of the base, and where the robot believes its target to be",
+          colours.css(colours.TARGET), "frame", ("/plan/goal", "/marks")),
+    Layer("people", "Their ways", "where Temis and people have gone in the last seconds", colours.css(colours.PEOPLE),
+          "line", ("/bodies/trails",)),
+    Layer(STAA, "STAA* path", "path of the unmodified STAA*, for comparison", colours.css(colours.STAA_PATH), "dashed",
+          ("/plan/staa_path",), on=False),
+)  # fmt: skip
+OFF_AT_FIRST = frozenset(layer.key for layer in LAYERS if not layer.on)
+
+
+def names_of(scene: Scene) -> dict[str, Any]:
+    """Names of the scene and of what stands still in it, with places [m]."""
+    return {"scene": scene.title or scene.name, "bins": [(box.name, *box.centre, box.rim_z) for box in scene.bins]}
