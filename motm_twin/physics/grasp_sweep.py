@@ -1,4 +1,4 @@
-"""What a floating hand holds, by contact dynamics and by the grasp rules: a sweep, its counts and its figure."""
+"""Sweep of a floating hand: grasps by contact dynamics and by the grasp rules, their counts and their figure."""
 
 import json
 import math
@@ -45,7 +45,7 @@ def cells(*, quick: bool = False) -> list[Cell]:
 
 
 def outcome(cell: Cell) -> Outcome:
-    """Who holds a cell."""
+    """Outcome of a cell by physics and by both rules."""
     return Outcome(cell, physics_holds(cell), rule_holds(cell, STRICT), rule_holds(cell, SWEPT))
 
 

@@ -68,7 +68,7 @@ class Fingers:
             grasp.width = min(max(grasp.width, state.width) + self.opening_speed * self._dt, self.spec.max_width)
 
     def read(self, s: PlantState, hand: Array, width: float, contacts: Contacts, now: float, tcp_speed: float) -> None:
-        """What the fingers feel: phase, and the object that they hold.
+        """Read the fingers: their phase, and the object that they hold.
 
         ``hand``: its transform; ``width`` [m] between the pads; ``tcp_speed`` [m/s].
         """

@@ -291,7 +291,7 @@ class Dynamics:
         return min((int(at[0 if which == "q" else 1][0]) for at in agents.values()), default=otherwise)
 
     def _take_edits(self, state: PlantState) -> None:
-        """Where the state differs from the dynamics, a person has changed it."""
+        """Take over differences of the state from the dynamics: a person has made them."""
         data = self._data
         here = self._planar()
         if np.abs(state.base.pose - here).max() > _EDITED:
@@ -475,7 +475,7 @@ class Dynamics:
                 item.state = _resting(item, solids)
 
     def _check(self, s: PlantState, faults: dict[str, str]) -> None:
-        """What must not happen in a sound simulation."""
+        """Tell of anything that does not happen in a sound simulation."""
         data, now = self._data, s.substep * SUBSTEP
         for i, warning in enumerate(data.warning):
             if warning.number:

@@ -87,7 +87,7 @@ def track(profile: RobotProfile) -> float:
 
 
 def base_inertia(profile: RobotProfile, physics: Physics) -> tuple[float, float]:
-    """What the wheels' drives know of the load: mass [kg], and inertia about the vertical [kg m^2], of a folded arm."""
+    """Load as the wheels' drives know it: mass [kg], and inertia about the vertical [kg m^2], of a folded arm."""
     foot = profile.footprint
     arm = ARM_MASS if profile.has_arm else 0.0
     turning = physics.base_mass * (foot.length**2 + foot.width**2) / 12.0 + arm * (profile.arm.mount_x + 0.1) ** 2

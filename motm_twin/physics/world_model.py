@@ -39,7 +39,7 @@ class Standing(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What a model was compiled for: all that can not be changed in it."""
+    """Purpose of a model: all that can not be changed in it."""
 
     shapes: tuple[Shape, ...]
     objects: tuple[tuple[str, float], ...]  # name, side [m]
@@ -102,7 +102,7 @@ def compile_model(scene: Scene, physics: Physics, kind: Kind) -> mujoco.MjModel:
 
 
 def add_options(root: ET.Element) -> None:
-    """How MuJoCo solves: small steps, true friction cones, and few iterations against creeping."""
+    """Options of the solver: small steps, true friction cones, and few iterations against creeping."""
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", eulerseq="XYZ")
     option = ET.SubElement(
         root, "option", timestep=text(TIMESTEP), integrator="implicitfast", cone="elliptic", impratio="10",

@@ -22,7 +22,7 @@ Frames = Callable[[Array, Array], Array]  # pose (3,), q (7,) -> transforms of `
 
 
 class Told(NamedTuple):
-    """What the drives are told for a substep, with what is wrong with them."""
+    """Command of the drives for a substep, with what is wrong with them."""
 
     twist: Array  # forward speed and yaw rate, shape (2,)
     more_lag: float  # [s] of the base
@@ -33,7 +33,7 @@ class Told(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Moved:
-    """What a substep did, beside what it left in the state."""
+    """Result of a substep, beside what it left in the state."""
 
     frames: Array  # of the arm in the world, shape (11, 4, 4)
     mean_twist: tuple[float, float]  # by the wheels, over the substep
@@ -45,7 +45,7 @@ class Moved:
 
 
 class Surroundings(Protocol):
-    """What moves by itself, or because a person threw it."""
+    """Bodies that move by themselves, or because a person threw them."""
 
     def slide(self) -> tuple[Mapping[str, Point], tuple[str, ...]]:
         """Move thrown bodies; their velocities [m/s], and the objects carried along."""
@@ -62,7 +62,7 @@ class Surroundings(Protocol):
 
 
 class Mechanics(Protocol):
-    """How things move."""
+    """Motion of everything."""
 
     solid: bool  # bodies press on each other, and may rest against each other
 
