@@ -129,6 +129,7 @@ class ReferenceRobot:
             "min_base_clearance_m": round(clearance, 4) if np.isfinite(clearance) else None,
             "path_length_m": round(truth.path_length, 3),
             "plant_faults": list(truth.plant_faults),
+            **({} if truth.physics is None else {"physics": msgspec.to_builtins(truth.physics)}),
             "commands_refused": self._guard.refused,
             "last_refusal": self._guard.refusal,
         }
