@@ -79,7 +79,7 @@ def joining(served: Served, count: int) -> list[float]:
     waits = []
     for _ in range(count):
         with PageReader(served.port, token=served.token) as reader:
-            whole = reader.wait(lambda reader: reader.replayed is not None and reader.find("Load"), 30.0)
+            whole = reader.wait(lambda reader: reader.replayed is not None and len(reader.options("Scene")) > 1, 30.0)
             waits.append(time.monotonic() - reader.started if whole else float("nan"))
     return waits
 
@@ -87,7 +87,7 @@ def joining(served: Served, count: int) -> list[float]:
 def scene_bytes(served: Served) -> float:
     """Bytes that the websocket sends a new visitor until he has everything; the twin should be paused."""
     with PageReader(served.port, token=served.token) as reader:
-        if not reader.wait(lambda reader: reader.replayed is not None and reader.find("Load"), 30.0):
+        if not reader.wait(lambda reader: reader.replayed is not None and len(reader.options("Scene")) > 1, 30.0):
             raise TimeoutError("no whole scene within 30 s")
         time.sleep(1.0)  # the last of the panel
         return float(reader.bytes)

@@ -287,15 +287,14 @@ class Hub:
             return ""
         return f"still {status.text or 'loading'}: try again when it runs"
 
-    @property
-    def staa(self) -> bool:
-        """True while somebody wants to see the path of unmodified STAA*."""
-        return any(STAA not in visitor.hidden for visitor in self.visitors)
+    def shows(self, layer: str) -> bool:
+        """True while a page shows this layer."""
+        return any(layer not in visitor.hidden for visitor in self.visitors)
 
     def inspect(self) -> None:
         """Ask the twin to explain what the view needs."""
         picked = -1 if self.view.picked is None else self.view.picked
-        self.send(None, Inspect(candidate=picked, staa_path=self.staa))
+        self.send(None, Inspect(candidate=picked, staa_path=self.shows(STAA)))
 
     def _send_queued(self) -> None:
         while not self._stop.is_set():

@@ -7,7 +7,7 @@ import msgspec
 from motm_twin.model.scene import Scene
 from motm_twin.ui import colours
 
-PLACES, STAA = "places", "staa"
+PLACES, LIDAR, STAA = "places", "lidar", "staa"
 
 
 class Layer(msgspec.Struct, frozen=True):
@@ -40,8 +40,10 @@ LAYERS = (
           colours.css(colours.TARGET), "frame", ("/plan/goal", "/marks")),
     Layer("people", "Their ways", "where Temis and people have gone in the last seconds", colours.css(colours.PEOPLE),
           "line", ("/bodies/trails",)),
-    Layer(STAA, "STAA* path", "path of the unmodified STAA*, for comparison", colours.css(colours.STAA_PATH), "dashed",
-          ("/plan/staa_path",), on=False),
+    Layer(LIDAR, "Lidar", "what the beams of the newest sweep have met", colours.css(colours.LIDAR), "dots",
+          ("/lidar",), on=False),
+    Layer(STAA, "STAA* path", "path of the unmodified STAA*, for comparison", colours.css(colours.STAA_PATH),
+          "dashed", ("/plan/staa_path",), on=False),
 )  # fmt: skip
 OFF_AT_FIRST = frozenset(layer.key for layer in LAYERS if not layer.on)
 

@@ -30,8 +30,16 @@ def test_the_tour_shows_a_place_and_its_costs_a_temi_in_the_way_and_why_it_plans
     visitor.press("Stop")
     visitor.press("Done")
     assert page.locator("#motm-tour").count() == 0
-    page.reload()
+    page.goto("about:blank")
+    page.goto(f"{visitor.twin.url}&fixedDpr=1#cam=Top")  # a link
     page.locator(".cover").wait_for(state="detached", timeout=60_000)
     assert page.locator("#motm-tour").count() == 0  # once is enough
+    until(lambda: looks_down(visitor), 60.0, "the link does not choose the camera")
     assert visitor.errors == []
     page.close()
+
+
+def looks_down(visitor):
+    """Whether the camera is above the scene."""
+    camera = visitor._camera()
+    return camera is not None and camera[0][2, 1] > 0.95

@@ -324,6 +324,11 @@ def test_the_timeline_plays_steps_and_looks_back(person):
     assert person.hub.view.at is None
 
 
+def test_a_link_chooses_the_camera(person):
+    person.asks("camera", "Follow")
+    assert person.cameras == ["Follow"]
+
+
 def test_what_no_script_of_ours_would_ask_is_left(person):
     for words in ("", "no JSON", "[1]", '[1, "format"]', "{}", "[1, []]", "17"):
         person.chooses(ASK, words)
@@ -334,9 +339,9 @@ def test_who_only_looks_may_hide_layers_and_save_but_not_drive(person):
     person.shows(driver="somebody", driver_name="Bob")
     person.client.status = lambda: status(driver="somebody", driver_name="Bob")
     person.asks("hide", ["grid", STAA])
-    assert person.visitor.hidden == {"grid", STAA} and not person.hub.staa
+    assert person.visitor.hidden == {"grid", STAA} and not person.hub.shows(STAA)
     person.asks("hide", [])
-    assert person.hub.staa  # somebody wants to see it
+    assert person.hub.shows(STAA)  # somebody wants to see it
     person.asks("toggle")
     assert person.sent == [] and "Bob" in person.page.notes[-1]
 

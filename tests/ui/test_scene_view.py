@@ -1,6 +1,7 @@
 """The 3D scene: its nodes, meshes, shadows, colours and marks."""
 
 import math
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -37,7 +38,7 @@ from motm_twin.ui.scene.light import (
 )
 from motm_twin.ui.scene.picking import Surroundings
 from motm_twin.ui.scene.plan_view import believed, dashes, drive_points, relative_cost, target_spot
-from motm_twin.ui.scene.scene_view import SceneView
+from motm_twin.ui.scene.scene_view import SceneView, hits
 from motm_twin.ui.what_if import Other
 
 FIXED = ("/scene/", "/light/", "/furniture/")
@@ -292,3 +293,11 @@ def test_the_target_is_marked_where_the_robot_believes_it(tick):
     assert (spot.x, spot.y, spot.z) == pytest.approx((off[0], off[1], off[2] - 0.5 * item.size[0]))
     known = target_spot(msgspec.structs.replace(active, beliefs=[]), surroundings)
     assert (known.x, known.y) == pytest.approx(tuple(item.position[:2]))
+
+
+def test_hits_of_the_lidar_stand_where_the_beams_have_ended():
+    scan = SimpleNamespace(
+        pose=[1.0, 2.0, math.pi / 2], origin=[0.3, 0.0], angle_min=-math.pi / 2, angle_step=math.pi / 2,
+        ranges=[2.0, None, 1.0],
+    )  # fmt: skip
+    assert hits(scan, 0.2) == pytest.approx(np.array([[3.0, 2.3, 0.2], [0.0, 2.3, 0.2]]))

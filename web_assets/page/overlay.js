@@ -325,6 +325,19 @@
     tell(found, event.clientX + 12, event.clientY - 8);
   });
 
+  // a link to a moment: #t=47.5&cam=Follow
+
+  const link = new URLSearchParams(location.hash.slice(1));
+  if (location.hash) history.replaceState(null, "", location.pathname + location.search); // Viser would try to connect to it
+  const follow = () => {
+    const time = Number(link.get("t")), last = data.now?.span?.[1];
+    if (link.has("cam")) say("camera", link.get("cam"));
+    link.delete("cam");
+    if (!link.has("t") || !(last >= time)) return; // not yet
+    say("look", Math.round((last - time) * 100) / 100);
+    link.delete("t");
+  };
+
   // the page
 
   const covered = setInterval(() => {
@@ -343,6 +356,7 @@
   const says = make("div", { class: "says" });
   motm.learn = (mark, value) => {
     const first = mark === "legend" && !data.legend;
+    if (mark === "legend" && !first) return; // chips know their layers
     data[mark] = value;
     if (first) {
       for (const layer of data.legend) if (!layer.on) hidden.add(layer.key);
@@ -351,13 +365,21 @@
     }
     if (mark === "now" || mark === "events") bring();
     if (mark === "now") motm.changed?.();
+    if (mark === "now" && link.size && !cover.isConnected) follow();
     if (typeof value.says === "string") says.textContent = value.says;
+  };
+  const again = () => {
+    say("hide", [...hidden]);
+    say("drawn");
   };
   motm.taps.push((messages) => {
     for (const message of messages) {
       const content = message.type === "GuiHtmlMessage" ? message.props.content : message.type === "GuiUpdateMessage" ? message.updates.content : "";
       const mark = typeof content === "string" && MARK.exec(content);
-      if (message.type === "GuiTextMessage" && message.props.label === ASK) ask = message.uuid;
+      if (message.type === "GuiTextMessage" && message.props.label === ASK) {
+        ask = message.uuid;
+        if (data.legend && !cover.isConnected) again(); // a new connection
+      }
       if (mark) motm.learn(mark[1], JSON.parse(content.slice(mark[0].length)));
     }
     rest(messages);

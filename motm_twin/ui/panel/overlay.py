@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
-import viser
 
 from motm_twin.bus.commands import Reset, Speed, Step
 from motm_twin.ui.hub import Hub, Shown, Visitor
@@ -19,6 +18,7 @@ from motm_twin.ui.panel.drive_tab import SPEEDS, DriveTab
 from motm_twin.ui.panel.replay_tab import ReplayTab
 from motm_twin.ui.panel.why_tab import NEXT_WEIGHT, says
 from motm_twin.ui.panel.widgets import Block
+from motm_twin.ui.scene.scene_view import SceneView
 
 ASK = "motm-ask"  # label of the widget that the script writes to
 MARK = "<!--motm:{}-->"
@@ -29,8 +29,9 @@ class Overlay(Block):
     """One visitor's."""
 
     def __init__(
-        self, gui: viser.GuiApi, hub: Hub, visitor: Visitor, drive: DriveTab, disturb: DisturbTab, replay: ReplayTab
+        self, visitor: Visitor, hub: Hub, scene: SceneView, drive: DriveTab, disturb: DisturbTab, replay: ReplayTab
     ) -> None:
+        gui = visitor.client.gui
         super().__init__(gui, hub, visitor)
         self._drive, self._replay = drive, replay
         self._legend, self._now, self._events, self._names = (gui.add_html("", visible=False) for _ in range(4))
@@ -53,6 +54,7 @@ class Overlay(Block):
             "temi": (True, lambda: disturb.add("temi")),
             "ahead": (True, self._ahead),
             "hide": (False, self._hide),
+            "camera": (False, lambda name: scene.cameras.choose(visitor.client, name)),
             "drawn": (False, self._drawn),
         }
         asked = gui.add_text(ASK, "", visible=False)

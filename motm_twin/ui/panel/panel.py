@@ -206,7 +206,7 @@ class Panel:
             tune = TuneTab(gui, hub, visitor)
         with tabs.add_tab("Replay", icon.HISTORY):
             replay = ReplayTab(gui, hub, visitor)
-        overlay = Overlay(gui, hub, visitor, drive, disturb, replay)
+        overlay = Overlay(visitor, hub, scene, drive, disturb, replay)
         self._blocks: list[Block] = [wheel, drive, disturb, why, tune, replay, overlay]
         add_commands(scene, drive, disturb, replay, self._help)
         self._driving: bool | None = None

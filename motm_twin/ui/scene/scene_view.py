@@ -1,13 +1,18 @@
 """The shared 3D scene: everything that is drawn in it."""
 
+import math
+
 import numpy as np
 import viser
 
 from motm_twin.bus.client import Grid
-from motm_twin.bus.messages import TickMessage
+from motm_twin.bus.messages import ScanMessage, TickMessage
+from motm_twin.model.geometry import Array
 from motm_twin.model.scene import Scene
+from motm_twin.ui import colours
 from motm_twin.ui.colours import ground_table
 from motm_twin.ui.hub import Hub, Shown, Visitor
+from motm_twin.ui.legend import LIDAR, STAA
 from motm_twin.ui.scene.body_view import BodyView
 from motm_twin.ui.scene.cameras import Cameras
 from motm_twin.ui.scene.drag import Drag, SelectionView
@@ -37,6 +42,7 @@ class SceneView:
         self.cameras = Cameras(server)
         self._scene: Scene | None = None
         self._surroundings: Surroundings | None = None
+        self._lidar = LidarView(server)
         self._clock = server.scene.add_frame(CLOCK, show_axes=False)
         self._drawn: TickMessage | None = None
         self._live = True  # the twin's own run is shown
@@ -77,9 +83,11 @@ class SceneView:
         self.cameras.update(np.array(tick.robot.true_pose), self._robot.hand, dt, ride=fresh)
 
     def _draw_plan(self, shown: Shown, tick: TickMessage, surroundings: Surroundings) -> None:
-        if self._hub.staa != self._plan.staa_on:
-            self._plan.staa_on = self._hub.staa
+        if self._hub.shows(STAA) != self._plan.staa_on:
+            self._plan.staa_on = not self._plan.staa_on
             self._hub.inspect()
+        sweep = self._hub.client.scan() if shown.live and self._hub.shows(LIDAR) else None
+        self._lidar.update(sweep, surroundings.now.robot.lidar.z)
         self._plan.picked = shown.view.picked
         self._ghosts.update(tick, target_spot(tick, surroundings))
         self._plan.update(tick)
@@ -97,6 +105,37 @@ class SceneView:
         self._ghosts.configure(scene.robot)
         self._others.configure(scene.robot)
         self._hub.view.picked, self._hub.view.selected = None, ""
+
+
+class LidarView:
+    """What the beams of the newest sweep have met, at the height of the lidar."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._points = server.scene.add_point_cloud(
+            "/lidar", np.zeros((1, 3), dtype=np.float32), colours.LIDAR, point_size=0.035, point_shape="circle",
+            point_shading="flat", precision="float32", visible=False,
+        )  # fmt: skip
+
+    def update(self, scan: ScanMessage | None, height: float) -> None:
+        """Show this sweep at a height [m]; None hides it."""
+        points = np.zeros((0, 3)) if scan is None else hits(scan, height)
+        self._points.visible = len(points) > 0
+        if len(points):
+            self._points.points = points.astype(np.float32)
+
+
+def hits(scan: ScanMessage, height: float) -> Array:
+    """Points [m] where beams have ended, shape (n, 3), in the world."""
+    ranges = np.array([math.nan if value is None else value for value in scan.ranges])
+    x, y, heading = scan.pose
+    angles = scan.angle_min + scan.angle_step * np.arange(len(ranges)) + heading
+    c, s = math.cos(heading), math.sin(heading)
+    u, v = scan.origin
+    points = np.column_stack([
+        x + c * u - s * v + ranges * np.cos(angles), y + s * u + c * v + ranges * np.sin(angles),
+        np.full(len(ranges), height),
+    ])  # fmt: skip
+    return points[np.isfinite(ranges)]
 
 
 class MapView:
