@@ -34,13 +34,14 @@ SEARCH_SECONDS = 0.02  # [s] of wall time for one search of the base; the period
 WATCH = 0.1  # [s] between looks at the state for the report
 
 
-def make_twin(scene: Scene, *, budget: SearchBudget, method: "Method") -> TwinLike:
-    """A twin whose searches are bounded by the clock as well."""
+def make_twin(scene: Scene, *, budget: SearchBudget, plant: str, method: "Method") -> TwinLike:
+    """A twin whose searches are bounded by the clock as well; ``plant``: kinematic, or by contact dynamics."""
+    from motm_twin.plants import with_plant
     from motm_twin.twin import Twin  # slow to import: only once the server listens
     from motm_twin.warm_up import compile_kernels
 
     compile_kernels()
-    twin = Twin(scene, method=method, budget=budget, clock=time.perf_counter)
+    twin = Twin(with_plant(scene, plant), method=method, budget=budget, clock=time.perf_counter)
     freeze_setup()
     return twin
 
@@ -81,7 +82,7 @@ def main() -> None:
         server = TwinServer(
             TwinSetup(
                 library=library,
-                make_twin=functools.partial(make_twin, budget=budget),
+                make_twin=functools.partial(make_twin, budget=budget, plant=options.plant),
                 first=first,
                 playing=not options.paused,
                 hold=options.hold,
@@ -118,7 +119,7 @@ def main() -> None:
 
 def _robot(options: argparse.Namespace, budget: SearchBudget, stop: threading.Event) -> RobotChoice | None:
     """The requested external robot; waits for the router where it connects."""
-    if options.plant == "simulated":
+    if options.plant not in ("zenoh", "mirror"):
         return None
     sender = f"twin-{secrets.token_hex(4)}"
     return RobotChoice(
@@ -138,7 +139,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="TCP port of Zenoh, 0 takes any free one")
     parser.add_argument("--twin", default=DEFAULT_TWIN, help="name in the keys")
     parser.add_argument("--data", type=Path, default=DEFAULT_FOLDER, help="folder of saved sessions and recordings")
-    parser.add_argument("--plant", choices=("simulated", "zenoh", "mirror"), default="simulated", help="the robot")
+    plants = ("simulated", "mujoco", "zenoh", "mirror")
+    parser.add_argument("--plant", choices=plants, default="simulated", help="the robot")
     parser.add_argument("--connect", help="router where the robot is met; without it, at this server")
     parser.add_argument("--record", type=Path, help="MCAP file to record to from the start")
     parser.add_argument("--expansions-only", action="store_true", help="no clock ends a search of the base")

@@ -158,6 +158,7 @@ def report(twin: Twin, tick: Tick, tally: Tally, seconds: float, tour: float) ->
         "mean_closing_base_speed_mps": round(float(np.mean(tally.closing_speed)), 4) if tally.closing_speed else None,
         "encounters": tally.encounters,
         "plant_faults": list(truth.plant_faults),
+        **({} if truth.physics is None else {"physics": msgspec.to_builtins(truth.physics)}),
         "reason": failure(twin, tick, completed, len(caused), sequence.failures),
         "tick_ms": {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(max(tally.period_ms), 3)},
         "realtime_factor": round(tick.time / seconds, 2),

@@ -42,8 +42,8 @@ from motm_twin.planning.global_path import GraphCache
 from motm_twin.planning.parameters import PlanningParameters
 from motm_twin.planning.planner import BasePlanner
 from motm_twin.planning.types import SearchBudget
-from motm_twin.sessions.session import Cut, LoggedEdit, Session, plain
-from motm_twin.sim.plant import SimulatedPlant
+from motm_twin.plants import make_plant
+from motm_twin.sessions.session import Cut, LoggedEdit, Session, made_with, plain
 
 POINTED_AT = 0.15  # [m] error of a belief beyond which an object added to the task list is shown to the robot
 
@@ -85,7 +85,7 @@ class Twin:
         """Back to the start of the scene, with the parameters it began with; queued edits are forgotten."""
         if self._external is not None:
             self._external.begin(self.scene)
-        self.plant: TwinPlant = self._external or SimulatedPlant(self.scene)
+        self.plant: TwinPlant = self._external or make_plant(self.scene)
         self._told = Told(self.scene, self._start)
         self.edits: list[LoggedEdit] = []
         self.cuts: list[Cut] = []
@@ -202,6 +202,7 @@ class Twin:
         whole = self._broken is None
         return Session(
             title=title if whole else f"{title} (until period {self._broken}, which broke off: no state hash)".lstrip(),
+            made_with=made_with(physics=self.scene.physics is not None),
             scene=self.scene,
             method=self.method.name,
             parameters=dict(self._start),
@@ -224,7 +225,7 @@ class Twin:
 
     def parts(self) -> dict[str, HasState]:
         """Everything that has state; an external robot keeps its own."""
-        if not isinstance(self.plant, SimulatedPlant):
+        if not isinstance(self.plant, HasState):
             return {"told": self._told, **self.loop.parts()}
         return {"plant": self.plant, "told": self._told, **self.loop.parts()}
 

@@ -47,9 +47,9 @@ class Preview:
     """Applies edits to a copy of the state. Edits of the robot's knowledge have no visible effect."""
 
     def __init__(self, scene: Scene) -> None:
-        from motm_twin.sim.plant import SimulatedPlant  # slow to import: only once the server listens
+        from motm_twin.plants import make_plant  # slow to import: only once the server listens
 
-        self._plant = SimulatedPlant(scene)
+        self._plant = make_plant(scene)
         self._of: TickMessage | None = None
         self._applied = 0
         self._frozen: dict[str, bool] = {}  # frozen by these edits: the plant reports it only after its next step

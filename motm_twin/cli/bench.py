@@ -1,6 +1,7 @@
 """`motm-twin bench NAME ...`: groups of trials with numbers to reach, benchmarks, and experiments by name."""
 
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from motm_twin.cli.outputs import folder_problem
 from motm_twin.generate.barn import PREFIX
 from motm_twin.perf import anytime, bus, growth, page, period, scale, soak
 from motm_twin.perf.report import machine
+from motm_twin.plants import require_mujoco
 from motm_twin.program import BAD_INPUT, FAILED, INTERRUPTED, OK, plain_console, table_console
 from motm_twin.studies import barn, faults, mismatch, pool, screening, surprise, task
 from motm_twin.studies.catalogue import EXPERIMENTS, experiment
@@ -24,16 +26,31 @@ from motm_twin.studies.summary import published_beside, reasons_table, rows, sum
 
 TABLE_WIDTH = 132  # characters; a narrower table is not readable
 
+GRASP_RULE = "grasp_rule"
+GRASP_RULE_TITLE = "What a floating hand holds on the move, by contact dynamics and by the kinematic plant's rules"
+
 Run = Callable[[BenchSettings, Console], bool]  # True when every number was reached
 
 
 def _group(name: str) -> Run:
-    return lambda given, console: bench_group(GROUPS[name], given.out, given.workers, console)
+    return lambda given, console: bench_group(GROUPS[name].on(given.plant), given.out, given.workers, console)
 
 
 def _period(given: BenchSettings, console: Console) -> bool:
     reached = _group("period")(given, console)
     return period.bench_period(given.out, given.share, console) and reached
+
+
+def _grasp_rule(given: BenchSettings, console: Console) -> bool:
+    """Sweep the floating hand; True when a rule nowhere holds what physics loses. Raises SceneError without MuJoCo."""
+    require_mujoco()
+    sweeps = import_module("motm_twin.physics.grasp_sweep")
+    console.print(f"\n[bold]{GRASP_RULE}[/bold]: {GRASP_RULE_TITLE}")
+    outcomes = sweeps.sweep(given.workers, quick=given.quick)
+    found = sweeps.counts(outcomes)
+    console.print(", ".join(f"{name}: {count}" for name, count in found.items()), markup=False)
+    console.print(f"{machine()}, {given.workers} processes; written to {sweeps.write(outcomes, given.out)}")
+    return not any(count for name, count in found.items() if name.endswith("holds what physics loses"))
 
 
 RUNS: dict[str, Run] = {
@@ -55,13 +72,15 @@ RUNS: dict[str, Run] = {
     screening.NAME: lambda given, console: screening.bench_screening(
         given.out, given.share, given.workers, console, given.numbers
     ),
+    GRASP_RULE: _grasp_rule,
     surprise.NAME: lambda given, console: surprise.bench_surprise(given.out, given.workers, console),
 }
-ALL = (*GROUPS, task.NAME)  # of the name "all"
+OF_EXTRA = "physics"  # group that needs an extra
+ALL = (*(name for name in GROUPS if name != OF_EXTRA), task.NAME)  # of the name "all"
 TRIAL = 0.12  # [min] of one trial on one of two processes
 MINUTES = {  # of the others, on two cores
     "period": 5, "page": 10, "bus": 6, "soak": 45, "scale": 12, "efficiency": 6, "growth": 5, "anytime": 7,
-    "solvers": 1, "task": 40, "faults": 120, "mismatch": 20, "surprise": 12, "screening": 900,
+    "solvers": 1, "task": 40, "faults": 120, "mismatch": 20, "surprise": 12, "screening": 900, "grasp_rule": 6,
 }  # fmt: skip
 ONLY_EXPERIMENTS = tuple(name for name in EXPERIMENTS if name not in RUNS)
 
@@ -96,7 +115,7 @@ def _list_groups(console: Console) -> None:
     """Print what can be measured, and how long it takes."""
     table = Table("group", "about", "what", title="motm-twin bench GROUP [GROUP ...]; all: those above the line")
     whole = {name: (round(len(GROUPS[name].trials) * TRIAL) or 1, GROUPS[name].title) for name in GROUPS}
-    titles = {"period": period.TITLE, "solvers": period.SOLVERS_TITLE} | {
+    titles = {GRASP_RULE: GRASP_RULE_TITLE, "period": period.TITLE, "solvers": period.SOLVERS_TITLE} | {
         module.NAME: module.TITLE
         for module in (page, bus, soak, scale, pool, growth, anytime, task, faults, mismatch, surprise, screening)
     }
@@ -174,7 +193,7 @@ def bench_experiments(names: list[str], given: BenchSettings, console: Console) 
     """Run experiments, print a table each, write the summaries; the exit code."""
     try:
         changes = changes_of(given.changes)
-        chosen = [experiment(name, given.methods, given.trials).changed(changes) for name in names]
+        chosen = [experiment(name, given.methods, given.trials).on(given.plant).changed(changes) for name in names]
         for each in chosen:
             console.print(f"[bold]{each.name}[/bold]: {each.title}, {len(each.specs)} trials")
         results = run(

@@ -13,9 +13,8 @@ from motm_twin.cli.paper import paper
 from motm_twin.cli.record import info, record, recover, replay, rerun
 from motm_twin.cli.robot import robot
 from motm_twin.cli.security import security
-from motm_twin.cli.settings import ServeSettings
+from motm_twin.cli.settings import RunSettings, ServeSettings
 from motm_twin.interrupts import interruptible
-from motm_twin.methods import DEFAULT_METHOD
 from motm_twin.model.scene_error import SceneError
 from motm_twin.studies.settings import BenchSettings
 
@@ -23,44 +22,14 @@ Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Changes = Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="NAME=VALUE")]
 
 
-def run(
-    scene: Positional[str] = "exp1",
-    /,
-    variant: str | None = None,
-    seed: int | None = None,
-    json: Annotated[str | None, tyro.conf.arg(name="json", metavar="FILE|-")] = None,
-    save: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
-    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    method: str = DEFAULT_METHOD,
-    changes: Changes = (),
-) -> int:
+def run(settings: Annotated[RunSettings, tyro.conf.arg(name="")]) -> int:
     """Run a scene headless, as fast as the processor allows.
 
     Exit code 0: the task was completed with no contact caused by the robot; 1: not; 2: bad input; 130: Ctrl-C.
-
-    Args:
-        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
-        variant: Named variant of the scene.
-        seed: Seed of noise and random arrangements.
-        json: Write the report to a file, or to standard output with '-'.
-        save: Write the session to a new file, for `rerun` and `what-if`; after Ctrl-C too, up to there.
-        plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
-        method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
-        changes: A parameter and its value, on top of the method's; may be given several times. docs/parameters.md.
     """
-    from motm_twin.cli.outputs import refuse_unwritable, write_json
-    from motm_twin.cli.run import print_report, run_headless
-    from motm_twin.methods.registry import find_method
-    from motm_twin.record.what_if import parse_changes
+    from motm_twin.cli.run import run as run_scene
 
-    refuse_unwritable(json)
-    parameters = parse_changes(changes) if changes else {}
-    result = run_headless(scene, variant, seed, find_method(method), parameters, save=save, plot=plot)
-    if json is not None:
-        write_json(result, json)
-    if json != "-":
-        print_report(result)
-    return 0 if result["success"] else 1
+    return run_scene(settings)
 
 
 def serve(settings: Annotated[ServeSettings, tyro.conf.arg(name="")]) -> int:

@@ -49,6 +49,7 @@ class RobotSettings:
             MOTM_ZENOH_CONFIG leads, or tcp/127.0.0.1:7447.
         clock: real: time passes by itself; shared: it passes as fast as the twin grants it.
         link: Emulated link.
+        physics: kinematic, or mujoco: contact dynamics (docs/physics.md).
         json: Write the report to a file, or to standard output with '-'.
         child: For programs that start a robot: end also when standard input ends, and say nothing of the twin.
     """
@@ -60,6 +61,7 @@ class RobotSettings:
     endpoint: str | None = None
     clock: Literal["real", "shared"] = "real"
     link: Annotated[LinkSettings, arg(name="")] = field(default_factory=LinkSettings)
+    physics: Literal["kinematic", "mujoco"] = "kinematic"
     json: Annotated[str, arg(name="json", metavar="FILE|-")] = "-"
     child: FlagCreatePairsOff[bool] = False
 
@@ -112,10 +114,11 @@ def _server(settings: RobotSettings, endpoint: str, on_met: Callable[[], None]) 
     from motm_twin.external.emulator import LinkSpec
     from motm_twin.external.robot_server import RobotServer
     from motm_twin.model.scene_file import load_scene
+    from motm_twin.plants import with_plant
 
     link = asdict(settings.link)
     return RobotServer(
-        load_scene(settings.scene, settings.variant, settings.seed),
+        with_plant(load_scene(settings.scene, settings.variant, settings.seed), settings.physics),
         endpoint,
         twin=settings.twin,
         clock=settings.clock,

@@ -6,27 +6,42 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from motm_twin import interrupts
-from motm_twin.cli.outputs import refuse_existing, refuse_unwritable
+from motm_twin.cli.outputs import refuse_existing, refuse_unwritable, write_json
+from motm_twin.cli.settings import RunSettings
 from motm_twin.control.method import Method
 from motm_twin.control.tick import Tick
 from motm_twin.control.tuning import parameter
-from motm_twin.methods.registry import FAST
+from motm_twin.methods.registry import FAST, find_method
 from motm_twin.model.edits import ParameterValue
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
+from motm_twin.plants import with_plant
 from motm_twin.program import table_console
 from motm_twin.record.replay import Tracker
-from motm_twin.record.what_if import PERIODS_PER_SECOND
-from motm_twin.sessions.session import Session, SessionError, save_session
+from motm_twin.record.what_if import PERIODS_PER_SECOND, parse_changes
+from motm_twin.sessions.session import Session, SessionError, made_with, save_session
 from motm_twin.trial import run_scene
 
 if TYPE_CHECKING:
     from motm_twin.studies.speed_plot import SpeedFigure
 
 
+def run(given: RunSettings) -> int:
+    """Run a scene as the settings say, and tell how it went; the exit code."""
+    refuse_unwritable(given.json)
+    parameters = parse_changes(given.changes) if given.changes else {}
+    scene = with_plant(load_scene(given.scene, given.variant, given.seed), given.plant)
+    result = run_headless(scene, find_method(given.method), parameters, save=given.save, plot=given.plot)
+    if given.json is not None:
+        write_json(result, given.json)
+    if given.json != "-":
+        print_report(result)
+    return 0 if result["success"] else 1
+
+
 def run_headless(
-    scene: str, variant: str | None, seed: int | None, method: Method = FAST,
-    parameters: dict[str, ParameterValue] | None = None, *, save: str | None = None, plot: Path | None = None,
+    loaded: Scene, method: Method = FAST, parameters: dict[str, ParameterValue] | None = None, *,
+    save: str | None = None, plot: Path | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Run a scene to its end; the report of the run. Raises SceneError and SessionError, before it runs.
 
@@ -35,7 +50,6 @@ def run_headless(
     ``parameters``: by name, on top of the method's; ``save``: new file of the session; ``plot``: file of the figure
     of `studies.speed_plot`.
     """
-    loaded = load_scene(scene, variant, seed)
     refuse_unwritable(save, plot)
     refuse_existing(save)
     figure = None if plot is None else _figure(loaded, plot)
@@ -56,6 +70,7 @@ def run_headless(
         changed = {name: value for name, value in whole.items() if value != parameter(name).default}
         saved = Session(
             title=f"{loaded.title}, headless",
+            made_with=made_with(physics=loaded.physics is not None),
             scene=loaded,
             method=method.name,
             parameters=changed,

@@ -22,6 +22,7 @@ from motm_twin.bus.zenoh_config import VARIABLE, check_endpoint
 from motm_twin.cli.outputs import folder_problem
 from motm_twin.cli.settings import PageSettings, ReplaySettings, ServeSettings
 from motm_twin.model.scene_file import load_scene
+from motm_twin.plants import with_plant
 from motm_twin.program import BAD_INPUT, FAILED, OK, plain_console
 from motm_twin.security.folder import Folder
 from motm_twin.ui.page_server import VARIABLE as VARIABLE_OF_TOKEN
@@ -37,7 +38,7 @@ def serve(given: ServeSettings) -> int:
 
     0: ended on request. 1: a process died again and again. 2: bad input, such as a port that is taken.
     """
-    load_scene(given.scene, given.variant, given.seed)
+    with_plant(load_scene(given.scene, given.variant, given.seed), given.plant)
     methods = MethodLibrary(given.method)
     methods.find(methods.own_name)
     console = plain_console()
@@ -63,12 +64,12 @@ def _checked(given: ServeSettings) -> PageSettings:
     Keys(given.twin)
     if given.paused and given.play:
         raise ValueError("--paused and --play exclude each other")
-    if given.loop and given.plant != "simulated":
+    if given.loop and given.external:
         raise ValueError("--loop is for the simulated robot: another one does not begin anew by itself")
     if given.open_bus and given.secure is not None:
         raise ValueError("--open-bus and --secure exclude each other")
     if given.connect is not None:
-        if given.plant == "simulated":
+        if not given.external:
             raise ValueError("--connect is where twin and robot meet: it needs --plant zenoh or --plant mirror")
         check_endpoint(given.connect)
     page = given.page if given.headless else _checked_page(given.page)

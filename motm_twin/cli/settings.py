@@ -1,12 +1,39 @@
-"""Settings of the commands `serve` and `replay`; imports no part of the twin, so that the command line stays quick."""
+"""Settings of `run`, `serve` and `replay`; imports no part of the twin, so that the command line stays quick."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import FlagCreatePairsOff, Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
 from motm_twin.methods import DEFAULT_METHOD
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """Scene, method and files of a headless run.
+
+    Args:
+        scene: Shipped scene, path to a scene file, or generated:SEED@DIFFICULTY.
+        variant: Named variant of the scene.
+        seed: Seed of noise and random arrangements.
+        json: Write the report to a file, or to standard output with '-'.
+        save: Write the session to a new file, for `rerun` and `what-if`; after Ctrl-C too, up to there.
+        plot: Write a figure (.png, .svg or .pdf): speed along the path, and each leg beside the reference tour.
+        method: Who decides: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME of your own.
+        plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md).
+        changes: A parameter and its value, on top of the method's; may be given several times. docs/parameters.md.
+    """
+
+    scene: Positional[str] = "exp1"
+    variant: str | None = None
+    seed: int | None = None
+    json: Annotated[str | None, arg(name="json", metavar="FILE|-")] = None
+    save: Annotated[str | None, arg(metavar="FILE")] = None
+    plot: Annotated[Path | None, arg(metavar="FILE")] = None
+    method: str = DEFAULT_METHOD
+    plant: Literal["simulated", "mujoco"] = "simulated"
+    changes: Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="NAME=VALUE")] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +81,8 @@ class ServeSettings:
         secure: Folder made by `motm-twin security`: also listen for those whom it knows, on other machines, with TLS.
         ros2: Publish ROS 2 topics too, for zenoh-bridge-ros2dds (bridge) or rmw_zenoh (rmw).
         data: Folder of the files that the commands save and record write; without it ./recordings.
-        plant: zenoh: drive a robot in another program (docs/external_robot.md); mirror: only show it.
+        plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md); zenoh: drive a robot in another program
+            (docs/external_robot.md); mirror: only show it.
         connect: Zenoh router where that robot is met (tcp/127.0.0.1:7450); without it at this server.
         method: Who decides at the start: fast (ours), motm (the paper's), or another of docs/method.md, or FILE.py:NAME
             of your own.
@@ -77,13 +105,18 @@ class ServeSettings:
     secure: Annotated[str | None, arg(metavar="DIR")] = None
     ros2: Literal["bridge", "rmw"] | None = None
     data: Annotated[Path | None, arg(metavar="DIR")] = None
-    plant: Literal["simulated", "zenoh", "mirror"] = "simulated"
+    plant: Literal["simulated", "mujoco", "zenoh", "mirror"] = "simulated"
     connect: Annotated[str | None, arg(metavar="ENDPOINT")] = None
     method: str = DEFAULT_METHOD
     loop: FlagCreatePairsOff[bool] = False
     paused: FlagCreatePairsOff[bool] = False
     play: FlagCreatePairsOff[bool] = False
     expansions_only: FlagCreatePairsOff[bool] = False
+
+    @property
+    def external(self) -> bool:
+        """The robot is in another program."""
+        return self.plant in ("zenoh", "mirror")
 
     def server_arguments(self, zenoh_port: int) -> list[str]:
         """Arguments of `server_process`; ``zenoh_port``: the one that was found free."""
@@ -93,7 +126,7 @@ class ServeSettings:
             "--record": self.record and self.record.resolve(),
         }  # fmt: skip
         words = [word for name, value in given.items() if value is not None for word in (name, str(value))]
-        hold = not (self.play or self.headless or self.plant != "simulated")
+        hold = not (self.play or self.headless or self.external)
         flags = {
             "--open-bus": self.open_bus, "--expansions-only": self.expansions_only, "--loop": self.loop,
             "--paused": self.paused, "--hold": hold,

@@ -99,9 +99,12 @@ def detection_of(data: DetectionData, origin: float) -> Detection:
     )
 
 
+_TRAVEL = tuple(name for name in Truth.__struct_fields__ if name != "physics")  # forces stay in the robot's report
+
+
 def truth_data(truth: Truth, stamp: float, life: str) -> TruthData:
     """Ground truth as it travels."""
-    fields: dict[str, Any] = {name: getattr(truth, name) for name in truth.__struct_fields__}
+    fields: dict[str, Any] = {name: getattr(truth, name) for name in _TRAVEL}
     for name in _CLEARANCES:
         fields[name] = fields[name] if math.isfinite(fields[name]) else None
     fields["pose"] = vector(truth.pose)
@@ -110,7 +113,7 @@ def truth_data(truth: Truth, stamp: float, life: str) -> TruthData:
 
 def truth_of(data: TruthData) -> Truth:
     """Received ground truth."""
-    fields: dict[str, Any] = {name: getattr(data, name) for name in Truth.__struct_fields__}
+    fields: dict[str, Any] = {name: getattr(data, name) for name in _TRAVEL}
     for name in _CLEARANCES:
         fields[name] = math.inf if fields[name] is None else fields[name]
     fields["pose"] = array(data.pose, 3, "true pose")

@@ -23,7 +23,8 @@ from motm_twin.external.emulator import Link, LinkSpec
 from motm_twin.external.guard import CommandGuard
 from motm_twin.external.messages import detection_list, scan_data, truth_data, vector
 from motm_twin.model.scene import Scene
-from motm_twin.sim.plant import SUBSTEP, SimulatedPlant
+from motm_twin.plants import make_plant
+from motm_twin.sim.plant import SUBSTEP
 
 TRUTH_STEPS = 5  # steps between two messages of truth: 20 Hz
 
@@ -37,11 +38,13 @@ class ReferenceRobot:
     def __init__(self, scene: Scene, *, send: Send, link: LinkSpec | None = None, clock: str = "real") -> None:
         """``send`` is called for every message that leaves; ``clock``: real or shared, see `Info`."""
         self._send, self._spec, self._clock = send, link or LinkSpec(), clock
+        self._physics = scene.physics  # of this robot, whatever scene a twin puts it into
         self._begin(scene)
 
     def _begin(self, scene: Scene) -> None:
+        scene = msgspec.structs.replace(scene, physics=scene.physics or self._physics)
+        self._plant = make_plant(scene)
         self.scene, self.life = scene, secrets.token_hex(6)
-        self._plant = SimulatedPlant(scene)
         self._guard = CommandGuard(self.life, scene.robot.base)
         self._up: Link[bytes] = Link(self._spec, 0)
         self._down: Link[tuple[str, bytes]] = Link(self._spec, 1)
@@ -79,7 +82,10 @@ class ReferenceRobot:
 
     def reset(self, request: ResetRequest) -> PlantAnswer:
         """Begin again: another life."""
-        self._begin(request.scene or self.scene)
+        try:
+            self._begin(request.scene or self.scene)
+        except ValueError as error:
+            return PlantAnswer(version=VERSION, ok=False, life=self.life, reason=str(error))
         return PlantAnswer(version=VERSION, ok=True, life=self.life)
 
     def edit(self, request: EditRequest) -> PlantAnswer:
@@ -123,6 +129,7 @@ class ReferenceRobot:
             "min_base_clearance_m": round(clearance, 4) if np.isfinite(clearance) else None,
             "path_length_m": round(truth.path_length, 3),
             "plant_faults": list(truth.plant_faults),
+            **({} if truth.physics is None else {"physics": msgspec.to_builtins(truth.physics)}),
             "commands_refused": self._guard.refused,
             "last_refusal": self._guard.refusal,
         }

@@ -121,6 +121,42 @@ class CutIn(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     speed: float  # [m/s] of the agent
 
 
+class ContactForce(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One contact of the robot, or of what it holds, as contact dynamics have it."""
+
+    time: float  # [s] when it began
+    body: str  # that touched first
+    other: str
+    force: float  # [N] largest
+    impulse: float  # [Ns]
+    duration: float  # [s]
+
+
+class GraspTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One grasp under contact dynamics, from the command to close until the object is loose."""
+
+    object: str
+    time: float  # [s] of the command
+    firm: float  # [s] after it, when both pads held the object firmly
+    shift: float  # [m] that the fingers shifted the object by while they closed
+    speed: float  # [m/s] largest of the tool centre point while they closed
+    slip: float  # [m] largest in the hand since then
+    turn: float  # [rad] the same
+    lost: bool = False  # it slipped out of closed fingers
+
+
+class PhysicsTruth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Ground truth of a plant with contact dynamics."""
+
+    forces: tuple[ContactForce, ...]  # so far; not those of pads on the object between them
+    disagreements: tuple[str, ...]  # contacts that the referee's geometry has and the forces have not, and the reverse
+    grasps: tuple[GraspTruth, ...]  # so far
+    finger_forces: tuple[float, float]  # [N] on the object between the pads now
+    external_torque: tuple[float, ...]  # [Nm] of the joints now, as an arm estimates it that thinks its base at rest
+    torque_peaks: tuple[float, ...]  # [Nm] largest magnitudes so far
+    reflexes: tuple[str, ...]  # thresholds of the Panda's reflex that they passed, with the first time
+
+
 class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Ground truth of a simulated plant, for readers of Ticks; the loop never sees it."""
 
@@ -143,3 +179,4 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     path_length: float = 0.0  # [m] driven by the base so far (pushes by a person not counted)
     cut_ins: tuple[CutIn, ...] = ()  # so far
     dropped: tuple[str, ...] = ()  # objects that fell by the robot's doing and were not picked up and placed since
+    physics: PhysicsTruth | None = None  # of a plant with contact dynamics

@@ -9,6 +9,7 @@ import msgspec
 
 from motm_twin.model.bounds import Between, Text
 from motm_twin.model.faults import FaultFields
+from motm_twin.model.physics import Physics
 from motm_twin.model.profile import RobotProfile
 
 Point = tuple[float, float]
@@ -174,6 +175,7 @@ class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
     table_height: float = 0.0  # [m] by which furniture with objects on it is higher than the map says
 
 
+GRASP_RULES = ("strict", "swept")  # see `sim.grasp`
 DETECTIONS = ("anonymous", "named")
 
 
@@ -215,5 +217,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     mismatch: Mismatch = Mismatch()
     detections: str = "named"  # anonymous: the camera does not know which object it sees; named: markers on them
     faults: Faults = Faults()
+    grasp_rule: str = "strict"  # of the kinematic plant, one of `GRASP_RULES`
+    physics: Physics | None = None  # contact dynamics, by `motm_twin.physics`; None: the kinematic plant
     bounds: tuple[float, float, float, float]  # x_min, y_min, x_max, y_max of the map
     time_limit: float = 300.0  # [s] of simulated time, after which a run has failed

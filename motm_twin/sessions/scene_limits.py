@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from motm_twin.model import scene_check, scene_format
+from motm_twin.model import bounds, scene_check, scene_format
 from motm_twin.model.scene import Box, Cylinder, DriveTo, Prism, Scene, Solid
 from motm_twin.model.scene_error import SceneError
 from motm_twin.model.scene_shapes import is_simple
@@ -61,6 +61,9 @@ def _check_ranges(scene: Scene) -> None:
     _within(scene.mismatch, scene_format.MismatchFile, "scene.mismatch")
     _fits(scene.detections, Literal["anonymous", "named"], "scene.detections")
     _within(scene.faults, scene_format.FaultsFile, "scene.faults")
+    _fits(scene.grasp_rule, Literal["strict", "swept"], "scene.grasp_rule")
+    if scene.physics is not None and (problem := bounds.problem(scene.physics)):
+        raise SceneError(f"scene.physics: {problem}")
     for part, limits in _ROBOT.items():
         _within(getattr(scene.robot, part), limits, f"scene.robot.{part}")
     for index, solid in enumerate(scene.solids):

@@ -26,6 +26,7 @@ from motm_twin.model.scene_error import SceneError
 PACKAGES = (
     "motm-twin", "numpy", "scipy", "numba", "llvmlite", "pin", "coal", "shapely", "daqp", "osqp", "qpsolvers",
 )  # fmt: skip
+MUJOCO = "mujoco"  # only of runs with contact dynamics
 SOURCE = "source"  # key of the hash of this package's source; earlier files have none
 PACKAGE = Path(__file__).parents[1]
 
@@ -34,10 +35,7 @@ PACKAGE = Path(__file__).parents[1]
 def _versions() -> dict[str, str]:
     found = {"python": platform.python_version()}
     for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "not installed as a package"
+        found[name] = _version(name)
     found["system"] = " ".join(part for part in (platform.system(), platform.machine(), *platform.libc_ver()) if part)
     found["processor"] = _processor()
     found[SOURCE] = source_hash(PACKAGE)
@@ -53,9 +51,16 @@ def source_hash(package: Path) -> str:
     return whole.hexdigest()[:12]
 
 
-def made_with() -> dict[str, str]:
-    """Versions, by name, of everything that can change a number or its last bit."""
-    return dict(_versions())
+def made_with(*, physics: bool = False) -> dict[str, str]:
+    """Versions, by name, of everything that can change a number or its last bit; ``physics``: MuJoCo's, too."""
+    return {**_versions(), **({MUJOCO: _version(MUJOCO)} if physics else {})}
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed as a package"
 
 
 def _processor() -> str:
@@ -66,7 +71,7 @@ def _processor() -> str:
 
 def differences(recorded: dict[str, str]) -> tuple[str, ...]:
     """One phrase for each difference: "numpy 2.3.0 there, 2.4.6 here"."""
-    here = made_with()
+    here = made_with(physics=MUJOCO in recorded)
     names = [*here, *(name for name in recorded if name not in here)]
     pairs = [(name, recorded.get(name, "nothing"), here.get(name, "nothing")) for name in names if name != SOURCE]
     then, now = recorded.get(SOURCE, here[SOURCE]), here[SOURCE]

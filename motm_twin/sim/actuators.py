@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numba import njit
 
@@ -12,7 +13,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.joint_limits import DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN
 from motm_twin.model.motion import drive
 from motm_twin.model.profile import BaseLimits
-from motm_twin.model.scene import Mismatch, Noise
+from motm_twin.model.scene import Mismatch, Noise, Scene
 
 
 @dataclass
@@ -136,3 +137,11 @@ def hand_eye(mismatch: Mismatch, seed: int) -> Array:
         return np.zeros(3)
     drawn = np.random.default_rng([seed, _RNG_HAND_EYE]).standard_normal(3)
     return mismatch.hand_eye / norm(drawn) * drawn
+
+
+def drives(scene: Scene, dt: float) -> tuple[Base, Arm]:
+    """Base and arm of a scene, with their errors and mismatch, for substeps of dt [s]."""
+    robot, mismatch = scene.robot, scene.mismatch
+    limits = msgspec.structs.replace(robot.base, velocity_lag=robot.base.velocity_lag + mismatch.base_lag)
+    scale = ControlErrors(scene.noise, mismatch, scene.seed).base_scale
+    return Base(limits, dt, scale), Arm(robot.arm.velocity_lag, dt)

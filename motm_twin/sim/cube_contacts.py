@@ -93,10 +93,17 @@ class CubePairs:
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
         self._boxes: dict[float, coal.Box] = {}
 
-    def meetings(self, objects: Sequence[ObjectState], now: tuple[Pose, ...], shove: Shove) -> Iterator[Meeting]:
-        """Overlaps of each moved cube, at its place now, with every other at its place to check."""
+    def meetings(
+        self, objects: Sequence[ObjectState], now: tuple[Pose, ...], shove: Shove, *, solid: bool = False
+    ) -> Iterator[Meeting]:
+        """Overlaps of each moved cube, at its place now, with every other at its place to check.
+
+        ``solid`` cubes press on each other: one that falls, or has fallen into a bin, may lie against another there.
+        """
         for i, comes in enumerate(objects):
             if comes.name not in shove.moved or comes.state == "held":
+                continue
+            if solid and (comes.state == "falling" or comes.state.startswith("binned:")):
                 continue
             for j, lies in enumerate(objects):
                 twice = lies.name in shove.moved and lies.name not in shove.pushed and j < i

@@ -17,6 +17,13 @@ YAW_MISFIT = math.radians(15.0)  # between the closing axis and the nearest face
 RELATIVE_SPEED = 0.03  # [m/s] between tool centre point and cube
 TILT = math.radians(30.0)  # of the tool axis from straight down
 
+# The rule of ``motm-twin bench grasp_rule``, instead: what contact dynamics hold, with a margin. A cube must be between
+# the fingers when they begin; they turn it and push it to their middle. At the end its place along the pads counts.
+STRICT, SWEPT = "strict", "swept"
+ALONG_AT_END = 0.028  # [m] along the pads when they are firm
+LESS_BY_PUSH = 0.2  # [m] of those for each metre that the hand has moved across the pads: one pad turns the cube away
+HIGH = 0.015  # [m] of the cube's centre over or under the tool centre point
+
 EDGE = 0.003  # [m] of cube under a descending fingertip beyond which the tip does not slide off
 FROM_ABOVE = 2e-4  # [m] of tolerance between a finger's depth below a cube's top and its descent in this substep
 
@@ -44,6 +51,15 @@ def violation(tcp: Array, rotation: Array, item: ObjectState) -> str:
     if abs(yaw_misfit(rotation, item)) > YAW_MISFIT:
         return "yaw"
     return ""
+
+
+def swept_violation(tcp: Array, rotation: Array, item: ObjectState, width: float) -> str:
+    """Which part of the rule `SWEPT` is broken while pads ``width`` [m] apart close, as of `violation`."""
+    offset = transposed_times(rotation, item.position - tcp)
+    room = 0.5 * max(width - item.side, 0.0) + OFFSET_PER_AXIS  # pads that come to an edge push it
+    if abs(offset[1]) > room or abs(offset[2]) > HIGH or abs(offset[0]) > NEARBY:
+        return "offset"
+    return "tilt" if rotation[2, 2] > -math.cos(TILT) else ""
 
 
 def width_across(side: float, misfit: float) -> float:

@@ -16,6 +16,7 @@ from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.model.scene import Faults, Pick, Scene
 from motm_twin.sim.bodies import put_down
+from motm_twin.sim.grasp import STRICT
 from motm_twin.sim.gripper import EPSILON, Gripper, GripperState
 from motm_twin.sim.objects import ObjectState, ObjectWorld
 from motm_twin.sim.solids import Solids
@@ -23,10 +24,12 @@ from motm_twin.sim.solids import Solids
 _RNG_FAULTS = 0xFA0175
 
 
-def gripper_with(faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int) -> Gripper:
+def gripper_with(
+    faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int, rule: str = STRICT
+) -> Gripper:
     """The gripper of a scene: the regular one unless the scene has grasp faults."""
     plain = msgspec.structs.replace(faults, inject=None) == Faults()
-    return Gripper(spec, objects, dt) if plain else FaultyGripper(faults, spec, objects, dt, seed)
+    return Gripper(spec, objects, dt, rule) if plain else FaultyGripper(faults, spec, objects, dt, seed, rule)
 
 
 @dataclass(kw_only=True)
@@ -45,9 +48,11 @@ class FaultyGripper(Gripper):
     `grasp` has to hold.
     """
 
-    def __init__(self, faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int) -> None:
+    def __init__(
+        self, faults: Faults, spec: GripperSpec, objects: ObjectWorld, dt: float, seed: int, rule: str = STRICT
+    ) -> None:
         """``seed`` of the scene."""
-        super().__init__(spec, objects, dt)
+        super().__init__(spec, objects, dt, rule)
         self.faults = faults
         self._seed = seed
 

@@ -6,16 +6,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from motm_twin.model.exact import norm, product, times, transposed_times
+from motm_twin.model.exact import dot, norm, product, times, transposed_times
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Gripper as GripperSpec
 from motm_twin.model.state import LATER
 from motm_twin.sim.grasp import (
+    ALONG_AT_END,
+    LESS_BY_PUSH,
     RELATIVE_SPEED,
+    STRICT,
     centre_between_pads,
     make_room,
     near,
     push,
+    swept_violation,
     under,
     violation,
     width_across,
@@ -44,6 +48,7 @@ class GripperState:
         ""  # of the newest closing: held | slipping | nothing | offset | yaw | tilt | no room | dropped | taken
     )
     under: tuple[str, ...] = field(default=(), metadata=LATER)  # cubes that a finger stands on or wedges
+    pushed: float = field(default=0.0, metadata=LATER)  # [m] that the hand has moved across the pads while closing
     position_in_hand: Array = field(default_factory=lambda: np.zeros(3))  # of the held cube
     rotation_in_hand: Array = field(default_factory=lambda: np.eye(3))
 
@@ -54,8 +59,9 @@ class Gripper:
     A cube that slides too fast is held loosely and slips when lifted; a misaligned one is squeezed out.
     """
 
-    def __init__(self, spec: GripperSpec, objects: ObjectWorld, dt: float) -> None:
-        """Gripper of the profile; substeps of dt [s]."""
+    def __init__(self, spec: GripperSpec, objects: ObjectWorld, dt: float, rule: str = STRICT) -> None:
+        """Gripper of the profile; substeps of dt [s]; ``rule``: one of `model.scene.GRASP_RULES`."""
+        self._strict = rule == STRICT
         self.spec = spec
         self.objects = objects
         self.dt = dt
@@ -77,13 +83,13 @@ class Gripper:
             self._begin(state, "closing", now)
             if state.held:
                 return
-            state.slid, state.outcome, state.candidate = False, "nothing", ""
+            state.slid, state.outcome, state.candidate, state.pushed = False, "nothing", "", 0.0
             if state.under:
                 state.outcome = "no room"
                 return
             for item in cubes:
                 fits = state.width >= width_across(item.side, yaw_misfit(rotation, item))
-                if item.state != "falling" and fits and not violation(tcp, rotation, item):
+                if item.state != "falling" and fits and not self._violation(tcp, rotation, item, state.width):
                     state.candidate = item.name
         elif command == "open" and state.phase in ("closing", "closed"):
             state.candidate = ""
@@ -151,6 +157,18 @@ class Gripper:
         for one in moved:
             self.objects.check_support(one, cubes, solids)
 
+    def _violation(self, tcp: Array, rotation: Array, item: ObjectState, width: float) -> str:
+        if self._strict:
+            return violation(tcp, rotation, item)
+        return swept_violation(tcp, rotation, item, width)
+
+    def _slides(self, state: GripperState, tcp_velocity: Array, rotation: Array) -> None:
+        """The hand moves while the fingers close."""
+        if not self._strict:
+            state.pushed += abs(dot(rotation[:, 1], tcp_velocity)) * self.dt
+        elif norm(tcp_velocity) > RELATIVE_SPEED:
+            state.slid = True
+
     @staticmethod
     def lose(state: GripperState, name: str) -> None:
         """A person takes this cube out of the fingers, which then close on nothing unless they are opening."""
@@ -188,11 +206,11 @@ class Gripper:
         solids: Solids,
     ) -> None:
         if state.candidate:
-            broken = violation(tcp, rotation, cubes[state.candidate])
+            broken = self._violation(tcp, rotation, cubes[state.candidate], state.width)
             if broken:
                 state.candidate, state.outcome = "", broken
-            elif norm(tcp_velocity) > RELATIVE_SPEED:
-                state.slid = True
+            else:
+                self._slides(state, tcp_velocity, rotation)
         name = state.candidate or state.held
         if not name:
             state.width = max(0.0, state.width - self.spec.max_width / self.spec.closing_time * self.dt)
@@ -205,6 +223,11 @@ class Gripper:
         if state.candidate:
             self._centre(state, tcp, rotation, item, list(cubes.values()), solids)
             if not state.candidate:
+                return
+        if done and state.candidate and not self._strict:
+            along = abs(dot(rotation[:, 0], item.position - tcp))
+            if along > ALONG_AT_END - LESS_BY_PUSH * state.pushed:
+                state.candidate, state.outcome = "", "offset"
                 return
         if done:
             state.phase = "closed"

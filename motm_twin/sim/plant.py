@@ -1,12 +1,11 @@
-"""The simulated robot and its world as a Plant.
+"""The simulated robot and its world as a Plant: sensors, edits and the referee about a `Mechanics` that moves things.
 
-Kinematic only: contact stops or pushes nothing except cubes at the fingers and thrown bodies. A base
-that is driven into a box goes on through it, and the referee records the contact.
+Kinematic unless it is given another: contact stops or pushes nothing except cubes at the fingers and thrown bodies. A
+base that is driven into a box goes on through it, and the referee records the contact.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -19,19 +18,20 @@ from motm_twin.model.plant import Actuation, Observation, Truth
 from motm_twin.model.profile import ArmSpec
 from motm_twin.model.scene import PlanarPose, Point, Scene, Task
 from motm_twin.model.state import Stateful
-from motm_twin.sim.actuators import Arm, ArmState, Base, BaseState, ControlErrors
+from motm_twin.sim.actuators import ArmState, BaseState, ControlErrors, drives
 from motm_twin.sim.agent_kernels import shadow_corners
 from motm_twin.sim.agents import DECISION_STEPS, Agents, AgentState, RobotShadow, start_agent
 from motm_twin.sim.edit_effects import Effects, Rehearsal
 from motm_twin.sim.faults import FaultEffects, expire
 from motm_twin.sim.grasp_faults import CubeMover, gripper_with
-from motm_twin.sim.gripper import GripperState
+from motm_twin.sim.gripper import Gripper
 from motm_twin.sim.kernels import compile_gaps
 from motm_twin.sim.layout import Furnishings, Layout, Scenery, build_scenery
+from motm_twin.sim.mechanics import NO_SLIDES, Kinematics, Mechanics, Moved, Told
 from motm_twin.sim.objects import ObjectState, ObjectWorld, start_objects
 from motm_twin.sim.plant_state import PlantState, truth_of
 from motm_twin.sim.referee import Referee
-from motm_twin.sim.referee_state import World
+from motm_twin.sim.referee_state import NOT_JUDGED, World
 from motm_twin.sim.sensors import Camera, CameraState, Lidar, LidarState, Localisation
 from motm_twin.sim.slides import RobotObstruction, slide_body
 from motm_twin.sim.world_edits import check_edit
@@ -40,7 +40,6 @@ SUBSTEP = 0.01  # [s]
 _RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION = 0x11DA2, 0xCA3E2A, 0x10CA7E
 _SHADOW_TIMES = np.array([0.0, 0.4, 0.8])  # [s] ahead at which agents expect the base
 _SHADOW_FIRST = 4 * np.arange(len(_SHADOW_TIMES) + 1)
-_NO_SLIDES: Mapping[str, Point] = MappingProxyType({})
 _SHADOW_LINKS = np.array([2, 4, 5, 7, HAND, TCP])  # frames
 _SHADOW_RADII = np.array([0.10, 0.10, 0.10, 0.10, 0.11, 0.06])  # [m]
 
@@ -66,18 +65,19 @@ class _MountedArm:
 class SimulatedPlant(Stateful[PlantState]):
     """A robot in a scene: `observe`, `command`, `step`; `apply` and `truth` for persons and programs."""
 
-    def __init__(self, scene: Scene, arm_start: Array = READY) -> None:
-        """A plant at the start of the scene; arm_start [rad], shape (7,)."""
+    def __init__(
+        self, scene: Scene, arm_start: Array = READY, mechanics: Callable[[Scene], Mechanics] | None = None
+    ) -> None:
+        """A plant at the start of the scene; arm_start [rad], shape (7,); ``mechanics``: other than `Kinematics`."""
         robot, noise, mismatch = scene.robot, scene.noise, scene.mismatch
         self.scene = scene
         shaken = noise if robot.has_arm else msgspec.structs.replace(noise, arm_rate_sd=0.0)
         self._errors = ControlErrors(shaken, mismatch, scene.seed)
-        limits = msgspec.structs.replace(robot.base, velocity_lag=robot.base.velocity_lag + mismatch.base_lag)
-        self._base = Base(limits, SUBSTEP, self._errors.base_scale)
         self._command_delay = round(mismatch.command_delay / SUBSTEP)
-        self._arm = Arm(robot.arm.velocity_lag, SUBSTEP)
         self._object_world = ObjectWorld(SUBSTEP)
-        self._gripper = gripper_with(scene.faults, robot.gripper, self._object_world, SUBSTEP, scene.seed)
+        self._gripper = gripper_with(
+            scene.faults, robot.gripper, self._object_world, SUBSTEP, scene.seed, scene.grasp_rule
+        )
         self._agents = Agents(SUBSTEP)
         self._lidar = Lidar(robot.lidar, noise.lidar_range_sd)
         self._named = scene.detections == "named"
@@ -89,11 +89,16 @@ class SimulatedPlant(Stateful[PlantState]):
         self._lidar_period = max(1, round(1.0 / (robot.lidar.rate * SUBSTEP)))
         self._camera_period = max(1, round(1.0 / (robot.camera.rate * SUBSTEP)))
         self._furnishings = Furnishings(scene)
+        self._mechanics = self._kinematics() if mechanics is None else mechanics(scene)
         self._effects = Effects(self._furnishings, self._object_world, self._frames, SUBSTEP)
         self._cube_mover = CubeMover(scene)
         self._faults = FaultEffects(scene, SUBSTEP)
         compile_gaps()
         self._start(arm_start)
+
+    def _kinematics(self) -> Kinematics:
+        base, arm = drives(self.scene, SUBSTEP)
+        return Kinematics(base, arm, self._gripper, self._object_world, self._frames)
 
     def _start(self, arm_start: Array) -> None:
         scene = self.scene
@@ -101,28 +106,29 @@ class SimulatedPlant(Stateful[PlantState]):
         at_rest = Actuation(twist=np.zeros(2), joint_velocity=np.zeros(7), gripper="open")
         seeds = [np.random.default_rng([scene.seed, tag]) for tag in (_RNG_LIDAR, _RNG_CAMERA, _RNG_LOCALISATION)]
         arm = ArmState(q=np.array(arm_start, dtype=float), dq=np.zeros(7))
-        frames = self._frames(pose, arm.q)
-        objects = start_objects(scene.objects)
         agents = [start_agent(agent, rank, added=False) for rank, agent in enumerate(scene.agents)]
-        base, gripper, tcp = BaseState(pose=pose), self._gripper.start(), frames[TCP, :3, 3].copy()
         tallest = max((agent.height for agent in scene.agents), default=0.0)
         self._show(build_scenery(self._furnishings, Layout(), tallest), agents)
-        referee = self._referee.start(self._world(0.0, base, arm, gripper, tcp, objects, agents))
-        self._state = PlantState(
+        self._state = s = PlantState(
             substep=0,
             command=at_rest,
-            base=base,
+            base=BaseState(pose=pose),
             arm=arm,
-            tcp=tcp,
-            gripper=gripper,
+            tcp=np.zeros(3),
+            gripper=self._gripper.start(),
             gripper_command="open",
-            objects=objects,
+            objects=start_objects(scene.objects),
             agents=agents,
             lidar=LidarState(rng=seeds[0]),
             camera=CameraState(rng=seeds[1]),
             localisation=self._localisation.start(pose, seeds[2]),
-            referee=referee,
+            referee=NOT_JUDGED,
         )
+        frames, links = self._mechanics.begin(s, self._scenery)
+        s.tcp = frames[TCP, :3, 3].copy()
+        world = self._world(np.array([s.base.v, s.base.w]))
+        world.links = links
+        s.referee = self._referee.start(world)
         self._sense(frames)
 
     @property
@@ -146,7 +152,7 @@ class SimulatedPlant(Stateful[PlantState]):
             q=s.arm.q.copy(),
             dq=s.arm.dq.copy(),
             gripper_width=s.gripper.width,
-            gripper_moving=self._gripper.moving(s.gripper) and not s.faults.active("gripper_stuck"),
+            gripper_moving=Gripper.moving(s.gripper) and not s.faults.active("gripper_stuck"),
             scan=s.lidar.scan,
             detections=s.camera.detections,
         )
@@ -175,6 +181,7 @@ class SimulatedPlant(Stateful[PlantState]):
         """Continue from a snapshot."""
         super().restore(state)
         self._show(self._effects.scenery(self._state, self._scenery), self._state.agents)
+        self._mechanics.prepare(self._state, self._scenery)
 
     def rehearsal(self) -> Rehearsal:
         """Try pending edits one after another; discard it before `apply`, `step` or `restore`."""
@@ -186,7 +193,8 @@ class SimulatedPlant(Stateful[PlantState]):
         check_edit(self._furnishings, s, self._scenery, edit)
         effect, scenery = self._effects.apply(s, self._scenery, edit)
         self._show(scenery, s.agents)
-        world = self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents)
+        world = self._world(np.array([s.base.v, s.base.w]))
+        world.links = self._mechanics.edited(s, scenery)
         self._referee.edited(s.referee, world, moved=effect.moved, disturbed=effect.disturbed)
         if effect.pushed:
             self._referee.pushed(s.referee, world)
@@ -211,48 +219,39 @@ class SimulatedPlant(Stateful[PlantState]):
 
     def truth(self) -> Truth:
         """Ground truth, for readers of Ticks."""
-        return truth_of(self._state, self._furnishings, self._referee, SUBSTEP)
+        truth = truth_of(self._state, self._furnishings, self._referee, SUBSTEP)
+        felt = self._mechanics.felt(self._state, truth.contacts)
+        return truth if felt is None else msgspec.structs.replace(truth, physics=felt)
 
     def _substep(self) -> None:
         s = self._state
         while s.commands and s.commands[0][0] <= s.substep:
             s.command, s.commands = s.commands[0][1], s.commands[1:]
-        before, old_v, old_w, old_tcp = self.time, s.base.v, s.base.w, s.tcp
         stuck = s.faults.active("gripper_stuck")
         if s.command.gripper != s.gripper_command and not stuck:
             s.gripper_command = s.command.gripper
-            hand = self._frames(s.base.pose, s.arm.q)[TCP]
-            self._gripper.command(s.gripper, s.gripper_command, before, hand[:3, 3], hand[:3, :3], s.objects)
+            self._mechanics.grip(s, self.time, self._mechanics.frames(s))
         twist, more_lag, grip = self._faults.base(s.faults, s.command.twist)
-        self._base.step(s.base, twist, more_lag=more_lag, grip=grip)
-        rates = self._errors.rates(s.command.joint_velocity, s.substep)
-        self._arm.step(s.arm, self._faults.rates(s.faults, rates))
-        s.path_length += grip * abs(0.5 * (old_v + s.base.v)) * SUBSTEP
-        s.substep += 1
-        frames = self._frames(s.base.pose, s.arm.q)
-        s.tcp = frames[TCP, :3, 3].copy()
-        slides, riding = self._slide() if s.slides else (_NO_SLIDES, ())
-        velocity = (s.tcp - old_tcp) / SUBSTEP
-        rotation, hand = frames[TCP, :3, :3], frames[HAND, :3, 3]
-        self._gripper.step(
-            s.gripper, self.time, s.tcp, rotation, hand, velocity, s.objects, self._scenery.solids, stuck=stuck
-        )
-        for item in s.objects:
-            if item.state == "falling":
-                self._object_world.fall(item, s.objects, self._scenery.solids)
-        if s.agents:
-            look = s.substep % DECISION_STEPS == 0
-            self._agents.step(
-                s.agents, look, self._shadow(frames) if look else _NO_SHADOW, self._scenery.in_the_way, slides
-            )
-        mean_twist = 0.5 * (old_v + s.base.v), 0.5 * (old_w + s.base.w)
-        self._localisation.step(s.localisation, s.base.pose, mean_twist, (s.base.v, s.base.w))
-        self._sense(frames)
-        world = self._world(self.time, s.base, s.arm, s.gripper, s.tcp, s.objects, s.agents, slides)
-        world.riders = riding
-        self._referee.step(s.referee, world)
+        rates = self._faults.rates(s.faults, self._errors.rates(s.command.joint_velocity, s.substep))
+        told = Told(twist=twist, more_lag=more_lag, grip=grip, rates=rates, stuck=stuck)
+        moved = self._mechanics.substep(s, told, self)
+        self._localisation.step(s.localisation, s.base.pose, moved.mean_twist, (s.base.v, s.base.w))
+        self._sense(moved.frames)
+        self._referee.step(s.referee, self._judged(moved))
 
-    def _slide(self) -> tuple[Mapping[str, Point], tuple[str, ...]]:
+    def _judged(self, moved: Moved) -> World:
+        """The world after a substep, for the referee."""
+        world = self._world(moved.twist)
+        world.slides, world.riders = moved.slides, moved.riding
+        world.links, world.solid, world.faults = moved.links, self._mechanics.solid, moved.faults
+        return world
+
+    @property
+    def scenery(self) -> Scenery:
+        """Everything that does not move by itself."""
+        return self._scenery
+
+    def slide(self) -> tuple[Mapping[str, Point], tuple[str, ...]]:
         """Move thrown bodies; their velocities in this substep, and the objects carried along."""
         s = self._state
         shapes = self._referee.robot
@@ -262,6 +261,14 @@ class SimulatedPlant(Stateful[PlantState]):
             riding += slide_body(s, self._scenery.solids, name, robot, SUBSTEP)
             self._scenery = self._effects.scenery(s, self._scenery)
         return slides, tuple(riding)
+
+    def drive_agents(self, frames: Array, slides: Mapping[str, Point]) -> None:
+        """Let the agents go on for a substep."""
+        s = self._state
+        if s.agents:
+            look = s.substep % DECISION_STEPS == 0
+            shadow = self._shadow(frames) if look else _NO_SHADOW
+            self._agents.step(s.agents, look, shadow, self._scenery.in_the_way, slides)
 
     def _sense(self, frames: Array) -> None:
         s = self._state
@@ -326,32 +333,24 @@ class SimulatedPlant(Stateful[PlantState]):
         self._scenery = scenery
         self._bodies = tuple((item.agent.name, item.agent.radius, item.agent.height) for item in agents)
 
-    def _world(
-        self,
-        now: float,
-        base: BaseState,
-        arm: ArmState,
-        gripper: GripperState,
-        tcp: Array,
-        objects: list[ObjectState],
-        agents: list[AgentState],
-        slides: Mapping[str, Point] = _NO_SLIDES,
-    ) -> World:
+    def _world(self, twist: Array) -> World:
+        """The world of the state as it is, with a true twist of the base (2,)."""
+        s = self._state
         return World(
-            time=now,
-            pose=base.pose,
-            twist=np.array([base.v, base.w]),
-            q=arm.q,
-            dq=arm.dq,
-            width=gripper.width,
-            held=gripper.held,
-            tcp=tcp,
-            objects=objects,
+            time=self.time,
+            pose=s.base.pose,
+            twist=twist,
+            q=s.arm.q,
+            dq=s.arm.dq,
+            width=s.gripper.width,
+            held=s.gripper.held,
+            tcp=s.tcp,
+            objects=s.objects,
             solids=self._scenery.solids,
-            agents=self._agents.discs(agents),
-            agent_states=agents,
+            agents=self._agents.discs(s.agents),
+            agent_states=s.agents,
             agent_bodies=self._bodies,
-            slides=slides,
+            slides=NO_SLIDES,
         )
 
 

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 from dataclasses import dataclass, field
+from typing import Any
 
 from motm_twin.model.edits import AddObstacle
 from motm_twin.model.geometry import Array, wrap_angle
@@ -43,6 +44,7 @@ class PlantState:
     faults: FaultState = field(default_factory=FaultState)
     path_length: float = 0.0  # [m] driven by the base
     commands: tuple[tuple[int, Actuation], ...] = field(default=(), metadata=LATER)  # late ones, and when they act
+    physics: Any = field(default=None, metadata=LATER)  # state of the room `physics`; None: kinematic
 
     def rehearsal(self) -> "PlantState":
         """A copy that edits can be tried on, but no time: sensors and referee are shared with the original."""

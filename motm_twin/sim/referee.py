@@ -122,7 +122,10 @@ class Referee:
         counts = state.counts
         for name in (*world.slides, *world.riders):
             state.edits[name] = appeared(world.time)
-        self.check.step(state.check, world)
+        if not world.solid:  # what drives can do is the kinematic plant's promise; bodies that collide do otherwise
+            self.check.step(state.check, world)
+        for kind, text in world.faults:
+            state.check.faults.setdefault(kind, text)
         now, disturbed = poses_of(world.objects), (*counts.disturbed, *world.riders)
         shove = shoved(world.objects, now, state.cubes_seen, (*counts.falling_from, counts.held, *world.riders))
         for name in counts.disturbed:
@@ -142,7 +145,10 @@ class Referee:
         return tuple(sorted([*state.contacts, *going_on], key=lambda contact: contact.time))
 
     def _place(self, world: World) -> Array:
-        placed = self.robot.place(world.pose, world.q, world.width)
+        if world.links is None:
+            placed = self.robot.place(world.pose, world.q, world.width)
+        else:
+            placed = self.robot.place_links(world.links)
         if world.held:
             item = next(item for item in world.objects if item.name == world.held)
             placed[-1, :3, :3], placed[-1, :3, 3] = item.rotation, item.position
@@ -216,7 +222,7 @@ class Referee:
             self._measure_itself(state, world, placed)
         if shove.moved:
             now = poses_of(world.objects)
-            for meeting in self._cube_pairs.meetings(world.objects, now, shove):
+            for meeting in self._cube_pairs.meetings(world.objects, now, shove, solid=world.solid):
                 self._verdicts.met(state, world.time, meeting, by_robot=meeting.comes not in disturbed)
         if state.episodes:
             state.contacts += take_ended(state.episodes, world.time)

@@ -2,7 +2,7 @@
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import coal
 import numpy as np
@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.exact import product
 from motm_twin.model.geometry import Array
 from motm_twin.model.profile import Footprint, RobotProfile
 from motm_twin.sim.kernels import Index, polygon_distance, put_rectangle
@@ -48,6 +49,11 @@ class RobotShapes:
             self.centres[i], self.radii[i] = shape.aabb_center, shape.aabb_radius
         self.shapes.append(self.cube(1.0))
         self._unplaced = np.tile(np.eye(4), (len(self.bodies), 1, 1))
+        self._in_links = []  # link and place in it of each shape
+        for item in geometry.geometryObjects:
+            frame = self._model.frames[item.parentFrame]
+            local = (frame.placement.inverse() * item.placement).homogeneous
+            self._in_links.append((frame.name, local))
 
     def place(self, pose: Array, q: Array, width: float) -> Array:
         """World transforms of all shapes but the held cube, whose slot is the identity; shape (n, 4, 4)."""
@@ -60,6 +66,13 @@ class RobotShapes:
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data)
         T = self._unplaced.copy()
         T[:-1, :3, :3], T[:-1, :3, 3] = self._rotations, self._translations
+        return T
+
+    def place_links(self, links: Mapping[str, Array]) -> Array:
+        """The same where the links are known, transforms (4, 4) in the world: of a robot that is not level, say."""
+        T = self._unplaced.copy()
+        for i, (link, local) in enumerate(self._in_links):
+            T[i] = product(links[link], local)
         return T
 
     def cube(self, side: float) -> coal.Box:

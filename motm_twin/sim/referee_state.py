@@ -146,6 +146,9 @@ class World:
     agent_bodies: tuple[tuple[str, float, float], ...]  # name, radius, height; the same object while nothing changes
     slides: Mapping[str, tuple[float, float]]  # velocity [m/s] in this substep of bodies that a person threw
     riders: tuple[str, ...] = ()  # objects that went along with those
+    links: Mapping[str, Array] | None = None  # transforms of the robot's links; None: of a level base at the pose
+    solid: bool = False  # bodies press on each other: what falls may touch what lies there
+    faults: tuple[tuple[str, str], ...] = ()  # kind and text of what the simulation itself broke in this substep
 
 
 @dataclass
@@ -185,3 +188,6 @@ class RefereeState:
     min_arm_clearance: float = math.inf
     min_ee_obstacle: float = math.inf
     ee_obstacle: float = math.inf
+
+
+NOT_JUDGED = RefereeState(check=PlantCheckState(*(np.zeros(0) for _ in range(5))), counts=Counts())

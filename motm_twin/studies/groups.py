@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from rich.table import Table
 
 from motm_twin.external.emulator import LinkSpec
 from motm_twin.perf.report import Limit, goal_table, grid, machine, number, write
+from motm_twin.plants import PLANTS
 from motm_twin.studies.pool import Lost, local_pool, outcomes
 from motm_twin.studies.spec import TrialSpec, broken, job_of, run_job
 
@@ -28,6 +29,9 @@ class Trial:
     variant: str | None = None
     seed: int | None = None
     link: LinkSpec | None = None  # the robot in another process, behind this link, on a shared clock
+    method: str = "motm"
+    plant: str = "simulated"  # of `plants.PLANTS`
+    beside: bool = False  # run on the kinematic plant, too
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +50,12 @@ class Group:
     trials: tuple[Trial, ...]
     goals: tuple[Goal, ...]
     alone: bool = False  # one trial at a time: its wall time is measured
+
+    def on(self, plant: str) -> "Group":
+        """The same trials with another plant, beside those that have none of their own."""
+        if plant == PLANTS[0]:
+            return self
+        return replace(self, trials=tuple(replace(trial, plant=plant) for trial in self.trials))
 
 
 def _sum_of(key: str) -> Callable[[list[Result]], float]:
@@ -78,6 +88,16 @@ def _first_time(results: list[Result]) -> float:
 def _share_of_in_process(results: list[Result]) -> float:
     """Mean time through another process, as a share of the mean time of the same trials in one; nan unless all end."""
     return _mean_time(results) / _mean_of("in_process_s")(results)
+
+
+def _share_of_kinematic(results: list[Result]) -> float:
+    """Mean time as a share of the mean time of the same trials on the kinematic plant; nan unless all end."""
+    return _mean_time(results) / _mean_of("kinematic_s")(results)
+
+
+def _disagreements(results: list[Result]) -> float:
+    """Contacts that the referee's geometry has and the forces have not, and the reverse."""
+    return float(sum(len(result["physics"]["disagreements"]) for result in results if "physics" in result))
 
 
 def _contacts(results: list[Result]) -> float:
@@ -201,6 +221,41 @@ GROUPS: dict[str, Group] = {
             goals=tuple(goal for goal in _done(60) if goal.name != "picked"),  # what it loses it picks again
         ),
         Group(
+            name="physics",
+            title="Experiment 1 under contact dynamics, beside the kinematic plant: fast and motm",
+            trials=tuple(
+                replace(trial, method=method, plant="mujoco", beside=True)
+                for method in ("fast", "motm")
+                for trial in _published("exp1")
+            ),
+            goals=(
+                *_done(120),
+                Goal(
+                    name="mean time by the kinematic plant's",
+                    unit="",
+                    relation="<=",
+                    limit=1.05,
+                    measure=_share_of_kinematic,
+                    decimals=3,
+                ),
+                Goal(
+                    name="referee and forces disagree",
+                    unit="",
+                    relation="==",
+                    limit=0,
+                    measure=_disagreements,
+                ),
+                Goal(
+                    name="simulated by real time",
+                    unit="x",
+                    relation=">=",
+                    limit=2,
+                    measure=_slowest_factor,
+                    decimals=1,
+                ),
+            ),
+        ),
+        Group(
             name="period",
             title="One period from observation to command, one core; the same trial three times, the first to warm up",
             trials=(Trial(scene="exp1", variant="trial1", seed=0),) * 3,
@@ -243,15 +298,22 @@ def run_group(group: Group, workers: int, limit_s: float = LIMIT_S) -> Iterator[
 
 def run_one(trial: Trial) -> Result:
     """One trial; one that breaks gives a failed result."""
-    spec = TrialSpec(trial.scene, trial.variant, trial.seed)
+    spec = _spec(trial)
     result = run_job(job_of(spec)).result
     result = {**result, **result["wall"]} if "tick_ms" in result["wall"] else failed(trial, result["reason"])
+    if trial.beside:
+        other = run_job(job_of(msgspec.structs.replace(spec, plant=PLANTS[0]))).result
+        return {**result, "kinematic_s": other["time_s"] if other["success"] else None}
     if trial.link is None:
         return result
     from motm_twin.perf.processes import run_external
 
     outside = run_external(trial.scene, trial.variant, trial.link, method=spec.method)
     return {**outside, "in_process_s": result["time_s"], "link": msgspec.to_builtins(trial.link)}
+
+
+def _spec(trial: Trial) -> TrialSpec:
+    return TrialSpec(trial.scene, trial.variant, trial.seed, method=trial.method, plant=trial.plant)
 
 
 def _run_until(call: tuple[Trial, float]) -> Result:
@@ -269,8 +331,9 @@ def failed(trial: Trial, reason: str) -> Result:
     """The result of a trial that gave none."""
     nan = float("nan")
     return {
-        **broken(job_of(TrialSpec(trial.scene, trial.variant, trial.seed)), reason),
+        **broken(job_of(_spec(trial)), reason),
         "in_process_s": 0.0,
+        "kinematic_s": None,
         "reference_tour_s": 0.0,
         "tick_ms": {"p50": nan, "p99": nan, "max": nan},
         "realtime_factor": 0.0,

@@ -30,7 +30,8 @@ class BenchSettings:
         kinds: Faults only: these kinds of faults, or none for trials without one.
         scenes: Faults only: these of exp1, exp1a and exp2.
         numbers: Screening only: these numbers of docs/parameters.md, or groups, as arm.qp or planning.reach.r_min.
-        quick: Growth, anytime and solvers only: a few points, half a minute.
+        quick: Growth, anytime, solvers and grasp_rule only: a few points, half a minute.
+        plant: simulated: kinematic; mujoco: contact dynamics (docs/physics.md), of groups of trials and experiments.
         worlds: Barn only: number of worlds like those of the challenge, seeds from 0.
         profile: Barn only: limits of the Jackal, nominal or of its controller; without it those of the file.
     """
@@ -54,6 +55,7 @@ class BenchSettings:
     quick: FlagCreatePairsOff[bool] = False
     worlds: int | None = None
     profile: Literal["nominal", "controller"] | None = None
+    plant: Literal["simulated", "mujoco"] = "simulated"
 
     @property
     def experiment(self) -> bool:

@@ -26,6 +26,7 @@ from motm_twin.model.number import numbers_of, replaced
 from motm_twin.model.scene import Scene
 from motm_twin.model.scene_file import load_scene
 from motm_twin.perf.report import machine
+from motm_twin.plants import with_plant
 from motm_twin.sessions.scene_limits import check_scene
 from motm_twin.sessions.session import SOURCE, Session, SessionError, made_with
 
@@ -90,6 +91,7 @@ class TrialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     parameters: dict[str, ParameterValue] = {}
     changes: dict[str, Any] = {}
     numbers: dict[str, float | bool] = {}
+    plant: str = "simulated"  # of `plants.PLANTS`
 
 
 class Experiment(msgspec.Struct, frozen=True):
@@ -103,6 +105,12 @@ class Experiment(msgspec.Struct, frozen=True):
         """The same trials with these fields of their scenes changed, too."""
         specs = (msgspec.structs.replace(spec, changes={**spec.changes, **changes}) for spec in self.specs)
         return msgspec.structs.replace(self, specs=tuple(specs))
+
+    def on(self, plant: str) -> "Experiment":
+        """The same trials with another plant."""
+        return msgspec.structs.replace(
+            self, specs=tuple(msgspec.structs.replace(one, plant=plant) for one in self.specs)
+        )
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):
@@ -143,7 +151,7 @@ def _job(spec: TrialSpec, scene: Scene) -> Job:
     with_numbers(find_method(spec.method), spec.numbers)
     parameters = {name: check(name, value) for name, value in spec.parameters.items()}
     spec = msgspec.structs.replace(spec, parameters=parameters)
-    return Job(spec=spec, scene=changed(scene, spec.changes), method_text=_text_of(spec.method))
+    return Job(spec=spec, scene=changed(with_plant(scene, spec.plant), spec.changes), method_text=_text_of(spec.method))
 
 
 def with_numbers(method: Method, numbers: Mapping[str, float | bool]) -> Parameters:
@@ -242,6 +250,7 @@ def session_of(job: Job, periods: int, state_hash: str) -> Session:
     start = {**method.parameters, **job.spec.parameters}
     return Session(
         title=f"{job.scene.title}, {job.spec.method}",
+        made_with=made_with(physics=job.scene.physics is not None),
         scene=job.scene,
         method=method.name,
         parameters={name: value for name, value in start.items() if value != parameter(name).default},

@@ -15,6 +15,7 @@ METHOD_ROOMS = {"control", "planning", "perception", "model"}
 ROOMS_SEEN_BY = {
     "model": set(),
     "sim": {"model"},
+    "physics": {"sim", "model"},
     "generate": {"model"},
     "perception": {"model"},
     "planning": {"perception", "model"},
@@ -42,6 +43,7 @@ ROOMS_SEEN_BY = {
         *METHOD_ROOMS,
     },
 }
+OF_EXTRAS = {"physics": {"mujoco"}}  # rooms that are imported only where an extra is installed
 NO_CLOCK_NO_WIRE = {"viser", "zenoh", "time", "random", "datetime", "secrets", "uuid", "threading", "asyncio", "socket"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 
@@ -84,7 +86,7 @@ def test_planning_and_control_know_no_wire_no_page_and_no_clock(room: str):
         assert not tops & NO_CLOCK_NO_WIRE, path.relative_to(ROOT)
 
 
-@pytest.mark.parametrize("room", ["model", "perception", "planning", "control", "sim"])
+@pytest.mark.parametrize("room", ["model", "perception", "planning", "control", "sim", "physics"])
 def test_the_loop_has_no_global_random_state(room: str):
     for path in files_of(room):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -185,6 +187,13 @@ def imports_at_start(path):
     return {name.split(".")[0] for name in found}
 
 
+@pytest.mark.parametrize("room", OF_EXTRAS)
+def test_a_room_that_needs_an_extra_is_imported_by_no_other(room: str):
+    for path in FILES:
+        if path.relative_to(PACKAGE).parts[0] != room:
+            assert room not in rooms_imported(path), path.relative_to(ROOT)
+
+
 def test_every_library_that_the_package_imports_is_declared():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     declared = {library(one) for one in project["dependencies"]}
@@ -199,6 +208,9 @@ def test_every_library_that_the_package_imports_is_declared():
             if top in sys.stdlib_module_names or top == "motm_twin":
                 continue
             names = {provided_by[top]} if top in provided_by else {one.lower() for one in of_module.get(top, [top])}
+            if top in OF_EXTRAS.get(path.relative_to(PACKAGE).parts[0], ()):
+                assert names & extra
+                continue
             if not names & (declared if top in imports_at_start(path) else declared | extra):
                 missing[top] = str(path.relative_to(ROOT))
     assert not missing

@@ -73,6 +73,7 @@ def test_groups_hold_the_trials_of_the_issue():
         "exp1": 10, "exp1_random": 20, "exp1a": 10, "exp2": 10, "period": 3, "external": 10,
         "external_bad_link": 10,
         "external_outages": 10,
+        "physics": 20,
     }  # fmt: skip
 
 

@@ -1,0 +1,1 @@
+"""Contact dynamics: robot and world in MuJoCo, behind the same plant as the kinematic ones."""

@@ -1,0 +1,126 @@
+"""A hand that no arm carries, over one cube: what a grasp on the move holds, by contact dynamics and by a rule."""
+
+import math
+import xml.etree.ElementTree as ET
+
+import msgspec
+import mujoco
+import numpy as np
+
+from motm_twin.model.arm_kernels import HAND_LENGTH
+from motm_twin.model.geometry import Array
+from motm_twin.model.physics import Physics
+from motm_twin.model.profile import Gripper as GripperSpec
+from motm_twin.physics.contacts import FELT
+from motm_twin.physics.gripping import BEYOND, BUILD_UP, PRESSING
+from motm_twin.physics.robot_model import FLOOR, SOLID, add_fingers, text
+from motm_twin.physics.world_model import TIMESTEP, add_object, add_options
+from motm_twin.sim.grasp import STRICT
+from motm_twin.sim.gripper import Gripper
+from motm_twin.sim.objects import ObjectState, ObjectWorld
+from motm_twin.sim.solids import NOTHING
+
+SIDE = 0.04  # [m] of the cube
+LIFT, LIFT_SPEED = 0.10, 0.25  # [m], [m/s] after the closing
+STOPS = 0.05  # [s] in which the hand comes to rest before it lifts
+HAND_MASS = 3.0  # [kg] that moves with the hand
+_GAIN = 5000.0  # [N s/m] of what moves it
+_DT = 0.01  # [s] between two commands
+_DOWN = np.diag([1.0, -1.0, -1.0])  # the hand looks down, and closes along y
+
+
+class Cell(msgspec.Struct, frozen=True, kw_only=True):
+    """One grasp: how the hand moves past the cube, and of what kind both are."""
+
+    closing_time: float = 0.8  # [s]
+    along: float = 0.0  # [m/s] of the hand over the cube along the pads
+    across: float = 0.0  # [m/s] and across them
+    offset: float = 0.0  # [m] of the cube across the pads, when the fingers begin to close
+    ahead: float = 0.0  # [m] the same along the pads
+    height: float = 0.0  # [m] of the tool centre point over the cube's centre
+    yaw: float = 0.0  # [rad] of the cube
+    friction: float = 0.8  # of the pads
+    force: float = 40.0  # [N]
+    mass: float = 0.045  # [kg]
+
+
+def physics_holds(cell: Cell) -> bool:
+    """Does the cube come along when the hand lifts?"""
+    physics = Physics(pad_friction=cell.friction, grip_force=cell.force, object_mass=cell.mass)
+    model = _model(physics)
+    data = mujoco.MjData(model)
+    _place(model, data, cell)
+    spec = GripperSpec(closing_time=cell.closing_time)
+    closing = (spec.max_width - SIDE) / max(cell.closing_time - BUILD_UP, _DT)
+    width, now, before, still = spec.max_width, 0.0, spec.max_width, 0
+    steps, until = round(_DT / TIMESTEP), cell.closing_time + STOPS + LIFT / LIFT_SPEED
+    while now < until:
+        lifting = now >= cell.closing_time + STOPS
+        moves = 1.0 if now < cell.closing_time else 0.0
+        data.ctrl[:3] = (moves * cell.along, moves * cell.across, LIFT_SPEED * lifting)
+        here = float(data.qpos[3:5].sum())
+        still = still + 1 if abs(here - before) < 2e-4 and now > 0.05 else 0
+        before = here
+        width = max(width - closing * (1.0 if still < 2 else PRESSING) * _DT, here - BEYOND, 0.0)
+        data.ctrl[3] = width
+        mujoco.mj_step(model, data, steps)
+        now += _DT
+    return float(data.qpos[7]) > 0.5 * SIDE + 0.5 * LIFT and _pressed(model, data)
+
+
+def rule_holds(cell: Cell, rule: str = STRICT) -> bool:
+    """The same by a grasp rule of the kinematic plant."""
+    gripper = Gripper(GripperSpec(closing_time=cell.closing_time), ObjectWorld(_DT), _DT, rule)
+    state = gripper.start()
+    item = ObjectState(name="cube", position=np.array([0.0, 0.0, 0.5 * SIDE]), yaw=0.0, side=SIDE)
+    item.turn_to(cell.yaw)
+    velocity = np.array([cell.along, cell.across, 0.0])
+    tcp = np.array([-cell.ahead, -cell.offset, 0.5 * SIDE + cell.height])
+    gripper.command(state, "close", 0.0, tcp, _DOWN, [item])
+    for k in range(1, round((cell.closing_time + STOPS) / _DT) + 1):
+        moving = velocity if k * _DT <= cell.closing_time + 1e-9 else np.zeros(3)
+        tcp = tcp + moving * _DT
+        hand = tcp + np.array([0.0, 0.0, HAND_LENGTH])
+        gripper.step(state, k * _DT, tcp, _DOWN, hand, moving, [item], NOTHING)
+    return state.held == "cube" and state.outcome == "held"
+
+
+def _model(physics: Physics) -> mujoco.MjModel:
+    root = ET.Element("mujoco", model="floating hand")
+    add_options(root)
+    world = ET.SubElement(root, "worldbody")
+    ET.SubElement(
+        world, "geom", name="table", type="plane", size="0 0 1", contype=str(FLOOR | SOLID), conaffinity="0",
+        friction=text(physics.object_friction, 0.005, 0.0001),
+    )  # fmt: skip
+    hand = ET.SubElement(world, "body", name="hand", pos=text(0.0, 0.0, 0.5 * SIDE + HAND_LENGTH), gravcomp="1")
+    actuator = ET.SubElement(root, "actuator")
+    for name, axis in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")):
+        ET.SubElement(hand, "joint", name=name, type="slide", axis=axis, armature=text(10.0))
+        ET.SubElement(actuator, "velocity", name=name, joint=name, kv=text(_GAIN))
+    ET.SubElement(hand, "inertial", mass=text(HAND_MASS), pos="0 0 0", diaginertia="0.01 0.01 0.01")
+    carrier = ET.SubElement(hand, "body", name="carrier", euler=text(math.pi, 0.0, 0.0), gravcomp="1")
+    add_fingers(carrier, root, physics)
+    add_object(world, "cube", SIDE, physics)
+    return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+
+
+def _place(model: mujoco.MjModel, data: mujoco.MjData, cell: Cell) -> None:
+    """Fingers open, the cube on the table, and the hand as far from it as the cell says, at its speed."""
+    data.qpos[:3] = (-cell.ahead, -cell.offset, cell.height)
+    data.qvel[:3] = (cell.along, cell.across, 0.0)
+    data.qpos[3:5] = 0.5 * GripperSpec().max_width
+    data.qpos[5:12] = (0.0, 0.0, 0.5 * SIDE, math.cos(0.5 * cell.yaw), 0.0, 0.0, math.sin(0.5 * cell.yaw))
+    mujoco.mj_forward(model, data)
+
+
+def _pressed(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
+    """Both pads press the cube."""
+    cube, felt = model.geom("object:cube").id, set[str]()
+    pairs: Array = data.contact.geom
+    for row in range(data.ncon):
+        a, b = (int(one) for one in pairs[row])
+        address = int(data.contact.efc_address[row])
+        if cube in (a, b) and address >= 0 and data.efc_force[address] > FELT:
+            felt.add(model.geom(b if a == cube else a).name.rstrip("01"))
+    return {"panda_leftfinger", "panda_rightfinger"} <= felt

@@ -1,0 +1,280 @@
+"""The robot as MJCF: a base on two driven wheels and four casters, the Panda with its hand, as `frankie.urdf` has them.
+
+Kinematics, limits and shapes come from the URDF. What it does not have is here, with its source.
+"""
+
+import xml.etree.ElementTree as ET
+from typing import NamedTuple
+
+import numpy as np
+
+from motm_twin.model.assets import COLLISION, finger_boxes
+from motm_twin.model.data_dirs import web_assets_dir
+from motm_twin.model.physics import Physics
+from motm_twin.model.profile import RobotProfile
+
+WHEEL_RADIUS = 0.10  # [m] of the drive wheels of an Omron LD-60, which are about 200 mm across
+TRACK_SHARE = 0.84  # of the width of the footprint that is between the wheels
+CASTER_RADIUS = 0.0375  # [m]
+WHEEL_MASS = 2.0  # [kg] each, part of the base's mass
+WHEEL_TORQUE = 30.0  # [Nm] of each wheel's drive; a choice of this project: 0.5 m/s^2 takes 2.3 Nm
+WHEEL_GAIN = 40.0  # [Nm s/rad] of its velocity loop, which also gets the torque for the acceleration that it is told
+WHEEL_ARMATURE = 0.2  # [kg m^2] of its motor behind its gears
+CLEARANCE = 0.03  # [m] of the base body above the floor
+TORQUE_MAX = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)  # [Nm] Franka Control Interface documentation, Panda
+# Gains of the joints' loops: choices of this project. As stiff as a step of 2 ms takes without help of the integrator:
+# damping that only an implicit integrator makes stable is unknown to the contact solver, and contacts creep by it.
+STIFFNESS = (2000.0, 2000.0, 800.0, 1200.0, 250.0, 250.0, 250.0)  # [Nm/rad]
+DAMPING = (200.0, 200.0, 80.0, 120.0, 25.0, 25.0, 25.0)  # [Nm s/rad]
+ARMATURE = 0.1  # [kg m^2] of the joints' motors behind their gears: MuJoCo Menagerie, franka_emika_panda
+FINGER_ARMATURE = 0.3  # [kg] of each finger's drive; a choice of this project
+FINGER_GAIN, FINGER_DAMPING = 4000.0, 30.0  # [N/m], [N s/m] of the gripper's loop, which holds the width
+FLOOR, SOLID, CUBE, ROBOT, AGENT, ROLLING = 1, 2, 4, 8, 16, 32  # kinds of geometry, as bits
+
+
+class Inertial(NamedTuple):
+    """Mass [kg], centre [m] and inertia about it (xx, yy, zz, xy, xz, yz) [kg m^2] in the frame of the link."""
+
+    mass: float
+    centre: tuple[float, float, float]
+    inertia: tuple[float, float, float, float, float, float]
+
+
+# Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca: Dynamic Identification of the Franka Emika Panda Robot With Retrieval
+# of Feasible Parameters Using Penalty-Based Optimization (IEEE RA-L 4(4), 2019), as Franka Robotics publishes it in
+# franka_description, robots/fer/inertials.yaml; hand and fingers: end_effectors/franka_hand/inertials.yaml.
+INERTIALS = {
+    "panda_link0": Inertial(
+        0.629769, (-0.041018, -0.00014, 0.049974), (0.00315, 0.00388, 0.004285, 8.2904e-7, 0.00015, 8.2299e-6)
+    ),
+    "panda_link1": Inertial(
+        4.970684, (0.003875, 0.002081, -0.04762), (0.70337, 0.70661, 0.0091170, -0.000139, 0.006772, 0.019169)
+    ),
+    "panda_link2": Inertial(
+        0.646926, (-0.003141, -0.02872, 0.003495), (0.007962, 0.02811, 0.025995, -0.003925, 0.010254, 0.000704)
+    ),
+    "panda_link3": Inertial(
+        3.228604, (0.027518, 0.039252, -0.066502), (0.037242, 0.036155, 0.01083, -0.004761, -0.011396, -0.012805)
+    ),
+    "panda_link4": Inertial(
+        3.587895, (-0.05317, 0.104419, 0.027454), (0.025853, 0.019552, 0.028323, 0.007796, -0.001332, 0.008641)
+    ),
+    "panda_link5": Inertial(
+        1.225946, (-0.011953, 0.041065, -0.038437), (0.035549, 0.029474, 0.008627, -0.002117, -0.004037, 0.000229)
+    ),
+    "panda_link6": Inertial(
+        1.666555, (0.060149, -0.014117, -0.010517), (0.001964, 0.004354, 0.005433, 0.000109, -0.001158, 0.000341)
+    ),
+    "panda_link7": Inertial(
+        0.735522, (0.010517, -0.004252, 0.061597), (0.012516, 0.010027, 0.004815, -0.000428, -0.001196, -0.000741)
+    ),
+    "panda_hand": Inertial(0.73, (-0.01, 0.0, 0.03), (0.001, 0.0025, 0.0017, 0.0, 0.0, 0.0)),
+    "panda_leftfinger": Inertial(0.015, (0.0, 0.0, 0.0), (2.375e-6, 2.375e-6, 7.5e-7, 0.0, 0.0, 0.0)),
+    "panda_rightfinger": Inertial(0.015, (0.0, 0.0, 0.0), (2.375e-6, 2.375e-6, 7.5e-7, 0.0, 0.0, 0.0)),
+}
+ARM_MASS = sum(one.mass for one in INERTIALS.values())  # [kg]
+_CHAIN = {f"panda_link{k}": k for k in range(8)} | {"panda_hand": 8, "panda_leftfinger": 9, "panda_rightfinger": 9}
+
+
+def text(*values: float) -> str:
+    """Numbers as an attribute."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def track(profile: RobotProfile) -> float:
+    """Distance [m] between the wheels."""
+    return TRACK_SHARE * profile.footprint.width
+
+
+def base_inertia(profile: RobotProfile, physics: Physics) -> tuple[float, float]:
+    """Load as the wheels' drives know it: mass [kg], and inertia about the vertical [kg m^2], of a folded arm."""
+    foot = profile.footprint
+    arm = ARM_MASS if profile.has_arm else 0.0
+    turning = physics.base_mass * (foot.length**2 + foot.width**2) / 12.0 + arm * (profile.arm.mount_x + 0.1) ** 2
+    motors = 2.0 * WHEEL_ARMATURE / WHEEL_RADIUS**2
+    return physics.base_mass + arm + motors, turning + motors * (0.5 * track(profile)) ** 2
+
+
+def add_robot(world: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> dict[str, bytes]:
+    """Add the robot to a model; the files of its meshes."""
+    base = ET.SubElement(world, "body", name="base")
+    ET.SubElement(base, "freejoint", name="base")
+    _add_body(base, profile, physics)
+    _add_wheels(base, root, profile, physics)
+    if not profile.has_arm:
+        return {}
+    files = add_arm_alone(base, root, profile, physics)
+    _exclude_neighbours(root)
+    return files
+
+
+def add_arm_alone(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> dict[str, bytes]:
+    """Add the arm to a base; the files of its meshes."""
+    asset = _section(root, "asset")
+    files = {}
+    for link in COLLISION:
+        name = f"{link}.stl"
+        files[name] = (web_assets_dir() / COLLISION[link]).read_bytes()
+        ET.SubElement(asset, "mesh", name=link, file=name)
+    _add_arm(base, root, profile, physics)
+    return files
+
+
+def _section(root: ET.Element, name: str) -> ET.Element:
+    found = root.find(name)
+    return ET.SubElement(root, name) if found is None else found
+
+
+def _add_body(base: ET.Element, profile: RobotProfile, physics: Physics) -> None:
+    """The body: a box over the floor, its mass low in it, as batteries are."""
+    foot, mass = profile.footprint, physics.base_mass - 2.0 * WHEEL_MASS
+    x, y, z = foot.length, foot.width, 0.5 * foot.height
+    inertia = tuple(mass / 12.0 * (a * a + b * b) for a, b in ((y, z), (x, z), (x, y)))
+    ET.SubElement(
+        base, "inertial", mass=text(mass), pos=text(foot.offset_x, 0.0, 0.5 * z), diaginertia=text(*inertia)
+    )  # fmt: skip
+    half = 0.5 * (foot.height - CLEARANCE)
+    ET.SubElement(
+        base, "geom", name="base", type="box", size=text(0.5 * foot.length, 0.5 * foot.width, half),
+        pos=text(foot.offset_x, 0.0, CLEARANCE + half), contype=str(ROBOT), conaffinity=str(SOLID | CUBE | AGENT),
+        friction="0.4 0.005 0.0001",
+    )  # fmt: skip
+
+
+def _add_wheels(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> None:
+    """Two driven wheels, which touch the floor at one point each, and four casters that slide without friction."""
+    foot, r = profile.footprint, WHEEL_RADIUS
+    actuator = _section(root, "actuator")
+    for side, name in ((0.5, "left"), (-0.5, "right")):
+        wheel = ET.SubElement(base, "body", name=f"{name}_wheel", pos=text(0.0, side * track(profile), r))
+        ET.SubElement(wheel, "joint", name=f"{name}_wheel", type="hinge", axis="0 1 0", armature=text(WHEEL_ARMATURE))
+        spin, across = 0.5 * WHEEL_MASS * r * r, 0.25 * WHEEL_MASS * r * r
+        ET.SubElement(wheel, "inertial", mass=text(WHEEL_MASS), pos="0 0 0", diaginertia=text(across, spin, across))
+        ET.SubElement(
+            wheel, "geom", name=f"{name}_wheel", type="ellipsoid", size=text(r, 0.02, r), contype=str(ROLLING),
+            conaffinity=str(FLOOR), friction=text(physics.wheel_friction, 0.002, 0.0001), priority="3",
+            solref="0.006 1", solimp="0.98 0.995 0.001",
+        )  # fmt: skip
+        ET.SubElement(
+            actuator, "velocity", name=f"{name}_wheel", joint=f"{name}_wheel", kv=text(WHEEL_GAIN),
+            forcerange=text(-WHEEL_TORQUE, WHEEL_TORQUE),
+        )  # fmt: skip
+    for i, (along, across) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
+        x = foot.offset_x + along * (0.5 * foot.length - 0.06)
+        y = across * (0.5 * foot.width - 0.06)
+        ET.SubElement(
+            base, "geom", name=f"caster{i}", type="sphere", size=text(CASTER_RADIUS), pos=text(x, y, CASTER_RADIUS),
+            contype=str(ROLLING), conaffinity=str(FLOOR), condim="1", priority="4", solref="0.006 1",
+            solimp="0.98 0.995 0.001",
+        )  # fmt: skip
+
+
+def _add_arm(base: ET.Element, root: ET.Element, profile: RobotProfile, physics: Physics) -> None:
+    """Links, joints and drives of the URDF, with the inertias of `INERTIALS`."""
+    urdf = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
+    arm, actuator = profile.arm, _section(root, "actuator")
+    bodies = {"base_link": base}
+    for joint in urdf.findall("joint"):
+        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
+        assert parent is not None
+        assert child is not None
+        assert origin is not None
+        name, link = joint.attrib["name"], child.attrib["link"]
+        place = origin.attrib.get("xyz", "0 0 0")
+        if name == "arm_mount":
+            place = text(arm.mount_x, arm.mount_y, arm.mount_z)
+        body = ET.SubElement(bodies[parent.attrib["link"]], "body", name=link, pos=place, gravcomp="1")
+        bodies[link] = body
+        if "rpy" in origin.attrib:
+            body.set("euler", origin.attrib["rpy"])
+        if link in INERTIALS:
+            mass, centre, inertia = INERTIALS[link]
+            ET.SubElement(body, "inertial", mass=text(mass), pos=text(*centre), fullinertia=text(*inertia))
+        if joint.attrib["type"] == "revolute":
+            _add_joint(body, actuator, joint)
+        elif joint.attrib["type"] == "prismatic":
+            _add_finger(body, joint, physics)
+        if link in COLLISION:
+            ET.SubElement(
+                body, "geom", name=link, type="mesh", mesh=link, contype=str(ROBOT), friction="0.4 0.005 0.0001",
+                conaffinity=str(FLOOR | SOLID | CUBE | ROBOT | AGENT),
+            )  # fmt: skip
+    _couple_fingers(root, actuator, physics)
+
+
+def _add_joint(body: ET.Element, actuator: ET.Element, joint: ET.Element) -> None:
+    """A joint of the arm: the drive holds a position and a rate, and compensates gravity, within its torque."""
+    name, limit = joint.attrib["name"], joint.find("limit")
+    assert limit is not None
+    k = int(name[-1]) - 1
+    most = TORQUE_MAX[k]
+    ET.SubElement(
+        body, "joint", name=name, type="hinge", axis="0 0 1", armature=text(ARMATURE), damping="1",
+        range=f"{limit.attrib['lower']} {limit.attrib['upper']}", actuatorfrcrange=text(-most, most),
+        actuatorgravcomp="true",
+    )  # fmt: skip
+    ET.SubElement(
+        actuator, "general", name=name, joint=name, biastype="affine", gainprm=text(STIFFNESS[k]),
+        biasprm=text(0.0, -STIFFNESS[k], -DAMPING[k]),
+    )  # fmt: skip
+
+
+def add_fingers(hand: ET.Element, root: ET.Element, physics: Physics) -> None:
+    """The fingers on a hand that no arm carries."""
+    urdf = ET.parse(web_assets_dir() / "frankie.urdf").getroot()  # noqa: S314 - our own file, not from outside
+    for joint in urdf.findall("joint[@type='prismatic']"):
+        child, origin = joint.find("child"), joint.find("origin")
+        assert child is not None
+        assert origin is not None
+        link = child.attrib["link"]
+        body = ET.SubElement(hand, "body", name=link, pos=origin.attrib["xyz"])
+        mass, centre, inertia = INERTIALS[link]
+        ET.SubElement(body, "inertial", mass=text(mass), pos=text(*centre), fullinertia=text(*inertia))
+        _add_finger(body, joint, physics)
+    _couple_fingers(root, _section(root, "actuator"), physics)
+
+
+def _add_finger(body: ET.Element, joint: ET.Element, physics: Physics) -> None:
+    """A finger that slides; its pad is the lower of its two boxes."""
+    limit, axis = joint.find("limit"), joint.find("axis")
+    assert limit is not None
+    assert axis is not None
+    link = body.attrib["name"]
+    ET.SubElement(
+        body, "joint", name=link, type="slide", axis=axis.attrib["xyz"], armature=text(FINGER_ARMATURE), damping="5",
+        range=f"{limit.attrib['lower']} {limit.attrib['upper']}",
+    )  # fmt: skip
+    for i, (centre, size) in enumerate(finger_boxes(link)):
+        ET.SubElement(
+            body, "geom", name=f"{link}{i}", type="box", size=text(*(0.5 * np.array(size))), pos=text(*centre),
+            contype=str(ROBOT), conaffinity=str(FLOOR | SOLID | CUBE | ROBOT | AGENT), priority="2", condim="4",
+            friction=text(physics.pad_friction, 0.005, 0.0001), solref="0.004 1", solimp="0.97 0.99 0.0005",
+        )  # fmt: skip
+
+
+def _couple_fingers(root: ET.Element, actuator: ET.Element, physics: Physics) -> None:
+    """The fingers move together, as their one drive moves them; its command is the width between the pads [m]."""
+    fixed = ET.SubElement(_section(root, "tendon"), "fixed", name="width")
+    for link in ("panda_leftfinger", "panda_rightfinger"):
+        ET.SubElement(fixed, "joint", joint=link, coef="1")
+    ET.SubElement(
+        _section(root, "equality"), "joint", joint1="panda_leftfinger", joint2="panda_rightfinger",
+        solref="0.004 1", solimp="0.98 0.995 0.0005",
+    )  # fmt: skip
+    ET.SubElement(
+        actuator, "general", name="width", tendon="width", biastype="affine", gainprm=text(FINGER_GAIN),
+        biasprm=text(0.0, -FINGER_GAIN, -FINGER_DAMPING),
+        forcerange=text(-physics.grip_force, physics.grip_force),
+    )  # fmt: skip
+
+
+def _exclude_neighbours(root: ET.Element) -> None:
+    """Links joined by a joint, what is fixed to the base, and hand and fingers do not collide with each other."""
+    contact = _section(root, "contact")
+    for one, rank in _CHAIN.items():
+        if rank <= 1:
+            ET.SubElement(contact, "exclude", body1="base", body2=one)
+        for other, later in _CHAIN.items():
+            near = later - rank == 1 or (rank >= 7 and later > rank) or (rank == later == 9 and one < other)
+            if near and one != other:
+                ET.SubElement(contact, "exclude", body1=one, body2=other)

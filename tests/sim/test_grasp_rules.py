@@ -1,0 +1,33 @@
+"""The rule that came from contact dynamics, beside the strict one."""
+
+import msgspec
+from sim_hands import DOWN, move, over_a_cube
+
+from motm_twin.sim.plant import SimulatedPlant
+
+
+def hand(rule, **how):
+    scene = msgspec.structs.replace(over_a_cube(**how).scene, grasp_rule=rule)
+    return SimulatedPlant(scene, arm_start=DOWN)
+
+
+def held(plant, twist=(0.0, 0.0)):
+    move(plant, (0.0, 0.0, 0.0), 0.9, twist=twist)
+    move(plant, (0.0, 0.0, 0.1), 0.5)
+    return plant.truth().objects[0].state == "held"
+
+
+def test_a_cube_off_along_the_pads_is_held_as_far_as_contact_dynamics_hold_it():
+    assert held(hand("swept", offset=(0.02, 0.0, 0.0)))
+    assert not held(hand("strict", offset=(0.02, 0.0, 0.0)))
+    assert not held(hand("swept", offset=(0.032, 0.0, 0.0)))
+
+
+def test_a_turned_cube_is_turned_by_the_pads():
+    assert held(hand("swept", turn=0.6))
+    assert not held(hand("strict", turn=0.6))
+
+
+def test_a_hand_that_moves_while_it_closes_holds_what_stays_between_its_pads():
+    assert held(hand("swept"), twist=(0.02, 0.0))
+    assert not held(hand("swept"), twist=(0.06, 0.0))
