@@ -163,11 +163,16 @@
   const length = () => Math.max(0.05, bounds()[1] - bounds()[0]);
   const at = (time) => ((time - bounds()[0]) / length()) * track.clientWidth;
   const timeAt = (x) => bounds()[0] + (x / Math.max(1, track.clientWidth)) * length();
+  let drawn = ""; // what the track shows: a picture that stays the same costs nothing
   const draw = () => {
+    const place = data.now?.span ? [data.now.t, ...data.now.span].map((time) => Math.round(at(time ?? 0))) : [];
+    const shows = [track.clientWidth, data.events?.length, data.events?.at(-1)?.[0], data.now?.live, ...place].join();
+    if (shows === drawn) return;
+    drawn = shows;
     const ratio = devicePixelRatio, width = track.clientWidth, height = track.clientHeight, now = data.now;
     if (!width || !now) return;
     if (track.width !== width * ratio) [track.width, track.height] = [width * ratio, height * ratio];
-    const pen = track.getContext("2d"), middle = height / 2;
+    const pen = track.getContext("2d", { willReadFrequently: true }), middle = height / 2;
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.clearRect(0, 0, width, height);
     const bar = (from, to, colour) => {
@@ -226,7 +231,8 @@
     controls.live.disabled ||= !past;
     controls.branch.disabled ||= !past;
     controls.undo.hidden = now.aside === null;
-    clock.textContent = now.t === null ? "" : `${now.t.toFixed(2)} s`;
+    const words = now.t === null ? "" : `${now.t.toFixed(2)} s`;
+    if (clock.textContent !== words) clock.textContent = words;
     clock.classList.toggle("past", past);
     for (const [name, value] of [["valuemin", now.span?.[0]], ["valuemax", now.span?.[1]], ["valuenow", now.t]])
       track.setAttribute(`aria-${name}`, value ?? 0);
@@ -366,7 +372,7 @@
     if (mark === "now" || mark === "events") bring();
     if (mark === "now") motm.changed?.();
     if (mark === "now" && link.size && !cover.isConnected) follow();
-    if (typeof value.says === "string") says.textContent = value.says;
+    if (typeof value.says === "string" && says.textContent !== value.says) says.textContent = value.says;
   };
   const again = () => {
     say("hide", [...hidden]);
